@@ -1,0 +1,1 @@
+"""What a bearing with a given damage would sound like: geometry, contact, dynamics, maps (first floor)."""

@@ -1,0 +1,104 @@
+"""Scene: the frozen description of what is modelled, and of nothing more.
+
+All quantities are SI and radians. A field that is None or zero names an effect that the scene does not have, and which
+costs no arithmetic.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from models.bearing import Bearing, from_catalogue
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Lumped parameters of the six-degree-of-freedom model (thesis, Table 18 and section 4.2.1).
+
+    Attributes:
+        m_i: mass of inner ring and shaft, kg.
+        m_o: mass of outer ring and casing, kg.
+        m_r: mass of the fictitious high-frequency resonator, kg.
+        m_b: mass of one rolling element, kg.
+        k_i: stiffness of the shaft to ground, N/m.
+        k_r: stiffness between resonator and casing, N/m.
+        k_c: contact stiffness of one rolling element between both rings, N/m^1.5 (Eq. 35).
+        c_i: damping of the shaft to ground, N s/m.
+        c_r: damping between resonator and casing, N s/m.
+        alpha_c: mass coefficient of the contact damping, 1/s (Eq. 39).
+        beta_c: stiffness coefficient of the contact damping, s (Eq. 39).
+        calibrated: whether the parameters were identified on the machine itself.
+    """
+
+    m_i: float = 3.48
+    m_o: float = 5.79
+    m_r: float = 3.01
+    m_b: float = 1.47e-3
+    k_i: float = 75e6
+    k_r: float = 4.25e9
+    k_c: float = 5927e6
+    c_i: float = 2834.1
+    c_r: float = 186.0
+    alpha_c: float = 154.9
+    beta_c: float = 2.5e-5
+    calibrated: bool = False
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The bottom of an extended defect.
+
+    Attributes:
+        kind: "smooth" (Eq. 83) or "rough" (Eq. 88).
+        sd: standard deviation of the rough profile after filtering, m.
+        pitch: spacing of the profile's independent samples along the race, rad; independent of speed and rate.
+        cutoff: spatial low-pass cut-off of the profile, cycles per metre (Eq. 87 with R = 10 um by default).
+        seed: seed of the profile; the same seed is the same race.
+    """
+
+    kind: Literal["smooth", "rough"] = "smooth"
+    sd: float = 1e-6
+    pitch: float = 2e-3
+    cutoff: float | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Defect:
+    """A defect of the outer race, centred at ``position`` (measured from the centre of the load zone).
+
+    Attributes:
+        dphi_d: angular extent, rad (Eqs. 49-50).
+        h_d: depth of the floor, m; deeper than the ball can reach is the localised defect of Eq. 51.
+        floor: the bottom of the defect.
+        position: angle of the centre from the load direction, rad.
+        rows: how many rows of the bearing it spans (the first, or both).
+    """
+
+    dphi_d: float
+    h_d: float
+    floor: Floor = field(default_factory=Floor)
+    position: float = 0.0
+    rows: int = 1
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One bearing at one operating point with one state of damage.
+
+    Attributes:
+        speed: shaft speed, Hz.
+        load: radial load, N.
+        bearing: geometry of the bearing.
+        rig: lumped parameters around it.
+        defect: the damage, or None for a healthy bearing.
+        clearance: radial clearance h of Eq. 34, m.
+    """
+
+    speed: float
+    load: float
+    bearing: Bearing = field(default_factory=lambda: from_catalogue("1205 ETN9"))
+    rig: Rig = field(default_factory=Rig)
+    defect: Defect | None = None
+    clearance: float = 0.0

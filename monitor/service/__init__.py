@@ -1,0 +1,1 @@
+"""What runs the pipeline: replay of recordings now, the daemon later."""

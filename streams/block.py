@@ -1,0 +1,80 @@
+"""Block: a few seconds of acceleration, the one thing that flows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+STANDARD_GRAVITY = 9.80665
+"""m/s2 in one g (the conventional value, CGPM 1901)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Consecutive samples of one or several channels, with what is known about them.
+
+    Attributes:
+        samples: array of shape (channel, sample), float32 or float64, in the unit of each channel.
+        rate: sampling rate in Hz.
+        channels: name of each row of ``samples``.
+        units: unit of each row: "m/s2", "g", "V" or "unknown", as the file or the configuration states it.
+        source: name of the source that gave the block.
+        sequence: 1-based number of the block in the source's own unit (a PRONOSTIA file, a 5-second block).
+        name: where the block came from, for people: a file name, "recording.wav[12]".
+        start: seconds since 1970-01-01 UTC of the first sample, or None where the recording has no date.
+        elapsed: seconds from the first sample of the source to the first sample of this block, or None where unknown.
+        speed: shaft speed in Hz where the source states it, else None.
+        load: radial load in N where the source states it, else None.
+        content_hash: hexadecimal digest of the raw bytes the block was read from, or of its samples.
+    """
+
+    samples: NDArray[np.floating]
+    rate: float
+    channels: tuple[str, ...]
+    units: tuple[str, ...]
+    source: str
+    sequence: int
+    name: str
+    start: float | None = None
+    elapsed: float | None = None
+    speed: float | None = None
+    load: float | None = None
+    content_hash: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse a block whose parts do not fit together."""
+        if self.samples.ndim != 2:
+            raise ValueError(f"block {self.name}: samples must have shape (channel, sample), got {self.samples.shape}")
+        if not (len(self.channels) == len(self.units) == self.samples.shape[0]):
+            raise ValueError(
+                f"block {self.name}: {self.samples.shape[0]} rows, but {len(self.channels)} channel names "
+                f"and {len(self.units)} units"
+            )
+
+    @property
+    def duration(self) -> float:
+        """Length in seconds."""
+        return self.samples.shape[1] / self.rate
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A block that could not be made, and why: it takes its place in the order and in the ledger.
+
+    Attributes:
+        source: name of the source.
+        sequence: 1-based number that the block would have had.
+        name: the file or part of it.
+        status: one of the rejection statuses of the interface (``unreadable``, ``wrong_shape``, ``nan``, ...).
+        reason: one sentence: what was expected and what came.
+        content_hash: digest of the raw bytes where they could be read, else "".
+    """
+
+    source: str
+    sequence: int
+    name: str
+    status: str
+    reason: str
+    content_hash: str = ""

@@ -1,0 +1,1 @@
+"""One reader a file format; each gives arrays and what the file says of them, and guesses nothing."""
