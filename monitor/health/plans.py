@@ -1,0 +1,100 @@
+"""FFTW plans: fast lengths, planning that gives the same bits every time, and wisdom to keep."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Literal
+
+import pyfftw
+
+Precision = Literal["float32", "float64"]
+Effort = Literal["estimate", "measure"]
+
+Wisdom = tuple[bytes, bytes, bytes]
+"""What FFTW learned by measuring, for float64, float32 and long double."""
+
+
+def is_smooth(n: int) -> bool:
+    """Return whether a positive length has no prime factor above 5."""
+    for prime in (2, 3, 5):
+        while n % prime == 0:
+            n //= prime
+    return n == 1
+
+
+def previous_smooth(n: int) -> int:
+    """Return the largest length up to ``n`` (at least 1) without a prime factor above 5."""
+    while not is_smooth(n):
+        n -= 1
+    return n
+
+
+def next_smooth(n: int) -> int:
+    """Return the smallest length from ``n`` (at least 1) without a prime factor above 5."""
+    while not is_smooth(n):
+        n += 1
+    return n
+
+
+def envelope_length(n_bins: int, n_samples: int, oversampling: float) -> int:
+    """Return the length of the analytic signal of a band of ``n_bins`` bins: fast, and never beyond ``n_samples``.
+
+    Long ones are multiples of 64, which FFTW transforms faster than other smooth lengths near them.
+    """
+    target = max(oversampling * n_bins, 16.0)
+    step = 64 if target >= 4096 else 2
+    # One hundredth below the target is let pass: 40,000 is much faster than the next smooth length above 40,004.
+    return min(step * next_smooth(math.ceil(0.99 * target / step)), n_samples)
+
+
+class Plan:
+    """One FFTW plan with its two arrays, ``input`` and ``output``; ``execute()`` fills the one from the other."""
+
+    def __init__(self, n: int, kind: Literal["real", "inverse"], precision: Precision, effort: Effort) -> None:
+        """Plan a real forward or a complex inverse transform of ``n`` samples, single-threaded and not normalised."""
+        complex_type = "complex64" if precision == "float32" else "complex128"
+        if kind == "real":
+            self.input = pyfftw.zeros_aligned(n, precision)
+            self.output = pyfftw.zeros_aligned(n // 2 + 1, complex_type)
+        else:
+            self.input = pyfftw.zeros_aligned(n, complex_type)
+            self.output = pyfftw.zeros_aligned(n, complex_type)
+        direction = "FFTW_FORWARD" if kind == "real" else "FFTW_BACKWARD"
+        flag = "FFTW_ESTIMATE" if effort == "estimate" else "FFTW_MEASURE"
+        plan = pyfftw.FFTW(self.input, self.output, direction=direction, flags=(flag,), threads=1)
+        self.execute = plan.execute
+
+
+@contextmanager
+def planning(effort: Effort) -> Iterator[None]:
+    """Make plans inside: ESTIMATE does not see the wisdom of an earlier MEASURE, or its bits would depend on it."""
+    if effort == "measure":
+        yield
+        return
+    wisdom = export_wisdom()
+    pyfftw.forget_wisdom()
+    try:
+        yield
+    finally:
+        pyfftw.import_wisdom(wisdom)
+
+
+def export_wisdom() -> Wisdom:
+    """Return what the plans with effort "measure" have learned in this process, to be stored and imported."""
+    return pyfftw.export_wisdom()
+
+
+def import_wisdom(wisdom: Wisdom) -> bool:
+    """Add stored wisdom; with it "measure" plans at once and gives the bits it gave when the wisdom was made.
+
+    Returns:
+        Whether FFTW accepted all of it; it refuses that of another version or machine.
+    """
+    return all(pyfftw.import_wisdom(wisdom))
+
+
+def forget_wisdom() -> None:
+    """Forget all wisdom of this process; plans already made stay."""
+    pyfftw.forget_wisdom()
