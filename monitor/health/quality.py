@@ -1,0 +1,232 @@
+"""Verdicts on a block and its channels that gate everything after: reject, keep with a flag, or ok.
+
+A bad block never raises an alarm: what is rejected gives no value at all, and what is flagged says which stages may use
+it (:attr:`Verdict.for_baseline`, :attr:`Verdict.for_tracker`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+REJECTIONS = (
+    "empty",
+    "short",
+    "nan",
+    "out_of_range",
+    "wrong_rate",
+    "wrong_shape",
+    "wrong_unit",
+    "unreadable",
+    "incomplete",
+    "refused",
+    "reader_crashed",
+    "duplicate",
+    "changed",
+)
+FLAGS = ("flat", "stopped", "clipped", "gap", "clock", "late", "out_of_order")
+
+_SHORT = 0.9
+"""A block with less than this share of the nominal samples is rejected as short."""
+_RATE_TOLERANCE = 1e-3
+"""Rates further apart than this are different rates; a clock error within it is far inside the speed search."""
+_STOPPED_SHARE = 0.05
+"""A channel below this share of its learned RMS belongs to a machine that stands still."""
+_STOPPED_RMS = 0.03
+"""The same before anything is learned, m/s2 (3 mg): below it no bearing turns, above it the electronics' own noise ends."""
+_CLIP_SHARE = 1e-3
+_RAIL = 0.995
+_EARLIEST = 315532800.0
+"""1980-01-01 UTC: a clock that says earlier was never set."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What may be done with a channel of a block.
+
+    Attributes:
+        status: "ok", or the first reason to reject, or the first flag.
+        flags: all flags, in the order of ``FLAGS``.
+        reason: one sentence for people, "" where all is well.
+    """
+
+    status: str = "ok"
+    flags: tuple[str, ...] = ()
+    reason: str = ""
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the samples may be used at all."""
+        return self.status not in REJECTIONS
+
+    @property
+    def for_baseline(self) -> bool:
+        """Whether the channel may teach the baseline and move the detector: running, sensing, and in its place."""
+        return self.accepted and not {"flat", "stopped", "late", "out_of_order"} & set(self.flags)
+
+    @property
+    def for_tracker(self) -> bool:
+        """Whether its RMS may be inverted into damage: as for the baseline, and with no peak cut off."""
+        return self.for_baseline and "clipped" not in self.flags
+
+
+def rejected(status: str, reason: str) -> Verdict:
+    """Return a verdict of rejection.
+
+    Raises:
+        ValueError: if ``status`` is not one of the rejections of the interface.
+    """
+    if status not in REJECTIONS:
+        raise ValueError(f"unknown rejection status {status!r}")
+    return Verdict(status=status, reason=reason)
+
+
+def check_samples(
+    samples: NDArray[np.floating],
+    *,
+    expected: int | None = None,
+    signal_range: float | None = None,
+    reference_rms: float | None = None,
+    absolute: bool = True,
+) -> Verdict:
+    """Judge the samples of one channel.
+
+    Args:
+        samples: shape (sample,), m/s2, or an unknown unit (then ``absolute`` is False).
+        expected: nominal number of samples, or None where a block has no nominal length.
+        signal_range: full scale of the sensor in the unit of the samples, or None where unknown.
+        reference_rms: RMS of the learned baseline, or None while there is none.
+        absolute: whether the unit is known, so that absolute limits mean something.
+    """
+    n = samples.size
+    if n == 0:
+        return rejected("empty", "no samples")
+    if expected is not None and n < _SHORT * expected:
+        return rejected("short", f"{n} samples, expected {expected}")
+    low, high = float(samples.min()), float(samples.max())
+    if not (math.isfinite(low) and math.isfinite(high)):
+        bad = int(n - np.count_nonzero(np.isfinite(samples)))
+        return rejected("nan", f"{bad} of {n} samples are not finite")
+    limit = 1.05 * signal_range if signal_range is not None else (1e7 if absolute else 1e30)
+    if max(-low, high) > limit:
+        return rejected("out_of_range", f"peak {max(-low, high):.4g} exceeds what the sensor can give ({limit:.4g})")
+    if low == high or _stuck(samples):
+        return Verdict("flat", ("flat",), "the sensor gives a constant")
+    rms = float(np.std(samples, dtype=np.float64))
+    if _stands_still(rms, reference_rms, absolute):
+        return Verdict("stopped", ("stopped",), f"RMS {rms:.3g}: the machine stands still")
+    if _clipped(samples, low, high, signal_range):
+        return Verdict("clipped", ("clipped",), f"clipped at {max(-low, high):.4g}")
+    return Verdict()
+
+
+def _stuck(samples: NDArray[np.floating]) -> bool:
+    """Tell whether a tenth of the block is one run of a single value."""
+    step = max(1, samples.size // 20)
+    # A run of a tenth of the block holds two neighbouring probes at a twentieth; only then are the samples counted.
+    probes = samples[::step]
+    same = np.flatnonzero(probes[1:] == probes[:-1])
+    return any(bool(np.all(samples[i * step : (i + 1) * step] == samples[i * step])) for i in same)
+
+
+def _stands_still(rms: float, reference_rms: float | None, absolute: bool) -> bool:
+    if reference_rms is not None:
+        return rms < _STOPPED_SHARE * reference_rms
+    return absolute and rms < _STOPPED_RMS
+
+
+def _clipped(samples: NDArray[np.floating], low: float, high: float, signal_range: float | None) -> bool:
+    """Tell whether peaks are cut off: at the known rail, or by runs of the extreme value where no rail is known."""
+    if signal_range is not None:
+        return int(np.count_nonzero(np.abs(samples) >= _RAIL * signal_range)) >= 2
+    least = max(3, int(_CLIP_SHARE * samples.size))
+    for extreme in (low, high):
+        # Within 1e-6 of the span: the last bit of a scaled integer may differ.
+        at_rail = np.abs(samples - extreme) <= 1e-6 * (high - low)
+        if np.count_nonzero(at_rail) >= least and bool(np.any(at_rail[2:] & at_rail[1:-1] & at_rail[:-2])):
+            # A coarsely quantised small signal meets its extremes often without any rail being near.
+            return np.unique(samples[:: max(1, samples.size // 4096)]).size > 64
+    return False
+
+
+@dataclass(frozen=True)
+class OrderState:
+    """Where the stream of one source stands; version 1.
+
+    Attributes:
+        sequence: number of the newest block seen, 0 before the first.
+        time: its time in seconds (UTC where dated, else since the first block), or None.
+        interval: usual seconds from block to block, or None before two were seen.
+    """
+
+    version: int = 1
+    sequence: int = 0
+    time: float | None = None
+    interval: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the state as plain values for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> OrderState:
+        """Return the state that :meth:`to_dict` gave; refuse another version."""
+        if values.get("version") != 1:
+            raise ValueError(f"order state of version {values.get('version')!r}, expected 1")
+        return cls(**values)
+
+
+def check_order(
+    state: OrderState, sequence: int, time: float | None, *, dated: bool, now: float | None = None
+) -> tuple[OrderState, tuple[str, ...]]:
+    """Judge the place of a block in its stream: ``late``, ``out_of_order``, ``gap`` and ``clock`` flags.
+
+    Args:
+        state: the stream so far.
+        sequence: 1-based number of the block.
+        time: its time in seconds, or None.
+        dated: whether ``time`` is seconds since 1970 UTC.
+        now: the present in UTC where the stream is live, or None in a replay.
+    """
+    if sequence <= state.sequence:
+        return state, ("late",)
+    flags: list[str] = []
+    if state.sequence and sequence > state.sequence + 1:
+        flags.append("gap")
+    interval = state.interval
+    if time is not None:
+        bad_clock = dated and (time < _EARLIEST or (now is not None and time > now + 60.0))
+        if bad_clock:
+            flags.append("clock")
+            return OrderState(1, sequence, state.time, interval), tuple(flags)
+        if state.time is not None:
+            step = time - state.time
+            if step <= 0:
+                return OrderState(1, sequence, state.time, interval), (*flags, "clock")
+            if interval is not None and step > 2.5 * interval and "gap" not in flags:
+                flags.append("gap")
+            interval = step if interval is None else min(interval, step)
+    return OrderState(1, sequence, time if time is not None else state.time, interval), tuple(flags)
+
+
+def check_rate(rate: float, expected: float | None) -> Verdict:
+    """Judge the sampling rate of a block against the configured one (None: nothing configured)."""
+    if not (math.isfinite(rate) and rate > 0):
+        return rejected("wrong_rate", f"sampling rate {rate!r} Hz")
+    if expected is not None and abs(rate / expected - 1.0) > _RATE_TOLERANCE:
+        return rejected("wrong_rate", f"sampling rate {rate:g} Hz, expected {expected:g} Hz")
+    return Verdict()
+
+
+def with_flags(verdict: Verdict, flags: tuple[str, ...]) -> Verdict:
+    """Add the flags of the block to the verdict on one of its channels."""
+    if not flags or not verdict.accepted:
+        return verdict
+    merged = tuple(flag for flag in FLAGS if flag in flags or flag in verdict.flags)
+    status = verdict.status if verdict.status != "ok" else merged[0]
+    return Verdict(status, merged, verdict.reason or ", ".join(flags))
