@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.indicators import SMALLEST_RANGE, sample_range
 from monitor.health.plans import Effort, Plan, Precision, envelope_length, planning, previous_smooth
 
 Band = tuple[float, float]
@@ -209,8 +210,8 @@ class BlockTransform:
             x: (n_samples,) real samples of any type; not written to.
 
         Raises:
-            ValueError: if the shape is not the planned one, or a sample is not finite (the quality stage rejects such
-                blocks before they come here).
+            ValueError: if the shape is not the planned one, or a sample is not finite or beyond 1e30 (the quality stage
+                rejects such blocks before they come here).
         """
         if x.shape != (self.n_samples,):
             raise ValueError(f"the transform is planned for shape ({self.n_samples},), got {x.shape}")
@@ -238,14 +239,14 @@ class BlockTransform:
 
     def _load(self, x: NDArray[np.number]) -> tuple[float, float]:
         """Put the samples without their mean into the workspace; return the mean and the factor they were given."""
-        low, high = float(x.min()), float(x.max())
-        if not (math.isfinite(low) and math.isfinite(high)):
-            raise ValueError("the block holds samples that are not finite")
-        # Halved before they are added: the mean of samples near the largest float must not overflow.
-        mean = float(x.mean(dtype=np.float64)) if max(high, -low) < 1e300 else float((x * 1e-10).mean()) * 1e10
-        spread = max(high - mean, mean - low)
-        exponent = math.frexp(spread)[1] if 0.0 < spread < math.inf else 0
+        low, high = sample_range(x)
         workspace = self._forward.input
+        if high - low < SMALLEST_RANGE:
+            workspace[:] = 0
+            return 0.5 * low + 0.5 * high, 1.0
+        # Pairwise sums in the samples' own type are exact enough: what is left of the mean is in bin 0, which is unused.
+        mean = float(x.mean())
+        exponent = math.frexp(high - low)[1]
         if abs(exponent) <= _EXPONENT_LIMIT:
             np.subtract(x, mean, out=workspace, casting="same_kind")
             return mean, 1.0

@@ -1,0 +1,146 @@
+"""Time-domain indicators of Ceruti (thesis, section 4.2) and of Sassi et al. (J. Vib. Control 13, 2007, Table 3)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+LARGEST_SAMPLE = 1e30
+"""Larger samples are refused: no sensor gives them, and their fourth powers would leave float32."""
+
+SMALLEST_RANGE = 1e-30
+"""A block whose samples differ by less is flat."""
+
+_CHUNK = 16384
+"""Samples worked on at a time: their powers stay in the cache."""
+
+
+@dataclass(frozen=True)
+class TimeIndicators:
+    """Indicators of one block of samples x, in the unit of x or without one.
+
+    A flat block (all samples equal, or within 1e-30) has rms, half range, kurtosis, skewness and all four factors 0, and ``flat`` set:
+    the ratios do not exist there, and 0 is a value that no vibration has.
+
+    Attributes:
+        mean: mean of x.
+        rms: root mean square of x without its mean, over the full bandwidth.
+        peak: max |x|, the mean left in.
+        peak_half_range: (max x - min x) / 2, Ceruti's peak value.
+        kurtosis: fourth central moment over the squared variance (3 for Gaussian noise: not the excess).
+        skewness: third central moment over the variance to 3/2.
+        crest_factor: peak / rms.
+        shape_factor: rms / mean |x|.
+        impulse_factor: peak / mean |x|.
+        clearance_factor: peak / (mean sqrt |x|)^2.
+        flat: whether the block is flat.
+    """
+
+    mean: float
+    rms: float
+    peak: float
+    peak_half_range: float
+    kurtosis: float
+    skewness: float
+    crest_factor: float
+    shape_factor: float
+    impulse_factor: float
+    clearance_factor: float
+    flat: bool
+
+
+def time_indicators(x: NDArray[np.number]) -> TimeIndicators:
+    """Return the time-domain indicators of one block.
+
+    The ratios are those of the sources with one change: RMS leaves out the mean, as everywhere in this program. On an
+    accelerometer's signal, whose mean is near zero, there is no difference.
+
+    Args:
+        x: (n_samples,) real samples; float32 is worked on as such, everything else as float64. Not written to.
+
+    Raises:
+        ValueError: if there are no samples, x is not one-dimensional, or a sample is not finite or beyond 1e30.
+    """
+    if x.ndim != 1 or x.size == 0:
+        raise ValueError(f"expected samples of shape (n,), n >= 1, got shape {x.shape}")
+    low, high = sample_range(x)
+    peak = max(abs(low), abs(high))
+    half_range = 0.5 * (high - low)
+    if high - low < SMALLEST_RANGE:
+        return TimeIndicators(0.5 * (low + high), 0.0, peak, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, flat=True)
+    # In units of a power of two near the peak, so that fourth powers neither overflow nor vanish and no digit is lost.
+    unit = math.ldexp(1.0, math.frexp(peak)[1])
+    centre = _mean(x, unit)
+    spread = math.ldexp(1.0, math.frexp(half_range)[1])
+    moments, mean_abs, mean_root = _sums(x, unit, centre, spread / unit)
+    rms = math.sqrt(moments[0]) * spread
+    mean_abs *= unit
+    return TimeIndicators(
+        mean=centre * unit,
+        rms=rms,
+        peak=peak,
+        peak_half_range=half_range,
+        kurtosis=moments[2] / moments[0] ** 2,
+        skewness=moments[1] / moments[0] ** 1.5,
+        crest_factor=peak / rms,
+        shape_factor=rms / mean_abs,
+        impulse_factor=peak / mean_abs,
+        clearance_factor=peak / (mean_root**2 * unit),
+        flat=False,
+    )
+
+
+def sample_range(x: NDArray[np.number]) -> tuple[float, float]:
+    """Return the least and the largest sample.
+
+    Raises:
+        ValueError: if a sample is not finite, or larger than ``LARGEST_SAMPLE``.
+    """
+    low, high = float(x.min()), float(x.max())
+    if not (-LARGEST_SAMPLE < low and high < LARGEST_SAMPLE):
+        raise ValueError(f"samples must be finite and below {LARGEST_SAMPLE:g}, the block has {low:g} to {high:g}")
+    return low, high
+
+
+def _mean(x: NDArray[np.number], unit: float) -> float:
+    """Mean of x in the given unit, summed in double precision chunk by chunk."""
+    total = 0.0
+    for start in range(0, x.size, _CHUNK):
+        part = x[start : start + _CHUNK]
+        if part.dtype != np.float32:
+            part = part * (1.0 / unit)
+            total += float(part.sum())
+        else:
+            total += float(part.sum()) / unit
+    return total / x.size
+
+
+def _sums(
+    x: NDArray[np.number], unit: float, centre: float, spread: float
+) -> tuple[tuple[float, float, float], float, float]:
+    """Central moments 2 to 4 in units of ``spread``, mean |x| and mean sqrt |x|; x in units of ``unit``."""
+    work = np.float32 if x.dtype == np.float32 else np.float64
+    scaled, square, other = (np.empty(min(_CHUNK, x.size), work) for _ in range(3))
+    second = third = fourth = absolute = root = 0.0
+    factor = work(1.0 / unit)
+    for start in range(0, x.size, _CHUNK):
+        part = x[start : start + _CHUNK]
+        u, u2, v = scaled[: part.size], square[: part.size], other[: part.size]
+        np.multiply(part, factor, out=u, casting="same_kind")
+        np.abs(u, out=v)
+        absolute += float(v.sum())
+        np.sqrt(v, out=v)
+        root += float(v.sum())
+        u -= work(centre)
+        u *= work(1.0 / spread)
+        np.multiply(u, u, out=u2)
+        second += float(u2.sum())
+        np.multiply(u2, u, out=v)
+        third += float(v.sum())
+        np.multiply(u2, u2, out=v)
+        fourth += float(v.sum())
+    n = x.size
+    return (second / n, third / n, fourth / n), absolute / n, root / n
