@@ -1,0 +1,314 @@
+"""The points of an RMS map at which the map equals a measured RMS, and the least damaged volume among them.
+
+Inside one cell of the grid the map is the bilinear patch X = a + b u + c v + d u v with u and v from 0 to 1, so its
+level set is a hyperbola (or a line). On it the volume of Eq. 90, r_o (x0 + u dx)(y0 + v dy), is least either where the
+curve meets an edge of the cell or where the volume is stationary. Eliminating v leaves a quadratic in u,
+
+    d dx q u^2 + 2 c dx q u + c (x0 q + dx p) - d x0 p = 0,    p = y0 c - dy (a - X),    q = y0 d - dy b,
+
+so that every candidate is known in closed form and no grid is scanned. A bilinear patch cut along a line u = const or
+v = const is again a bilinear patch: a quadrant of the continuous map is a smaller map, and needs no special case.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ON_LEVEL = 1e-12
+"""A value of the map within this fraction of the map's largest RMS counts as equal to the measured one (rounding)."""
+
+SAME_VOLUME = 1e-12
+"""Volumes within this fraction of each other are the same volume."""
+
+
+@dataclass(frozen=True, eq=False)
+class MapSlice:
+    """RMS over the extent and the depth of the defect, at one load and speed; bilinear between the points of the grid.
+
+    What is derived from it is computed once and kept, so the same object should serve all blocks of one condition.
+
+    Attributes:
+        dphi_d: angular extents, shape (n,), rad, ascending, not negative.
+        h_d: depths, shape (m,), m, ascending, not negative.
+        rms: RMS, shape (m, n), m/s2; NaN is a hole of the map, and every cell that touches it is none.
+        outer_race_radius: r_o of Eq. 90, m.
+    """
+
+    dphi_d: Array
+    h_d: Array
+    rms: Array
+    outer_race_radius: float
+
+    def __post_init__(self) -> None:
+        """Take float64 copies, and refuse what is not a map.
+
+        Raises:
+            ValueError: axes that are not ascending, shapes that do not fit, infinite values, or no complete cell.
+        """
+        for name in ("dphi_d", "h_d", "rms"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
+        for name in ("dphi_d", "h_d"):
+            axis = getattr(self, name)
+            if axis.ndim != 1 or axis.size < 2 or not np.all(np.isfinite(axis)):
+                raise ValueError(f"map slice: {name} must be two or more finite values, got shape {axis.shape}")
+            if axis[0] < 0 or not np.all(np.diff(axis) > 0):
+                raise ValueError(f"map slice: {name} must ascend from zero or more, got {axis.tolist()}")
+        if self.rms.shape != (self.h_d.size, self.dphi_d.size):
+            expected = (self.h_d.size, self.dphi_d.size)
+            raise ValueError(f"map slice: rms must have shape (h_d, dphi_d) = {expected}, got {self.rms.shape}")
+        if np.any(np.isinf(self.rms)):
+            raise ValueError("map slice: rms must be finite, or NaN where the map has a hole; got an infinite value")
+        if not (math.isfinite(self.outer_race_radius) and self.outer_race_radius > 0):
+            raise ValueError(f"map slice: outer_race_radius must be positive, got {self.outer_race_radius}")
+        if not np.any(np.isfinite(self.cell_least)):
+            raise ValueError("map slice: rms has no cell with four finite corners")
+
+    @cached_property
+    def cell_least(self) -> Array:
+        """Least RMS of each cell, shape (m - 1, n - 1), m/s2; NaN in a hole."""
+        z = self.rms
+        return np.minimum(np.minimum(z[:-1, :-1], z[:-1, 1:]), np.minimum(z[1:, :-1], z[1:, 1:]))
+
+    @cached_property
+    def cell_most(self) -> Array:
+        """Largest RMS of each cell, shape (m - 1, n - 1), m/s2; NaN in a hole."""
+        z = self.rms
+        return np.maximum(np.maximum(z[:-1, :-1], z[:-1, 1:]), np.maximum(z[1:, :-1], z[1:, 1:]))
+
+    @cached_property
+    def rms_least(self) -> float:
+        """Least RMS of all complete cells, m/s2."""
+        return float(np.nanmin(self.cell_least))
+
+    @cached_property
+    def rms_most(self) -> float:
+        """Largest RMS of all complete cells, m/s2."""
+        return float(np.nanmax(self.cell_most))
+
+    @cached_property
+    def has_holes(self) -> bool:
+        """Whether any value is missing."""
+        return bool(np.any(np.isnan(self.rms)))
+
+    @cached_property
+    def tolerance(self) -> float:
+        """Difference of RMS below which two values are equal, m/s2."""
+        return ON_LEVEL * max(abs(self.rms_least), abs(self.rms_most))
+
+    def value_at(self, dphi_d: float, h_d: float) -> float:
+        """RMS at a point of the continuous map, m/s2.
+
+        Args:
+            dphi_d: angular extent, rad; taken to the nearer end of the map where it lies outside.
+            h_d: depth, m; likewise.
+
+        Returns:
+            The bilinear interpolation, NaN in a hole.
+        """
+        i, u = locate(self.dphi_d, dphi_d)
+        j, v = locate(self.h_d, h_d)
+        z = self.rms
+        lower = z[j, i] + u * (z[j, i + 1] - z[j, i])
+        upper = z[j + 1, i] + u * (z[j + 1, i + 1] - z[j + 1, i])
+        return float(lower + v * (upper - lower))
+
+    def volume(self, dphi_d: float, h_d: float) -> float:
+        """V_eq of Eq. 90, m2 (volume per width)."""
+        return self.outer_race_radius * dphi_d * h_d
+
+
+@dataclass(frozen=True)
+class LevelPoint:
+    """A point of the map that has the RMS asked for.
+
+    Attributes:
+        dphi_d: angular extent, rad.
+        h_d: depth, m.
+        v_eq: r_o dphi_d h_d (Eq. 90), m2.
+    """
+
+    dphi_d: float
+    h_d: float
+    v_eq: float
+
+
+def locate(axis: Array, value: float) -> tuple[int, float]:
+    """The cell of an axis that holds a value, and where in it.
+
+    Args:
+        axis: grid of the axis, ascending.
+        value: the value; taken to the nearer end where it lies outside.
+
+    Returns:
+        Index i of the cell and the fraction u in [0, 1], so that the value is axis[i] + u (axis[i+1] - axis[i]).
+    """
+    i = min(max(int(axis.searchsorted(value, "right")) - 1, 0), axis.size - 2)
+    low, high = float(axis[i]), float(axis[i + 1])
+    return i, min(max((value - low) / (high - low), 0.0), 1.0)
+
+
+def step_back(axis: Array, value: float, steps: int) -> float:
+    """The value that lies a number of grid steps before another, on the continuous index of the axis.
+
+    Args:
+        axis: grid of the axis, ascending; its steps need not be equal.
+        value: where to start.
+        steps: how many grid steps to go back.
+
+    Returns:
+        The earlier value, never before the first of the axis.
+    """
+    i, u = locate(axis, value)
+    if i - steps < 0:
+        return float(axis[0])
+    low, high = float(axis[i - steps]), float(axis[i - steps + 1])
+    return low + u * (high - low)
+
+
+def least_volume(map_slice: MapSlice, level: float, dphi_from: float, h_from: float) -> LevelPoint | None:
+    """The point of least volume with RMS ``level`` in the quadrant dphi_d >= dphi_from, h_d >= h_from (Eq. 91).
+
+    Of several points with the same volume (zero, on the axes), the one that advances least from the quadrant's corner
+    is taken, as a share of the map's size.
+
+    Args:
+        map_slice: the map.
+        level: RMS, m/s2.
+        dphi_from: least angular extent, rad.
+        h_from: least depth, m.
+
+    Returns:
+        The point, or None where the quadrant holds no such RMS.
+    """
+    x, y, z = _quadrant(map_slice, dphi_from, h_from)
+    s = z - level
+    s[np.abs(s) <= map_slice.tolerance] = 0.0
+    if s[0, 0] == 0.0:
+        return _point(map_slice, float(x[0]), float(y[0]))
+    below, above = s < 0, s > 0
+    apart = (below[:-1] & below[1:]) | (above[:-1] & above[1:])
+    # Two neighbouring columns that are both wholly below, or both wholly above, close a cell that the level misses.
+    misses = apart[:, :-1] & apart[:, 1:] & (below[:-1, :-1] == below[:-1, 1:])
+    if map_slice.has_holes:
+        misses |= np.isnan(s[:-1, :-1] + s[:-1, 1:] + s[1:, :-1] + s[1:, 1:])
+    cells = np.flatnonzero(~misses)
+    if cells.size == 0:
+        return None
+    row, column = np.divmod(cells, x.size - 1)
+    # Every cell left holds the level, so the least volume is at most that of the far corner which is least: of a
+    # hundred cells a handful remains, for which plain floats are faster than arrays.
+    useful = x[column] * y[row] <= (x[column + 1] * y[row + 1]).min()
+    points = [
+        point
+        for i, j in zip(column[useful].tolist(), row[useful].tolist(), strict=True)
+        for point in _candidates(x[i : i + 2].tolist(), y[j : j + 2].tolist(), s[j : j + 2, i : i + 2].tolist())
+    ]
+    return _choose(map_slice, points, float(x[0]), float(y[0]))
+
+
+def widened_steps(map_slice: MapSlice, level: float, dphi_from: float, h_from: float) -> int | None:
+    """Grid steps below which no widening of the quadrant can reach a point with RMS ``level``.
+
+    A cell that holds the level is touched by the quadrant after so many steps, and lies wholly inside after one more:
+    the least number of steps that finds a point is therefore the one given here, or the next.
+
+    Args:
+        map_slice: the map.
+        level: RMS, m/s2.
+        dphi_from: least angular extent so far, rad.
+        h_from: least depth so far, m.
+
+    Returns:
+        Number of steps, at least 1, or None where no cell of the whole map holds the level (holes).
+    """
+    tolerance = map_slice.tolerance
+    holds = (map_slice.cell_least <= level + tolerance) & (map_slice.cell_most >= level - tolerance)
+    row, column = np.nonzero(holds)
+    if row.size == 0:
+        return None
+    i, u = locate(map_slice.dphi_d, dphi_from)
+    j, v = locate(map_slice.h_d, h_from)
+    away = np.maximum(i + u - (column + 1), j + v - (row + 1))
+    return max(1, math.ceil(float(away.min())))
+
+
+def _quadrant(map_slice: MapSlice, dphi_from: float, h_from: float) -> tuple[Array, Array, Array]:
+    """Axes and RMS of the quadrant as a map of its own; the first row and column lie between the grid's."""
+    i, u = locate(map_slice.dphi_d, dphi_from)
+    j, v = locate(map_slice.h_d, h_from)
+    x, y = map_slice.dphi_d[i:].copy(), map_slice.h_d[j:].copy()
+    z = map_slice.rms[j:, i:].copy()
+    # The corner itself, not its way through the fraction: the quadrant never begins a rounding error too early.
+    x[0] = min(max(dphi_from, float(x[0])), float(x[-1]))
+    y[0] = min(max(h_from, float(y[0])), float(y[-1]))
+    if u > 0:
+        z[:, 0] += u * (z[:, 1] - z[:, 0])
+    if v > 0:
+        z[0, :] += v * (z[1, :] - z[0, :])
+    return x, y, z
+
+
+def _candidates(x: list[float], y: list[float], f: list[list[float]]) -> Iterator[tuple[float, float]]:
+    """Points of a cell at which the volume can be least on the level set.
+
+    Args:
+        x: both ends of the cell in extent.
+        y: both ends of the cell in depth.
+        f: RMS less the level at the corners, by depth and then by extent.
+
+    Yields:
+        Extent and depth of the crossings of the four edges, of the stationary points, and of the first corner, which
+        alone speaks for a plateau.
+    """
+    (f00, f10), (f01, f11) = f
+    dx, dy = x[1] - x[0], y[1] - y[0]
+    if f00 == 0.0:
+        yield x[0], y[0]
+    for k, start, end in ((0, f00, f10), (1, f01, f11)):
+        if start != end and 0.0 <= (u := start / (start - end)) <= 1.0:
+            yield min(x[0] + u * dx, x[1]), y[k]
+    for k, start, end in ((0, f00, f01), (1, f10, f11)):
+        if start != end and 0.0 <= (v := start / (start - end)) <= 1.0:
+            yield x[k], min(y[0] + v * dy, y[1])
+    b, c = f10 - f00, f01 - f00
+    d = f11 - f10 - c
+    p, q = y[0] * c - dy * f00, y[0] * d - dy * b
+    for u in _roots(d * dx * q, c * dx * q, c * (x[0] * q + dx * p) - d * x[0] * p):
+        slope = c + d * u
+        if 0.0 <= u <= 1.0 and slope != 0.0 and 0.0 <= (v := -(f00 + b * u) / slope) <= 1.0:
+            yield min(x[0] + u * dx, x[1]), min(y[0] + v * dy, y[1])
+
+
+def _roots(a: float, half_b: float, c: float) -> Iterator[float]:
+    """Real roots of a u^2 + 2 half_b u + c, without cancellation; where a vanishes, the one that stays finite."""
+    discriminant = half_b * half_b - a * c
+    if discriminant < 0.0:
+        return
+    larger = half_b + math.copysign(math.sqrt(discriminant), half_b)
+    if a != 0.0:
+        yield -larger / a
+    if larger != 0.0:
+        yield -c / larger
+
+
+def _choose(map_slice: MapSlice, points: list[tuple[float, float]], x_from: float, y_from: float) -> LevelPoint | None:
+    """The point of least volume, and of several such points the one that advances least from the corner."""
+    if not points:
+        return None
+    most = min(x * y for x, y in points) * (1.0 + SAME_VOLUME)
+    dphi_range = float(map_slice.dphi_d[-1] - map_slice.dphi_d[0])
+    h_range = float(map_slice.h_d[-1] - map_slice.h_d[0])
+    _, x, y = min(((x - x_from) / dphi_range + (y - y_from) / h_range, x, y) for x, y in points if x * y <= most)
+    return _point(map_slice, x, y)
+
+
+def _point(map_slice: MapSlice, dphi_d: float, h_d: float) -> LevelPoint:
+    return LevelPoint(dphi_d, h_d, map_slice.volume(dphi_d, h_d))
