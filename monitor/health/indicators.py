@@ -22,8 +22,8 @@ _CHUNK = 16384
 class TimeIndicators:
     """Indicators of one block of samples x, in the unit of x or without one.
 
-    A flat block (all samples equal, or within 1e-30) has rms, half range, kurtosis, skewness and all four factors 0, and ``flat`` set:
-    the ratios do not exist there, and 0 is a value that no vibration has.
+    A flat block (all samples equal, or within 1e-30) has rms, half range, kurtosis, skewness and all factors 0, and
+    ``flat`` set: the ratios do not exist there, and 0 is a value that no vibration has.
 
     Attributes:
         mean: mean of x.
@@ -100,7 +100,7 @@ def sample_range(x: NDArray[np.number]) -> tuple[float, float]:
         ValueError: if a sample is not finite, or larger than ``LARGEST_SAMPLE``.
     """
     low, high = float(x.min()), float(x.max())
-    if not (-LARGEST_SAMPLE < low and high < LARGEST_SAMPLE):
+    if not (low > -LARGEST_SAMPLE and high < LARGEST_SAMPLE):
         raise ValueError(f"samples must be finite and below {LARGEST_SAMPLE:g}, the block has {low:g} to {high:g}")
     return low, high
 

@@ -244,7 +244,7 @@ class BlockTransform:
         if high - low < SMALLEST_RANGE:
             workspace[:] = 0
             return 0.5 * low + 0.5 * high, 1.0
-        # Pairwise sums in the samples' own type are exact enough: what is left of the mean is in bin 0, which is unused.
+        # Pairwise sums in the samples' own type are exact enough: what is left of the mean is in bin 0, not used.
         mean = float(x.mean())
         exponent = math.frexp(high - low)[1]
         if abs(exponent) <= _EXPONENT_LIMIT:
