@@ -1,0 +1,274 @@
+"""Hertzian contact of rolling bearings: stiffness of a contact, static equilibrium, stiffness of a bearing, life.
+
+Contact law throughout: f = k_c * delta**n with n = 1.5 for balls and 10/9 for rollers, delta the approach of both rings
+along the element (both contacts in series). Angles are measured from the load direction; axis 1 of every pair and
+matrix lies along the load, axis 2 across it, so that the loaded zone is around angle zero.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import eigh
+
+from models.bearing import Bearing
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.scene import Rig
+
+BALL_EXPONENT = 1.5
+ROLLER_EXPONENT = 10.0 / 9.0
+
+# Palmgren's 8.06e4 N/mm^(10/9) per mm^(8/9) of contact length (Eq. 15); with both in metres the factors 1000^(10/9)
+# and 1000^(8/9) make 1000^2.
+_PALMGREN = 8.06e10
+_NEWTON_STEPS = 200
+
+
+@dataclass(frozen=True)
+class Material:
+    """Elastic constants of both bodies in contact: Young's modulus, Pa, and Poisson's ratio (bearing steel)."""
+
+    youngs_modulus: float = 210e9
+    poissons_ratio: float = 0.3
+
+    @property
+    def effective_modulus(self) -> float:
+        """E' = 2 E_eq, Pa: twice Eq. 3, as Eq. 17 needs it."""
+        return self.youngs_modulus / (1.0 - self.poissons_ratio**2)
+
+
+_STEEL = Material()
+
+
+def contact_exponent(bearing: Bearing) -> float:
+    """Return n of f = k_c delta**n: 1.5 for balls, 10/9 for rollers (Eqs. 14 and 35)."""
+    return BALL_EXPONENT if bearing.element == "ball" else ROLLER_EXPONENT
+
+
+def point_contact_stiffness(r_rolling: float, r_across: float, material: Material = _STEEL) -> float:
+    """Return the stiffness of one elliptical contact, N/m^1.5.
+
+    Args:
+        r_rolling: relative radius of curvature in the rolling direction, m (Eq. 6).
+        r_across: relative radius across it, m (Eq. 7).
+        material: elastic constants.
+
+    Source: thesis, Eqs. 5, 8-10 and 17 with two misprints mended: xi belongs inside the bracket,
+    k = pi kappa E' sqrt(eps r_eq / (4.5 xi^3)), and E' is twice the E_eq of Eq. 3.
+    """
+    r_x, r_y = sorted((r_rolling, r_across))
+    r_eq = 1.0 / (1.0 / r_x + 1.0 / r_y)
+    eps = 1.0003 + 0.5968 * r_x / r_y
+    xi = 1.5277 + 0.6023 * math.log(r_y / r_x)
+    kappa = 1.0339 * (r_y / r_x) ** 0.636
+    return math.pi * kappa * material.effective_modulus * math.sqrt(eps * r_eq / (4.5 * xi**3))
+
+
+def line_contact_stiffness(effective_length: float) -> float:
+    """Return the stiffness of one steel line contact of the given length (m), N/m^(10/9) (Palmgren, Eq. 15)."""
+    return _PALMGREN * effective_length ** (8.0 / 9.0)
+
+
+def in_series(k_inner: float, k_outer: float, exponent: float) -> float:
+    """Return the stiffness of two contacts in series that share the law f = k delta**n (Eq. 16)."""
+    return (k_inner ** (-1.0 / exponent) + k_outer ** (-1.0 / exponent)) ** -exponent
+
+
+def contact_stiffness(bearing: Bearing, material: Material = _STEEL) -> float:
+    """Return k_c of one element between both rings from the geometry, N/m^1.5 (balls) or N/m^(10/9) (rollers).
+
+    Raises:
+        ValueError: if a radius that the contact needs is unknown or does not conform; the message names it.
+    """
+    if bearing.element == "roller":
+        length = _known(bearing, "effective_length")
+        single = line_contact_stiffness(length)
+        return in_series(single, single, ROLLER_EXPONENT)
+    r_b = 0.5 * bearing.element_diameter
+    r_i, r_o = _known(bearing, "inner_race_radius"), _known(bearing, "outer_race_radius")
+    r_gi, r_go = _known(bearing, "inner_groove_radius"), _known(bearing, "outer_groove_radius")
+    for name, radius in (("inner_groove_radius", r_gi), ("outer_groove_radius", r_go), ("outer_race_radius", r_o)):
+        if radius <= r_b:
+            raise ValueError(f"{bearing.designation}: {name} {radius!r} m must exceed the ball radius {r_b!r} m")
+    inner = point_contact_stiffness(1.0 / (1.0 / r_b + 1.0 / r_i), 1.0 / (1.0 / r_b - 1.0 / r_gi), material)
+    outer = point_contact_stiffness(1.0 / (1.0 / r_b - 1.0 / r_o), 1.0 / (1.0 / r_b - 1.0 / r_go), material)
+    return in_series(inner, outer, BALL_EXPONENT)
+
+
+def _known(bearing: Bearing, name: str) -> float:
+    value = getattr(bearing, name)
+    if value is None:
+        raise ValueError(f"{bearing.designation}: contact stiffness needs {name}, which is unknown")
+    return float(value)
+
+
+def element_angles(bearing: Bearing, cage_angle: float = 0.0) -> NDArray[np.float64]:
+    """Return the angles of all elements from the load direction, rad, row after row (Eq. 32).
+
+    The rows of a bearing with several are staggered evenly, two of them by half a spacing.
+
+    Returns:
+        array of shape (rows * n_elements,).
+    """
+    pitch = 2.0 * math.pi / bearing.n_elements
+    row = pitch / bearing.rows * np.arange(bearing.rows)[:, None]
+    return (cage_angle + row + pitch * np.arange(bearing.n_elements)[None, :]).ravel()
+
+
+def contact_forces(
+    displacement: NDArray[np.float64], angles: NDArray[np.float64], k_c: float, clearance: float, exponent: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the static contact force (2,) in N and its Jacobian (2, 2) in N/m at a relative displacement (2,) in m.
+
+    Source: Eqs. 20, 23, 24 and, for the Jacobian, 61.
+    """
+    normals = np.stack((np.cos(angles), np.sin(angles)))
+    delta = np.maximum(displacement @ normals - clearance, 0.0)
+    force = normals @ (k_c * delta**exponent)
+    tangent = np.zeros_like(delta)
+    tangent[delta > 0.0] = exponent * k_c * delta[delta > 0.0] ** (exponent - 1.0)
+    return force, (normals * tangent) @ normals.T
+
+
+def static_equilibrium(
+    angles: NDArray[np.float64], load: float, k_c: float, *, clearance: float = 0.0, exponent: float = BALL_EXPONENT
+) -> NDArray[np.float64]:
+    """Return the displacement of the inner against the outer ring under a radial load, m (Eqs. 20-25).
+
+    A damped Newton iteration on the convex elastic energy; the loaded ring settles where the contacts carry the load.
+
+    Args:
+        angles: angles of all elements from the load direction, rad, shape (elements,).
+        load: radial load, N, not negative; without load there is no displacement.
+        k_c: contact stiffness, N/m**exponent.
+        clearance: radial clearance h of Eq. 20, m.
+        exponent: n of the contact law.
+
+    Returns:
+        array of shape (2,): along the load, across it.
+
+    Raises:
+        ValueError: if the load is negative or not finite.
+        RuntimeError: if the iteration does not settle (it does for every physical input that was tried).
+    """
+    if not (math.isfinite(load) and load >= 0.0):
+        raise ValueError(f"load must be finite and not negative, got {load!r} N")
+    if load == 0.0:
+        return np.zeros(2)
+    target = np.array([load, 0.0])
+
+    def energy(u: NDArray[np.float64]) -> float:
+        delta = np.maximum(u[0] * np.cos(angles) + u[1] * np.sin(angles) - clearance, 0.0)
+        return float(k_c / (exponent + 1.0) * np.sum(delta ** (exponent + 1.0)) - load * u[0])
+
+    # The start must touch an element: without one there is no gradient that leads to the load.
+    approach = max(clearance, 0.0) + (5.0 * load / (len(angles) * k_c)) ** (1.0 / exponent)
+    u = np.array([approach / float(np.cos(angles).max()), 0.0])
+    for _ in range(_NEWTON_STEPS):
+        force, jacobian = contact_forces(u, angles, k_c, clearance, exponent)
+        residual = target - force
+        if float(np.abs(residual).max()) <= 1e-12 * load:
+            return u
+        # A single element in contact leaves the direction across it without stiffness: a small multiple of the trace
+        # keeps the system solvable and does not move its solution.
+        step = np.linalg.solve(jacobian + 1e-9 * (np.trace(jacobian) + 1e-300) * np.eye(2), residual)
+        scale, here = 1.0, energy(u)
+        while energy(u + scale * step) > here and scale > 1e-6:
+            scale *= 0.5
+        u = u + scale * step
+    force, _ = contact_forces(u, angles, k_c, clearance, exponent)
+    if float(np.abs(target - force).max()) <= 1e-6 * load:
+        return u
+    raise RuntimeError(f"static equilibrium did not settle: load {load!r} N, clearance {clearance!r} m")
+
+
+def bearing_stiffness(
+    bearing: Bearing, load: float, k_c: float, *, clearance: float = 0.0, cage_angle: float = 0.0
+) -> NDArray[np.float64]:
+    """Return the stiffness matrix of the bearing at one cage angle, N/m (Eq. 61).
+
+    Returns:
+        array of shape (2, 2); [0, 0] is k_yy of the thesis (along the load), [1, 1] its k_xx (across).
+    """
+    angles, exponent = element_angles(bearing, cage_angle), contact_exponent(bearing)
+    u = static_equilibrium(angles, load, k_c, clearance=clearance, exponent=exponent)
+    return contact_forces(u, angles, k_c, clearance, exponent)[1]
+
+
+def mean_bearing_stiffness(
+    bearing: Bearing, load: float, k_c: float, *, clearance: float = 0.0, points: int = 64
+) -> NDArray[np.float64]:
+    """Return the stiffness matrix averaged over one passage of an element, N/m, shape (2, 2) as bearing_stiffness."""
+    period = 2.0 * math.pi / (bearing.n_elements * bearing.rows)
+    matrices = [
+        bearing_stiffness(bearing, load, k_c, clearance=clearance, cage_angle=period * i / points)
+        for i in range(points)
+    ]
+    return np.mean(matrices, axis=0)
+
+
+def natural_frequencies(rig: Rig, k_xx: float, k_yy: float) -> NDArray[np.float64]:
+    """Return the six natural frequencies of the undamped linearised rig, Hz, ascending (Eqs. 59 and 60).
+
+    Args:
+        rig: masses and stiffnesses.
+        k_xx: bearing stiffness across the load, N/m.
+        k_yy: bearing stiffness along the load, N/m.
+    """
+    mass = np.diag([rig.m_i, rig.m_o, rig.m_r])
+    values = []
+    for k_b in (k_xx, k_yy):
+        stiffness = np.array(
+            [[k_b + rig.k_i, -k_b, 0.0], [-k_b, k_b + rig.k_r, -rig.k_r], [0.0, -rig.k_r, rig.k_r]], dtype=float
+        )
+        values.append(eigh(stiffness, mass, eigvals_only=True))
+    return np.sort(np.sqrt(np.maximum(np.concatenate(values), 0.0))) / (2.0 * math.pi)
+
+
+def l10h_life(
+    dynamic_load_rating: float, load: float, speed: float, element: str = "ball", factor: float = 1.0
+) -> float:
+    """Return the rating life that 90 % of bearings reach, s (Eq. 1; ISO 281).
+
+    Args:
+        dynamic_load_rating: C_r, N.
+        load: equivalent dynamic load P, N, positive.
+        speed: rotation speed, Hz, positive.
+        element: "ball" (exponent 3) or "roller" (10/3: the 10/9 printed in the thesis is a misprint).
+        factor: life factor alpha_l.
+
+    Raises:
+        ValueError: if an argument is not positive.
+    """
+    for name, value in (("dynamic_load_rating", dynamic_load_rating), ("load", load), ("speed", speed)):
+        if not value > 0.0:
+            raise ValueError(f"{name} must be positive, got {value!r}")
+    exponent = 3.0 if element == "ball" else 10.0 / 3.0
+    return factor * 1e6 / speed * (dynamic_load_rating / load) ** exponent
+
+
+def contact_damping(zeta_1: float, zeta_2: float, f_1: float, f_2: float) -> tuple[float, float]:
+    """Return alpha_c (1/s) and beta_c (s) that give two damping ratios at two frequencies (Eqs. 70, 73 and 74).
+
+    Args:
+        zeta_1: damping ratio at f_1.
+        zeta_2: damping ratio at f_2.
+        f_1: lower frequency, Hz.
+        f_2: higher frequency, Hz.
+
+    Raises:
+        ValueError: if the frequencies are not positive and ascending.
+    """
+    if not 0.0 < f_1 < f_2:
+        raise ValueError(f"frequencies must be positive and ascending, got {f_1!r} and {f_2!r} Hz")
+    omega_1, omega_2 = 2.0 * math.pi * f_1, 2.0 * math.pi * f_2
+    span = omega_2**2 - omega_1**2
+    beta_c = 2.0 * (omega_2 * zeta_2 - omega_1 * zeta_1) / span
+    alpha_c = 2.0 * omega_1 * omega_2 * (omega_2 * zeta_1 - omega_1 * zeta_2) / span
+    return alpha_c, beta_c
