@@ -27,7 +27,7 @@ ROLLER_EXPONENT = 10.0 / 9.0
 # Palmgren's 8.06e4 N/mm^(10/9) per mm^(8/9) of contact length (Eq. 15); with both in metres the factors 1000^(10/9)
 # and 1000^(8/9) make 1000^2.
 _PALMGREN = 8.06e10
-_NEWTON_STEPS = 200
+_NEWTON_STEPS = 500
 
 
 @dataclass(frozen=True)
@@ -141,24 +141,25 @@ def static_equilibrium(
 ) -> NDArray[np.float64]:
     """Return the displacement of the inner against the outer ring under a radial load, m (Eqs. 20-25).
 
-    A damped Newton iteration on the convex elastic energy; the loaded ring settles where the contacts carry the load.
+    A damped Newton iteration on the convex elastic energy: the loaded ring settles where the contacts carry the load.
 
     Args:
         angles: angles of all elements from the load direction, rad, shape (elements,).
         load: radial load, N, not negative; without load there is no displacement.
         k_c: contact stiffness, N/m**exponent.
-        clearance: radial clearance h of Eq. 20, m.
+        clearance: radial clearance h of Eq. 20, m, not negative (preload is not modelled).
         exponent: n of the contact law.
 
     Returns:
         array of shape (2,): along the load, across it.
 
     Raises:
-        ValueError: if the load is negative or not finite.
+        ValueError: if the load or the clearance is negative or not finite.
         RuntimeError: if the iteration does not settle (it does for every physical input that was tried).
     """
-    if not (math.isfinite(load) and load >= 0.0):
-        raise ValueError(f"load must be finite and not negative, got {load!r} N")
+    for name, value in (("load", load), ("clearance", clearance)):
+        if not (math.isfinite(value) and value >= 0.0):
+            raise ValueError(f"{name} must be finite and not negative, got {value!r}")
     if load == 0.0:
         return np.zeros(2)
     target = np.array([load, 0.0])
@@ -168,20 +169,22 @@ def static_equilibrium(
         return float(k_c / (exponent + 1.0) * np.sum(delta ** (exponent + 1.0)) - load * u[0])
 
     # The start must touch an element: without one there is no gradient that leads to the load.
-    approach = max(clearance, 0.0) + (5.0 * load / (len(angles) * k_c)) ** (1.0 / exponent)
+    approach = clearance + (5.0 * load / (len(angles) * k_c)) ** (1.0 / exponent)
     u = np.array([approach / float(np.cos(angles).max()), 0.0])
+    # One element in contact leaves the direction across it without stiffness, so the Newton step is damped
+    # (Levenberg): less after each success, more after each failure.
+    damping = 1e-3
     for _ in range(_NEWTON_STEPS):
         force, jacobian = contact_forces(u, angles, k_c, clearance, exponent)
         residual = target - force
         if float(np.abs(residual).max()) <= 1e-12 * load:
             return u
-        # A single element in contact leaves the direction across it without stiffness: a small multiple of the trace
-        # keeps the system solvable and does not move its solution.
-        step = np.linalg.solve(jacobian + 1e-9 * (np.trace(jacobian) + 1e-300) * np.eye(2), residual)
-        scale, here = 1.0, energy(u)
-        while energy(u + scale * step) > here and scale > 1e-6:
-            scale *= 0.5
-        u = u + scale * step
+        trial = u + np.linalg.solve(jacobian + damping * np.trace(jacobian) * np.eye(2), residual)
+        # Near the solution the energy is flat to rounding; as much increase is forgiven as rounding may feign.
+        if energy(trial) <= energy(u) + 1e-14 * load * float(np.abs(u).max()):
+            u, damping = trial, max(0.1 * damping, 1e-14)
+        else:
+            damping *= 10.0
     force, _ = contact_forces(u, angles, k_c, clearance, exponent)
     if float(np.abs(target - force).max()) <= 1e-6 * load:
         return u
