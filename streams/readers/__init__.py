@@ -1,1 +1,1 @@
-"""One reader a file format; each gives arrays and what the file says of them, and guesses nothing."""
+"""One function a format: bytes in, arrays and what the file itself says out, nothing guessed."""

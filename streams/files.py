@@ -1,0 +1,205 @@
+"""Where the files of a recording lie: one file, a folder or a tar archive; guarded access to their bytes."""
+
+from __future__ import annotations
+
+import errno
+import lzma
+import os
+import re
+import stat
+import tarfile
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Protocol
+
+from streams.readers.reading import MAX_BYTES, ReaderError
+from streams.source import SourceError
+
+_ARCHIVE_SUFFIXES = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
+_DAMAGED = (tarfile.TarError, OSError, EOFError, lzma.LZMAError, zlib.error)
+
+
+def natural_key(path: str) -> tuple[tuple[int, int, str], ...]:
+    """Return a key that sorts names as people do: ``file9`` before ``file10``."""
+    parts = re.split(r"(\d+)", path)
+    return tuple((0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts if part)
+
+
+@dataclass(frozen=True)
+class Item:
+    """One file of a recording.
+
+    Attributes:
+        path: its path below the folder or in the archive, with "/".
+        read: gives its bytes or raises ReaderError; of an archive's item only until the next item is asked for.
+    """
+
+    path: str
+    read: Callable[[], bytes]
+
+
+class Files(Protocol):
+    """The files of a recording."""
+
+    root: Path
+    sequential: bool
+    """Whether the files come in the order in which they are stored, so that sorting means holding them back."""
+
+    def __iter__(self) -> Iterator[Item]:
+        """Iterate over all files; ReaderError where an archive breaks off."""
+        ...
+
+
+class Folder:
+    """The files below a folder, in natural order of their paths."""
+
+    sequential = False
+
+    def __init__(self, root: Path, only: str | None = None) -> None:
+        """Take the files below ``root``, or the one called ``only`` in it."""
+        self.root = root.resolve()
+        self._only = only
+
+    def __iter__(self) -> Iterator[Item]:
+        """Iterate over all files, those that will be refused too."""
+        for path in self._paths():
+            yield Item(path, lambda path=path: read_guarded(self.root, path))
+
+    def _paths(self) -> list[str]:
+        if self._only is not None:
+            return [self._only]
+        found: list[str] = []
+        # A linked folder is not walked into; as a name of a recording's file it is refused when it is read.
+        for folder, folders, names in os.walk(self.root, followlinks=False):
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            base = Path(folder).relative_to(self.root)
+            found.extend((base / name).as_posix() for name in names if not name.startswith("."))
+        return sorted(found, key=natural_key)
+
+
+class Archive:
+    """The members of a tar archive, in the order in which they are stored, read in one pass."""
+
+    sequential = True
+
+    def __init__(self, path: Path) -> None:
+        """Take the archive at ``path``; nothing of it is ever written to disk."""
+        self.root = path.resolve()
+
+    def __iter__(self) -> Iterator[Item]:
+        """Iterate over all members but folders; ReaderError where the archive breaks off or is damaged."""
+        try:
+            with tarfile.open(self.root, "r:*") as archive:
+                yield from _members(archive, self.root.name)
+        except _DAMAGED as error:
+            raise _damage(error, self.root.name) from error
+
+
+def _members(archive: tarfile.TarFile, name: str) -> Iterator[Item]:
+    broken: list[ReaderError] = []
+    for member in archive:
+        if member.isdir():
+            continue
+
+        def read(member: tarfile.TarInfo = member) -> bytes:
+            try:
+                return _read_member(archive, member)
+            except _DAMAGED as error:
+                broken.append(_damage(error, f"{name}: {member.name}"))
+                raise broken[0] from error
+
+        yield Item(str(PurePosixPath(member.name)), read)
+        if broken:
+            # Nothing can be found behind a damaged place, and its member has been reported already.
+            return
+
+
+def _read_member(archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
+    if not member.isreg():
+        raise ReaderError("refused", f"{member.name}: a link or a device, not a regular file")
+    if member.size > MAX_BYTES:
+        raise ReaderError("refused", f"{member.name}: {member.size} bytes, {MAX_BYTES} are allowed")
+    stream = archive.extractfile(member)
+    data = b"" if stream is None else stream.read()
+    if len(data) < member.size:
+        raise EOFError(f"{len(data)} of {member.size} bytes")
+    return data
+
+
+def _damage(error: BaseException, where: str) -> ReaderError:
+    cut = isinstance(error, EOFError) or "unexpected end" in str(error) or "end-of-stream" in str(error)
+    if cut:
+        return ReaderError("incomplete", f"{where}: the archive breaks off here")
+    return ReaderError("unreadable", f"{where}: the archive is damaged ({error})")
+
+
+def read_guarded(root: Path, path: str) -> bytes:
+    """Read a regular file that lies below a folder, and nothing else.
+
+    Args:
+        root: the resolved folder.
+        path: path of the file relative to it.
+
+    Returns:
+        The bytes of the file.
+
+    Raises:
+        ReaderError: ``refused`` for a link out of the folder, a FIFO, a device, a folder or a file above ``MAX_BYTES``,
+            ``unreadable`` where it cannot be opened, ``changed`` where it changes while it is read.
+    """
+    real = Path(os.path.realpath(root / path))
+    if not real.is_relative_to(root):
+        raise ReaderError("refused", f"{path}: a link out of {root.name}")
+    try:
+        # Without O_NONBLOCK a FIFO would block for ever; without O_NOFOLLOW a link could be put there meanwhile.
+        handle = os.open(real, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError as error:
+        status = "refused" if error.errno in (errno.ELOOP, errno.ENXIO) else "unreadable"
+        raise ReaderError(status, f"{path}: cannot be opened ({error.strerror})") from error
+    with os.fdopen(handle, "rb") as stream:
+        before = os.fstat(handle)
+        if not stat.S_ISREG(before.st_mode):
+            raise ReaderError("refused", f"{path}: not a regular file")
+        if before.st_size > MAX_BYTES:
+            raise ReaderError("refused", f"{path}: {before.st_size} bytes, {MAX_BYTES} are allowed")
+        try:
+            data = stream.read()
+        except OSError as error:
+            raise ReaderError("unreadable", f"{path}: cannot be read ({error.strerror})") from error
+        after = os.fstat(handle)
+    if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns) or len(data) != after.st_size:
+        raise ReaderError("changed", f"{path}: changed while it was read")
+    return data
+
+
+def open_files(name: str, path: str, must_be_folder: bool = False) -> Files:
+    """Look what a path is.
+
+    Args:
+        name: name of the source, for messages.
+        path: of a file, a folder or a tar archive.
+        must_be_folder: whether nothing but a folder will do.
+
+    Returns:
+        Its files.
+
+    Raises:
+        SourceError: there is no such path, or it is neither a regular file nor a folder.
+    """
+    where = f"[[source]] {name}: url"
+    place = Path(path).expanduser()
+    if not place.exists():
+        raise SourceError(f"{where}: there is no {path!r}")
+    if place.is_dir():
+        return Folder(place)
+    if must_be_folder:
+        raise SourceError(f"{where}: expected a folder, {path!r} is a file")
+    if not place.is_file():
+        raise SourceError(f"{where}: expected a regular file, a folder or an archive, {path!r} is none of them")
+    if place.name.lower().endswith(_ARCHIVE_SUFFIXES):
+        return Archive(place)
+    # The person named this very file, so a link of that name is followed; its own name is kept.
+    real = place.resolve()
+    return Folder(real.parent, real.name)

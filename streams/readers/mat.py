@@ -1,0 +1,176 @@
+"""MATLAB files of version 5 to 7.2, with a guard against what they claim to hold."""
+
+from __future__ import annotations
+
+import io
+import struct
+import warnings
+import zlib
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from math import prod
+
+import numpy as np
+import scipy.io
+from numpy.typing import NDArray
+
+from streams.readers.reading import MAX_BYTES, ReaderError, Reading, plain_reading, rows_of
+
+_COMPRESSED = 15
+_ITEM_BYTES = {
+    "int8": 1,
+    "uint8": 1,
+    "logical": 1,
+    "int16": 2,
+    "uint16": 2,
+    "char": 4,
+    "int32": 4,
+    "uint32": 4,
+    "single": 4,
+}
+
+MatValues = Mapping[str, "NDArray[np.generic]"]
+
+
+def mat_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], str]]:
+    """List the variables of a MAT file without loading them.
+
+    Args:
+        data: the bytes of the file.
+        name: its name, for messages.
+
+    Returns:
+        For each variable its shape and MATLAB class ("double", "struct", ...).
+
+    Raises:
+        ReaderError: ``unreadable`` where it is not a MAT file of version 5 to 7.2, ``incomplete`` where it breaks off,
+            ``refused`` where it claims more than ``MAX_BYTES``.
+    """
+    if not data:
+        raise ReaderError("empty", f"{name}: the file has 0 bytes")
+    if data.startswith((b"MATLAB 7.3", b"\x89HDF")):
+        raise ReaderError("unreadable", f"{name}: a MAT file of version 7.3 (HDF5); save it with '-v7'")
+    if not data.startswith(b"MATLAB 5.0 MAT-file") or len(data) < 136 or data[126:128] not in (b"IM", b"MI"):
+        raise ReaderError("unreadable", f"{name}: not a MAT file of version 5 to 7.2")
+    declared = _declared_bytes(data, name)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = scipy.io.whosmat(io.BytesIO(data))
+    except Exception as error:  # The parser raises whatever its corrupt input leads it to.
+        raise ReaderError("unreadable", f"{name}: not a readable MAT file ({error})") from error
+    declared = max(declared, sum(prod(shape) * _ITEM_BYTES.get(kind, 8) for _, shape, kind in found))
+    if declared > MAX_BYTES:
+        raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
+    return {variable: (tuple(shape), kind) for variable, shape, kind in found}
+
+
+def _declared_bytes(data: bytes, name: str) -> int:
+    """Sum the sizes that the top-level elements claim once unpacked: whosmat does not look into structures."""
+    order = "<" if data[126:128] == b"IM" else ">"
+    position, total = 128, 0
+    while position + 8 <= len(data):
+        kind, size = struct.unpack_from(order + "II", data, position)
+        start, position = position + 8, position + 8 + size
+        if position > len(data):
+            raise ReaderError("incomplete", f"{name}: breaks off after {len(data)} bytes, {position} are declared")
+        if kind == _COMPRESSED:
+            try:
+                tag = zlib.decompressobj().decompress(data[start : start + min(size, 4096)], 8)
+                _, size = struct.unpack(order + "II", tag)
+            except (zlib.error, struct.error) as error:
+                raise ReaderError("unreadable", f"{name}: a compressed variable is damaged ({error})") from error
+        total += size
+    return total
+
+
+def load_mat(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDArray[np.generic]]:
+    """Load the variables, or fields of structures, that match any of some patterns.
+
+    Args:
+        data: the bytes of the file.
+        name: its name, for messages.
+        patterns: such as ``X*_DE_time``, or ``bearing.gs`` for the field of a structure.
+
+    Returns:
+        The arrays under their full names, in the order of the file.
+
+    Raises:
+        ReaderError: as :func:`mat_variables`.
+    """
+    variables = mat_variables(data, name)
+    wanted = [v for v in variables if any(fnmatchcase(v, pattern.partition(".")[0]) for pattern in patterns)]
+    if not wanted:
+        return {}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            loaded = scipy.io.loadmat(io.BytesIO(data), variable_names=wanted, squeeze_me=False)
+    except Exception as error:  # As above.
+        raise ReaderError("unreadable", f"{name}: not a readable MAT file ({error})") from error
+    values: dict[str, NDArray[np.generic]] = {}
+    for variable in wanted:
+        if variable in loaded:
+            values.update(_flat(variable, loaded[variable]))
+    return {key: array for key, array in values.items() if any(fnmatchcase(key, pattern) for pattern in patterns)}
+
+
+def _flat(key: str, value: object) -> dict[str, NDArray[np.generic]]:
+    """Name the fields of a 1 x 1 structure ``key.field``, of nested ones likewise."""
+    array = np.asarray(value)
+    if array.dtype.names is None or array.size != 1:
+        return {key: array}
+    record = array.reshape(-1)[0]
+    flat: dict[str, NDArray[np.generic]] = {}
+    for field in array.dtype.names:
+        flat.update(_flat(f"{key}.{field}", record[field]))
+    return flat
+
+
+def scalar(values: MatValues, key: str) -> float | None:
+    """Return a value that holds one number, also as text, or None where there is none such."""
+    array = values.get(key)
+    if array is None or array.size != 1:
+        return None
+    try:
+        number = float(array.reshape(-1)[0])
+    except (TypeError, ValueError):
+        return None
+    return number if np.isfinite(number) else None
+
+
+def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Reading:
+    """Read the numeric vectors of a MAT file that match some patterns.
+
+    Args:
+        data: the bytes of the file.
+        name: its name, for messages.
+        patterns: of variables and fields; single numbers and text are passed over.
+
+    Returns:
+        Samples of shape (row, sample); a matrix gives a row for each vector of it, named ``NAME_1`` and so on.
+
+    Raises:
+        ReaderError: as :func:`mat_variables`; ``wrong_shape`` where no vector matches or their lengths differ.
+    """
+    values = load_mat(data, name, patterns)
+    rows: list[NDArray[np.floating]] = []
+    names: list[str] = []
+    for key, array in values.items():
+        if array.dtype.kind not in "fiu" or array.size < 2:
+            continue
+        block = rows_of(array, f"{name}: variable {key}")
+        rows.extend(block)
+        names.extend([key] if len(block) == 1 else [f"{key}_{i}" for i in range(1, len(block) + 1)])
+    if not rows:
+        raise ReaderError("wrong_shape", f"{name}: no vector matches {', '.join(patterns)}; {_held(data, name)}")
+    lengths = {row.size for row in rows}
+    if len(lengths) > 1:
+        sizes = ", ".join(f"{key} {row.size}" for key, row in zip(names, rows, strict=True))
+        raise ReaderError("wrong_shape", f"{name}: vectors of different lengths: {sizes}")
+    return plain_reading(np.stack(rows), tuple(names))
+
+
+def _held(data: bytes, name: str) -> str:
+    held = [f"{variable} {kind}{list(shape)}" for variable, (shape, kind) in mat_variables(data, name).items()]
+    return "it holds " + (", ".join(held[:12]) or "no variable")

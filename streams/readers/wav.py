@@ -1,0 +1,66 @@
+"""WAV and FLAC files, with what the header claims compared with what is there."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import soundfile
+
+from streams.readers.reading import MAX_BYTES, ReaderError, Reading, plain_reading
+
+_EXACT_IN_FLOAT32 = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "FLOAT", "ALAW", "ULAW")
+
+
+def read_wav(data: bytes, name: str) -> Reading:
+    """Read a WAV or FLAC file.
+
+    Integer samples are given as fractions of full scale, -1 to 1: what full scale means is for the configuration to
+    say (``scale``). Floating samples are given as they stand.
+
+    Args:
+        data: the bytes of the file.
+        name: its name, for messages.
+
+    Returns:
+        Samples of shape (channel, frame), float32 up to 24 bits, else float64, and the rate of the header.
+
+    Raises:
+        ReaderError: ``empty``; ``unreadable``; ``incomplete`` where the header promises more than there is; ``refused``
+            above ``MAX_BYTES``.
+    """
+    if not data:
+        raise ReaderError("empty", f"{name}: the file has 0 bytes")
+    _check_riff(data, name)
+    try:
+        with soundfile.SoundFile(io.BytesIO(data)) as sound:
+            dtype = "float32" if sound.subtype in _EXACT_IN_FLOAT32 else "float64"
+            declared = sound.frames * sound.channels * np.dtype(dtype).itemsize
+            if declared > MAX_BYTES:
+                raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
+            frames, rate = sound.frames, float(sound.samplerate)
+            samples = sound.read(dtype=dtype, always_2d=True)
+    except (soundfile.LibsndfileError, RuntimeError, TypeError) as error:
+        raise ReaderError("unreadable", f"{name}: not a readable WAV or FLAC file ({error})") from error
+    if len(samples) < frames:
+        raise ReaderError("incomplete", f"{name}: the header promises {frames} frames, {len(samples)} are there")
+    if not len(samples):
+        raise ReaderError("empty", f"{name}: holds no samples")
+    return plain_reading(np.ascontiguousarray(samples.T, dtype=dtype), rate=rate)
+
+
+def _check_riff(data: bytes, name: str) -> None:
+    """Compare the length of the data chunk with the file: libsndfile shortens what it cannot find without a word."""
+    if data[:4] != b"RIFF" or data[8:12] != b"WAVE":
+        return
+    position = 12
+    while position + 8 <= len(data):
+        chunk = data[position : position + 4]
+        size = int.from_bytes(data[position + 4 : position + 8], "little")
+        present = len(data) - position - 8
+        if chunk == b"data":
+            if size > present:
+                raise ReaderError("incomplete", f"{name}: the header promises {size} bytes, {present} are there")
+            return
+        position += 8 + size + size % 2
+    raise ReaderError("incomplete", f"{name}: breaks off before its samples")
