@@ -110,7 +110,7 @@ def candidate_bands(rate: float, highest: float) -> tuple[Band, ...]:
         ValueError: if not even the whole range is that wide.
     """
     nyquist = 0.5 * rate
-    lowest, top, least = _LINES * highest, _TOP * nyquist, _LEAST_WIDTH * highest
+    lowest, top, least = float(_LINES * highest), float(_TOP * nyquist), float(_LEAST_WIDTH * highest)
     if top - lowest < least:
         raise ValueError(
             f"a rate of {rate:g} Hz leaves no band of {least:g} Hz between {lowest:g} and {top:g} Hz: "

@@ -123,6 +123,11 @@ class DetectState:
             return FINAL
         return LEARNING if self.baseline is None else HEALTHY
 
+    @property
+    def reference_rms(self) -> float | None:
+        """RMS of the learned baseline, or None while there is none."""
+        return None if self.baseline is None else math.exp(self.baseline.ln_rms)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the state as plain values for JSON."""
         return asdict(self)

@@ -93,6 +93,8 @@ def fault_lines(
         ValueError: if the spectrum is not one-dimensional, or a number is outside its range.
     """
     _check(spectrum_amplitude, resolution, fundamental, n_harmonics, search, n_averages, false_alarm)
+    if speed_factor is not None and not 0.5 < speed_factor < 1.5:
+        raise ValueError(f"speed_factor must lie between 0.5 and 1.5, got {speed_factor!r}")
     spacing = fundamental / resolution
     orders = np.arange(1.0, n_harmonics + 1.0)
     half = 2 if spacing >= 8.0 else 1

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Kinematics
+from monitor.health.features import FAULTS, fundamentals
 
-FAMILIES = ("outer", "inner", "ball", "cage")
 N_HARMONICS = 5
 SEARCH = 0.02
 """Half width of the search for the common speed factor: slip and nominal speeds are up to 2 % off."""
@@ -80,11 +80,6 @@ class Naming:
     def evidence(self) -> Evidence | None:
         """Evidence of the best family."""
         return None if self.best is None else self.families[self.best]
-
-
-def fundamentals(kinematics: Kinematics) -> dict[str, float]:
-    """Return the fundamental line of each family, Hz; a rolling element strikes twice in one spin: 2 BSF."""
-    return {"outer": kinematics.bpfo, "inner": kinematics.bpfi, "ball": 2.0 * kinematics.bsf, "cage": kinematics.ftf}
 
 
 def score_threshold(n_averaged: int) -> float:
@@ -229,7 +224,7 @@ def _joined(best: str, families: Mapping[str, Evidence], resolution: float, kine
     found = families[best].fundamental
     names = [
         name
-        for name in FAMILIES
+        for name in FAULTS
         if name == best
         or (
             name in families

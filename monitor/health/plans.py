@@ -78,6 +78,7 @@ def planning(effort: Effort) -> Iterator[None]:
     try:
         yield
     finally:
+        pyfftw.forget_wisdom()
         pyfftw.import_wisdom(wisdom)
 
 

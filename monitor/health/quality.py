@@ -38,7 +38,7 @@ _RATE_TOLERANCE = 1e-3
 _STOPPED_SHARE = 0.05
 """A channel below this share of its learned RMS belongs to a machine that stands still."""
 _STOPPED_RMS = 0.03
-"""The same before anything is learned, m/s2 (3 mg): below it no bearing turns, above it the electronics' own noise ends."""
+"""The same before anything is learned, m/s2 (3 mg): what remains on a machine that stands is the electronics' noise."""
 _CLIP_SHARE = 1e-3
 _RAIL = 0.995
 _EARLIEST = 315532800.0

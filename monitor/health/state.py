@@ -1,0 +1,172 @@
+"""All that a channel remembers from block to block, frozen and writable as JSON."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from monitor.health.detect import DetectState
+from monitor.health.edv import EdvState
+from monitor.health.forecast import ForecastState
+from monitor.health.spectrum import Band
+from monitor.health.votes import BandVotes
+
+STATE_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Named:
+    """The part that a channel's fault was named, and on what evidence.
+
+    Attributes:
+        fault: "outer", "inner", "ball", "cage" or two of them joined by "|".
+        snr: its lines over the floor under them.
+        depth: its lines over the mean envelope.
+        standing: its score over the score that it had to reach.
+        sequence: block at which this was said.
+    """
+
+    fault: str
+    snr: float
+    depth: float
+    standing: float
+    sequence: int
+
+
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """The latest envelope spectra of a channel, in power and relative to the mean envelope, oldest first.
+
+    Attributes:
+        rows: one array of shape (band, bin), float32, for each block.
+    """
+
+    rows: tuple[NDArray[np.float32], ...] = ()
+
+    @property
+    def count(self) -> int:
+        """How many blocks there are."""
+        return len(self.rows)
+
+    def add(self, amplitudes: tuple[NDArray[np.float32], ...], most: int) -> Spectra:
+        """Return the spectra with those of one more block (one array a band), and at most ``most`` blocks.
+
+        Spectra of another number of bins or bands start anew: they cannot be averaged with what was.
+        """
+        length = min(amplitude.size for amplitude in amplitudes)
+        row = np.square(np.stack([amplitude[:length] for amplitude in amplitudes]), dtype=np.float32)
+        earlier = self.rows if self.rows and self.rows[-1].shape == row.shape else ()
+        return Spectra((*earlier, row)[-most:])
+
+    def averages(self) -> tuple[NDArray[np.float64], ...]:
+        """Return the root of the mean power of each band, shape (bin,)."""
+        return tuple(np.sqrt(np.mean(np.stack(self.rows), axis=0, dtype=np.float64)))
+
+    def __eq__(self, other: object) -> bool:
+        """Equal where all rows are equal bit for bit."""
+        return (
+            isinstance(other, Spectra)
+            and self.count == other.count
+            and all(np.array_equal(a, b) for a, b in zip(self.rows, other.rows, strict=True))
+        )
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType]  # holds arrays: equal, but not hashable
+
+    def to_list(self) -> list[dict[str, Any]]:
+        """Return the rows as text that keeps every bit."""
+        return [
+            {"shape": list(row.shape), "float32": base64.b64encode(row.astype("<f4").tobytes()).decode("ascii")}
+            for row in self.rows
+        ]
+
+    @classmethod
+    def from_list(cls, rows: list[Mapping[str, Any]]) -> Spectra:
+        """Return what :meth:`to_list` wrote."""
+        return cls(
+            tuple(
+                np.frombuffer(base64.b64decode(row["float32"]), dtype="<f4").reshape(row["shape"]).astype(np.float32)
+                for row in rows
+            )
+        )
+
+
+@dataclass(frozen=True)
+class ChannelState:
+    """All that one channel remembers.
+
+    Attributes:
+        detect: the onset detector.
+        bands: the bands that were chosen, Hz, or () where none were (yet).
+        band_source: "learning" or "recording" once chosen, else "provisional".
+        votes: what the first blocks say of the candidate bands, or None.
+        spectra: the latest envelope spectra, for the averaged one.
+        running_time: seconds that the machine has run, the time axis of the damage.
+        last_time: time of the latest block that was in order, s, or None.
+        was_running: whether the machine ran then.
+        pending: running time (s) and RMS of the blocks since the detector's score first rose, for a tracker that
+            begins at t_fs although t_fs is known only later.
+        edv: the tracker.
+        forecast: the forecast.
+        named: what the fault is called, or None.
+    """
+
+    detect: DetectState = field(default_factory=DetectState)
+    bands: tuple[Band, ...] = ()
+    band_source: str = "provisional"
+    votes: BandVotes | None = None
+    spectra: Spectra = field(default_factory=Spectra)
+    running_time: float = 0.0
+    last_time: float | None = None
+    was_running: bool = False
+    pending: tuple[tuple[float, float], ...] = ()
+    edv: EdvState = field(default_factory=EdvState)
+    forecast: ForecastState = field(default_factory=ForecastState)
+    named: Named | None = None
+    version: int = STATE_VERSION
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the state as plain values for JSON; floats come back as they were."""
+        return {
+            "version": self.version,
+            "detect": self.detect.to_dict(),
+            "bands": [list(band) for band in self.bands],
+            "band_source": self.band_source,
+            "votes": None if self.votes is None else self.votes.to_dict(),
+            "spectra": self.spectra.to_list(),
+            "running_time": self.running_time,
+            "last_time": self.last_time,
+            "was_running": self.was_running,
+            "pending": [list(row) for row in self.pending],
+            "edv": self.edv.to_dict(),
+            "forecast": self.forecast.to_dict(),
+            "named": None if self.named is None else asdict(self.named),
+        }
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> ChannelState:
+        """Return the state that :meth:`to_dict` gave.
+
+        Raises:
+            ValueError: if it was written in a layout that this version does not know.
+        """
+        if stored.get("version") != STATE_VERSION:
+            raise ValueError(f"channel state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
+        return cls(
+            detect=DetectState.from_dict(stored["detect"]),
+            bands=tuple((float(low), float(high)) for low, high in stored["bands"]),
+            band_source=stored["band_source"],
+            votes=None if stored["votes"] is None else BandVotes.from_dict(stored["votes"]),
+            spectra=Spectra.from_list(stored["spectra"]),
+            running_time=stored["running_time"],
+            last_time=stored["last_time"],
+            was_running=stored["was_running"],
+            pending=tuple((float(time), float(rms)) for time, rms in stored["pending"]),
+            edv=EdvState.from_dict(stored["edv"]),
+            forecast=ForecastState.from_dict(stored["forecast"]),
+            named=None if stored["named"] is None else Named(**stored["named"]),
+        )
