@@ -151,6 +151,18 @@ def test_widening_goes_back_one_grid_step_at_a_time_and_no_further(
     assert (after.dphi_d, after.h_d) == (result.dphi_d, result.h_d)
 
 
+@settings(max_examples=effort_count(quick=100, full=1000), deadline=None)
+@given(st.floats(0.05, 5), st.floats(0.05, 5), st.floats(0.01, 0.98))
+def test_a_minimum_inside_the_cell_is_the_one_of_calculus(x0: float, y0: float, level: float) -> None:
+    """X = u v on a cell from (x0, y0): the volume (x0 + u)(y0 + X/u) is least at u = sqrt(x0 X / y0)."""
+    map_slice = MapSlice(np.array([x0, x0 + 1]), np.array([y0, y0 + 1]), np.array([[0.0, 0.0], [0.0, 1.0]]), 1.0)
+    point = least_volume(map_slice, level, x0, y0)
+    assert point is not None
+    u = min(max(math.sqrt(x0 * level / y0), level), 1.0)
+    assert point.v_eq == pytest.approx((x0 + u) * (y0 + level / u), rel=1e-12)
+    assert point.dphi_d == pytest.approx(x0 + u, rel=1e-6)
+
+
 def test_constant_rms_stays_where_it_is() -> None:
     map_slice = striped_map()
     state, points = EdvState(), set()
