@@ -1,0 +1,360 @@
+"""Store: the SQLite database ``state.db`` that alone is the truth about what was heard and said.
+
+A committed block survives the death of the process and a power cut: write-ahead log, synchronous=FULL, and one
+transaction for the ledger, the record, the states of the stages, the forecasts and the events of a block. A restart
+therefore finds the states exactly as they were after the last block of the ledger.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import sqlite3
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, NamedTuple, Self
+
+from monitor import __version__
+from monitor.records.record import Record
+from monitor.records.tables import StoreError, connect, refuse_unsuitable
+
+__all__ = ["Commit", "Filing", "Store", "StoreError"]
+
+Commit = Literal["committed", "duplicate", "changed"]
+SECONDS_PER_DAY = 86400
+_LAST_TIME = 253402300800.0
+"""10000-01-01 UTC: a clock that says later cannot be filed under a day."""
+_CHUNK = 500
+"""Records read at a time, so that reading never keeps a transaction open while blocks are committed."""
+
+
+class Filing(NamedTuple):
+    """Where a record stands on the time axis.
+
+    Attributes:
+        day: UTC day as a number of days since 1970, or None for the undated axis.
+        time: UTC seconds since 1970, or seconds from the first block on the undated axis.
+        time_status: "given" by the block; "carried" over from the block before it in its source, where a rejected block
+            has no time of its own; "unknown" where there is none, and ``time`` is 0.
+    """
+
+    day: int | None
+    time: float
+    time_status: Literal["given", "carried", "unknown"]
+
+
+class Store:
+    """The database of one machine, with one writer; use :meth:`open`.
+
+    All methods raise :class:`StoreError`, naming the file and the cause, where the database cannot be read or written
+    (a full disk, say); a transaction that fails leaves nothing behind.
+    """
+
+    def __init__(self, path: Path, connection: sqlite3.Connection, lock: int | None) -> None:
+        """Take over an open connection; :meth:`open` is the way to make one."""
+        self.path = path
+        self._connection = connection
+        self._lock = lock
+        self._run: int | None = None
+
+    @classmethod
+    def open(
+        cls,
+        path: Path,
+        *,
+        machine: str | None = None,
+        create: bool = True,
+        read_only: bool = False,
+        attributes: Mapping[str, Any] | None = None,
+    ) -> Self:
+        """Open a store, or make one.
+
+        Args:
+            path: the database file, on a local disk.
+            machine: name of the machine, which must be the one the store was made for; needed to make a store.
+            create: whether it may be made where there is none.
+            read_only: open for reading beside the writer.
+            attributes: what describes the run that will write, see :meth:`describe`.
+
+        Raises:
+            StoreError: no database, another program's, a newer schema version, another machine's, a network file
+                system, or a second writer.
+        """
+        path = Path(path)
+        new = refuse_unsuitable(path, create=create and not read_only)
+        if new and not machine:
+            raise StoreError(f"{path}: a new store needs the name of its machine")
+        lock = None if read_only else _lock(path)
+        try:
+            store = cls(path, connect(path, new=new, read_only=read_only), lock)
+        except BaseException:
+            _unlock(lock)
+            raise
+        try:
+            store._settle_machine(machine)
+            if not read_only:
+                store.describe(attributes or {})
+        except BaseException:
+            store.close()
+            raise
+        return store
+
+    def _settle_machine(self, machine: str | None) -> None:
+        found = self.meta().get("machine")
+        if found is None and machine and self._lock is not None:
+            with self.transaction() as connection:
+                connection.execute("INSERT INTO meta VALUES ('machine', ?)", (machine,))
+        elif machine is not None and found != machine:
+            raise StoreError(f"{self.path}: belongs to machine {found!r}, not to {machine!r}")
+
+    def describe(self, attributes: Mapping[str, Any]) -> None:
+        """Say what the blocks committed from now on are made with; published files carry it.
+
+        Args:
+            attributes: plain values by name: ``config_hash``, ``map_hash``, ``rms_band_hz``, ``interval_level``,
+                ``calibrated`` ("yes", "no"), ... The software version is added.
+        """
+        full = {"software_version": __version__, **attributes}
+        text = json.dumps(full, sort_keys=True, allow_nan=False)
+        with self.transaction() as connection:
+            last = connection.execute("SELECT id, attributes FROM runs ORDER BY id DESC LIMIT 1").fetchone()
+            if last is not None and last[1] == text:
+                self._run = last[0]
+                return
+            self._run = connection.execute("INSERT INTO runs (attributes) VALUES (?)", (text,)).lastrowid
+            for key in ("software_version", "config_hash"):
+                if key in full:
+                    connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, str(full[key])))
+
+    @property
+    def machine(self) -> str:
+        """Name of the machine whose records these are."""
+        return self.meta()["machine"]
+
+    def meta(self) -> dict[str, str]:
+        """Return schema version, machine, and the software version and configuration hash of the latest run."""
+        return dict(self.rows("SELECT key, value FROM meta"))
+
+    def commit(self, record: Record, states: Mapping[str, Mapping[str, Any]]) -> Commit:
+        """Commit one block: its ledger row, record, forecasts and events, and the states after it, all or nothing.
+
+        Args:
+            record: what the block said.
+            states: state of each stage as plain values for JSON, by the stage's name; others stay as they are.
+
+        Returns:
+            "committed"; "duplicate" where this very block is in the ledger already; "changed" where its place is taken
+            by a block with another content. In the last two cases nothing is overwritten and the offer is counted.
+        """
+        return self.commit_many([(record, states)])[0]
+
+    def commit_many(self, items: Iterable[tuple[Record, Mapping[str, Mapping[str, Any]]]]) -> list[Commit]:
+        """Commit several blocks in one transaction, all or nothing; for replays, where a block can be had again.
+
+        Args:
+            items: records with the states after them, in order.
+
+        Returns:
+            The outcome of each, as :meth:`commit` gives it.
+        """
+        outcomes: list[Commit] = []
+        latest: dict[str, tuple[int, Mapping[str, Any]]] = {}
+        with self.transaction() as connection:
+            for record, states in items:
+                outcome, block = self._insert(connection, record)
+                outcomes.append(outcome)
+                if outcome == "committed":
+                    latest.update({name: (block, state) for name, state in states.items()})
+            for name, (block, state) in latest.items():
+                connection.execute(
+                    "INSERT OR REPLACE INTO stage_states VALUES (?, ?, ?)", (name, block, _state_text(name, state))
+                )
+        return outcomes
+
+    def _insert(self, connection: sqlite3.Connection, record: Record) -> tuple[Commit, int]:
+        """Put one record into the tables, or count it as refused; return the outcome and the ledger number."""
+        found = connection.execute(
+            "SELECT id, content_hash FROM blocks WHERE source = ? AND sequence = ?", (record.source, record.sequence)
+        ).fetchone()
+        if found is not None:
+            outcome: Commit = "duplicate" if found[1] == record.content_hash else "changed"
+            connection.execute(
+                "INSERT INTO refusals VALUES (?, ?, ?, ?, ?, 1) ON CONFLICT DO UPDATE SET times = times + 1",
+                (record.source, record.sequence, record.content_hash, record.name, outcome),
+            )
+            return outcome, found[0]
+        filing = _file(connection, record)
+        cursor = connection.execute(
+            "INSERT INTO blocks"
+            " (source, sequence, content_hash, name, status, reason, day, axis_time, time_status, run)"
+            " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            (
+                *(record.source, record.sequence, record.content_hash, record.name, record.status, record.reason),
+                *(*filing, self._run),
+            ),
+        )
+        block = cursor.lastrowid or 0
+        body = zlib.compress(record.to_json().encode(), 1)
+        connection.execute("INSERT INTO records VALUES (?, ?)", (block, body))
+        for table, bodies in (("forecasts", record.forecasts), ("events", record.events)):
+            for item in bodies:
+                connection.execute(f"INSERT INTO {table} (block, body) VALUES (?, ?)", (block, json.dumps(item)))
+        return "committed", block
+
+    def load_states(self) -> dict[str, dict[str, Any]]:
+        """Return the state of each stage after the last committed block; tuples come back as lists."""
+        return {name: json.loads(state) for name, state in self.rows("SELECT name, state FROM stage_states")}
+
+    def last(self, source: str) -> int:
+        """Return the highest committed sequence number of a source, 0 where there is none."""
+        return self.rows("SELECT coalesce(max(sequence), 0) FROM blocks WHERE source = ?", source)[0][0]
+
+    def counts(self) -> dict[str, int]:
+        """Return how many blocks were offered by status; refused repetitions count as "duplicate" and "changed"."""
+        counts: dict[str, int] = {}
+        for query in (
+            "SELECT status, count(*) FROM blocks GROUP BY status ORDER BY status",
+            "SELECT status, sum(times) FROM refusals GROUP BY status ORDER BY status",
+        ):
+            for status, number in self.rows(query):
+                counts[status] = counts.get(status, 0) + number
+        return counts
+
+    def records(self, since: float | None = None) -> Iterator[Record]:
+        """Yield the records in the order in which they were committed.
+
+        Args:
+            since: leave out the records before this time, UTC seconds since 1970 (seconds from the first block where
+                there is no date).
+        """
+        condition, values = ("1", ()) if since is None else ("axis_time >= ?", (since,))
+        for body, _ in self.bodies(condition, *values):
+            yield Record.from_json(body)
+
+    def bodies(self, condition: str = "1", *values: Any) -> Iterator[tuple[bytes, Filing]]:
+        """Yield the JSON of records and where they are filed, in the order of commitment.
+
+        Args:
+            condition: SQL over the columns of ``blocks``, with ? for values.
+            values: what stands for each ?.
+        """
+        last = 0
+        while True:
+            rows = self.rows(
+                "SELECT id, body, day, axis_time, time_status FROM blocks JOIN records ON records.block = blocks.id"
+                f" WHERE id > ? AND ({condition}) ORDER BY id LIMIT {_CHUNK}",
+                last,
+                *values,
+            )
+            if not rows:
+                return
+            for row in rows:
+                yield zlib.decompress(row[1]), Filing(*row[2:])
+            last = rows[-1][0]
+
+    def events(self) -> list[dict[str, Any]]:
+        """Return all events in the order of commitment, each with the ``source`` and ``block`` it came with."""
+        query = "SELECT source, sequence, body FROM events JOIN blocks ON blocks.id = block ORDER BY events.id"
+        return [{"source": source, "block": block, **json.loads(body)} for source, block, body in self.rows(query)]
+
+    def check(self) -> list[str]:
+        """Read the whole database and return what is wrong with it, nothing where all is well."""
+        problems = [row[0] for row in self.rows("PRAGMA quick_check") if row[0] != "ok"]
+        orphans = self.rows("SELECT count(*) FROM blocks LEFT JOIN records ON block = id WHERE block IS NULL")[0][0]
+        return problems + ([f"{orphans} blocks of the ledger have no record"] if orphans else [])
+
+    def close(self) -> None:
+        """Close the database and let another writer in; closing twice does nothing."""
+        self._connection.close()
+        _unlock(self._lock)
+        self._lock = None
+
+    def __enter__(self) -> Self:
+        """Return the store itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the store."""
+        self.close()
+
+    def rows(self, query: str, *values: Any) -> list[Any]:
+        """Return all rows of a query over the tables; for the publisher and the report.
+
+        Raises:
+            StoreError: naming the file and the cause.
+        """
+        try:
+            return self._connection.execute(query, values).fetchall()
+        except sqlite3.Error as error:
+            raise StoreError(f"{self.path}: {error}") from error
+
+    @contextmanager
+    def transaction(self) -> Iterator[sqlite3.Connection]:
+        """Run a block of statements as one transaction, rolled back whole where anything fails.
+
+        Raises:
+            StoreError: the store is open for reading only, or the database refuses (locked, full, damaged).
+        """
+        if self._lock is None:
+            raise StoreError(f"{self.path}: is open for reading only")
+        connection = self._connection
+        try:
+            connection.execute("BEGIN IMMEDIATE")
+            try:
+                yield connection
+                connection.execute("COMMIT")
+            finally:
+                if connection.in_transaction:
+                    connection.execute("ROLLBACK")
+        except sqlite3.Error as error:
+            raise StoreError(f"{self.path}: {error}") from error
+
+
+def _file(connection: sqlite3.Connection, record: Record) -> Filing:
+    """Find the place of a record on the time axis, see :class:`Filing`."""
+    if record.time is not None and 0.0 <= record.time < _LAST_TIME:
+        return Filing(int(record.time // SECONDS_PER_DAY), record.time, "given")
+    if record.elapsed is not None:
+        return Filing(None, record.elapsed, "given")
+    before = connection.execute(
+        "SELECT day, axis_time, time_status FROM blocks WHERE source = ? AND sequence < ?"
+        " ORDER BY sequence DESC LIMIT 1",
+        (record.source, record.sequence),
+    ).fetchone()
+    if before is None or before[2] == "unknown":
+        return Filing(None, 0.0, "unknown")
+    return Filing(before[0], before[1], "carried")
+
+
+def _state_text(name: str, state: Mapping[str, Any]) -> str:
+    """Return a stage's state as JSON.
+
+    Raises:
+        StoreError: it holds what JSON cannot, such as NaN.
+    """
+    try:
+        return json.dumps(state, allow_nan=False, separators=(",", ":"))
+    except (TypeError, ValueError) as error:
+        raise StoreError(f"state of stage {name!r} cannot be written as JSON: {error}") from error
+
+
+def _lock(path: Path) -> int:
+    """Take the lock that keeps a second writer out; the kernel lets go of it when the process ends, however it ends."""
+    descriptor = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(descriptor)
+        raise StoreError(f"{path}: another process is writing to it") from error
+    return descriptor
+
+
+def _unlock(descriptor: int | None) -> None:
+    if descriptor is not None:
+        os.close(descriptor)

@@ -1,0 +1,143 @@
+"""The tables of ``state.db``, and opening a database file that may be anything."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+from monitor.records.filesystem import NETWORK_FILE_SYSTEMS, file_system_type, sync_folder
+from monitor.records.schema import SCHEMA_VERSION
+
+APPLICATION_ID = 0x53504C57
+"""The bytes "SPLW" in the header of the database: it is ours."""
+
+_MAGIC = b"SQLite format 3\x00"
+
+# blocks.id grows with every commit, so "newer than what was published" is one comparison. day and axis_time say where a
+# block is filed (see store.Filing); blocks_by_day lets the publisher see in one look whether a day has changed.
+_SCHEMA = """
+CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE runs (id INTEGER PRIMARY KEY, attributes TEXT NOT NULL);
+CREATE TABLE blocks (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    source TEXT NOT NULL, sequence INTEGER NOT NULL, content_hash TEXT NOT NULL, name TEXT NOT NULL,
+    status TEXT NOT NULL, reason TEXT NOT NULL,
+    day INTEGER, axis_time REAL NOT NULL, time_status TEXT NOT NULL,
+    run INTEGER NOT NULL REFERENCES runs (id),
+    UNIQUE (source, sequence)
+);
+CREATE INDEX blocks_by_day ON blocks (day, id);
+CREATE TABLE refusals (
+    source TEXT NOT NULL, sequence INTEGER NOT NULL, content_hash TEXT NOT NULL, name TEXT NOT NULL,
+    status TEXT NOT NULL, times INTEGER NOT NULL,
+    UNIQUE (source, sequence, content_hash)
+);
+CREATE TABLE records (block INTEGER PRIMARY KEY REFERENCES blocks (id), body BLOB NOT NULL);
+CREATE TABLE stage_states (name TEXT PRIMARY KEY, block INTEGER NOT NULL, state TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE forecasts (
+    id INTEGER PRIMARY KEY, block INTEGER NOT NULL REFERENCES blocks (id), body TEXT NOT NULL
+);
+CREATE TABLE events (id INTEGER PRIMARY KEY, block INTEGER NOT NULL REFERENCES blocks (id), body TEXT NOT NULL);
+CREATE TABLE published (
+    file TEXT PRIMARY KEY, day INTEGER, last_block INTEGER NOT NULL, size INTEGER NOT NULL
+) WITHOUT ROWID;
+"""
+
+
+class StoreError(Exception):
+    """The store cannot be used; the message names the file and the cause."""
+
+
+def refuse_unsuitable(path: Path, *, create: bool) -> bool:
+    """Refuse places and files that cannot hold a store, before SQLite touches them.
+
+    Args:
+        path: where the store is or is to be.
+        create: whether it may be made.
+
+    Returns:
+        Whether the store has to be made.
+
+    Raises:
+        StoreError: naming the file and the cause.
+    """
+    if path.is_dir():
+        raise StoreError(f"{path}: is a folder; expected a file such as state.db")
+    if not path.exists() and not create:
+        raise StoreError(f"{path}: no such file")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        kind = file_system_type(path.parent)
+        head = b""
+        if path.exists():
+            with path.open("rb") as file:
+                head = file.read(len(_MAGIC))
+    except OSError as error:
+        raise StoreError(f"{path}: {error.strerror or error}") from error
+    if kind in NETWORK_FILE_SYSTEMS:
+        raise StoreError(
+            f"{path}: lies on a network file system ({kind}), where a committed block may be lost; "
+            "set state_dir to a folder on a local disk"
+        )
+    if head and head != _MAGIC:
+        raise StoreError(f"{path}: is not a database (it begins with {head[:8]!r})")
+    if not head and not create:
+        raise StoreError(f"{path}: is empty")
+    return not head
+
+
+def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
+    """Open the database, make its tables if it is new, and check that it is a store of a version known here.
+
+    Raises:
+        StoreError: naming the file and the cause.
+    """
+    try:
+        connection = sqlite3.connect(
+            f"{path.absolute().as_uri()}?mode={'ro' if read_only else 'rwc'}",
+            uri=True,
+            isolation_level=None,
+            timeout=5.0,
+        )
+    except sqlite3.Error as error:
+        raise StoreError(f"{path}: {error}") from error
+    try:
+        connection.execute("PRAGMA foreign_keys = ON")
+        if not read_only:
+            # FULL: with NORMAL, commits of a write-ahead log may be rolled back by a power cut.
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = FULL")
+        if new or not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+            _create(connection)
+            sync_folder(path.parent)
+        _check_version(connection, path)
+    except sqlite3.Error as error:
+        connection.close()
+        raise StoreError(f"{path}: {error}") from error
+    except StoreError:
+        connection.close()
+        raise
+    return connection
+
+
+def _create(connection: sqlite3.Connection) -> None:
+    """Make all tables in one transaction, so that a half-made store is an empty database."""
+    connection.execute("BEGIN IMMEDIATE")
+    for statement in _SCHEMA.split(";"):
+        if statement.strip():
+            connection.execute(statement)
+    connection.execute("INSERT INTO meta VALUES ('schema_version', ?)", (str(SCHEMA_VERSION),))
+    connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+    connection.execute("COMMIT")
+
+
+def _check_version(connection: sqlite3.Connection, path: Path) -> None:
+    """Refuse a database of another program, and a store of a newer version than this program knows."""
+    if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
+        raise StoreError(f"{path}: is a database of another program, not a store of records")
+    row = connection.execute("SELECT value FROM meta WHERE key = 'schema_version'").fetchone()
+    found = row[0] if row else None
+    if found is None or not found.isdigit() or int(found) > SCHEMA_VERSION:
+        raise StoreError(
+            f"{path}: was written with schema version {found}; this program knows versions up to {SCHEMA_VERSION}"
+        )
