@@ -212,10 +212,11 @@ def block_features(
     )
     shown = raw.resolved & _inside(settings.rms_band, outer * raw.speed_factor)
     amplitude = np.where(shown, raw.amplitude, 0.0)
+    indicators = time_indicators(x)
     return BlockFeatures(
         n_used=spectra.n_used,
-        rms=spectra.rms,
-        indicators=time_indicators(x),
+        rms=indicators.rms if spectra.band_rms is None else spectra.band_rms,
+        indicators=indicators,
         bpfo_amplitude=amplitude,
         bpfo_resolved=shown,
         a_star=float(np.sqrt(np.sum(np.square(amplitude[:N_HARMONICS])))),

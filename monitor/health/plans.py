@@ -41,12 +41,16 @@ def next_smooth(n: int) -> int:
 def envelope_length(n_bins: int, n_samples: int, oversampling: float) -> int:
     """Return the length of the analytic signal of a band of ``n_bins`` bins: fast, and never beyond ``n_samples``.
 
-    Long ones are multiples of 64, which FFTW transforms faster than other smooth lengths near them.
+    It is not divisible by 25. An envelope has no band limit, and where its length is a whole multiple of the number of
+    impacts in the block, all its aliases fall on the lines of the impacts and add up; numbers of impacts that people
+    choose are often round. Long ones are multiples of 64, which FFTW transforms faster than their neighbours.
     """
     target = max(oversampling * n_bins, 16.0)
     step = 64 if target >= 4096 else 2
-    # One hundredth below the target is let pass: 40,000 is much faster than the next smooth length above 40,004.
-    return min(step * next_smooth(math.ceil(0.99 * target / step)), n_samples)
+    factor = next_smooth(math.ceil(target / step))
+    while factor % 25 == 0:
+        factor = next_smooth(factor + 1)
+    return min(step * factor, n_samples)
 
 
 class Plan:

@@ -78,7 +78,7 @@ class BlockSpectra:
         n_used: samples used; the rest at the end were cut for a fast length.
         rate: sampling rate, Hz.
         mean: mean of the used samples.
-        rms: root mean square within ``rms_band`` (without the mean), by Parseval's theorem.
+        band_rms: root mean square within ``rms_band``, by Parseval's theorem; None where no such band was asked for.
         raw: spectrum of the signal itself up to the limit the transform was made for.
         envelopes: one envelope spectrum for each band.
     """
@@ -86,7 +86,7 @@ class BlockSpectra:
     n_used: int
     rate: float
     mean: float
-    rms: float
+    band_rms: float | None
     raw: AmplitudeSpectrum
     envelopes: tuple[EnvelopeSpectrum, ...]
 
@@ -172,7 +172,7 @@ class BlockTransform:
             n_samples: length of the blocks to come; it is cut to the fast length below.
             rate: their sampling rate, Hz.
             bands: bands to demodulate, Hz.
-            rms_band: band of the RMS value, Hz, or None for all of it.
+            rms_band: band to take the RMS value in, Hz, or None: do not take it.
             raw_limit: highest frequency of the raw spectrum to keep, Hz, or None for the Nyquist frequency.
             precision: storage and arithmetic of the transforms.
             effort: "estimate" plans at once and gives the same bits every time; "measure" tries algorithms for seconds,
@@ -232,7 +232,7 @@ class BlockTransform:
             n_used=self.n_used,
             rate=self.rate,
             mean=mean,
-            rms=self._band_rms(spectrum) / scale,
+            band_rms=None if self._rms_bins is None else _rms(spectrum, self._rms_bins, self.n_used) / scale,
             raw=AmplitudeSpectrum(self.resolution, raw),
             envelopes=tuple(envelopes),
         )
@@ -266,15 +266,12 @@ class BlockTransform:
         amplitude[0] = 0.0
         return amplitude
 
-    def _band_rms(self, spectrum: NDArray[np.complexfloating]) -> float:
-        """Root mean square of the bins of the RMS band, the mean left out (Parseval)."""
-        last_full = (self.n_used - 1) // 2
-        first, last = (1, last_full) if self._rms_bins is None else self._rms_bins
-        parts = spectrum[first : last + 1].view(spectrum.real.dtype)
-        power = 2.0 * float(np.sum(parts * parts, dtype=spectrum.real.dtype))
-        if self._rms_bins is None and self.n_used % 2 == 0:
-            power += abs(complex(spectrum[-1])) ** 2
-        return math.sqrt(power) / self.n_used
+
+def _rms(spectrum: NDArray[np.complexfloating], bins: tuple[int, int], n_used: int) -> float:
+    """Root mean square of what stands in some bins of a real signal's transform, neither the mean nor Nyquist's."""
+    first, last = bins
+    parts = spectrum[first : last + 1].view(spectrum.real.dtype)
+    return math.sqrt(2.0 * float(np.sum(parts * parts))) / n_used
 
 
 _local = threading.local()
