@@ -46,6 +46,8 @@ class Files(Protocol):
     root: Path
     sequential: bool
     """Whether the files come in the order in which they are stored, so that sorting means holding them back."""
+    several: bool
+    """Whether there may be more than one file."""
 
     def __iter__(self) -> Iterator[Item]:
         """Iterate over all files; ReaderError where an archive breaks off."""
@@ -60,6 +62,7 @@ class Folder:
     def __init__(self, root: Path, only: str | None = None) -> None:
         """Take the files below ``root``, or the one called ``only`` in it."""
         self.root = root.resolve()
+        self.several = only is None
         self._only = only
 
     def __iter__(self) -> Iterator[Item]:
@@ -83,6 +86,7 @@ class Archive:
     """The members of a tar archive, in the order in which they are stored, read in one pass."""
 
     sequential = True
+    several = True
 
     def __init__(self, path: Path) -> None:
         """Take the archive at ``path``; nothing of it is ever written to disk."""
@@ -100,7 +104,7 @@ class Archive:
 def _members(archive: tarfile.TarFile, name: str) -> Iterator[Item]:
     broken: list[ReaderError] = []
     for member in archive:
-        if member.isdir():
+        if member.isdir() or PurePosixPath(member.name).name.startswith("."):
             continue
 
         def read(member: tarfile.TarInfo = member) -> bytes:
@@ -174,6 +178,11 @@ def read_guarded(root: Path, path: str) -> bytes:
     return data
 
 
+def is_archive(path: str) -> bool:
+    """Tell whether a file is called like a tar archive."""
+    return path.lower().endswith(_ARCHIVE_SUFFIXES)
+
+
 def open_files(name: str, path: str, must_be_folder: bool = False) -> Files:
     """Look what a path is.
 
@@ -189,8 +198,12 @@ def open_files(name: str, path: str, must_be_folder: bool = False) -> Files:
         SourceError: there is no such path, or it is neither a regular file nor a folder.
     """
     where = f"[[source]] {name}: url"
-    place = Path(path).expanduser()
-    if not place.exists():
+    try:
+        place = Path(path).expanduser()
+        there = bool(path) and place.exists()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise SourceError(f"{where}: {path!r} cannot be looked at ({error})") from error
+    if not there:
         raise SourceError(f"{where}: there is no {path!r}")
     if place.is_dir():
         return Folder(place)
@@ -198,7 +211,7 @@ def open_files(name: str, path: str, must_be_folder: bool = False) -> Files:
         raise SourceError(f"{where}: expected a folder, {path!r} is a file")
     if not place.is_file():
         raise SourceError(f"{where}: expected a regular file, a folder or an archive, {path!r} is none of them")
-    if place.name.lower().endswith(_ARCHIVE_SUFFIXES):
+    if is_archive(place.name):
         return Archive(place)
     # The person named this very file, so a link of that name is followed; its own name is kept.
     real = place.resolve()

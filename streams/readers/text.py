@@ -80,7 +80,10 @@ def read_text(
         body, first_line = rest, first_line + 1
         if not body.strip():
             raise ReaderError("empty", f"{name}: no line of numbers" + (f" after the header {names[0]!r}"[:60]))
-    width = len(dialect.fields(body.partition(b"\n")[0]))
+    fields = dialect.fields(body.partition(b"\n")[0])
+    width = len(fields)
+    if width == 1 and not dialect.is_number(fields[0]):
+        raise _located(body, name, dialect, width, first_line, "no number")
     _check_width(width, n_columns, names, name, first_line)
     values = _parse(body, name, dialect, width, columns, precision, first_line)
     if columns is None:

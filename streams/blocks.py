@@ -1,0 +1,164 @@
+"""From the rows of a file to blocks: which rows are channels, in what unit, and where a long file is cut."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+import numpy as np
+from numpy.typing import NDArray
+
+from streams.readers.reading import ReaderError, Reading
+from streams.source import ChannelSpec
+
+TAIL = 0.9
+"""A last block of at least this part of the full length is kept."""
+
+_RATE_TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a reading that is a channel: its index, the channel's name and unit."""
+
+    index: int
+    channel: str
+    unit: str
+
+
+def choose_rows(reading: Reading, channels: Sequence[ChannelSpec], unit: str | None, where: str) -> tuple[Row, ...]:
+    """Find the rows of the configured channels, or take all.
+
+    Args:
+        reading: what a reader gave.
+        channels: the configured channels; none: every row, by the data set's names.
+        unit: of every row by the data set, or None.
+        where: name of the file, for messages.
+
+    Returns:
+        One row a channel.
+
+    Raises:
+        ReaderError: ``wrong_shape`` where a channel matches no row or several; ``wrong_unit`` where the file states
+            another unit than the configuration, or neither states one.
+    """
+    if not channels:
+        stated = reading.unit or unit
+        if stated is None:
+            raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
+        return tuple(Row(index, channel, stated) for index, channel in enumerate(reading.channels))
+    return tuple(
+        Row(_row_of(reading, channel, where), channel.name, _unit_of(reading, channel, unit, where))
+        for channel in channels
+    )
+
+
+def _row_of(reading: Reading, channel: ChannelSpec, where: str) -> int:
+    if channel.key is not None:
+        wanted = f"key {channel.key!r}"
+        found = [i for i, name in enumerate(reading.names) if fnmatchcase(name, channel.key)]
+    elif channel.column is not None:
+        wanted = f"column {channel.column!r}"
+        names = reading.columns if isinstance(channel.column, int) else reading.names
+        found = [i for i, name in enumerate(names) if name == channel.column]
+    else:
+        wanted = "its name"
+        found = [i for i, name in enumerate(reading.channels) if channel.name in (name, reading.names[i])]
+        if not found and len(reading.names) == 1:
+            found = [0]
+    if len(found) != 1:
+        held = ", ".join(reading.names) if reading.names == reading.channels else _both_names(reading)
+        count = "no column" if not found else f"{len(found)} columns"
+        raise ReaderError("wrong_shape", f"{where}: channel {channel.name}: {count} by {wanted}; the file has {held}")
+    return found[0]
+
+
+def _both_names(reading: Reading) -> str:
+    pairs = zip(reading.channels, reading.names, strict=True)
+    return ", ".join(f"{channel} ({name})" for channel, name in pairs)
+
+
+def _unit_of(reading: Reading, channel: ChannelSpec, unit: str | None, where: str) -> str:
+    stated = reading.unit or unit
+    configured = channel.unit
+    if stated is None and configured is None:
+        raise ReaderError("wrong_unit", f"{where}: channel {channel.name}: no unit is stated; give [[channel]] unit")
+    if configured is not None and stated not in (None, "unknown", configured):
+        raise ReaderError(
+            "wrong_unit", f"{where}: channel {channel.name}: the recording is in {stated}, unit = {configured!r}"
+        )
+    return configured or stated or "unknown"
+
+
+def agreed_rate(stated: Sequence[float | None], configured: float | None, where: str) -> float:
+    """Find the one rate on which file, data set and configuration agree.
+
+    Args:
+        stated: what the file and the data set say, the first to be believed first.
+        configured: what the configuration says, or None.
+        where: name of the file, for messages.
+
+    Returns:
+        The rate in Hz.
+
+    Raises:
+        ReaderError: ``wrong_rate`` where they differ by more than 1e-4 of it or none is stated.
+    """
+    rates = [rate for rate in (*stated, configured) if rate is not None]
+    if not rates:
+        raise ReaderError("wrong_rate", f"{where}: no sampling rate is stated; give [[source]] rate_hz")
+    if any(abs(rate - rates[0]) > _RATE_TOLERANCE * rates[0] for rate in rates):
+        said = " and ".join(f"{rate:g} Hz" for rate in dict.fromkeys(rates))
+        raise ReaderError("wrong_rate", f"{where}: the recording and rate_hz do not agree: {said}")
+    return rates[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Part of a file that becomes a block.
+
+    Attributes:
+        samples: shape (channel, sample), rows contiguous.
+        offset: index of its first sample in the file.
+        whole: whether it is the whole file.
+        missing: number of samples that it lacks to be a block, 0 where it is one.
+    """
+
+    samples: NDArray[np.floating]
+    offset: int
+    whole: bool
+    missing: int = 0
+
+
+def cut(samples: NDArray[np.floating], length: int | None) -> Iterator[Piece]:
+    """Cut rows into blocks of equal length and drop nothing silently.
+
+    Args:
+        samples: shape (channel, sample).
+        length: samples of a block, or None for the whole file as one.
+
+    Yields:
+        The pieces in order. The last one may be shorter: from 0.9 of the length on it is a block (``missing`` 0), below
+        that it is not (``missing`` > 0).
+    """
+    total = samples.shape[1]
+    if length is None:
+        yield Piece(samples, 0, whole=True)
+        return
+    for offset in range(0, total, length):
+        part = samples[:, offset : offset + length]
+        short = part.shape[1] < TAIL * length
+        contiguous = np.ascontiguousarray(part)
+        yield Piece(contiguous, offset, part.shape[1] == total, length - part.shape[1] if short else 0)
+
+
+def content_hash(data: bytes) -> str:
+    """Return the BLAKE2b-128 digest of the bytes of a file, in hexadecimal."""
+    return hashlib.blake2b(data, digest_size=16).hexdigest()
+
+
+def piece_hash(file_hash: str, index: int) -> str:
+    """Return the digest of one of several blocks of a file: that of the file's digest and the block's 0-based index."""
+    return hashlib.blake2b(f"{file_hash}[{index}]".encode(), digest_size=16).hexdigest()
