@@ -1,0 +1,289 @@
+"""The pipeline over a recording, as fast as it goes or at a given pace."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from models.rms_map import RmsMap
+from numpy.typing import NDArray
+
+from models.bearing import kinematics
+from monitor import __version__
+from monitor.config import Config, ConfigError
+from monitor.health.bands import find_band
+from monitor.health.detect import Mark
+from monitor.health.features import fundamentals
+from monitor.health.quality import FLAGS, REJECTIONS
+from monitor.health.votes import ENOUGH_VOTES
+from monitor.records.publish import publish
+from monitor.records.record import Record
+from monitor.records.store import Store, StoreError
+from monitor.service.setup import ChannelSetup, channel_setups, open_configured
+from monitor.service.watcher import Watcher
+from streams.block import Block, Rejected
+from streams.source import Source
+
+_BATCH = 64
+"""Blocks to a transaction: a replay that is cut off begins again at the last batch, as the recording is still there."""
+
+
+@dataclass
+class Replay:
+    """What a replay left behind.
+
+    Attributes:
+        summary: for ``--json``, keys as in the interface.
+        store_path: the truth.
+        spectra: by channel, frequency (Hz) and amplitude (m/s2 or the channel's unit) of an envelope spectrum worth
+            drawing, and the fundamentals of the families (Hz).
+        setups: the channels that were watched.
+    """
+
+    summary: dict[str, Any]
+    store_path: Path
+    spectra: dict[str, tuple[NDArray[np.float64], NDArray[np.float64], dict[str, float]]] = field(default_factory=dict)
+    setups: dict[str, ChannelSetup] = field(default_factory=dict)
+
+
+def replay(
+    config: Config,
+    path: str | None,
+    out: Path,
+    *,
+    pace: float | None = None,
+    limit: int | None = None,
+    resume: bool = False,
+    maps: dict[str, RmsMap] | None = None,
+    progress: Callable[[Iterable[Any], int], Iterable[Any]] | None = None,
+) -> Replay:
+    """Replay a recording into a store and records under ``out``.
+
+    Args:
+        config: the machine; it must have one source.
+        path: what to replay in place of the configured URL: a path or a source URL.
+        out: folder for ``state.db`` and the records.
+        pace: times real time, or None for as fast as it goes.
+        limit: most blocks to take.
+        resume: continue the store under ``out`` after its last block.
+        maps: RMS maps by channel that take the place of the configured files.
+        progress: wraps the iteration over so many blocks, to show it.
+
+    Raises:
+        ConfigError: the configuration does not fit the recording, or ``out`` holds a store already.
+    """
+    if len(config.source) != 1:
+        raise ConfigError(f"replay takes a configuration with one [[source]], this one has {len(config.source)}")
+    section = config.source[0]
+    setups = channel_setups(config, section, maps)
+    source = open_configured(config, section, path)
+    watcher = Watcher(section.name, setups, section.rate_hz)
+    store = _open_store(out, config, resume)
+    with store:
+        store.describe(_attributes(config, setups))
+        if resume:
+            watcher.restore(store.load_states(), _last_record(store, section.name))
+        done = store.last(section.name) if resume else 0
+        _settle_short(source, watcher, setups)
+        began = time.perf_counter()
+        taken, spectra = _run(source, watcher, store, pace, limit, done, progress)
+        seconds = time.perf_counter() - began
+        files = publish(store, out / "records", config.machine.name)
+        summary = _summary(store, watcher, len(source), taken, seconds, files)
+    return Replay(summary, out / "state.db", spectra, setups)
+
+
+def _open_store(out: Path, config: Config, resume: bool) -> Store:
+    database = out / "state.db"
+    if database.exists() != resume:
+        hint = "there is none to resume" if resume else "use --resume to continue it, or another folder"
+        raise ConfigError(f"--out {out}: {'no store' if resume else 'it holds a store already'}: {hint}")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        return Store.open(database, machine=config.machine.name, create=not resume)
+    except (StoreError, OSError) as error:
+        raise ConfigError(f"--out {out}: {error}") from None
+
+
+def _last_record(store: Store, source: str) -> Record | None:
+    """Return the record of the block that was committed last."""
+    bodies = store.bodies("source = ? AND sequence = ?", source, store.last(source))
+    return next((Record.from_json(body) for body, _ in bodies), None)
+
+
+def _attributes(config: Config, setups: Mapping[str, ChannelSetup]) -> dict[str, Any]:
+    """Return what the records say of how they were made."""
+    maps = {name: setup.map.hash for name, setup in setups.items() if setup.map is not None}
+    bands = {name: setup.settings.rms_band for name, setup in setups.items()}
+    return {
+        "software_version": __version__,
+        "config_hash": config.hash,
+        "map_hash": "; ".join(f"{name}: {value}" for name, value in maps.items()),
+        "calibrated": "yes" if config.rig.calibrated else "no",
+        "rms_band_hz": "; ".join(
+            f"{name}: {'full bandwidth' if band is None else f'{band[0]:g} to {band[1]:g}'}"
+            for name, band in bands.items()
+        ),
+    }
+
+
+def _settle_short(source: Source, watcher: Watcher, setups: Mapping[str, ChannelSetup]) -> None:
+    """Choose the band of a recording too short to learn it from, from the recording itself; the records say so."""
+    automatic = [name for name, setup in setups.items() if setup.settings.bands is None]
+    if not automatic or len(source) >= ENOUGH_VOTES:
+        return
+    blocks = [item for item in source if isinstance(item, Block)]
+    for name in automatic:
+        rows = [(block, block.samples[block.channels.index(name)]) for block in blocks if name in block.channels]
+        usable = [(block, row) for block, row in rows if np.all(np.isfinite(row))]
+        settings = setups[name].settings
+        if not usable:
+            continue
+        block = usable[0][0]
+        speed = block.speed if block.speed is not None else settings.speed
+        if speed is None:
+            continue
+        same = [row for _, row in usable if row.size == usable[0][1].size]
+        try:
+            band = find_band(same, block.rate, fundamentals(kinematics(settings.bearing, speed)))
+        except ValueError as error:
+            raise ConfigError(f'channel {name!r}: band_hz = "auto": {error}') from None
+        watcher.settle_band(name, band)
+
+
+def _run(
+    source: Source,
+    watcher: Watcher,
+    store: Store,
+    pace: float | None,
+    limit: int | None,
+    done: int,
+    progress: Callable[[Iterable[Any], int], Iterable[Any]] | None,
+) -> tuple[int, dict[str, Any]]:
+    """Take the blocks; return how many, and the envelope spectra worth drawing."""
+    total = len(source) if limit is None else min(len(source), limit)
+    items: Iterable[Block | Rejected] = _limited(source, done, limit)
+    if progress is not None:
+        items = progress(items, total)
+    truth_of = getattr(source, "truth", None)
+    batch: list[tuple[Record, dict[str, Any]]] = []
+    spectra: dict[str, Any] = {}
+    standing: dict[str, float] = {}
+    taken = 0
+    started = time.monotonic()
+    first: float | None = None
+    for item in items:
+        if pace is not None and isinstance(item, Block) and item.elapsed is not None:
+            first = item.elapsed if first is None else first
+            time.sleep(max(0.0, started + (item.elapsed - first) / pace - time.monotonic()))
+        truth = truth_of(item.sequence) if truth_of is not None else None
+        batch.append((watcher.process(item, truth=truth), {}))
+        taken += 1
+        _keep_spectra(watcher, spectra, standing)
+        if len(batch) >= (_BATCH if pace is None else 1):
+            _commit(store, batch, watcher)
+    _commit(store, batch, watcher)
+    return taken, spectra
+
+
+def _limited(source: Source, done: int, limit: int | None) -> Iterator[Block | Rejected]:
+    taken = 0
+    for item in source:
+        if item.sequence <= done:
+            continue
+        if limit is not None and taken >= limit:
+            return
+        taken += 1
+        yield item
+
+
+def _commit(store: Store, batch: list[tuple[Record, dict[str, Any]]], watcher: Watcher) -> None:
+    """Commit a batch: the records, and the states after the last of them."""
+    if batch:
+        batch[-1] = (batch[-1][0], watcher.states())
+        store.commit_many(batch)
+        batch.clear()
+
+
+def _keep_spectra(watcher: Watcher, spectra: dict[str, Any], standing: dict[str, float]) -> None:
+    """Keep of each channel the envelope spectrum that named its fault best, or the latest while nothing is named."""
+    for name, output in watcher.outputs.items():
+        if output.features is None or output.speed is None:
+            continue
+        named = watcher.channel(name).named
+        reached = 0.0 if named is None else named.standing
+        if reached < standing.get(name, 0.0):
+            continue
+        if named is not None and reached == standing.get(name, 0.0) and reached > 0.0:
+            continue
+        standing[name] = reached
+        envelope = output.features.envelopes[0]
+        amplitude = np.asarray(envelope.amplitude, dtype=np.float64)
+        averaged = watcher.channel(name).spectra
+        if averaged.count > 1:
+            amplitude = averaged.averages()[0] * envelope.mean
+        lines = fundamentals(kinematics(watcher.channels[name].settings.bearing, output.speed))
+        keep = min(amplitude.size, int(6.5 * max(lines.values()) / envelope.resolution))
+        spectra[name] = (np.arange(keep) * envelope.resolution, amplitude[:keep].copy(), lines)
+
+
+def _summary(
+    store: Store, watcher: Watcher, offered: int, taken: int, seconds: float, files: list[Path]
+) -> dict[str, Any]:
+    """Return the keys of the interface; counts are those of the whole store, what was there before a resume included."""
+    counts = store.counts()
+    rejected = {status: number for status, number in counts.items() if status in REJECTIONS}
+    flagged = {status: number for status, number in counts.items() if status in FLAGS}
+    accepted = sum(counts.values()) - sum(rejected.values())
+    offered = max(offered, sum(counts.values()))
+    return {
+        "blocks": sum(counts.values()),
+        "accepted": accepted,
+        "flagged": flagged,
+        "rejected": rejected,
+        "pending": offered - sum(counts.values()),
+        "seconds": seconds,
+        "blocks_per_second": taken / seconds if seconds > 0 else None,
+        "records": [str(file) for file in files],
+        "channels": {name: _channel_summary(watcher, name) for name in watcher.channels},
+    }
+
+
+def _channel_summary(watcher: Watcher, name: str) -> dict[str, Any]:
+    state = watcher.channel(name)
+    values = watcher.latest.get(name, {})
+    detector, named = state.detect, state.named
+
+    def first(value: Any) -> Any:
+        return value[0] if isinstance(value, tuple) else value
+
+    v_eq = values.get("v_eq")
+    return {
+        "stage": detector.stage,
+        "t_fs_block": detector.t_fs and detector.t_fs.sequence,
+        "t_fs_known_block": detector.t_fs_known and detector.t_fs_known.sequence,
+        "t_fs_utc": _utc(detector.t_fs) if watcher.dated else None,
+        "t_eol_block": detector.t_eol and detector.t_eol.sequence,
+        "fault": named and named.fault,
+        "fault_snr": named and named.snr,
+        "v_eq_mm2": None if v_eq is None else v_eq * 1e6,
+        "v_eq_lower_mm2": None,
+        "v_eq_upper_mm2": None,
+        "edv_status": values.get("edv_status"),
+        "tt_s": first(values.get("tt")),
+        "tt_lower_s": None,
+        "tt_upper_s": None,
+        "tt_status": first(values.get("tt_status")),
+        "p_threshold": None,
+    }
+
+
+def _utc(mark: Mark | None) -> str | None:
+    if mark is None or mark.time is None:
+        return None
+    return datetime.fromtimestamp(mark.time, UTC).isoformat()

@@ -1,0 +1,178 @@
+"""The watcher: blocks of one source through the pipeline into the store, each committed once and whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from monitor.config import ConfigError
+from monitor.health.pipeline import BlockInfo, ChannelOutput, judge, step
+from monitor.health.quality import (
+    FLAGS,
+    OrderState,
+    Verdict,
+    check_order,
+    check_rate,
+    rejected,
+    with_flags,
+)
+from monitor.health.state import ChannelState
+from monitor.records.record import Record
+from monitor.service.recording import block_record, rejected_record
+from monitor.service.setup import ChannelSetup
+from streams.block import Block, Rejected
+from streams.units import to_si
+
+States = dict[str, dict[str, Any]]
+
+
+class Watcher:
+    """Carries the states of the channels of one source from block to block.
+
+    It holds no clock and no store: :meth:`process` gives the record, and :meth:`states` what must be committed with it.
+    """
+
+    def __init__(self, source: str, channels: Mapping[str, ChannelSetup], rate: float | None = None) -> None:
+        """Begin with fresh states.
+
+        Args:
+            source: name of the source.
+            channels: the channels to watch, by name.
+            rate: configured sampling rate, Hz, or None where the recording states it.
+        """
+        self.source = source
+        self.channels = dict(channels)
+        self._rate = rate
+        self._order = OrderState()
+        self._states = {name: ChannelState() for name in channels}
+        self._checked_rates: set[float] = set()
+        self.outputs: dict[str, ChannelOutput] = {}
+        """What the latest block said of each channel, for whoever draws it."""
+        self.latest: dict[str, Mapping[str, Any]] = {}
+        """Values of each channel in the latest record that has it."""
+        self.dated = False
+        """Whether the times of the blocks are UTC."""
+
+    def restore(self, states: Mapping[str, Mapping[str, Any]], latest: Record | None = None) -> None:
+        """Take up the states that a store gives back; channels that it does not know begin afresh.
+
+        Args:
+            states: by name, as :meth:`states` gave them.
+            latest: the record that was committed with them.
+        """
+        if latest is not None:
+            self._remember(latest)
+        if self._order_key in states:
+            self._order = OrderState.from_dict(states[self._order_key])
+        for name in self._states:
+            key = self._channel_key(name)
+            if key in states:
+                self._states[name] = ChannelState.from_dict(states[key])
+
+    def states(self) -> States:
+        """Return all states by name, to be committed with the record of the block that led to them."""
+        states = {self._channel_key(name): state.to_dict() for name, state in self._states.items()}
+        return {self._order_key: self._order.to_dict(), **states}
+
+    def channel(self, name: str) -> ChannelState:
+        """Return the state of one channel."""
+        return self._states[name]
+
+    def settle_band(self, name: str, band: tuple[float, float]) -> None:
+        """Freeze the band of a channel that was chosen from a recording as a whole."""
+        self._states[name] = replace(self._states[name], bands=(band,), band_source="recording")
+
+    def process(
+        self, item: Block | Rejected, now: float | None = None, truth: Mapping[str, Any] | None = None
+    ) -> Record:
+        """Take one block through all stages and return its record.
+
+        Args:
+            item: the block, or the rejection that stands in its place.
+            now: present UTC where the stream is live, None in a replay.
+            truth: what a simulated rig knows of the block.
+
+        Raises:
+            ConfigError: the block does not have what the configuration says; a later block would not have it either.
+        """
+        if isinstance(item, Rejected):
+            self._order, _ = check_order(self._order, item.sequence, None, dated=False)
+            return rejected_record(item)
+        time = item.start if item.start is not None else item.elapsed
+        self._order, flags = check_order(self._order, item.sequence, time, dated=item.start is not None, now=now)
+        verdict = check_rate(item.rate, self._rate)
+        if not verdict.accepted:
+            return block_record(item, verdict.status, (), verdict.reason, {}, None)
+        self._check_fit(item)
+        outputs = {name: self._channel_step(name, item, time, flags) for name in self.channels}
+        status, flags, reason = _block_verdict({name: output.verdict for name, output in outputs.items()}, flags)
+        self.outputs = outputs
+        channels = {name: (self._states[name], output) for name, output in outputs.items()}
+        record = block_record(item, status, flags, reason, channels, truth)
+        self._remember(record)
+        return record
+
+    def _remember(self, record: Record) -> None:
+        self.dated = record.time is not None
+        self.latest.update(record.channels)
+
+    def _channel_step(self, name: str, block: Block, time: float | None, flags: tuple[str, ...]) -> ChannelOutput:
+        setup, state = self.channels[name], self._states[name]
+        row = block.channels.index(name)
+        unit = block.units[row]
+        samples, si_unit = to_si(block.samples[row], unit)
+        if (si_unit == "m/s2") != setup.settings.absolute:
+            verdict = rejected("wrong_unit", f"unit {unit!r}, configured is {setup.section.unit!r}")
+        else:
+            verdict = judge(samples, state, setup.settings)
+        info = BlockInfo(
+            sequence=block.sequence,
+            time=time,
+            rate=block.rate,
+            duration=block.duration,
+            speed=block.speed,
+            load=block.load,
+        )
+        state, output = step(state, samples, info, with_flags(verdict, flags), setup.settings)
+        self._states[name] = state
+        return output
+
+    def _check_fit(self, block: Block) -> None:
+        """Refuse what no later block would mend: a missing channel, an unknown speed, a band above Nyquist."""
+        missing = sorted(set(self.channels) - set(block.channels))
+        if missing:
+            raise ConfigError(
+                f"source {self.source!r}, {block.name}: channel {missing[0]!r} is not in it; it has "
+                f"{', '.join(block.channels)}"
+            )
+        for setup in self.channels.values():
+            if block.speed is None and setup.settings.speed is None:
+                raise ConfigError(
+                    f"operating.speed_hz is missing, and {block.name} does not state the shaft speed: the fault "
+                    "frequencies cannot be computed"
+                )
+            if block.rate not in self._checked_rates:
+                try:
+                    setup.section.check_rate(block.rate)
+                except ValueError as error:
+                    raise ConfigError(str(error)) from None
+        self._checked_rates.add(block.rate)
+
+    @property
+    def _order_key(self) -> str:
+        return f"source:{self.source}"
+
+    def _channel_key(self, name: str) -> str:
+        return f"channel:{self.source}:{name}"
+
+
+def _block_verdict(verdicts: Mapping[str, Verdict], order_flags: tuple[str, ...]) -> tuple[str, tuple[str, ...], str]:
+    """Return status, flags and reason of a block: rejected only where all its channels are."""
+    reason = "; ".join(f"{name}: {verdict.reason}" for name, verdict in verdicts.items() if verdict.reason)
+    accepted = [verdict for verdict in verdicts.values() if verdict.accepted]
+    if not accepted:
+        return next(iter(verdicts.values())).status, (), reason
+    raised = {*order_flags, *(flag for verdict in accepted for flag in verdict.flags)}
+    flags = tuple(flag for flag in FLAGS if flag in raised)
+    return (flags[0] if flags else "ok"), flags, reason
