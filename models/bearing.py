@@ -53,9 +53,9 @@ class Bearing:
 class Kinematics:
     """Kinematic frequencies at one shaft speed, Hz.
 
-    ``ftf`` is the rotation of the cage relative to the ground, ``bpfo`` and ``bpfi`` the passages of elements over a point
-    of the outer and inner race, ``bsf`` the spin of an element about its own axis. A defect of an element meets both
-    races in one spin, so its line stands at twice ``bsf``.
+    ``ftf`` is the rotation of the cage relative to the ground, ``bpfo`` and ``bpfi`` the passages of elements over a
+    point of the outer and inner race, ``bsf`` the spin of an element about its own axis. A defect of an element meets
+    both races in one spin, so its line stands at twice ``bsf``.
     """
 
     speed: float

@@ -94,6 +94,7 @@ class Scene:
         rig: lumped parameters around it.
         defect: the damage, or None for a healthy bearing.
         clearance: radial clearance h of Eq. 34, m.
+        model: the model that answers for it.
     """
 
     speed: float
@@ -102,3 +103,4 @@ class Scene:
     rig: Rig = field(default_factory=Rig)
     defect: Defect | None = None
     clearance: float = 0.0
+    model: str = "six_dof"

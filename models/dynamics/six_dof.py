@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from models.scene import Rig, Scene
 
 # Default step: benchmarks/six_dof.py prints the error that it leaves.
-DEFAULT_STEP = 13e-6
-MIN_STEPS = 384
+DEFAULT_STEP = 10e-6
+MIN_STEPS = 512
 # Kinks closer than this are one; it exceeds the rounding of any angle, and the nudge exceeds it in turn.
 _SAME_ANGLE = 1e-7
 _NUDGE = 1e-9
@@ -122,7 +122,7 @@ def prepare(scene: Scene, steps_per_period: int | None = None) -> BallPeriod:
     Args:
         scene: what is modelled.
         steps_per_period: steps a ball period is to have at least (a few more, because steps end on kinks); by default
-            so many that a step is 13 us at most, and 384 at least.
+            so many that a step is 10 us at most, and 512 at least.
 
     Raises:
         ValueError: if the scene is outside the model, or steps_per_period is less than 8.

@@ -1,0 +1,111 @@
+"""simulate(scene): what a scene sounds like, by the model that it names."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.dynamics.orbit import find_orbit, period_jacobian
+from models.dynamics.six_dof import BallPeriod, prepare
+from models.response import HARMONICS, Response, check_band, fourier_coefficients, peak_in_band
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.scene import Scene
+
+DEFAULT_TOLERANCE = 1e-5
+DEFAULT_MAX_PERIODS = 300
+# Lines are computed up to here; what the model does above 20 kHz is of no use to any recorder it stands for.
+LINES_TO = 30e3
+# Lines above this share of the step rate are not resolved by the quadrature (half would be the Nyquist limit).
+_RESOLVED = 0.4
+# The Jacobian only steers the search for the orbit, so few steps do for it.
+_JACOBIAN_STEPS = 128
+
+
+def simulate(
+    scene: Scene,
+    *,
+    tolerance: float = DEFAULT_TOLERANCE,
+    steps_per_period: int | None = None,
+    max_periods: int = DEFAULT_MAX_PERIODS,
+    band: tuple[float, float] | None = None,
+    lines_to: float = LINES_TO,
+) -> Response:
+    """Return the settled vibration of a scene.
+
+    Args:
+        scene: what is modelled.
+        tolerance: relative change of the RMS from period to period that counts as none.
+        steps_per_period: steps a ball period is to have at least; by default chosen for an RMS error well below 0.3 %
+            (benchmarks/six_dof.py measures it).
+        max_periods: periods to simulate at most.
+        band: frequencies (lo, hi), Hz, in which RMS and peak are taken; None is the full bandwidth.
+        lines_to: frequency up to which the lines of the spectrum are computed, Hz; raised to the end of the band,
+            and lowered to 0.4 of the step rate, beyond which the steps do not resolve them.
+
+    Raises:
+        ValueError: if the scene or an argument is outside what the model describes; the message names it.
+    """
+    if scene.model != "six_dof":
+        raise ValueError(f"unknown model {scene.model!r}; known are: six_dof")
+    period = prepare(scene, steps_per_period)
+    resolved = _RESOLVED * period.steps / period.duration
+    if band is not None:
+        lines_to = max(lines_to, check_band(band)[1])
+        if band[1] > resolved:
+            raise ValueError(f"the band ends at {band[1]!r} Hz, {period.steps} steps resolve up to {resolved:.0f} Hz")
+    orbit = find_orbit(
+        period,
+        tolerance=tolerance,
+        max_periods=max_periods,
+        preconditioner=_healthy_jacobian(replace(scene, defect=None)),
+    )
+    bpfo = 1.0 / period.duration
+    count = max(HARMONICS, math.ceil(min(lines_to, resolved) / bpfo))
+    coefficients = fourier_coefficients(orbit.waves, period.time, period.weight, period.duration, count)
+    rms, peak = _levels(period, orbit.waves) if band is None else _levels_in_band(coefficients, bpfo, band)
+    return Response(
+        rms=float(rms[0]),
+        peak=float(peak[0]),
+        rms_resonator=float(rms[1]),
+        peak_resonator=float(peak[1]),
+        bpfo=bpfo,
+        harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
+        periods=orbit.periods,
+        period_change=orbit.period_change,
+        spread=orbit.spread,
+        model=scene.model,
+        status=orbit.status,
+        rms_band=band,
+        coefficients=coefficients,
+    )
+
+
+def _levels(period: BallPeriod, waves: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return RMS and peak of both sensors over full bandwidth, each of shape (2,)."""
+    power = np.einsum("pvs,v->s", waves * waves, period.weight) / len(waves)
+    return np.sqrt(np.maximum(power, 0.0)), np.max(np.abs(waves), axis=(0, 1))
+
+
+def _levels_in_band(
+    coefficients: NDArray[np.complex128], bpfo: float, band: tuple[float, float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return RMS and peak of both sensors from the lines within a band, each of shape (2,)."""
+    low, high = max(1, math.ceil(band[0] / bpfo)), math.floor(band[1] / bpfo)
+    rms = np.sqrt(2.0 * np.sum(np.abs(coefficients[:, low : high + 1]) ** 2, axis=1))
+    return rms, np.array([peak_in_band(row, low, high) for row in coefficients])
+
+
+@lru_cache(maxsize=32)
+def _healthy_jacobian(scene: Scene) -> NDArray[np.float64] | None:
+    """Return the scaled Jacobian of the healthy period map minus identity, or None where it steers nowhere."""
+    jacobian = period_jacobian(prepare(scene, _JACOBIAN_STEPS))
+    if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e10:
+        return None
+    return jacobian
