@@ -28,6 +28,12 @@ ON_LEVEL = 1e-12
 SAME_VOLUME = 1e-12
 """Volumes within this fraction of each other are the same volume."""
 
+SLACK = 1e-9
+"""Fraction by which bounds of the volume are widened against rounding."""
+
+FEW_CELLS = 16
+"""Up to so many cells are looked at one by one; of more, arrays first tell those that can hold the least volume."""
+
 
 @dataclass(frozen=True, eq=False)
 class MapSlice:
@@ -203,12 +209,15 @@ def least_volume(map_slice: MapSlice, level: float, dphi_from: float, h_from: fl
     if cells.size == 0:
         return None
     row, column = np.divmod(cells, x.size - 1)
-    # Every cell left holds the level, so the least volume is at most that of the far corner which is least: of a
-    # hundred cells a handful remains, for which plain floats are faster than arrays.
+    # Every cell left holds the level, so the least volume is at most that of the far corner which is least.
     useful = x[column] * y[row] <= (x[column + 1] * y[row + 1]).min()
+    row, column = row[useful], column[useful]
+    if row.size > FEW_CELLS:
+        useful = _shortlist(x, y, s, row, column)
+        row, column = row[useful], column[useful]
     points = [
         point
-        for i, j in zip(column[useful].tolist(), row[useful].tolist(), strict=True)
+        for i, j in zip(column.tolist(), row.tolist(), strict=True)
         for point in _candidates(x[i : i + 2].tolist(), y[j : j + 2].tolist(), s[j : j + 2, i : i + 2].tolist())
     ]
     return _choose(map_slice, points, float(x[0]), float(y[0]))
@@ -254,6 +263,39 @@ def _quadrant(map_slice: MapSlice, dphi_from: float, h_from: float) -> tuple[Arr
     if v > 0:
         z[0, :] += v * (z[1, :] - z[0, :])
     return x, y, z
+
+
+def _shortlist(x: Array, y: Array, s: Array, row: NDArray[np.intp], column: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Which cells can hold the least volume.
+
+    A branch of a hyperbola is monotone, so on the level set of a cell the least extent and the least depth are both
+    found where it crosses an edge. Their product is a bound from below, and any crossing one from above.
+
+    Args:
+        x: extents, shape (n,).
+        y: depths, shape (m,).
+        s: RMS less the level, shape (m, n).
+        row: index of each cell in depth, shape (cells,).
+        column: index of each cell in extent, shape (cells,).
+
+    Returns:
+        Mask of shape (cells,).
+    """
+    f00, f10, f01, f11 = s[row, column], s[row, column + 1], s[row + 1, column], s[row + 1, column + 1]
+    start, end = np.stack([f00, f01, f00, f10]), np.stack([f10, f11, f01, f11])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = start / (start - end)
+    hit = (share >= 0.0) & (share <= 1.0)
+    u, v = np.where(hit, share, 1.0), np.where(hit, share, 1.0)
+    u[2], u[3] = ~hit[2], 1.0
+    v[0], v[1] = ~hit[0], 1.0
+    x0, y0 = x[column], y[row]
+    dx, dy = x[column + 1] - x0, y[row + 1] - y0
+    corner = f00 == 0.0
+    least = np.where(corner, x0 * y0, (x0 + dx * u.min(axis=0)) * (y0 + dy * v.min(axis=0)))
+    crossing = np.where(hit, (x0 + dx * u) * (y0 + dy * v), np.inf)
+    best = min(float(crossing.min()), float(np.where(corner, least, np.inf).min()))
+    return least <= best * (1.0 + SLACK)
 
 
 def _candidates(x: list[float], y: list[float], f: list[list[float]]) -> Iterator[tuple[float, float]]:

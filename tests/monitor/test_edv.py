@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from monitor.health import level_set
 from monitor.health.edv import EdvSettings, EdvState, EdvStatus, MapSlice, step
 from monitor.health.level_set import least_volume, step_back
 from tests.effort import effort_count
@@ -65,6 +67,8 @@ def check_against_scan(map_slice: MapSlice, share: float, corner: tuple[float, f
     level = map_slice.rms_least + share * (map_slice.rms_most - map_slice.rms_least)
     dphi_from, h_from = inside(map_slice.dphi_d, corner[0]), inside(map_slice.h_d, corner[1])
     found = least_volume(map_slice, level, dphi_from, h_from)
+    with mock.patch.object(level_set, "FEW_CELLS", 0):
+        assert least_volume(map_slice, level, dphi_from, h_from) == found
     scanned, slack = scan_least_volume(
         map_slice.dphi_d, map_slice.h_d, map_slice.rms, RADIUS, level, (dphi_from, h_from)
     )
@@ -121,6 +125,20 @@ def test_rising_rms_on_a_monotone_map_never_widens_and_never_shrinks(map_slice: 
         assert result.status is EdvStatus.OK
         assert all(b <= n for b, n in zip(before, now, strict=True))
         before = now
+
+
+@settings(max_examples=effort_count(quick=50, full=1000), deadline=None)
+@given(st.integers(0, 2**32 - 1), st.booleans(), shares)
+def test_the_shortlist_of_a_large_map_loses_nothing(seed: int, whole: bool, share: float) -> None:
+    rng = np.random.default_rng(seed)
+    dphi_d, h_d = grid()
+    rms = rng.uniform(0, 4, (33, 51)) if not whole else rng.integers(0, 4, (33, 51)).astype(float)
+    rms += np.linspace(0, 10, 33)[:, None] * rng.integers(0, 2)
+    map_slice = MapSlice(dphi_d, h_d, rms, RADIUS)
+    level = map_slice.rms_least + share * (map_slice.rms_most - map_slice.rms_least)
+    short = least_volume(map_slice, level, 0.0, 0.0)
+    with mock.patch.object(level_set, "FEW_CELLS", 10_000):
+        assert least_volume(map_slice, level, 0.0, 0.0) == short
 
 
 def widen_slowly(map_slice: MapSlice, level: float, dphi_from: float, h_from: float) -> tuple[int, float]:
