@@ -235,7 +235,7 @@ def _keep_spectra(watcher: Watcher, spectra: dict[str, Any], standing: dict[str,
 def _summary(
     store: Store, watcher: Watcher, offered: int, taken: int, seconds: float, files: list[Path]
 ) -> dict[str, Any]:
-    """Return the keys of the interface; counts are those of the whole store, what was there before a resume included."""
+    """Return the keys of the interface; the counts are those of the whole store, earlier stretches included."""
     counts = store.counts()
     rejected = {status: number for status, number in counts.items() if status in REJECTIONS}
     flagged = {status: number for status, number in counts.items() if status in FLAGS}

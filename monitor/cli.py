@@ -1,0 +1,114 @@
+"""The command line: finds the command, gives errors their exit codes, and checks that the installation is whole."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import sys
+from pathlib import Path
+
+import click
+
+from monitor import __version__
+
+DONE, FAILED, WRONG = 0, 1, 2
+
+_COMMANDS = {
+    "demo": ("monitor.commands.demo", "A simulated bearing wears out and is monitored; ends with a report."),
+    "replay": ("monitor.commands.replay", "The pipeline over a recording, as fast as it goes or at a pace."),
+    "report": ("monitor.commands.report", "One self-contained HTML report of records."),
+    "check": ("monitor.commands.check", "Validate a configuration and say what would be monitored."),
+    "bearing": ("monitor.commands.bearing", "Fault frequencies, stiffness, natural frequencies and life."),
+    "simulate": ("monitor.commands.simulate", "One scene of the bearing model."),
+    "map": ("monitor.commands.maps", "RMS maps: build, show, check."),
+    "track": ("monitor.commands.track", "V_eq from an RMS history and a map."),
+    "forecast": ("monitor.commands.forecast", "Time to threshold from a V_eq history."),
+}
+
+
+class _Commands(click.Group):
+    """Loads a command when it is called: a command that needs no model does not wait for one to be imported."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _COMMANDS:
+            return None
+        command: click.Command = importlib.import_module(_COMMANDS[cmd_name][0]).command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, words) for name, (_, words) in _COMMANDS.items()])
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(__version__, prog_name="spallwatch")
+def spallwatch() -> None:
+    """Listen to rolling bearings: when damage begins, how large it is by now, how long is left.
+
+    Exit codes: 0 done, 1 failed while running, 2 wrong usage or configuration.
+    """
+
+
+def check_installation() -> str | None:
+    """Return what is wrong where the three packages do not come from one place, else None.
+
+    ``models`` is a common name: another distribution or a folder in the working directory may stand in front of ours.
+    """
+    places = {}
+    for name in ("monitor", "models", "streams"):
+        spec = importlib.util.find_spec(name)
+        if spec is None or not spec.submodule_search_locations:
+            return f"the package {name!r} of spallwatch is not installed"
+        places[name] = Path(next(iter(spec.submodule_search_locations))).resolve()
+    own = Path(__file__).resolve().parent.parent
+    for name, place in places.items():
+        if place != own / name:
+            return (
+                f"the package {name!r} is taken from {place}, but spallwatch is installed in {own}; "
+                "install spallwatch in a virtual environment of its own, or run it from another folder"
+            )
+    return None
+
+
+def main() -> None:
+    """Run the command line and exit."""
+    problem = check_installation()
+    if problem is not None:
+        click.echo(f"spallwatch: {problem}", err=True)
+        sys.exit(WRONG)
+    try:
+        code = spallwatch.main(prog_name="spallwatch", standalone_mode=False)
+        sys.exit(code if isinstance(code, int) else DONE)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(WRONG)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("spallwatch: interrupted; what was committed is kept", err=True)
+        sys.exit(FAILED)
+    except BrokenPipeError:
+        # Whoever read our output has seen enough; python would complain once more while closing it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(FAILED)
+    except Exception as error:
+        _explain(error)
+
+
+def _explain(error: Exception) -> None:
+    """Say what went wrong in words and exit; SPALLWATCH_TRACEBACK=1 shows where."""
+    if os.environ.get("SPALLWATCH_TRACEBACK") == "1":
+        raise error
+    if _is_wrong_input(error):
+        click.echo(f"spallwatch: {error}", err=True)
+        sys.exit(WRONG)
+    click.echo(f"spallwatch: failed: {type(error).__name__}: {error}\n(SPALLWATCH_TRACEBACK=1 shows where)", err=True)
+    sys.exit(FAILED)
+
+
+def _is_wrong_input(error: Exception) -> bool:
+    """Tell whether the error names something that the user gave: the modules that define these may not be loaded."""
+    names = {kind.__name__ for kind in type(error).__mro__}
+    return bool(names & {"ConfigError", "SourceError", "MapError", "StoreError", "InputError"})

@@ -1,0 +1,107 @@
+"""``spallwatch check``: validate a configuration and say what would be monitored."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+from models.bearing import kinematics
+from monitor.commands.common import config_option, emit, output_options, read_config
+from monitor.config import ChannelSection, Config, ConfigError
+
+
+@click.command("check")
+@config_option()
+@click.option("--schema", is_flag=True, help="Print the JSON Schema of the configuration and stop.")
+@output_options
+def command(config_path: Path | None, schema: bool, as_json: bool, quiet: bool) -> None:
+    """Validate a configuration and say what would be monitored.
+
+    A file that is not valid is refused with exit code 2. Problems that can be mended without touching the file (a map
+    that is not built yet, a folder that is not there yet) are listed and do not change the exit code.
+    """
+    if schema:
+        click.echo(json.dumps(Config.model_json_schema(), indent=2))
+        return
+    config = read_config(config_path)
+    problems = list(find_problems(config))
+    values = {**config.model_dump(mode="json"), "hash": config.hash, "problems": problems}
+    emit(values, _lines(config, problems), as_json=as_json)
+
+
+def find_problems(config: Config) -> Iterator[str]:
+    """Yield what keeps the configuration from doing all that it says."""
+    for channel in config.channel:
+        if channel.track and channel.map is None:
+            yield f"channel {channel.name!r}: track = true, but no map is given: V_eq will answer no_map"
+        elif channel.track and channel.map is not None:
+            yield from _map_problems(config, channel, channel.map)
+        if channel.track and channel.unit == "unknown":
+            yield f"channel {channel.name!r}: track = true, but its unit is unknown: V_eq will answer no_absolute_level"
+        if channel.unit == "unknown":
+            yield f"channel {channel.name!r}: its unit is unknown: no end of life by peak acceleration"
+    if config.operating.speed_hz is None:
+        yield "operating.speed_hz is not given: only recordings that state their speed can be monitored"
+    for source in config.source:
+        if source.url is None:
+            continue
+        place = source.url.removeprefix("folder:")
+        if source.url.startswith("folder:") and not Path(place).exists():
+            yield f"source {source.name!r}: folder {place!r} does not exist (yet)"
+
+
+def _map_problems(config: Config, channel: ChannelSection, path: Path) -> Iterator[str]:
+    from monitor.service.setup import channel_setups
+
+    if not path.exists():
+        yield f"channel {channel.name!r}: map {path.name} does not exist (yet); make it with: spallwatch map build"
+        return
+    source = next(source for source in config.source if source.name == channel.source)
+    try:
+        setup = channel_setups(config, source)[channel.name]
+    except ConfigError as error:
+        yield str(error)
+        return
+    at = setup.settings.map_at
+    if at is not None and at(config.operating.load_newton, config.operating.speed_hz)[0] is None:
+        yield f"channel {channel.name!r}: its map does not cover the configured load and speed"
+
+
+def _lines(config: Config, problems: list[str]) -> Iterator[str]:
+    speed = config.operating.speed_hz
+    yield f"machine {config.machine.name}" + (f", shaft {speed:g} Hz ({60 * speed:g} rpm)" if speed else "")
+    for source in config.source:
+        rate = "rate from the recording" if source.rate_hz is None else f"{source.rate_hz:g} Hz"
+        block = "one block a file" if source.block_s == "file" else f"{source.block_s:g} s blocks"
+        yield f"source {source.name}: {source.url or 'path given to replay'}, format {source.format}, {rate}, {block}"
+        for channel in config.channel:
+            if channel.source == source.name:
+                yield from _channel_lines(config, channel, speed)
+    detect = config.detect
+    length = f"{detect.learn_hours:g} h" if detect.learn_hours else f"{detect.to_settings().learn_blocks} blocks"
+    yield (
+        f"detection: {detect.run_in_blocks} blocks run-in, {length} baseline, "
+        f"{detect.false_alarms_per_1000_blocks:g} of 1000 healthy blocks over the threshold, alarm after "
+        f"{detect.persist_blocks}; end of life at {detect.end_of_life_peak_g:g} g in {detect.end_of_life_blocks} blocks"
+    )
+    yield from (f"problem: {problem}" for problem in problems)
+
+
+def _channel_lines(config: Config, channel: ChannelSection, speed: float | None) -> Iterator[str]:
+    bearing = config.bearing_of(channel)
+    place: Any = channel.key or channel.column or channel.name
+    bands = (
+        "a band chosen on the first blocks"
+        if channel.band_hz == "auto"
+        else ", ".join(f"{low:g}-{high:g} Hz" for low, high in channel.band_hz)
+    )
+    yield f"  channel {channel.name} ({place}, {channel.unit}) on {bearing.designation}: envelope of {bands}"
+    if speed is not None:
+        lines = kinematics(bearing, speed)
+        yield (f"    outer {lines.bpfo:.2f}, inner {lines.bpfi:.2f}, ball {2 * lines.bsf:.2f}, cage {lines.ftf:.2f} Hz")
+    if channel.track:
+        yield f"    tracked: V_eq to {', '.join(f'{v * 1e6:g}' for v in config.forecast.thresholds)} mm3/mm"

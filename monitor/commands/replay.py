@@ -1,0 +1,98 @@
+"""``spallwatch replay``: the pipeline over a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from monitor.commands.common import (
+    config_option,
+    duration_words,
+    emit,
+    output_options,
+    progress_bar,
+    read_config,
+    say,
+)
+
+
+@click.command("replay")
+@click.argument("path", required=False)
+@config_option()
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("replay-out"),
+    show_default=True,
+    help="Folder for the store, the records and the report.",
+)
+@click.option(
+    "--pace", type=click.FloatRange(min=0, min_open=True), help="Times real time; as fast as it goes if left out."
+)
+@click.option("--limit", type=click.IntRange(min=1), help="Take at most so many blocks.")
+@click.option("--resume", is_flag=True, help="Continue the store under --out after its last block.")
+@click.option("--report/--no-report", default=True, show_default=True, help="Write report.html under --out.")
+@output_options
+def command(
+    path: str | None,
+    config_path: Path | None,
+    out: Path,
+    pace: float | None,
+    limit: int | None,
+    resume: bool,
+    report: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Replay a recording: PATH is a file, a folder, an archive or a source URL such as rig:ferrara?seed=1."""
+    from monitor.service.replay import replay
+
+    config = read_config(config_path)
+    result = replay(
+        config,
+        path,
+        out,
+        pace=pace,
+        limit=limit,
+        resume=resume,
+        progress=progress_bar("replay", quiet=quiet),
+    )
+    if report:
+        from monitor.commands.report import write_report
+
+        page = write_report(result, out / "report.html", title=f"{config.machine.name}: {Path(path or '').name}")
+        say(f"report: {page}", quiet=quiet)
+    emit(result.summary, summary_lines(result.summary), as_json=as_json)
+
+
+def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Say in words what a replay found."""
+    counts = ", ".join(f"{number} {status}" for status, number in {**summary["flagged"], **summary["rejected"]}.items())
+    yield (
+        f"{summary['blocks']} blocks in {summary['seconds']:.2f} s: {summary['accepted']} accepted, "
+        f"{sum(summary['rejected'].values())} rejected, {summary['pending']} pending"
+        + (f" ({counts})" if counts else "")
+    )
+    for name, channel in summary["channels"].items():
+        yield f"{name}: {', '.join(_channel_words(channel))}"
+
+
+def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
+    yield f"stage {channel['stage'].replace('_', ' ')}"
+    if channel["t_fs_block"] is not None:
+        yield f"final stage since block {channel['t_fs_block']} (known at {channel['t_fs_known_block']})"
+    if channel["t_eol_block"] is not None:
+        yield f"end of life at block {channel['t_eol_block']}"
+    if channel["fault"] is not None:
+        yield f"{channel['fault'].replace('|', ' or ')} damaged (lines {channel['fault_snr']:.3g} times the floor)"
+    else:
+        yield "no part named"
+    if channel["edv_status"] is not None:
+        volume = "" if channel["v_eq_mm2"] is None else f"{channel['v_eq_mm2']:.3g} mm3/mm, "
+        yield f"V_eq {volume}{channel['edv_status']}"
+    if channel["tt_status"] is not None:
+        time = "" if channel["tt_s"] is None else f"{duration_words(channel['tt_s'])}, "
+        yield f"TT {time}{channel['tt_status']}"
