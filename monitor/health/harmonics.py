@@ -29,7 +29,7 @@ _COARSE_STEP = 0.25
 _FINE_STEPS = 10
 _FLOOR_HALF_WIDTH = 200
 _FLOOR_LEAST = 32
-_FLOOR_EFFICIENCY = 0.25
+_FLOOR_EFFICIENCY = 0.35
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,7 @@ def noise_threshold(
 
     The power of Gaussian noise over the bins of one line is nearly gamma distributed. Neighbouring Hann bins correlate
     by 2/3, next neighbours by 1/6, which leaves 2.87 independent ones of five and 1.81 of three. The floor is itself an
-    estimate, as uncertain as the mean of about a quarter as many independent bins: the ratio of the two has Fisher's
+    estimate, as uncertain as the mean of about a third as many independent bins: the ratio of the two has Fisher's
     F distribution. The search is a number of independent trials.
 
     Args:
