@@ -171,6 +171,7 @@ def _run(
     if progress is not None:
         items = progress(items, total)
     truth_of = getattr(source, "truth", None)
+    thresholds = next(iter(watcher.channels.values())).settings.thresholds
     batch: list[tuple[Record, dict[str, Any]]] = []
     spectra: dict[str, Any] = {}
     standing: dict[str, float] = {}
@@ -181,7 +182,7 @@ def _run(
         if pace is not None and isinstance(item, Block) and item.elapsed is not None:
             first = item.elapsed if first is None else first
             time.sleep(max(0.0, started + (item.elapsed - first) / pace - time.monotonic()))
-        truth = truth_of(item.sequence) if truth_of is not None else None
+        truth = None if truth_of is None else truth_of(item.sequence, thresholds)
         batch.append((watcher.process(item, truth=truth), {}))
         taken += 1
         _keep_spectra(watcher, spectra, standing)
