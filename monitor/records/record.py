@@ -196,9 +196,7 @@ def _scalar(variable: Variable, value: Any, where: str) -> float | int | str | N
         return int(value)
     if variable.kind == "mask":
         return _mask(variable, value, where)
-    if not isinstance(value, str):
-        raise RecordError(f"{where}: expected a word, got {value!r}")
-    if variable.kind == "flag" and value not in variable.values:
+    if value not in variable.values:
         raise RecordError(f"{where}: expected one of {', '.join(variable.values)}, got {value!r}")
     return str(value)
 

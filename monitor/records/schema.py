@@ -65,7 +65,7 @@ DIMENSION_SIZES = {"fault": len(FAULTS), "harmonic": 5, "bpfo_harmonic": 6, "coe
 OPTIONAL_DIMENSIONS = frozenset({"band", "threshold"})
 """Dimensions that a value may leave out where there is only one band or threshold."""
 
-Kind = Literal["float", "int", "str", "flag", "mask"]
+Kind = Literal["float", "int", "flag", "mask"]
 
 ACCELERATION = "m s-2"
 _THESIS = "Gabrielli, doctoral thesis, University of Ferrara, 2022"
@@ -86,8 +86,9 @@ class Variable:
         long_name: what it is, in words.
         symbol: the symbol of the source, in ASCII.
         source: where it is defined.
-        kind: "float", "int", "str", "flag" (one word of ``values``) or "mask" (any number of words of ``values``).
+        kind: "float", "int", "flag" (one word of ``values``) or "mask" (any number of words of ``values``).
         values: the words allowed, in the order of their integers.
+        optional: whether files leave it out where no record has it; all others are always there.
     """
 
     name: str
@@ -98,13 +99,16 @@ class Variable:
     source: str = ""
     kind: Kind = "float"
     values: tuple[str, ...] = ()
+    optional: bool = False
 
 
-def _floats(units: str | None, rows: str, dims: tuple[str, ...] = ()) -> list[Variable]:
+def _floats(units: str | None, rows: str, dims: tuple[str, ...] = (), *, optional: bool = False) -> list[Variable]:
     """Make variables of one unit and shape from lines ``name | symbol | long name | source``."""
     cells = ([cell.strip() for cell in row.split("|")] for row in rows.strip().splitlines())
     return [
-        Variable(name=name, dims=dims, units=units, long_name=long_name, symbol=symbol, source=source)
+        Variable(
+            name=name, dims=dims, units=units, long_name=long_name, symbol=symbol, source=source, optional=optional
+        )
         for name, symbol, long_name, source in cells
     ]
 
@@ -196,7 +200,6 @@ _TABLE: list[Variable] = [
         v_eq | V_eq | equivalent damaged volume per unit of width | {_THESIS}, Eqs. 90-91
         v_eq_lower | V_eq | lower end of the interval of v_eq | {_THESIS}, Eqs. 90-91
         v_eq_upper | V_eq | upper end of the interval of v_eq | {_THESIS}, Eqs. 90-91
-        v_eq_true | V_eq | true damaged volume per unit of width (simulated rigs only) | {_THESIS}, Eq. 90
         """,
     ),
     Variable("edv_status", (), None, "status of v_eq", kind="flag", values=EDV_STATUSES),
@@ -207,7 +210,6 @@ _TABLE: list[Variable] = [
         tt | TT | time to threshold, as issued at this block | {_THESIS}, Eq. 92
         tt_lower | TT | lower end of the interval of tt | {_THESIS}, Eq. 92
         tt_upper | TT | upper end of the interval of tt | {_THESIS}, Eq. 92
-        tt_true | TT | true time to threshold (simulated rigs only) | {_THESIS}, Eq. 92
         """,
         ("threshold",),
     ),
@@ -220,6 +222,13 @@ _TABLE: list[Variable] = [
     ),
     *_floats("1", f"r_squared | R^2 | goodness of the fit of v_eq over time | {_THESIS}, Table 22", ("threshold",)),
     *_floats("1", "p_threshold | | probability that the threshold is reached |", ("threshold",)),
+    *_floats("m2", f"v_eq_true | V_eq | true damaged volume (simulated rigs only) | {_THESIS}, Eq. 90", optional=True),
+    *_floats(
+        "s",
+        f"tt_true | TT | true time to threshold (simulated rigs only) | {_THESIS}, Eq. 92",
+        ("threshold",),
+        optional=True,
+    ),
     *_floats("Hz", "speed | f_s | rotation frequency of the shaft |"),
     *_floats("N", "load | P | radial load |"),
 ]

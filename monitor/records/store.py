@@ -11,40 +11,23 @@ import fcntl
 import json
 import os
 import sqlite3
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, Self
 
 from monitor import __version__
+from monitor.records.filing import STORED_QUERY, Filing, Stored, file_record
+from monitor.records.packing import pack
 from monitor.records.record import Record
 from monitor.records.tables import StoreError, connect, refuse_unsuitable
 
-__all__ = ["Commit", "Filing", "Store", "StoreError"]
+__all__ = ["Commit", "Filing", "Store", "StoreError", "Stored"]
 
 Commit = Literal["committed", "duplicate", "changed"]
-SECONDS_PER_DAY = 86400
-_LAST_TIME = 253402300800.0
-"""10000-01-01 UTC: a clock that says later cannot be filed under a day."""
 _CHUNK = 500
 """Records read at a time, so that reading never keeps a transaction open while blocks are committed."""
-
-
-class Filing(NamedTuple):
-    """Where a record stands on the time axis.
-
-    Attributes:
-        day: UTC day as a number of days since 1970, or None for the undated axis.
-        time: UTC seconds since 1970, or seconds from the first block on the undated axis.
-        time_status: "given" by the block; "carried" over from the block before it in its source, where a rejected block
-            has no time of its own; "unknown" where there is none, and ``time`` is 0.
-    """
-
-    day: int | None
-    time: float
-    time_status: Literal["given", "carried", "unknown"]
 
 
 class Store:
@@ -60,6 +43,7 @@ class Store:
         self._connection = connection
         self._lock = lock
         self._run: int | None = None
+        self._layouts: dict[str, int] = {}
 
     @classmethod
     def open(
@@ -135,6 +119,11 @@ class Store:
         """Name of the machine whose records these are."""
         return self.meta()["machine"]
 
+    @property
+    def writable(self) -> bool:
+        """Whether this is the writer."""
+        return self._lock is not None
+
     def meta(self) -> dict[str, str]:
         """Return schema version, machine, and the software version and configuration hash of the latest run."""
         return dict(self.rows("SELECT key, value FROM meta"))
@@ -187,23 +176,31 @@ class Store:
                 (record.source, record.sequence, record.content_hash, record.name, outcome),
             )
             return outcome, found[0]
-        filing = _file(connection, record)
+        filing = file_record(connection, record)
         cursor = connection.execute(
-            "INSERT INTO blocks"
-            " (source, sequence, content_hash, name, status, reason, day, axis_time, time_status, run)"
-            " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            "INSERT INTO blocks (source, sequence, content_hash, name, status, flags, reason, time, elapsed,"
+            " day, axis_time, time_status, run) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
             (
-                *(record.source, record.sequence, record.content_hash, record.name, record.status, record.reason),
-                *(*filing, self._run),
+                *(record.source, record.sequence, record.content_hash, record.name, record.status),
+                *(" ".join(record.flags), record.reason, record.time, record.elapsed, *filing, self._run),
             ),
         )
         block = cursor.lastrowid or 0
-        body = zlib.compress(record.to_json().encode(), 1)
-        connection.execute("INSERT INTO records VALUES (?, ?)", (block, body))
+        layout, row = pack(record.channels)
+        connection.execute("INSERT INTO records VALUES (?, ?, ?)", (block, self._layout_id(connection, layout), row))
         for table, bodies in (("forecasts", record.forecasts), ("events", record.events)):
             for item in bodies:
                 connection.execute(f"INSERT INTO {table} (block, body) VALUES (?, ?)", (block, json.dumps(item)))
         return "committed", block
+
+    def _layout_id(self, connection: sqlite3.Connection, layout: str) -> int:
+        """Return the number of a layout, which is put into its table where it is new."""
+        known = self._layouts.get(layout)
+        if known is None:
+            connection.execute("INSERT OR IGNORE INTO layouts (layout) VALUES (?)", (layout,))
+            known = connection.execute("SELECT id FROM layouts WHERE layout = ?", (layout,)).fetchone()[0]
+            self._layouts[layout] = known
+        return known
 
     def load_states(self) -> dict[str, dict[str, Any]]:
         """Return the state of each stage after the last committed block; tuples come back as lists."""
@@ -232,28 +229,27 @@ class Store:
                 there is no date).
         """
         condition, values = ("1", ()) if since is None else ("axis_time >= ?", (since,))
-        for body, _ in self.bodies(condition, *values):
-            yield Record.from_json(body)
+        for row in self.stored(condition, *values):
+            yield row.to_record()
 
-    def bodies(self, condition: str = "1", *values: Any) -> Iterator[tuple[bytes, Filing]]:
-        """Yield the JSON of records and where they are filed, in the order of commitment.
+    def stored(self, condition: str = "1", *values: Any) -> Iterator[Stored]:
+        """Yield records as they are stored, in the order in which they were committed.
 
         Args:
             condition: SQL over the columns of ``blocks``, with ? for values.
             values: what stands for each ?.
         """
+        layouts: dict[int, str] = {}
         last = 0
         while True:
-            rows = self.rows(
-                "SELECT id, body, day, axis_time, time_status FROM blocks JOIN records ON records.block = blocks.id"
-                f" WHERE id > ? AND ({condition}) ORDER BY id LIMIT {_CHUNK}",
-                last,
-                *values,
-            )
+            rows = self.rows(STORED_QUERY.format(condition=condition), last, *values, _CHUNK)
             if not rows:
                 return
             for row in rows:
-                yield zlib.decompress(row[1]), Filing(*row[2:])
+                if row[1] not in layouts:
+                    layouts.update(self.rows("SELECT id, layout FROM layouts"))
+                filing = Filing(*row[2:5])
+                yield Stored(filing, layouts[row[1]], *row[5:])
             last = rows[-1][0]
 
     def events(self) -> list[dict[str, Any]]:
@@ -311,25 +307,11 @@ class Store:
                 connection.execute("COMMIT")
             finally:
                 if connection.in_transaction:
+                    # Layouts that the transaction would have added have no number now.
+                    self._layouts.clear()
                     connection.execute("ROLLBACK")
         except sqlite3.Error as error:
             raise StoreError(f"{self.path}: {error}") from error
-
-
-def _file(connection: sqlite3.Connection, record: Record) -> Filing:
-    """Find the place of a record on the time axis, see :class:`Filing`."""
-    if record.time is not None and 0.0 <= record.time < _LAST_TIME:
-        return Filing(int(record.time // SECONDS_PER_DAY), record.time, "given")
-    if record.elapsed is not None:
-        return Filing(None, record.elapsed, "given")
-    before = connection.execute(
-        "SELECT day, axis_time, time_status FROM blocks WHERE source = ? AND sequence < ?"
-        " ORDER BY sequence DESC LIMIT 1",
-        (record.source, record.sequence),
-    ).fetchone()
-    if before is None or before[2] == "unknown":
-        return Filing(None, 0.0, "unknown")
-    return Filing(before[0], before[1], "carried")
 
 
 def _state_text(name: str, state: Mapping[str, Any]) -> str:

@@ -13,6 +13,7 @@ APPLICATION_ID = 0x53504C57
 
 _MAGIC = b"SQLite format 3\x00"
 
+# A record is its row of blocks, the values in records (see packing), and its forecasts and events.
 # blocks.id grows with every commit, so "newer than what was published" is one comparison. day and axis_time say where a
 # block is filed (see store.Filing); blocks_by_day lets the publisher see in one look whether a day has changed.
 _SCHEMA = """
@@ -21,7 +22,7 @@ CREATE TABLE runs (id INTEGER PRIMARY KEY, attributes TEXT NOT NULL);
 CREATE TABLE blocks (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
     source TEXT NOT NULL, sequence INTEGER NOT NULL, content_hash TEXT NOT NULL, name TEXT NOT NULL,
-    status TEXT NOT NULL, reason TEXT NOT NULL,
+    status TEXT NOT NULL, flags TEXT NOT NULL, reason TEXT NOT NULL, time REAL, elapsed REAL,
     day INTEGER, axis_time REAL NOT NULL, time_status TEXT NOT NULL,
     run INTEGER NOT NULL REFERENCES runs (id),
     UNIQUE (source, sequence)
@@ -32,12 +33,18 @@ CREATE TABLE refusals (
     status TEXT NOT NULL, times INTEGER NOT NULL,
     UNIQUE (source, sequence, content_hash)
 );
-CREATE TABLE records (block INTEGER PRIMARY KEY REFERENCES blocks (id), body BLOB NOT NULL);
+CREATE TABLE layouts (id INTEGER PRIMARY KEY, layout TEXT NOT NULL UNIQUE);
+CREATE TABLE records (
+    block INTEGER PRIMARY KEY REFERENCES blocks (id), layout INTEGER NOT NULL REFERENCES layouts (id),
+    row BLOB NOT NULL
+);
 CREATE TABLE stage_states (name TEXT PRIMARY KEY, block INTEGER NOT NULL, state TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE forecasts (
     id INTEGER PRIMARY KEY, block INTEGER NOT NULL REFERENCES blocks (id), body TEXT NOT NULL
 );
+CREATE INDEX forecasts_by_block ON forecasts (block);
 CREATE TABLE events (id INTEGER PRIMARY KEY, block INTEGER NOT NULL REFERENCES blocks (id), body TEXT NOT NULL);
+CREATE INDEX events_by_block ON events (block);
 CREATE TABLE published (
     file TEXT PRIMARY KEY, day INTEGER, last_block INTEGER NOT NULL, size INTEGER NOT NULL
 ) WITHOUT ROWID;

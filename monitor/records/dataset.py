@@ -1,0 +1,235 @@
+"""Records as an xarray dataset, the form in which they are published and drawn.
+
+Rows are blocks along ``time``, sorted by time; every block of the ledger has its row, also the rejected ones. Words are
+small integers with CF flag attributes, of which -1 ("no_value") says that there is none.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from monitor.records.filing import Stored
+from monitor.records.packing import Entry, entries_of, numbers_of
+from monitor.records.schema import DIMENSION_SIZES, FAULTS, OPTIONAL_DIMENSIONS, SCHEMA_VERSION, VARIABLES, Variable
+
+UTC_UNITS = "seconds since 1970-01-01T00:00:00Z"
+UNDATED_UNITS = "s"
+NO_VALUE = -1
+"""What stands for a missing word."""
+INT_FILL = -1
+"""What stands for a missing whole number, the ``_FillValue`` of the file."""
+TIME_STATUSES = ("given", "carried", "unknown")
+
+_FLAG_DTYPE = np.int8
+_INT_DTYPE = np.int32
+_LEDGER_TEXTS = {
+    "source": "name of the source of the block",
+    "name": "where the block came from: a file name or a part of one",
+    "content_hash": "digest of the content of the block",
+    "status": "status of the block",
+    "flags": "all flags of the block, separated by blanks",
+    "reason": "why the block was rejected or flagged",
+    "events": "events of the block, a JSON array",
+}
+
+
+def to_dataset(items: Iterable[Stored], *, dated: bool, attributes: Mapping[str, Any]) -> xr.Dataset:
+    """Build the dataset of some records.
+
+    Args:
+        items: records as they are stored, in any order.
+        dated: whether the time axis is UTC rather than seconds from the first block.
+        attributes: global attributes, plain values.
+
+    Returns:
+        Dataset with dimensions ``time``, ``channel``, ``fault``, ``harmonic``, ``bpfo_harmonic``, ``coefficient``, and
+        ``band`` and ``threshold`` where there are several. SI values, NaN where there is none.
+    """
+    rows = sorted(items, key=lambda item: (item.filing.time, item.source, item.sequence))
+    groups = _groups(rows)
+    channels = list(dict.fromkeys(entry.channel for group in groups for entry in group.entries))
+    time_units = UTC_UNITS if dated else UNDATED_UNITS
+    dataset = xr.Dataset(coords=_coordinates([row.filing.time for row in rows], channels, dated=dated))
+    for name, variable in _ledger(rows).items():
+        dataset[name] = variable
+    for variable in VARIABLES.values():
+        if variable.optional and not any(
+            entry.variable == variable.name for group in groups for entry in group.entries
+        ):
+            continue
+        dims, values = _column(variable, groups, len(rows), channels)
+        dataset[variable.name] = (("time", "channel", *dims), values, _attributes(variable, time_units))
+    dataset.attrs = {key: _attribute(value) for key, value in attributes.items()}
+    dataset.attrs.update({"schema_version": SCHEMA_VERSION, "dated": "yes" if dated else "no"})
+    return dataset
+
+
+def words(array: xr.DataArray) -> NDArray[np.object_]:
+    """Decode a variable of words: "" where there is no value, words of a mask joined by "|".
+
+    Args:
+        array: integers with the CF attributes ``flag_values`` or ``flag_masks``, and ``flag_meanings``.
+
+    Returns:
+        Strings, same shape.
+    """
+    meanings = str(array.attrs["flag_meanings"]).split()
+    values = np.asarray(array.values)
+    result = np.full(values.shape, "", dtype=object)
+    for value in np.unique(values[np.isfinite(values.astype(float))]):
+        if "flag_masks" in array.attrs:
+            masks = np.atleast_1d(array.attrs["flag_masks"])
+            word = "|".join(meaning for mask, meaning in zip(masks, meanings, strict=True) if int(value) & int(mask))
+        else:
+            flags = [int(flag) for flag in np.atleast_1d(array.attrs["flag_values"])]
+            word = meanings[flags.index(int(value))] if int(value) != NO_VALUE else ""
+        result[values == value] = word
+    return result
+
+
+def _coordinates(times: list[float], channels: list[str], *, dated: bool) -> dict[str, Any]:
+    if dated:
+        attributes = {"units": UTC_UNITS, "calendar": "standard", "standard_name": "time", "axis": "T"}
+        attributes["long_name"] = "time of the first sample of the block, UTC"
+    else:
+        attributes = {
+            "units": UNDATED_UNITS,
+            "long_name": "time of the first sample of the block, from the first block",
+        }
+    return {
+        "time": ("time", np.array(times, dtype=np.float64), attributes),
+        "channel": ("channel", np.array(channels, dtype=object), {"long_name": "name of the channel"}),
+        "fault_name": ("fault", np.array(FAULTS, dtype=object), {"long_name": "part of the bearing"}),
+        "harmonic": ("harmonic", np.arange(1, 6, dtype=_INT_DTYPE), {"long_name": "order of the envelope line"}),
+        "bpfo_harmonic": (
+            "bpfo_harmonic",
+            np.arange(1, 7, dtype=_INT_DTYPE),
+            {"long_name": "order of the line of the raw spectrum"},
+        ),
+        "coefficient_name": ("coefficient", np.array(["a", "b", "c"], dtype=object), {"long_name": "coefficient"}),
+    }
+
+
+class _Group(NamedTuple):
+    """The records of one layout: their rows in the dataset, and their values as a matrix (record, place)."""
+
+    entries: tuple[Entry, ...]
+    places: NDArray[np.intp]
+    values: NDArray[np.float64]
+
+
+def _groups(rows: Sequence[Stored]) -> list[_Group]:
+    """Gather the records by layout, in the order in which the layouts first occur."""
+    by_layout: dict[str, list[int]] = {}
+    for place, row in enumerate(rows):
+        by_layout.setdefault(row.layout, []).append(place)
+    groups: list[_Group] = []
+    for layout, places in by_layout.items():
+        values = numbers_of(b"".join(rows[place].row for place in places)).reshape(len(places), -1)
+        groups.append(_Group(entries_of(layout), np.array(places, dtype=np.intp), values))
+    return groups
+
+
+def _ledger(rows: Sequence[Stored]) -> dict[str, xr.Variable]:
+    """Build the variables over time alone: what each block was and what became of it."""
+    variables = {
+        name: xr.Variable(
+            "time", np.array([getattr(row, name) for row in rows], dtype=object), {"long_name": long_name}
+        )
+        for name, long_name in _LEDGER_TEXTS.items()
+    }
+    variables["sequence"] = xr.Variable(
+        "time",
+        np.array([row.sequence for row in rows], dtype=np.int64),
+        {"long_name": "number of the block in its source, from 1", "units": "1"},
+    )
+    variables["elapsed"] = xr.Variable(
+        "time",
+        np.array([row.elapsed for row in rows], dtype=np.float64),
+        {"long_name": "time since the first sample of the source", "units": "s"},
+    )
+    variables["time_status"] = xr.Variable(
+        "time",
+        np.array([TIME_STATUSES.index(row.filing.time_status) for row in rows], dtype=_FLAG_DTYPE),
+        {
+            "long_name": "where the time of the block comes from",
+            "flag_values": np.arange(len(TIME_STATUSES), dtype=_FLAG_DTYPE),
+            "flag_meanings": " ".join(TIME_STATUSES),
+        },
+    )
+    return variables
+
+
+def _column(
+    variable: Variable, groups: Sequence[_Group], length: int, channels: Sequence[str]
+) -> tuple[tuple[str, ...], NDArray[Any]]:
+    """Gather one variable of all records: its extra dimensions and its values over (time, channel, *dims)."""
+    found: list[tuple[_Group, Entry, tuple[int, ...]]] = []
+    for group in groups:
+        for entry in group.entries:
+            if entry.variable == variable.name and entry.shape is not None:
+                left_out = len(variable.dims) - len(entry.shape)
+                found.append((group, entry, (1,) * left_out + entry.shape))
+    sizes = [DIMENSION_SIZES.get(dim, 1) for dim in variable.dims]
+    for _, _, shape in found:
+        sizes = [max(size, other) for size, other in zip(sizes, shape, strict=True)]
+    full = np.full((length, len(channels), *sizes), np.nan)
+    for group, entry, shape in found:
+        part = group.values[:, entry.start : entry.start + math.prod(shape)].reshape(-1, *shape)
+        full[(group.places, channels.index(entry.channel), *(slice(size) for size in shape))] = part
+    dims = list(variable.dims)
+    if dims and dims[0] in OPTIONAL_DIMENSIONS and sizes[0] == 1:
+        full = full.squeeze(axis=2)
+        del dims[0]
+    return tuple(dims), _typed(variable, full)
+
+
+def _typed(variable: Variable, values: NDArray[np.float64]) -> NDArray[Any]:
+    """Bring gathered values to the type of the file."""
+    if variable.kind == "float":
+        return values
+    if variable.kind == "mask":
+        return np.nan_to_num(values, nan=0.0).astype(np.int16)
+    if variable.kind == "flag":
+        return np.nan_to_num(values, nan=NO_VALUE).astype(_FLAG_DTYPE)
+    return np.nan_to_num(values, nan=INT_FILL).astype(_INT_DTYPE)
+
+
+def _attributes(variable: Variable, time_units: str) -> dict[str, Any]:
+    """Return the CF attributes of a variable."""
+    attributes: dict[str, Any] = {"long_name": variable.long_name}
+    if variable.units is not None:
+        attributes["units"] = time_units if variable.units == "time" else variable.units
+    if variable.units == "time" and time_units == UTC_UNITS:
+        attributes["calendar"] = "standard"
+    if variable.symbol:
+        attributes["symbol"] = variable.symbol
+    if variable.source:
+        attributes["references"] = variable.source
+    if variable.kind == "flag":
+        attributes["flag_values"] = np.arange(NO_VALUE, len(variable.values), dtype=_FLAG_DTYPE)
+        attributes["flag_meanings"] = " ".join(("no_value", *variable.values))
+    if variable.kind == "mask":
+        attributes["flag_masks"] = np.array([1 << bit for bit in range(len(variable.values))], dtype=np.int16)
+        attributes["flag_meanings"] = " ".join(variable.values)
+    return attributes
+
+
+def _attribute(value: Any) -> Any:
+    """Return a global attribute in a form that netCDF can hold."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None:
+        return "none"
+    if isinstance(value, str | int | float):
+        return value
+    if isinstance(value, list | tuple) and value and all(isinstance(item, int | float) for item in value):
+        return [float(item) for item in value]
+    return json.dumps(value)

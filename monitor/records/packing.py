@@ -1,0 +1,117 @@
+"""Values of a record as one row of float64, and the layout that says which place holds what.
+
+Blocks of one source nearly all have the same layout, so that a day of records is read as a matrix instead of one value
+after the other. Words are their integers (place in ``Variable.values``, or bits), and NaN, which no record holds,
+stands for None.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from functools import lru_cache
+from itertools import chain
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from monitor.records.record import mask_names
+from monitor.records.schema import VARIABLES, Variable
+
+
+class Entry(NamedTuple):
+    """Where one value of a layout is.
+
+    Attributes:
+        channel: name of the channel.
+        variable: name of the variable.
+        shape: its shape, () for a single number; None where the value of several numbers is absent as a whole.
+        start: place of its first number in the row.
+    """
+
+    channel: str
+    variable: str
+    shape: tuple[int, ...] | None
+    start: int
+
+
+def pack(channels: Mapping[str, Mapping[str, Any]]) -> tuple[str, bytes]:
+    """Return the layout, as JSON, and the row, as little-endian float64, of a record's checked values."""
+    layout: list[tuple[str, list[tuple[str, tuple[int, ...] | None]]]] = []
+    row: list[float] = []
+    for channel, values in channels.items():
+        entries: list[tuple[str, tuple[int, ...] | None]] = []
+        for name, value in values.items():
+            variable = VARIABLES[name]
+            if value is None and variable.dims:
+                entries.append((name, None))
+                continue
+            shape: list[int] = []
+            items: Any = (value,)
+            if isinstance(value, tuple):
+                items = value
+                shape.append(len(items))
+                while items and isinstance(items[0], tuple):
+                    shape.append(len(items[0]))
+                    items = tuple(chain.from_iterable(items))
+            entries.append((name, tuple(shape)))
+            row.extend(_number(variable, item) for item in items)
+        layout.append((channel, entries))
+    return json.dumps(layout, separators=(",", ":")), np.array(row, dtype="<f8").tobytes()
+
+
+def unpack(layout: str, row: bytes) -> dict[str, dict[str, Any]]:
+    """Return the values of a record, the inverse of :func:`pack`."""
+    numbers = numbers_of(row)
+    channels: dict[str, dict[str, Any]] = {channel: {} for channel, _ in json.loads(layout)}
+    for entry in entries_of(layout):
+        value: Any = None
+        if entry.shape is not None:
+            part = numbers[entry.start : entry.start + math.prod(entry.shape)].reshape(entry.shape)
+            value = _plain(VARIABLES[entry.variable], part.tolist())
+        channels[entry.channel][entry.variable] = value
+    return channels
+
+
+@lru_cache(maxsize=256)
+def entries_of(layout: str) -> tuple[Entry, ...]:
+    """Return the entries of a layout in order."""
+    entries: list[Entry] = []
+    start = 0
+    for channel, variables in json.loads(layout):
+        for name, shape in variables:
+            entries.append(Entry(channel, name, None if shape is None else tuple(shape), start))
+            start += 0 if shape is None else math.prod(shape)
+    return tuple(entries)
+
+
+def numbers_of(row: bytes) -> NDArray[np.float64]:
+    """Return the numbers of a row."""
+    return np.frombuffer(row, dtype="<f8")
+
+
+def _number(variable: Variable, value: Any) -> float:
+    if value is None:
+        return math.nan
+    if variable.kind == "flag":
+        return variable.values.index(value)
+    if variable.kind == "mask":
+        return sum(1 << variable.values.index(name) for name in value.split("|"))
+    return value
+
+
+def _plain(variable: Variable, value: Any) -> Any:
+    """Return what :func:`_number` was given, for a number or nested lists of them."""
+    if isinstance(value, list):
+        return tuple(_plain(variable, item) for item in value)
+    if math.isnan(value):
+        return None
+    if variable.kind == "float":
+        return value
+    if variable.kind == "int":
+        return int(value)
+    if variable.kind == "flag":
+        return variable.values[int(value)]
+    return "|".join(mask_names(variable, int(value)))

@@ -1,0 +1,212 @@
+"""Publish the store as netCDF files, one a UTC day and machine, always whole and always readable.
+
+A file is written beside its place, made durable, and put in its place at once. Readers see the old or the new file, and
+one that holds the old file open is never in the writer's way. Everything here can be made again from the store.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from monitor.records.dataset import INT_FILL, to_dataset
+from monitor.records.filesystem import replace_durably
+from monitor.records.filing import SECONDS_PER_DAY
+from monitor.records.schema import SCHEMA_VERSION, VARIABLES
+from monitor.records.store import Store, StoreError
+
+_SUMMARY = (
+    "What each block of acceleration said about the health of a rolling bearing: indicators, fault lines of the "
+    "envelope spectrum, stage of life, equivalent damaged volume and time to threshold."
+)
+_KEYWORDS = "rolling bearing, vibration, envelope spectrum, condition monitoring, prognostics"
+
+
+class PublishError(Exception):
+    """A file of records cannot be written; the message names the file and the cause. The old one is intact."""
+
+
+def publish(
+    store: Store,
+    records_dir: Path,
+    machine: str | None = None,
+    attributes: Mapping[str, Any] | None = None,
+    *,
+    rebuild: bool = False,
+) -> list[Path]:
+    """Write the files of the days that changed since they were last written, or whose file is lost or damaged.
+
+    Args:
+        store: where the records are.
+        records_dir: folder of the files, made where it is missing.
+        machine: name of the machine, by default (and necessarily) the store's.
+        attributes: global attributes that every file written now gets, in addition to those of the runs that committed
+            its records (:meth:`Store.describe`), which they override. They alone do not make a day be written again.
+        rebuild: write all days again.
+
+    Returns:
+        The files written, by day, the undated one first.
+
+    Raises:
+        PublishError: a file cannot be written.
+        StoreError: the store cannot be read, or belongs to another machine.
+    """
+    name = store.machine
+    if machine is not None and machine != name:
+        raise StoreError(f"{store.path}: belongs to machine {name!r}, not to {machine!r}")
+    written = []
+    for day, last_block in _days(store):
+        path = Path(records_dir) / file_name(name, day)
+        if not rebuild and _is_fresh(store, path, last_block):
+            continue
+        size = _write(day_dataset(store, day, attributes or {}), path)
+        if store.writable:
+            with store.transaction() as connection:
+                connection.execute(
+                    "INSERT OR REPLACE INTO published VALUES (?, ?, ?, ?)", (path.name, day, last_block, size)
+                )
+        written.append(path)
+    return written
+
+
+def file_name(machine: str, day: int | None) -> str:
+    """Return the name of a day's file: MACHINE-YYYYMMDD.nc, or MACHINE-undated.nc.
+
+    Args:
+        machine: name of the machine.
+        day: UTC day as a number of days since 1970, or None.
+
+    Raises:
+        PublishError: the machine's name is no part of a file name.
+    """
+    if not machine or "/" in machine or "\0" in machine:
+        raise PublishError(f"machine name {machine!r} cannot be part of a file name")
+    label = "undated" if day is None else _midnight(day).strftime("%Y%m%d")
+    return f"{machine}-{label}.nc"
+
+
+def day_dataset(store: Store, day: int | None, attributes: Mapping[str, Any] | None = None) -> xr.Dataset:
+    """Build the dataset of one UTC day, or of the undated records.
+
+    Args:
+        store: where the records are.
+        day: UTC day as a number of days since 1970, or None for the undated records.
+        attributes: global attributes in addition.
+    """
+    rows = store.stored("day IS ?", day)
+    return to_dataset(rows, dated=day is not None, attributes=_globals(store, day, attributes or {}))
+
+
+def days(store: Store) -> list[int | None]:
+    """Return the days that have records, the undated axis (None) first."""
+    return [day for day, _ in _days(store)]
+
+
+def _days(store: Store) -> list[tuple[int | None, int]]:
+    """Return each day with the number of its last committed block, looking only at what the index holds."""
+    found: list[tuple[int | None, int]] = []
+    undated = store.rows("SELECT max(id) FROM blocks WHERE day IS NULL")[0][0]
+    if undated is not None:
+        found.append((None, undated))
+    day = store.rows("SELECT min(day) FROM blocks")[0][0]
+    while day is not None:
+        last, following = store.rows(
+            "SELECT (SELECT max(id) FROM blocks WHERE day = ?), (SELECT min(day) FROM blocks WHERE day > ?)", day, day
+        )[0]
+        found.append((day, last))
+        day = following
+    return found
+
+
+def _is_fresh(store: Store, path: Path, last_block: int) -> bool:
+    """Say whether a file is there, as long as when it was written, and holds the day's last block."""
+    row = store.rows("SELECT last_block, size FROM published WHERE file = ?", path.name)
+    if not row or row[0][0] != last_block:
+        return False
+    try:
+        return path.stat().st_size == row[0][1]
+    except OSError:
+        return False
+
+
+def _write(dataset: xr.Dataset, path: Path) -> int:
+    """Write a file in the place of the old one; return its size in bytes."""
+    temporary = path.with_name(f".{path.name}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset))
+        size = temporary.stat().st_size
+        replace_durably(temporary, path)
+    except (OSError, RuntimeError) as error:
+        temporary.unlink(missing_ok=True)
+        raise PublishError(f"{path}: cannot be written: {error}") from error
+    return size
+
+
+def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """Return how each variable is stored: NaN and -1 as fill values where there is none in the flags."""
+    encoding: dict[str, dict[str, Any]] = {}
+    for name in map(str, dataset.variables):
+        variable = VARIABLES.get(name)
+        if name == "elapsed" or (variable is not None and variable.kind == "float"):
+            encoding[name] = {"_FillValue": np.nan}
+        elif variable is not None and variable.kind == "int":
+            encoding[name] = {"_FillValue": INT_FILL}
+        else:
+            encoding[name] = {"_FillValue": None}
+    return encoding
+
+
+def _globals(store: Store, day: int | None, attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the global attributes of a day: CF, ACDD, and what its records were made with."""
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    runs = store.rows(
+        "SELECT attributes FROM runs WHERE id IN (SELECT DISTINCT run FROM blocks WHERE day IS ?) ORDER BY id", day
+    )
+    made_with = {**_merged(json.loads(row[0]) for row in runs), **attributes}
+    when = "without a date" if day is None else f"on {_midnight(day):%Y-%m-%d} UTC"
+    result: dict[str, Any] = {
+        "Conventions": "CF-1.11, ACDD-1.3",
+        "title": f"Bearing health records of {store.machine} {when}",
+        "summary": _SUMMARY,
+        "keywords": _KEYWORDS,
+        "id": file_name(store.machine, day).removesuffix(".nc"),
+        "machine": store.machine,
+        "source": f"spallwatch {made_with.get('software_version', 'unknown')}, from recorded acceleration",
+        "history": f"{now} published from the store by spallwatch",
+        "processing_level": "health indicators of blocks of acceleration",
+        "date_created": now,
+        "product_version": str(SCHEMA_VERSION),
+    }
+    if day is not None:
+        first, last = store.rows("SELECT min(axis_time), max(axis_time) FROM blocks WHERE day = ?", day)[0]
+        result["time_coverage_start"] = _iso(first)
+        result["time_coverage_end"] = _iso(last)
+        result["time_coverage_duration"] = f"PT{last - first:.3f}S"
+    return {**result, **made_with}
+
+
+def _merged(runs: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Merge the attributes of several runs; where they differ, list what each had, in order."""
+    found: dict[str, list[Any]] = {}
+    for run in runs:
+        for key, value in run.items():
+            values = found.setdefault(key, [])
+            if value not in values:
+                values.append(value)
+    return {key: values[0] if len(values) == 1 else "; ".join(map(str, values)) for key, values in found.items()}
+
+
+def _midnight(day: int) -> datetime:
+    return datetime.fromtimestamp(day * SECONDS_PER_DAY, UTC)
+
+
+def _iso(time: float) -> str:
+    moment = datetime.fromtimestamp(0, UTC) + timedelta(seconds=time)
+    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
