@@ -131,12 +131,14 @@ class _EnvelopePlan:
         # 2/n_used makes the analytic signal of the bins, 4/n the Hann-windowed line amplitude of its envelope.
         self.window = (hann * (2.0 / n_used) * (4.0 / n_samples)).astype(precision)
         self.mean_scale = 2.0 / n_used
+        self._filled = 0
 
     def __call__(self, bins: NDArray[np.complexfloating], n_keep: int) -> tuple[NDArray[np.floating], float]:
         """Return the first ``n_keep`` amplitudes of the envelope spectrum of a band, and the mean of the envelope."""
         workspace = self.analytic.input
         workspace[: bins.size] = bins
-        workspace[bins.size :] = 0
+        workspace[bins.size : self._filled] = 0
+        self._filled = bins.size
         self.analytic.execute()
         envelope = self.envelope.input
         np.abs(self.analytic.output, out=envelope)
@@ -245,7 +247,7 @@ class BlockTransform:
             workspace[:] = 0
             return 0.5 * low + 0.5 * high, 1.0
         # Pairwise sums in the samples' own type are exact enough: what is left of the mean is in bin 0, not used.
-        mean = float(x.mean())
+        mean = float(x.sum()) / x.size
         exponent = math.frexp(high - low)[1]
         if abs(exponent) <= _EXPONENT_LIMIT:
             np.subtract(x, mean, out=workspace, casting="same_kind")
@@ -258,6 +260,8 @@ class BlockTransform:
     def _raw_amplitude(self, spectrum: NDArray[np.complexfloating]) -> NDArray[np.floating]:
         """Hann-windowed amplitude of the lowest bins: the window is a convolution with [-1/4, 1/2, -1/4]."""
         n = self._n_raw
+        if n == 1:
+            return np.zeros(1, spectrum.real.dtype)
         middle = spectrum[:n] * spectrum.real.dtype.type(2.0 / self.n_used)
         middle[1:] -= spectrum[: n - 1] * spectrum.real.dtype.type(1.0 / self.n_used)
         n_right = min(n, spectrum.size - 1)
