@@ -12,12 +12,21 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Protocol
+from typing import Literal, Protocol
 
 from streams.readers.reading import MAX_BYTES, ReaderError
 from streams.source import SourceError
 
-_ARCHIVE_SUFFIXES = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
+_Mode = Literal["r:", "r:gz", "r:bz2", "r:xz"]
+_ARCHIVE_MODES: dict[str, _Mode] = {
+    ".tar": "r:",
+    ".tar.gz": "r:gz",
+    ".tgz": "r:gz",
+    ".tar.bz2": "r:bz2",
+    ".tbz2": "r:bz2",
+    ".tar.xz": "r:xz",
+    ".txz": "r:xz",
+}
 _DAMAGED = (tarfile.TarError, OSError, EOFError, lzma.LZMAError, zlib.error)
 
 
@@ -91,11 +100,12 @@ class Archive:
     def __init__(self, path: Path) -> None:
         """Take the archive at ``path``; nothing of it is ever written to disk."""
         self.root = path.resolve()
+        self._mode: _Mode = next(mode for ending, mode in _ARCHIVE_MODES.items() if path.name.lower().endswith(ending))
 
     def __iter__(self) -> Iterator[Item]:
         """Iterate over all members but folders; ReaderError where the archive breaks off or is damaged."""
         try:
-            with tarfile.open(self.root, "r:*") as archive:
+            with tarfile.open(self.root, self._mode) as archive:
                 yield from _members(archive, self.root.name)
         except _DAMAGED as error:
             raise _damage(error, self.root.name) from error
@@ -133,8 +143,8 @@ def _read_member(archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
 
 
 def _damage(error: BaseException, where: str) -> ReaderError:
-    cut = isinstance(error, EOFError) or "unexpected end" in str(error) or "end-of-stream" in str(error)
-    if cut:
+    # tarfile calls a compressed file that ends too early no compressed file; what it ran into is the context.
+    if isinstance(error, EOFError) or isinstance(error.__context__, EOFError) or "unexpected end" in str(error):
         return ReaderError("incomplete", f"{where}: the archive breaks off here")
     return ReaderError("unreadable", f"{where}: the archive is damaged ({error})")
 
@@ -162,17 +172,19 @@ def read_guarded(root: Path, path: str) -> bytes:
     except OSError as error:
         status = "refused" if error.errno in (errno.ELOOP, errno.ENXIO) else "unreadable"
         raise ReaderError(status, f"{path}: cannot be opened ({error.strerror})") from error
-    with os.fdopen(handle, "rb") as stream:
+    try:
         before = os.fstat(handle)
         if not stat.S_ISREG(before.st_mode):
             raise ReaderError("refused", f"{path}: not a regular file")
         if before.st_size > MAX_BYTES:
             raise ReaderError("refused", f"{path}: {before.st_size} bytes, {MAX_BYTES} are allowed")
-        try:
+        with open(handle, "rb", closefd=False) as stream:
             data = stream.read()
-        except OSError as error:
-            raise ReaderError("unreadable", f"{path}: cannot be read ({error.strerror})") from error
         after = os.fstat(handle)
+    except OSError as error:
+        raise ReaderError("unreadable", f"{path}: cannot be read ({error.strerror})") from error
+    finally:
+        os.close(handle)
     if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns) or len(data) != after.st_size:
         raise ReaderError("changed", f"{path}: changed while it was read")
     return data
@@ -180,7 +192,7 @@ def read_guarded(root: Path, path: str) -> bytes:
 
 def is_archive(path: str) -> bool:
     """Tell whether a file is called like a tar archive."""
-    return path.lower().endswith(_ARCHIVE_SUFFIXES)
+    return path.lower().endswith(tuple(_ARCHIVE_MODES))
 
 
 def open_files(name: str, path: str, must_be_folder: bool = False) -> Files:

@@ -85,6 +85,8 @@ def read_text(
     if width == 1 and not dialect.is_number(fields[0]):
         raise _located(body, name, dialect, width, first_line, "no number")
     _check_width(width, n_columns, names, name, first_line)
+    if columns is not None and max(columns) > width:
+        raise ReaderError("wrong_shape", f"{name}: expected at least {max(columns)} columns, found {width}")
     values = _parse(body, name, dialect, width, columns, precision, first_line)
     if columns is None:
         return plain_reading(values, names)

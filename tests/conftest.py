@@ -1,0 +1,31 @@
+"""What all tests share: where the recordings are, and what happens where they are not."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+_REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+def recordings_folder() -> Path:
+    """Return the folder of recordings: SPALLWATCH_DATA, by default ../shared/data beside the repository."""
+    return Path(os.environ.get("SPALLWATCH_DATA") or _REPOSITORY.parent / "shared" / "data")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a test that needs recordings where there are none; under CI that is a failure."""
+    if item.get_closest_marker("real") is None or recordings_folder().is_dir():
+        return
+    reason = "the recordings are missing: SPALLWATCH_DATA names no folder"
+    if os.environ.get("CI"):
+        pytest.fail(reason, pytrace=False)
+    pytest.skip(reason)
+
+
+@pytest.fixture
+def data_dir() -> Path:
+    """The folder of recordings, for tests marked ``real``."""
+    return recordings_folder()

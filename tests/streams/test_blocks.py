@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from streams.block import STANDARD_GRAVITY
+from streams.blocks import TAIL, agreed_rate, choose_rows, content_hash, cut, piece_hash
+from streams.readers.reading import ReaderError, plain_reading
+from streams.source import ChannelSpec
+from streams.units import to_si
+
+
+@given(total=st.integers(1, 500), length=st.none() | st.integers(1, 200))
+def test_cutting_loses_and_doubles_no_sample(total: int, length: int | None) -> None:
+    samples = np.vstack([np.arange(total), -np.arange(total)]).astype(np.float32)
+    pieces = list(cut(samples, length))
+    assert_array_equal(np.hstack([piece.samples for piece in pieces]), samples)
+    assert [piece.offset for piece in pieces] == list(range(0, total, length or total))
+    assert all(piece.samples.flags.c_contiguous for piece in pieces)
+    assert [piece.whole for piece in pieces] == [piece.samples.shape[1] == total for piece in pieces]
+    assert all(piece.missing == 0 for piece in pieces[:-1])
+    last = pieces[-1]
+    assert (last.missing > 0) == (length is not None and last.samples.shape[1] < TAIL * length)
+
+
+def test_digests() -> None:
+    whole = content_hash(b"abc")
+    assert len(whole) == 32
+    assert len({whole, content_hash(b"abd"), piece_hash(whole, 0), piece_hash(whole, 1)}) == 4
+
+
+def test_rate_is_what_all_agree_on() -> None:
+    assert agreed_rate((48828.0, None), 48828.125, "x") == 48828.0
+    assert agreed_rate((None, None), 100.0, "x") == 100.0
+    for stated, configured in (((None, None), None), ((100.0, None), 101.0), ((100.0, 200.0), None)):
+        with pytest.raises(ReaderError, match="x: ") as caught:
+            agreed_rate(stated, configured, "x")
+        assert caught.value.status == "wrong_rate"
+
+
+READING = plain_reading(np.zeros((3, 4)), ("X1_DE_time", "X1_FE_time", "rpm"))
+
+
+@pytest.mark.parametrize(
+    ("channel", "words"),
+    [
+        (ChannelSpec("a", key="X*_time", unit="g"), "2 columns by key 'X*_time'"),
+        (ChannelSpec("a", key="y*", unit="g"), "no column by key 'y*'"),
+        (ChannelSpec("a", column=4, unit="g"), "no column by column 4; the file has X1_DE_time, X1_FE_time, rpm"),
+        (ChannelSpec("a", column="b", unit="g"), "no column by column 'b'"),
+        (ChannelSpec("a", unit="g"), "no column by its name"),
+        (ChannelSpec("rpm"), "no unit is stated"),
+    ],
+)
+def test_channel_that_does_not_fit(channel: ChannelSpec, words: str) -> None:
+    with pytest.raises(ReaderError) as caught:
+        choose_rows(READING, (channel,), None, "x.mat")
+    assert words in str(caught.value)
+    assert caught.value.status in ("wrong_shape", "wrong_unit")
+
+
+def test_unit_that_contradicts_the_recording() -> None:
+    with pytest.raises(ReaderError, match="the recording is in g, unit = 'm/s2'") as caught:
+        choose_rows(READING, (ChannelSpec("rpm", unit="m/s2"),), "g", "x.mat")
+    assert caught.value.status == "wrong_unit"
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_units(dtype: type[np.floating]) -> None:
+    samples = np.array([[1.0, -2.0]], dtype=dtype)
+    g, unit = to_si(samples, "g")
+    assert unit == "m/s2"
+    assert g.dtype == dtype
+    np.testing.assert_allclose(g, [[STANDARD_GRAVITY, -2 * STANDARD_GRAVITY]], rtol=1e-7)
+    same, unit = to_si(samples, "m/s2")
+    assert same is samples
+    assert unit == "m/s2"
+    volts, unit = to_si(samples, "V", scale=0.5, sensitivity_mv_per_g=100.0)
+    assert unit == "m/s2"
+    np.testing.assert_allclose(volts, [[5 * STANDARD_GRAVITY, -10 * STANDARD_GRAVITY]], rtol=1e-6)
+    unknown, unit = to_si(samples, "unknown", scale=2.0)
+    assert unit == "unknown"
+    assert_array_equal(unknown, [[2, -4]])
+    assert_array_equal(samples, [[1, -2]])
+
+
+def test_units_that_are_wrong() -> None:
+    samples = np.zeros((1, 2))
+    with pytest.raises(ValueError, match="must be g, m/s2, V or unknown, got 'm/s'"):
+        to_si(samples, "m/s")
+    for sensitivity in (None, 0.0, -1.0):
+        with pytest.raises(ValueError, match="sensitivity_mv_per_g"):
+            to_si(samples, "V", sensitivity_mv_per_g=sensitivity)
+
+
+def test_conversion_of_extreme_samples_does_not_warn() -> None:
+    converted, _ = to_si(np.array([[3e38, np.nan, np.inf]], dtype=np.float32), "g")
+    assert math.isinf(converted[0, 0])
