@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -144,7 +145,8 @@ def _write(dataset: xr.Dataset, path: Path) -> int:
         size = temporary.stat().st_size
         replace_durably(temporary, path)
     except (OSError, RuntimeError) as error:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink()
         raise PublishError(f"{path}: cannot be written: {error}") from error
     return size
 

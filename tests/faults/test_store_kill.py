@@ -1,0 +1,77 @@
+"""A process that commits blocks is killed at any moment: what it acknowledged is there, once, and whole."""
+
+from __future__ import annotations
+
+import random
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from monitor.records.record import Record
+from monitor.records.store import Store
+from tests.effort import effort_count
+
+KILLS = effort_count(quick=10, full=200)
+_ROOT = Path(__file__).parents[2]
+_CHILD = """
+import sys
+from pathlib import Path
+from tests.faults.test_store_kill import block
+from monitor.records.store import Store
+
+with Store.open(Path(sys.argv[1]), machine="m") as store:
+    print("open", flush=True)
+    sequence = store.last("s")
+    while True:
+        sequence += 1
+        if store.commit(block(sequence), {"detect:x": {"seen": sequence}}) == "committed":
+            print(sequence, flush=True)
+"""
+
+
+def block(sequence: int) -> Record:
+    values = {"rms": sequence / 7.0, "stage": "healthy", "bpfo_amplitude": [sequence / k for k in range(1, 7)]}
+    return Record(
+        source="s",
+        sequence=sequence,
+        name=f"block {sequence}",
+        content_hash=f"{sequence:08x}",
+        time=1.7e9 + 5.0 * sequence,
+        channels={"x": values, "y": values},
+        forecasts=({"tt": float(sequence)},),
+        events=({"kind": "tick", "n": sequence},) if sequence % 3 == 0 else (),
+    )
+
+
+def test_every_acknowledged_block_survives_sigkill(tmp_path: Path) -> None:
+    generator = random.Random(20240229)
+    acknowledged = total = 0
+    path = tmp_path / "state.db"
+    for kill in range(KILLS):
+        if kill % 10 == 0:
+            # A store grown over many kills would make each look at it slower, and the first moments are special.
+            path = tmp_path / f"{kill}.db"
+            acknowledged = 0
+        child = subprocess.Popen(
+            [sys.executable, "-c", _CHILD, str(path)], cwd=_ROOT, stdout=subprocess.PIPE, text=True
+        )
+        assert child.stdout is not None
+        if generator.random() < 0.7:
+            child.stdout.readline()
+        time.sleep(generator.uniform(0.0, 0.2))
+        child.kill()
+        output = child.stdout.read()
+        child.stdout.close()
+        child.wait()
+        whole_lines = output[: output.rfind("\n") + 1].split()
+        acknowledged = max([acknowledged, *(int(line) for line in whole_lines if line != "open")])
+        total = max(total, acknowledged)
+        with Store.open(path, machine="m") as store:
+            assert store.check() == []
+            found = list(store.records())
+            assert len(found) >= acknowledged
+            assert found == [block(number) for number in range(1, len(found) + 1)]
+            assert store.load_states() == ({"detect:x": {"seen": len(found)}} if found else {})
+            assert [event["n"] for event in store.events()] == list(range(3, len(found) + 1, 3))
+    assert total > 0
