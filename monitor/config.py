@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import math
 import tomllib
 import zoneinfo
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from models.bearing import Bearing, catalogue, from_catalogue
 from models.scene import Rig
+from monitor.config_problems import explain
 from monitor.health.detect import DetectSettings
 from streams.block import STANDARD_GRAVITY
 
@@ -367,7 +367,7 @@ def validate(values: dict[str, Any], path: Path) -> Config:
     try:
         config = Config.model_validate(values)
     except ValidationError as error:
-        raise ConfigError("\n".join(f"{path}: {_explain(problem)}" for problem in error.errors())) from None
+        raise ConfigError("\n".join(f"{path}: {explain(problem, Config)}" for problem in error.errors())) from None
     return _with_absolute_paths(config, path.resolve().parent)
 
 
@@ -387,39 +387,3 @@ def _with_absolute_paths(config: Config, folder: Path) -> Config:
         for channel in config.channel
     )
     return config.model_copy(update={"machine": machine, "channel": channels})
-
-
-def _explain(problem: Any) -> str:
-    """Turn a validation problem into a line that names the key, what came and what is allowed."""
-    location = ""
-    for part in problem["loc"]:
-        if isinstance(part, int):
-            location += f"[{part}]"
-        elif "[" not in part and part not in {"float", "int", "str", "tuple"} and not part.startswith("literal"):
-            location += f".{part}" if location else part
-    if problem["type"] == "extra_forbidden":
-        known = _keys_at(problem["loc"][:-1])
-        key = str(problem["loc"][-1])
-        near = difflib.get_close_matches(key, known, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        return f"{location}: unknown key{hint} Allowed are {', '.join(sorted(known))}"
-    message = problem["msg"].removeprefix("Value error, ")
-    if problem["type"] == "missing":
-        return f"{location}: is missing"
-    if problem["type"] == "value_error" and isinstance(problem["input"], dict):
-        name = problem["input"].get("name")
-        who = f"{location} ({name})" if name and location else location or "configuration"
-        return f"{who}: {message}"
-    return f"{location} = {problem['input']!r}: {message}"
-
-
-def _keys_at(location: tuple[int | str, ...]) -> list[str]:
-    """Return the keys that the table at ``location`` may hold."""
-    model: type[BaseModel] = Config
-    for part in location:
-        if isinstance(part, int) or part not in model.model_fields:
-            continue
-        annotation = model.model_fields[part].annotation
-        candidates = [annotation, *get_args(annotation)]
-        model = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), model)
-    return list(model.model_fields)

@@ -67,7 +67,9 @@ def describe(config: Config, bearing: Bearing, load: float, speed: float, cleara
     """Return the keys of the interface; null where the catalogue lacks what a figure needs."""
     lines = kinematics(bearing, speed)
     rig = config.rig.to_rig()
-    k_c: float | None = rig.k_c if bearing.element == "ball" else None
+    # [rig] describes the first bearing of the configuration; its contact stiffness says nothing about another one.
+    own = bearing == config.bearing[0].to_bearing() and bearing.element == "ball"
+    k_c = rig.k_c if own else None
     try:
         geometry: float | None = contact_stiffness(bearing)
     except ValueError:

@@ -1,0 +1,111 @@
+"""The distribution: what the wheel holds, where the packages come from, and what the daemon's modules import."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from monitor import cli
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> zipfile.ZipFile:
+    out = tmp_path_factory.mktemp("wheel")
+    subprocess.run(
+        [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(out), str(ROOT)],
+        check=True,
+        capture_output=True,
+    )
+    return zipfile.ZipFile(next(out.glob("spallwatch-*.whl")))
+
+
+def test_the_wheel_holds_exactly_the_three_packages(wheel):
+    names = [name for name in wheel.namelist() if ".dist-info/" not in name]
+    assert {name.split("/")[0] for name in names} == {"models", "monitor", "streams"}
+    assert not [name for name in names if "test" in name.lower() or name.endswith((".pyc", ".nbi", ".nbc"))]
+
+
+def test_the_wheel_holds_the_catalogue_and_every_module(wheel):
+    inside = set(wheel.namelist())
+    tracked = subprocess.run(
+        ["git", "ls-files", "models", "monitor", "streams"], cwd=ROOT, check=True, capture_output=True, text=True
+    ).stdout.split()
+    assert "models/bearings.toml" in tracked
+    assert set(tracked) <= inside
+
+
+def test_the_installation_is_whole():
+    assert cli.check_installation() is None
+
+
+def test_a_foreign_package_of_the_same_name_is_noticed(tmp_path):
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "__init__.py").touch()
+    run = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from monitor.cli import main; main()",
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 2
+    assert str(tmp_path) in run.stderr
+    assert "Traceback" not in run.stderr
+
+
+HEAVY = ("numba", "dask", "pymoo", "matplotlib", "xarray", "netCDF4", "pandas", "scipy.signal")
+
+
+def modules_after(code: str) -> set[str]:
+    run = subprocess.run(
+        [sys.executable, "-c", f"{code}\nimport sys; print('\\n'.join(sys.modules))"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+    )
+    return set(run.stdout.split())
+
+
+def test_help_imports_nothing_heavy():
+    code = "from monitor.cli import spallwatch\nspallwatch.main(['--help'], standalone_mode=False)"
+    assert not modules_after(code) & {*HEAVY, "scipy", "numpy"}
+
+
+def test_a_committed_block_needs_no_compiler_and_no_plotting():
+    """The watcher and the store as the daemon uses them, with what it must not load made unimportable."""
+    code = """
+import sys
+for name in ("numba", "dask", "pymoo", "matplotlib"):
+    sys.modules[name] = None
+import tempfile
+from pathlib import Path
+import numpy as np
+from monitor.config import validate
+from monitor.records.store import Store
+from monitor.service.setup import channel_setups
+from monitor.service.watcher import Watcher
+from streams.block import Block
+config = validate({
+    "bearing": [{"name": "b", "designation": "6205"}], "operating": {"speed_hz": 30.0},
+    "source": [{"name": "s"}],
+    "channel": [{"name": "c", "source": "s", "unit": "g", "bearing": "b", "band_hz": [[2000, 8000]]}],
+}, Path("x.toml"))
+watcher = Watcher("s", channel_setups(config, config.source[0]))
+samples = np.random.default_rng(0).standard_normal((1, 25600)).astype("float32")
+record = watcher.process(Block(samples, 25600.0, ("c",), ("g",), "s", 1, "x", content_hash="0"))
+with tempfile.TemporaryDirectory() as folder, Store.open(Path(folder) / "state.db", machine="m") as store:
+    assert store.commit(record, watcher.states()) == "committed"
+"""
+    loaded = modules_after(code)
+    assert "monitor.records.store" in loaded
+    assert "monitor.health.pipeline" in loaded
