@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Literal
@@ -71,24 +72,30 @@ class Plan:
         self.execute = plan.execute
 
 
+_planner = threading.RLock()
+"""FFTW's planner and its wisdom belong to the whole process."""
+
+
 @contextmanager
 def planning(effort: Effort) -> Iterator[None]:
     """Make plans inside: ESTIMATE does not see the wisdom of an earlier MEASURE, or its bits would depend on it."""
-    if effort == "measure":
-        yield
-        return
-    wisdom = export_wisdom()
-    pyfftw.forget_wisdom()
-    try:
-        yield
-    finally:
+    with _planner:
+        if effort == "measure":
+            yield
+            return
+        wisdom = pyfftw.export_wisdom()
         pyfftw.forget_wisdom()
-        pyfftw.import_wisdom(wisdom)
+        try:
+            yield
+        finally:
+            pyfftw.forget_wisdom()
+            pyfftw.import_wisdom(wisdom)
 
 
 def export_wisdom() -> Wisdom:
     """Return what the plans with effort "measure" have learned in this process, to be stored and imported."""
-    return pyfftw.export_wisdom()
+    with _planner:
+        return pyfftw.export_wisdom()
 
 
 def import_wisdom(wisdom: Wisdom) -> bool:
@@ -97,9 +104,11 @@ def import_wisdom(wisdom: Wisdom) -> bool:
     Returns:
         Whether FFTW accepted all of it; it refuses that of another version or machine.
     """
-    return all(pyfftw.import_wisdom(wisdom))
+    with _planner:
+        return all(pyfftw.import_wisdom(wisdom))
 
 
 def forget_wisdom() -> None:
     """Forget all wisdom of this process; plans already made stay."""
-    pyfftw.forget_wisdom()
+    with _planner:
+        pyfftw.forget_wisdom()
