@@ -16,7 +16,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from monitor.records.filing import Stored
-from monitor.records.packing import Entry, entries_of, numbers_of
+from monitor.records.packing import Entry, channels_of, entries_of, numbers_of
 from monitor.records.schema import DIMENSION_SIZES, FAULTS, OPTIONAL_DIMENSIONS, SCHEMA_VERSION, VARIABLES, Variable
 
 UTC_UNITS = "seconds since 1970-01-01T00:00:00Z"
@@ -54,7 +54,7 @@ def to_dataset(items: Iterable[Stored], *, dated: bool, attributes: Mapping[str,
     """
     rows = sorted(items, key=lambda item: (item.filing.time, item.source, item.sequence))
     groups = _groups(rows)
-    channels = list(dict.fromkeys(entry.channel for group in groups for entry in group.entries))
+    channels = list(dict.fromkeys(channel for row in rows for channel in channels_of(row.layout)))
     time_units = UTC_UNITS if dated else UNDATED_UNITS
     dataset = xr.Dataset(coords=_coordinates([row.filing.time for row in rows], channels, dated=dated))
     for name, variable in _ledger(rows).items():

@@ -65,7 +65,7 @@ def pack(channels: Mapping[str, Mapping[str, Any]]) -> tuple[str, bytes]:
 def unpack(layout: str, row: bytes) -> dict[str, dict[str, Any]]:
     """Return the values of a record, the inverse of :func:`pack`."""
     numbers = numbers_of(row)
-    channels: dict[str, dict[str, Any]] = {channel: {} for channel, _ in json.loads(layout)}
+    channels: dict[str, dict[str, Any]] = {channel: {} for channel in channels_of(layout)}
     for entry in entries_of(layout):
         value: Any = None
         if entry.shape is not None:
@@ -85,6 +85,12 @@ def entries_of(layout: str) -> tuple[Entry, ...]:
             entries.append(Entry(channel, name, None if shape is None else tuple(shape), start))
             start += 0 if shape is None else math.prod(shape)
     return tuple(entries)
+
+
+@lru_cache(maxsize=256)
+def channels_of(layout: str) -> tuple[str, ...]:
+    """Return the channels of a layout in order, also those without any value."""
+    return tuple(channel for channel, _ in json.loads(layout))
 
 
 def numbers_of(row: bytes) -> NDArray[np.float64]:

@@ -53,8 +53,8 @@ def plain(value: Any) -> Any:
 class Record:
     """What one block of one source said. Equal records are equal bit for bit.
 
-    Absent values are None, NaN and infinities are refused; sequences become tuples, so that a record equals the one
-    read back from its JSON. See :func:`plain` for values that come from arrays.
+    Absent values are None (so is a value of several numbers none of which is there), NaN and infinities are refused;
+    sequences become tuples, so that a record equals the one read back from its JSON. See :func:`plain` for values that come from arrays.
 
     Attributes:
         source: name of the source.
@@ -156,6 +156,8 @@ def _value(name: str, value: Any, where: str) -> Any:
         return _scalar(variable, value, where)
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
+    if _is_absent(value):
+        return None
     depth = _depth(value)
     dims = variable.dims
     if depth < len(dims):
@@ -177,6 +179,11 @@ def _nested(variable: Variable, value: Any, dims: tuple[str, ...], where: str) -
     if size is not None and len(value) != size:
         raise RecordError(f"{where}: expected {size} values over {dims[0]}, got {len(value)}")
     return tuple(_nested(variable, item, dims[1:], where) for item in value)
+
+
+def _is_absent(value: Any) -> bool:
+    """Return whether a value of several numbers holds none: all of them None."""
+    return all(_is_absent(item) for item in value) if isinstance(value, list | tuple) else value is None
 
 
 def _depth(value: Any) -> int:

@@ -232,6 +232,11 @@ class Store:
         for row in self.stored(condition, *values):
             yield row.to_record()
 
+    def record(self, source: str, sequence: int) -> Record | None:
+        """Return one record, or None where that block was never committed."""
+        row = next(self.stored("source = ? AND sequence = ?", source, sequence), None)
+        return None if row is None else row.to_record()
+
     def stored(self, condition: str = "1", *values: Any) -> Iterator[Stored]:
         """Yield records as they are stored, in the order in which they were committed.
 

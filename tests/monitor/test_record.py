@@ -95,6 +95,12 @@ def test_arrays_and_absent_rows_become_nested_tuples() -> None:
     assert type(record.channels["x"]["tt"]) is float
 
 
+def test_a_value_without_any_number_is_absent() -> None:
+    for nothing in ((None, None), [None], ((None,) * 3,), ((None,) * 3, None)):
+        assert make(tt_coefficients=nothing).channels["x"]["tt_coefficients"] is None
+    assert make(tt_coefficients=((1.0, 2.0, 3.0), None)).channels["x"]["tt_coefficients"][1] == (None,) * 3
+
+
 def test_sets_of_words_are_brought_into_one_order() -> None:
     for fault in ("ball|inner", ("ball", "inner"), 6, "inner|ball"):
         assert make(fault=fault).channels["x"]["fault"] == "inner|ball"

@@ -47,6 +47,8 @@ def test_a_committed_block_is_there_after_reopening_with_its_states(path: Path) 
         assert store.load_states() == {"detect:x": {**state, "seen": []}}
         assert store.last("s") == 2
         assert store.last("other") == 0
+        assert store.record("s", 2) == block(2)
+        assert store.record("s", 3) is None
         assert store.check() == []
 
 
