@@ -52,7 +52,9 @@ class BallPeriod:
     steps: int
     first: NDArray[np.int64]
     flow: NDArray[np.float64]
+    part: NDArray[np.float64]
     turn: NDArray[np.float64]
+    advance: NDArray[np.float64]
     damaged: NDArray[np.float64]
     plain: NDArray[np.float64]
     near: int
@@ -76,7 +78,9 @@ class BallPeriod:
             wave,
             self.first,
             self.flow,
+            self.part,
             self.turn,
+            self.advance,
             self.damaged,
             self.plain,
             self.near,
@@ -140,17 +144,19 @@ def prepare(scene: Scene, steps_per_period: int | None = None) -> BallPeriod:
     first, angles, weight = _grid(bounds, steps_per_period, pitch)
     omega = 2.0 * math.pi * bpfo / scene.bearing.n_elements
     depth, rate = _path_table(path, damaged, angles)
-    turn = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+    fractions = np.linspace(0.0, 1.0, 2 * kernels.SUBSTEPS + 1)
     step = np.diff(bounds) / np.diff(first) / omega
     ends = [np.linspace(bounds[k], bounds[k + 1], first[k + 1] - first[k] + 1) for k in range(len(first) - 1)]
     return BallPeriod(
         duration=1.0 / bpfo,
         steps=int(first[-1]),
         first=first,
-        flow=np.array([_propagators(scene.rig, h) for h in step]),
-        turn=turn,
-        damaged=_directions(damaged),
-        plain=_directions(plain),
+        flow=np.array([[h, *_propagators(scene.rig, h)] for h in step]),
+        part=np.array([_propagators(scene.rig, h / kernels.SUBSTEPS) for h in step]),
+        turn=_turns(angles),
+        advance=_turns(omega * step[:, None] * fractions),
+        damaged=_positions_table(damaged, 0),
+        plain=_positions_table(plain, len(damaged)),
         near=near,
         depth=depth,
         rate=omega * rate,
@@ -250,8 +256,14 @@ def _path_table(
     return np.ascontiguousarray(depth), np.ascontiguousarray(slope)
 
 
-def _directions(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.stack((np.cos(angles), np.sin(angles)))
+def _turns(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+
+
+def _positions_table(angles: NDArray[np.float64], first: int) -> NDArray[np.float64]:
+    """Return cosine, sine and a distinct power of two of positions, (3, positions); the powers begin at 2**first."""
+    powers = np.ldexp(1.0, np.arange(first, first + len(angles)))
+    return np.stack((np.cos(angles), np.sin(angles), powers))
 
 
 def oscillator(omega_squared: float, damping: float, h: float) -> tuple[float, float, float, float]:
@@ -271,11 +283,11 @@ def oscillator(omega_squared: float, damping: float, h: float) -> tuple[float, f
 
 
 def _propagators(rig: Rig, h: float) -> list[float]:
-    """Return the kernel's ``flow`` row for steps of length h, s."""
+    """Return the propagators that carry half of a step of length h, s (the kernel's ``flow`` without h)."""
     reduced = rig.m_o * rig.m_r / (rig.m_o + rig.m_r)
     inner = oscillator(rig.k_i / rig.m_i, rig.c_i / rig.m_i, 0.5 * h)
     resonator = oscillator(rig.k_r / reduced, rig.c_r / reduced, 0.5 * h)
-    return [h, *inner, 0.5 * h, *resonator]
+    return [*inner, 0.5 * h, *resonator]
 
 
 def _parameters(scene: Scene, omega: float, angles: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,6 +6,10 @@ equilibrium, m and m/s. In these coordinates the linear part of Eq. 44 is three 
 propagators. ``state`` has shape (2, 6). The contact force on the right-hand side is the true one minus the static load,
 so that the equilibrium is kept exactly.
 
+The damping force sets in like a square root where a ball meets or leaves its contact, which no step of high order
+follows. A step in which any ball does so is taken again as SUBSTEPS smaller ones, with the path interpolated between
+the nodes of the step.
+
 Ball directions are constant in a frame that turns with the cage: only the displacement is rotated, by the cage angle
 since the start of the period.
 
@@ -16,8 +20,12 @@ Arguments, float64 and C-contiguous unless said:
 - ``flow`` (segments, 10): step length h, s, then for half a step the 2x2 propagator of the inner ring, h/2, the 2x2
   propagator of the outer ring against the resonator (both row by row).
 - ``turn`` (steps, 3, 2): cosine and sine of the cage angle at the beginning, middle and end of each step.
-- ``damaged`` (2, D), ``plain`` (2, P): cosine and sine of the ball positions at the start of the period that the
-  defect can touch in this period and that it cannot; plain ones sorted by their distance from the load direction.
+- ``part`` (segments, 9): the last nine of ``flow`` for a step of h / SUBSTEPS.
+- ``advance`` (segments, 2 SUBSTEPS + 1, 2): cosine and sine of the cage's turn within a step, in steps of
+  h / (2 SUBSTEPS).
+- ``damaged`` (3, D), ``plain`` (3, P): cosine and sine of the ball positions at the start of the period that the
+  defect can touch in this period and that it cannot, and a distinct power of two; plain ones sorted by their distance
+  from the load direction.
 - ``depth``, ``rate`` (steps, 3, D): d and omega_c d' of the damaged positions, m and m/s; at the ends of a step they
   are the one-sided limits from within it.
 - ``near``: how many plain positions lie close enough to the load direction to be touched while the displacement
@@ -32,10 +40,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from models.kernels.jit import kernel
+import numpy as np
+
+from models.kernels.jit import inlined, kernel
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Axis = tuple[float, float, float, float, float, float]
@@ -43,6 +52,9 @@ if TYPE_CHECKING:
     Contact = tuple[float, float, float, float, float, float]
 
 NEAR_SLOPE = math.tan(math.radians(15.0))
+
+# Parts of a step in which a contact opens or closes.
+SUBSTEPS = 8
 
 STATUS_OK = 0
 STATUS_NOT_FINITE = 1
@@ -66,7 +78,7 @@ P_U_2 = 14  # the same across the load, m
 PARAMETERS = 15
 
 
-@kernel
+@inlined
 def _flow(x: Axis, e: Flow) -> Axis:
     return (
         e[0] * x[0] + e[1] * x[1],
@@ -78,12 +90,12 @@ def _flow(x: Axis, e: Flow) -> Axis:
     )
 
 
-@kernel
+@inlined
 def _kick(x: Axis, impulse: float, inv_m_i: float, inv_m: float, inv_m_o: float) -> Axis:
     return (x[0], x[1] - impulse * inv_m_i, x[2], x[3] + impulse * inv_m, x[4], x[5] + impulse * inv_m_o)
 
 
-@kernel
+@inlined
 def _contact(
     x1: Axis,
     x2: Axis,
@@ -91,11 +103,15 @@ def _contact(
     turn: NDArray[np.float64],
     depth: NDArray[np.float64],
     rate: NDArray[np.float64],
+    n: int,
+    node: int,
     damaged: NDArray[np.float64],
     plain: NDArray[np.float64],
     near: int,
-) -> tuple[float, float]:
-    """Return the contact force on the outer ring minus the static load, N, along and across the load (Eqs. 35-48)."""
+) -> tuple[float, float, float]:
+    """Return the contact force on the outer ring minus the static load, N, along and across the load (Eqs. 35-48), and
+    the sum of the powers of two of all balls in contact.
+    """
     share, omega, clearance = parameter[P_SHARE_R], parameter[P_OMEGA], parameter[P_CLEARANCE]
     k_c, alpha, beta = parameter[P_K_C], parameter[P_ALPHA], parameter[P_BETA]
     u1 = parameter[P_U_1] + x1[0] - x1[2] - share * x1[4]
@@ -103,20 +119,22 @@ def _contact(
     # The total derivative of u.n for a ball that moves with the cage (Eq. 36).
     w1 = x1[1] - x1[3] - share * x1[5] + omega * u2
     w2 = x2[1] - x2[3] - share * x2[5] - omega * u1
-    c, s = turn[0], turn[1]
+    c, s = turn[n, node, 0], turn[n, node, 1]
     p1, p2 = c * u1 + s * u2, c * u2 - s * u1
     q1, q2 = c * w1 + s * w2, c * w2 - s * w1
     f1 = 0.0
     f2 = 0.0
+    mask = 0.0
     for j in range(damaged.shape[1]):
-        delta = p1 * damaged[0, j] + p2 * damaged[1, j] - clearance - depth[j]
+        delta = p1 * damaged[0, j] + p2 * damaged[1, j] - clearance - depth[n, node, j]
         touching = 1.0 if delta > 0.0 else 0.0
         pressed = max(delta, 0.0)
         root = math.sqrt(pressed)
-        speed = q1 * damaged[0, j] + q2 * damaged[1, j] - rate[j]
+        speed = q1 * damaged[0, j] + q2 * damaged[1, j] - rate[n, node, j]
         force = k_c * pressed * root + (alpha * touching + beta * root) * speed
         f1 += force * damaged[0, j]
         f2 += force * damaged[1, j]
+        mask += touching * damaged[2, j]
     count = near if abs(u2) <= NEAR_SLOPE * u1 else plain.shape[1]
     for j in range(count):
         delta = p1 * plain[0, j] + p2 * plain[1, j] - clearance
@@ -127,15 +145,132 @@ def _contact(
         force = k_c * pressed * root + (alpha * touching + beta * root) * speed
         f1 += force * plain[0, j]
         f2 += force * plain[1, j]
-    return c * f1 - s * f2 - parameter[P_LOAD], s * f1 + c * f2
+        mask += touching * plain[2, j]
+    return c * f1 - s * f2 - parameter[P_LOAD], s * f1 + c * f2, mask
+
+
+@inlined
+def _record(wave: NDArray[np.float64], index: int, x1: Axis, g1: float, parameter: NDArray[np.float64]) -> None:
+    """Write the accelerations along the load from the equation of motion at the state (Eq. 44)."""
+    spring = parameter[P_K_R] * x1[4] + parameter[P_C_R] * x1[5]
+    wave[index, 0] = (g1 - spring) * parameter[P_INV_M_O]
+    wave[index, 1] = spring * parameter[P_INV_M_R]
+
+
+@inlined
+def _step(
+    x1: Axis,
+    x2: Axis,
+    h: float,
+    e: Flow,
+    parameter: NDArray[np.float64],
+    turn: NDArray[np.float64],
+    depth: NDArray[np.float64],
+    rate: NDArray[np.float64],
+    n: int,
+    damaged: NDArray[np.float64],
+    plain: NDArray[np.float64],
+    near: int,
+) -> tuple[Axis, Axis, float, bool]:
+    """Return both axes after one Lawson-RK4 step, the force along the load at its start, and whether contact changed.
+
+    ``n`` is its row in ``turn``, ``depth`` and ``rate``; ``e`` carries half of it.
+    """
+    b_i, b_m, b_o = parameter[P_INV_M_I], parameter[P_INV_M], parameter[P_INV_M_O]
+    start, g2, mask = _contact(x1, x2, parameter, turn, depth, rate, n, 0, damaged, plain, near)
+    y1, y2 = _flow(x1, e), _flow(x2, e)
+    z1, z2 = _kick(x1, 0.5 * h * start, b_i, b_m, b_o), _kick(x2, 0.5 * h * g2, b_i, b_m, b_o)
+    z1, z2 = _flow(z1, e), _flow(z2, e)
+    x1, x2 = _kick(x1, h / 6.0 * start, b_i, b_m, b_o), _kick(x2, h / 6.0 * g2, b_i, b_m, b_o)
+    x1, x2 = _flow(x1, e), _flow(x2, e)
+    g1, g2, mask_2 = _contact(z1, z2, parameter, turn, depth, rate, n, 1, damaged, plain, near)
+    x1, x2 = _kick(x1, h / 3.0 * g1, b_i, b_m, b_o), _kick(x2, h / 3.0 * g2, b_i, b_m, b_o)
+    z1, z2 = _kick(y1, 0.5 * h * g1, b_i, b_m, b_o), _kick(y2, 0.5 * h * g2, b_i, b_m, b_o)
+    g1, g2, mask_3 = _contact(z1, z2, parameter, turn, depth, rate, n, 1, damaged, plain, near)
+    x1, x2 = _kick(x1, h / 3.0 * g1, b_i, b_m, b_o), _kick(x2, h / 3.0 * g2, b_i, b_m, b_o)
+    z1, z2 = _kick(y1, h * g1, b_i, b_m, b_o), _kick(y2, h * g2, b_i, b_m, b_o)
+    z1, z2 = _flow(z1, e), _flow(z2, e)
+    g1, g2, mask_4 = _contact(z1, z2, parameter, turn, depth, rate, n, 2, damaged, plain, near)
+    x1, x2 = _flow(x1, e), _flow(x2, e)
+    x1, x2 = _kick(x1, h / 6.0 * g1, b_i, b_m, b_o), _kick(x2, h / 6.0 * g2, b_i, b_m, b_o)
+    return x1, x2, start, mask != mask_2 or mask != mask_3 or mask != mask_4
+
+
+@inlined
+def _path_within(
+    index: int,
+    node: int,
+    span: float,
+    depth: NDArray[np.float64],
+    rate: NDArray[np.float64],
+    n: int,
+    depth_out: NDArray[np.float64],
+    rate_out: NDArray[np.float64],
+) -> None:
+    """Write d and omega_c d' at a place within step ``n`` of ``span`` s, from its three nodes (quintic Hermite).
+
+    The place is ``index`` of 2 SUBSTEPS; it is written to row 0, ``node``. In s from -1 to 1 over the step, the
+    polynomial has the values and slopes of the nodes at s = -1, 0 and 1.
+    """
+    s = index / SUBSTEPS - 1.0
+    half = 0.5 * span
+    for j in range(depth.shape[2]):
+        middle, m_slope = depth[n, 1, j], half * rate[n, 1, j]
+        even = 0.5 * (depth[n, 2, j] + depth[n, 0, j]) - middle
+        odd = 0.5 * (depth[n, 2, j] - depth[n, 0, j]) - m_slope
+        even_slope = 0.5 * half * (rate[n, 2, j] - rate[n, 0, j])
+        odd_slope = 0.5 * half * (rate[n, 2, j] + rate[n, 0, j]) - m_slope
+        a4, a5 = 0.5 * even_slope - even, 0.5 * (odd_slope - 3.0 * odd)
+        a2, a3 = even - a4, odd - a5
+        depth_out[0, node, j] = middle + s * (m_slope + s * (a2 + s * (a3 + s * (a4 + s * a5))))
+        rate_out[0, node, j] = (m_slope + s * (2.0 * a2 + s * (3.0 * a3 + s * (4.0 * a4 + s * 5.0 * a5)))) / half
+
+
+@inlined
+def _row(values: NDArray[np.float64], row: int, offset: int) -> Flow:
+    return (
+        values[row, offset],
+        values[row, offset + 1],
+        values[row, offset + 2],
+        values[row, offset + 3],
+        values[row, offset + 4],
+        values[row, offset + 5],
+        values[row, offset + 6],
+        values[row, offset + 7],
+        values[row, offset + 8],
+    )
 
 
 @kernel
-def _record(wave: NDArray[np.float64], x1: Axis, g1: float, parameter: NDArray[np.float64]) -> None:
-    """Write the accelerations along the load from the equation of motion at the state (Eq. 44)."""
-    spring = parameter[P_K_R] * x1[4] + parameter[P_C_R] * x1[5]
-    wave[0] = (g1 - spring) * parameter[P_INV_M_O]
-    wave[1] = spring * parameter[P_INV_M_R]
+def _refined_step(
+    x1: Axis,
+    x2: Axis,
+    h: float,
+    e: Flow,
+    parameter: NDArray[np.float64],
+    turn: NDArray[np.float64],
+    advance: NDArray[np.float64],
+    segment: int,
+    depth: NDArray[np.float64],
+    rate: NDArray[np.float64],
+    n: int,
+    damaged: NDArray[np.float64],
+    plain: NDArray[np.float64],
+    near: int,
+) -> tuple[Axis, Axis]:
+    """Return both axes after step ``n`` taken in SUBSTEPS parts; ``e`` carries half of a part."""
+    within = np.empty((1, 3, 2))
+    sub_depth = np.empty((1, 3, damaged.shape[1]))
+    sub_rate = np.empty((1, 3, damaged.shape[1]))
+    for part in range(SUBSTEPS):
+        for node in range(3):
+            index = 2 * part + node
+            c, s = advance[segment, index, 0], advance[segment, index, 1]
+            within[0, node, 0] = turn[n, 0, 0] * c - turn[n, 0, 1] * s
+            within[0, node, 1] = turn[n, 0, 1] * c + turn[n, 0, 0] * s
+            _path_within(index, node, h, depth, rate, n, sub_depth, sub_rate)
+        x1, x2, _, _ = _step(x1, x2, h / SUBSTEPS, e, parameter, within, sub_depth, sub_rate, 0, damaged, plain, near)
+    return x1, x2
 
 
 @kernel
@@ -145,7 +280,9 @@ def ball_period(
     wave: NDArray[np.float64],
     first: NDArray[np.int64],
     flow: NDArray[np.float64],
+    part: NDArray[np.float64],
     turn: NDArray[np.float64],
+    advance: NDArray[np.float64],
     damaged: NDArray[np.float64],
     plain: NDArray[np.float64],
     near: int,
@@ -156,41 +293,20 @@ def ball_period(
     """Carry the state over one ball period; see the module for the arrays. Return a STATUS_ number."""
     x1 = (state[0, 0], state[0, 1], state[0, 2], state[0, 3], state[0, 4], state[0, 5])
     x2 = (state[1, 0], state[1, 1], state[1, 2], state[1, 3], state[1, 4], state[1, 5])
-    b_i, b_m, b_o = parameter[P_INV_M_I], parameter[P_INV_M], parameter[P_INV_M_O]
     for segment in range(first.shape[0] - 1):
         h = flow[segment, 0]
-        e = (
-            flow[segment, 1],
-            flow[segment, 2],
-            flow[segment, 3],
-            flow[segment, 4],
-            flow[segment, 5],
-            flow[segment, 6],
-            flow[segment, 7],
-            flow[segment, 8],
-            flow[segment, 9],
-        )
+        e, e_part = _row(flow, segment, 1), _row(part, segment, 0)
         for n in range(first[segment], first[segment + 1]):
-            g1, g2 = _contact(x1, x2, parameter, turn[n, 0], depth[n, 0], rate[n, 0], damaged, plain, near)
-            _record(wave[n + segment], x1, g1, parameter)
-            y1, y2 = _flow(x1, e), _flow(x2, e)
-            z1, z2 = _kick(x1, 0.5 * h * g1, b_i, b_m, b_o), _kick(x2, 0.5 * h * g2, b_i, b_m, b_o)
-            x1, x2 = _kick(x1, h / 6.0 * g1, b_i, b_m, b_o), _kick(x2, h / 6.0 * g2, b_i, b_m, b_o)
-            x1, x2 = _flow(x1, e), _flow(x2, e)
-            z1, z2 = _flow(z1, e), _flow(z2, e)
-            g1, g2 = _contact(z1, z2, parameter, turn[n, 1], depth[n, 1], rate[n, 1], damaged, plain, near)
-            x1, x2 = _kick(x1, h / 3.0 * g1, b_i, b_m, b_o), _kick(x2, h / 3.0 * g2, b_i, b_m, b_o)
-            z1, z2 = _kick(y1, 0.5 * h * g1, b_i, b_m, b_o), _kick(y2, 0.5 * h * g2, b_i, b_m, b_o)
-            g1, g2 = _contact(z1, z2, parameter, turn[n, 1], depth[n, 1], rate[n, 1], damaged, plain, near)
-            x1, x2 = _kick(x1, h / 3.0 * g1, b_i, b_m, b_o), _kick(x2, h / 3.0 * g2, b_i, b_m, b_o)
-            z1, z2 = _kick(y1, h * g1, b_i, b_m, b_o), _kick(y2, h * g2, b_i, b_m, b_o)
-            z1, z2 = _flow(z1, e), _flow(z2, e)
-            g1, g2 = _contact(z1, z2, parameter, turn[n, 2], depth[n, 2], rate[n, 2], damaged, plain, near)
-            x1, x2 = _flow(x1, e), _flow(x2, e)
-            x1, x2 = _kick(x1, h / 6.0 * g1, b_i, b_m, b_o), _kick(x2, h / 6.0 * g2, b_i, b_m, b_o)
+            y1, y2, g1, changed = _step(x1, x2, h, e, parameter, turn, depth, rate, n, damaged, plain, near)
+            _record(wave, n + segment, x1, g1, parameter)
+            if changed:
+                y1, y2 = _refined_step(
+                    x1, x2, h, e_part, parameter, turn, advance, segment, depth, rate, n, damaged, plain, near
+                )
+            x1, x2 = y1, y2
         last = first[segment + 1] - 1
-        g1, g2 = _contact(x1, x2, parameter, turn[last, 2], depth[last, 2], rate[last, 2], damaged, plain, near)
-        _record(wave[last + segment + 1], x1, g1, parameter)
+        g1, _, _ = _contact(x1, x2, parameter, turn, depth, rate, last, 2, damaged, plain, near)
+        _record(wave, last + segment + 1, x1, g1, parameter)
     bad = False
     for k in range(6):
         state_out[0, k], state_out[1, k] = x1[k], x2[k]
