@@ -18,7 +18,7 @@ from models.bearing import Kinematics
 from monitor.health.harmonics import FaultLines, fault_lines
 from monitor.health.indicators import TimeIndicators, time_indicators
 from monitor.health.plans import Effort, Precision
-from monitor.health.spectrum import Band, EnvelopeSpectrum, average_envelopes, get_transform
+from monitor.health.spectrum import AmplitudeSpectrum, Band, EnvelopeSpectrum, average_envelopes, get_transform
 
 FAULTS = ("outer", "inner", "ball", "cage")
 """The fault families, in the order of the ``fault`` dimension of the records."""
@@ -201,15 +201,7 @@ def block_features(
     averaged = _averaged(spectra.envelopes, earlier)
     lines = tuple(envelope_lines(envelope, settings) for envelope in averaged)
     leader = _leader(lines, FAULTS)
-    outer_leader = _leader(lines, ("outer",))
-    raw = fault_lines(
-        spectra.raw.amplitude,
-        spectra.raw.resolution,
-        outer,
-        n_harmonics=N_RAW_HARMONICS,
-        search=settings.search,
-        speed_factor=None if outer_leader is None else outer_leader.speed_factor,
-    )
+    raw = _raw_lines(spectra.raw, _leader(lines, ("outer",)), settings)
     shown = raw.resolved & _inside(settings.rms_band, outer * raw.speed_factor)
     amplitude = np.where(shown, raw.amplitude, 0.0)
     indicators = time_indicators(x)
@@ -240,6 +232,18 @@ def envelope_lines(envelope: EnvelopeSpectrum, settings: FeatureSettings) -> dic
         )
         for fault in FAULTS
     }
+
+
+def _raw_lines(raw: AmplitudeSpectrum, found: FaultLines | None, settings: FeatureSettings) -> FaultLines:
+    """BPFO harmonics of the raw spectrum, at the speed that the envelope shows, or else at the best one."""
+    return fault_lines(
+        raw.amplitude,
+        raw.resolution,
+        settings.fundamentals["outer"],
+        n_harmonics=N_RAW_HARMONICS,
+        search=settings.search,
+        speed_factor=None if found is None else found.speed_factor,
+    )
 
 
 def _averaged(

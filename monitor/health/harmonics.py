@@ -107,32 +107,23 @@ def fault_lines(
     n_needed = min(spectrum_amplitude.size, math.ceil(top * spacing * widest) + _FLOOR_HALF_WIDTH + 2)
     power = np.square(spectrum_amplitude[:n_needed], dtype=np.float64)
     least = (RELATIVE_FLOOR * float(spectrum_amplitude.max())) ** 2
-    orders = orders[resolved]
+    lines = orders[resolved] * spacing
     factor, at_edge, trials = 1.0, False, 1.0
     if speed_factor is not None:
         factor = speed_factor
     elif least > 0.0:
-        nominal, _ = _floor_power(power, orders * spacing, spacing, half, n_averages)
-        factor, at_edge = _search(power, orders * spacing, 1.0 / np.maximum(nominal, least), search)
-        trials = _independent_trials(top * spacing * search)
-    lines = orders * spacing * factor
-    line_power = _line_power(power, lines, half)
-    floor_power, n_floor = _floor_power(power, lines, spacing * factor, half, n_averages)
-    floor_power *= (2 * half + 1) / HANN_POWER
-    snr_power = line_power / np.maximum(floor_power, least) if least > 0.0 else np.zeros(orders.size)
+        floor, _ = _floor_power(power, lines, spacing, half, n_averages)
+        factor, at_edge = _search(power, lines, 1.0 / np.maximum(floor, least), search)
+        # The highest line moves by so many bins in all.
+        trials = 1.0 + 2.0 * search * float(lines[-1])
+    line_power = _line_power(power, lines * factor, half)
+    floor, n_floor = _floor_power(power, lines * factor, spacing * factor, half, n_averages)
+    floor *= (2 * half + 1) / HANN_POWER
+    snr_power = line_power / np.maximum(floor, least) if least > 0.0 else np.zeros(lines.size)
     score = math.sqrt(float(snr_power.mean()))
-    threshold = noise_threshold(orders.size, half, n_averages, n_floor, trials, false_alarm)
-    return FaultLines(
-        amplitude=_spread(np.sqrt(line_power), resolved),
-        floor=_spread(np.sqrt(floor_power), resolved),
-        snr=_spread(np.sqrt(snr_power), resolved),
-        resolved=resolved,
-        speed_factor=factor,
-        at_edge=at_edge,
-        score=score,
-        threshold=threshold,
-        detected=score > threshold,
-    )
+    threshold = noise_threshold(lines.size, half, n_averages, n_floor, trials, false_alarm)
+    amplitude, floor, snr = (_spread(np.sqrt(values), resolved) for values in (line_power, floor, snr_power))
+    return FaultLines(amplitude, floor, snr, resolved, factor, at_edge, score, threshold, score > threshold)
 
 
 def noise_threshold(
@@ -159,11 +150,6 @@ def noise_threshold(
     freedom_floor = 2.0 * max(n_floor, 4.0) * n_averages * _FLOOR_EFFICIENCY
     quantile = 1.0 - false_alarm / max(trials, 1.0)
     return math.sqrt(float(fdtri(freedom_lines, freedom_floor, quantile)))
-
-
-def _independent_trials(reach: float) -> float:
-    """Independent places of a search that moves its highest line by ``reach`` bins to either side."""
-    return 1.0 + 2.0 * reach
 
 
 def _check(

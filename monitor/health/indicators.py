@@ -73,13 +73,13 @@ def time_indicators(x: NDArray[np.number]) -> TimeIndicators:
         return TimeIndicators(0.5 * (low + high), 0.0, peak, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, flat=True)
     # In units of a power of two near the peak, so that fourth powers neither overflow nor vanish and no digit is lost.
     unit = math.ldexp(1.0, math.frexp(peak)[1])
-    centre = _mean(x, unit)
+    mean = float(x.mean(dtype=np.float64))
     spread = math.ldexp(1.0, math.frexp(half_range)[1])
-    moments, mean_abs, mean_root = _sums(x, unit, centre, spread / unit)
+    moments, mean_abs, mean_root = _sums(x, unit, mean / unit, spread / unit)
     rms = math.sqrt(moments[0]) * spread
     mean_abs *= unit
     return TimeIndicators(
-        mean=centre * unit,
+        mean=mean,
         rms=rms,
         peak=peak,
         peak_half_range=half_range,
@@ -105,19 +105,6 @@ def sample_range(x: NDArray[np.number]) -> tuple[float, float]:
     return low, high
 
 
-def _mean(x: NDArray[np.number], unit: float) -> float:
-    """Mean of x in the given unit, summed in double precision chunk by chunk."""
-    total = 0.0
-    for start in range(0, x.size, _CHUNK):
-        part = x[start : start + _CHUNK]
-        if part.dtype != np.float32:
-            part = part * (1.0 / unit)
-            total += float(part.sum())
-        else:
-            total += float(part.sum()) / unit
-    return total / x.size
-
-
 def _sums(
     x: NDArray[np.number], unit: float, centre: float, spread: float
 ) -> tuple[tuple[float, float, float], float, float]:
@@ -126,6 +113,9 @@ def _sums(
     scaled, square, other = (np.empty(min(_CHUNK, x.size), work) for _ in range(3))
     second = third = fourth = absolute = root = 0.0
     factor = work(1.0 / unit)
+    # The mean in two parts: beside a large offset, its rounding to float32 alone would lean the third moment.
+    coarse = work(centre)
+    rest = work((centre - float(coarse)) / spread)
     for start in range(0, x.size, _CHUNK):
         part = x[start : start + _CHUNK]
         u, u2, v = scaled[: part.size], square[: part.size], other[: part.size]
@@ -134,8 +124,9 @@ def _sums(
         absolute += float(v.sum())
         np.sqrt(v, out=v)
         root += float(v.sum())
-        u -= work(centre)
+        u -= coarse
         u *= work(1.0 / spread)
+        u -= rest
         np.multiply(u, u, out=u2)
         second += float(u2.sum())
         np.multiply(u2, u, out=v)
