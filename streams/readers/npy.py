@@ -31,7 +31,7 @@ def read_npy(data: bytes, name: str) -> Reading:
         version = np.lib.format.read_magic(stream)
         header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, _, dtype = header(stream)
-    except (ValueError, EOFError, UnicodeDecodeError) as error:
+    except Exception as error:  # The header is Python source, and a damaged one fails in any way that source can.
         raise ReaderError("unreadable", f"{name}: not a .npy file ({error})") from error
     if dtype.hasobject:
         raise ReaderError("unreadable", f"{name}: holds pickled objects, which are never loaded")

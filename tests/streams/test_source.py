@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -178,3 +180,26 @@ def test_reading_a_recording_loads_no_compiler(tmp_path: Path) -> None:
         "sys.exit(len(blocks) != 1 or bool({'numba', 'xarray', 'netCDF4', 'matplotlib'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_rig_is_opened_by_its_own_module(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[tuple[str, str]] = []
+
+    class Rig:
+        name = "test"
+
+        def __iter__(self) -> Iterator[Block | Rejected]:
+            return iter(())
+
+        def __len__(self) -> int:
+            return 0
+
+    def open_rig(url: str, name: str) -> Rig:
+        calls.append((url, name))
+        return Rig()
+
+    module = ModuleType("streams.rig")
+    monkeypatch.setattr(module, "open_rig", open_rig, raising=False)
+    monkeypatch.setitem(sys.modules, "streams.rig", module)
+    assert isinstance(open_at("rig:ferrara?seed=3"), Rig)
+    assert calls == [("rig:ferrara?seed=3", "test")]
