@@ -71,7 +71,7 @@ def test_lives_grow_to_the_threshold_in_the_time_of_the_thesis():
         assert 257 * 60 <= t <= 705 * 60
         assert life.v_eq(t) == pytest.approx(0.05e-6)
         volumes = [life.v_eq(x) for x in np.linspace(0, 1.3 * t, 20)]
-        assert all(b > a for a, b in zip(volumes, volumes[1:], strict=False))
+        assert np.all(np.diff(volumes) > 0)
 
 
 def test_damage_is_heard_at_the_test_bearing_first_of_all(rig):
