@@ -56,13 +56,16 @@ def choose_rows(reading: Reading, channels: Sequence[ChannelSpec], unit: str | N
 
 
 def _row_of(reading: Reading, channel: ChannelSpec, where: str) -> int:
+    both = list(zip(reading.names, reading.channels, strict=True))
     if channel.key is not None:
         wanted = f"key {channel.key!r}"
-        found = [i for i, name in enumerate(reading.names) if fnmatchcase(name, channel.key)]
+        found = [i for i, names in enumerate(both) if any(fnmatchcase(name, channel.key) for name in names)]
+    elif isinstance(channel.column, int):
+        wanted = f"column {channel.column}"
+        found = [i for i, column in enumerate(reading.columns) if column == channel.column]
     elif channel.column is not None:
         wanted = f"column {channel.column!r}"
-        names = reading.columns if isinstance(channel.column, int) else reading.names
-        found = [i for i, name in enumerate(names) if name == channel.column]
+        found = [i for i, names in enumerate(both) if channel.column in names]
     else:
         wanted = "its name"
         found = [i for i, name in enumerate(reading.channels) if channel.name in (name, reading.names[i])]

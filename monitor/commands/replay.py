@@ -76,6 +76,7 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         f"{sum(summary['rejected'].values())} rejected, {summary['pending']} pending"
         + (f" ({counts})" if counts else "")
     )
+    yield from (f"first {status}, {reason}" for status, reason in summary["reasons"].items())
     for name, channel in summary["channels"].items():
         yield f"{name}: {', '.join(_channel_words(channel))}"
 

@@ -91,10 +91,10 @@ def replay(
         done = store.last(section.name) if resume else 0
         _settle_short(source, watcher, setups)
         began = time.perf_counter()
-        taken, spectra = _run(source, watcher, store, pace, limit, done, progress)
+        taken, spectra, reasons = _run(source, watcher, store, pace, limit, done, progress)
         seconds = time.perf_counter() - began
         files = publish(store, out / "records", config.machine.name)
-        summary = _summary(store, watcher, len(source), taken, seconds, files)
+        summary = _summary(store, watcher, len(source), taken, seconds, files) | {"reasons": reasons}
     return Replay(summary, out / "state.db", spectra, setups)
 
 
@@ -112,8 +112,7 @@ def _open_store(out: Path, config: Config, resume: bool) -> Store:
 
 def _last_record(store: Store, source: str) -> Record | None:
     """Return the record of the block that was committed last."""
-    bodies = store.bodies("source = ? AND sequence = ?", source, store.last(source))
-    return next((Record.from_json(body) for body, _ in bodies), None)
+    return store.record(source, store.last(source))
 
 
 def _attributes(config: Config, setups: Mapping[str, ChannelSetup]) -> dict[str, Any]:
@@ -164,8 +163,8 @@ def _run(
     limit: int | None,
     done: int,
     progress: Callable[[Iterable[Any], int], Iterable[Any]] | None,
-) -> tuple[int, dict[str, Any]]:
-    """Take the blocks; return how many, and the envelope spectra worth drawing."""
+) -> tuple[int, dict[str, Any], dict[str, str]]:
+    """Take the blocks; return how many, the envelope spectra worth drawing, the first reason of each rejection."""
     total = len(source) if limit is None else min(len(source), limit)
     items: Iterable[Block | Rejected] = _limited(source, done, limit)
     if progress is not None:
@@ -175,6 +174,7 @@ def _run(
     batch: list[tuple[Record, dict[str, Any]]] = []
     spectra: dict[str, Any] = {}
     standing: dict[str, float] = {}
+    reasons: dict[str, str] = {}
     taken = 0
     started = time.monotonic()
     first: float | None = None
@@ -183,13 +183,16 @@ def _run(
             first = item.elapsed if first is None else first
             time.sleep(max(0.0, started + (item.elapsed - first) / pace - time.monotonic()))
         truth = None if truth_of is None else truth_of(item.sequence, thresholds)
-        batch.append((watcher.process(item, truth=truth), {}))
+        record = watcher.process(item, truth=truth)
+        batch.append((record, {}))
+        if not record.accepted:
+            reasons.setdefault(record.status, f"block {record.sequence}: {record.reason}")
         taken += 1
         _keep_spectra(watcher, spectra, standing)
         if len(batch) >= (_BATCH if pace is None else 1):
             _commit(store, batch, watcher)
     _commit(store, batch, watcher)
-    return taken, spectra
+    return taken, spectra, reasons
 
 
 def _limited(source: Source, done: int, limit: int | None) -> Iterator[Block | Rejected]:

@@ -121,7 +121,8 @@ class Watcher:
         setup, state = self.channels[name], self._states[name]
         row = block.channels.index(name)
         unit = block.units[row]
-        samples, si_unit = to_si(block.samples[row], unit)
+        section = setup.section
+        samples, si_unit = to_si(block.samples[row], unit, section.scale, section.sensitivity_mv_per_g)
         if (si_unit == "m/s2") != setup.settings.absolute:
             verdict = rejected("wrong_unit", f"unit {unit!r}, configured is {setup.section.unit!r}")
         else:
