@@ -243,6 +243,13 @@ def floor_angle(h_d: float, r_o: float, r_b: float) -> float | None:
     return 2.0 * math.asin(math.sqrt(h_d * (2.0 * r_b - h_d) / (4.0 * r_o * rho)))
 
 
+def race_radius(bearing: Bearing) -> float:
+    """Return r_o, m: the catalogue's, or pitch radius plus r_b cos(alpha) where that is unknown."""
+    if bearing.outer_race_radius is not None:
+        return bearing.outer_race_radius
+    return 0.5 * (bearing.pitch_diameter + bearing.element_diameter * math.cos(bearing.contact_angle))
+
+
 def ball_path(bearing: Bearing, defect: Defect | None) -> BallPath | None:
     """Return the path over a defect, or None where there is nothing that a ball could feel.
 
@@ -258,9 +265,7 @@ def ball_path(bearing: Bearing, defect: Defect | None) -> BallPath | None:
     if defect.dphi_d == 0.0 or defect.h_d == 0.0:
         return None
     r_b = 0.5 * bearing.element_diameter
-    r_o = bearing.outer_race_radius
-    if r_o is None:
-        r_o = 0.5 * bearing.pitch_diameter + r_b * math.cos(bearing.contact_angle)
+    r_o = race_radius(bearing)
     profile, roughness = None, 0.0
     if defect.floor.kind == "rough" and defect.floor.sd > 0.0:
         cutoff = profile_cutoff(defect.floor, r_b)

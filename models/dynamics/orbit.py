@@ -108,16 +108,16 @@ def find_orbit(
     Args:
         period: the map over one period.
         tolerance: relative change of the RMS that counts as none; it must stay below it twice in succession.
-        max_periods: periods to simulate at most, at least 4.
+        max_periods: periods to simulate at most, at least 2 (fewer than 4 cannot settle).
         preconditioner: approximate Jacobian of the scaled period map minus identity, shape (12, 12), or None.
 
     Raises:
-        ValueError: if tolerance is not positive or max_periods is less than 4.
+        ValueError: if tolerance is not positive or max_periods is less than 2.
     """
     if not tolerance > 0.0:
         raise ValueError(f"tolerance must be positive, got {tolerance!r}")
-    if max_periods < 4:
-        raise ValueError(f"max_periods must be at least 4, got {max_periods!r}")
+    if max_periods < 2:
+        raise ValueError(f"max_periods must be at least 2, got {max_periods!r}")
     watch, wave = _Watch(period, tolerance), period.new_wave()
     state = _accelerate(watch, wave, min(_ACCELERATED, max_periods), preconditioner)
     if watch.settled:

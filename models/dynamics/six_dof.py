@@ -13,18 +13,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from models.bearing import kinematics
 from models.defect import BallPath, ball_path
-from models.hertz import static_equilibrium
+from models.hertz import element_angles, static_equilibrium
 from models.kernels import six_dof as kernels
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.bearing import Bearing
     from models.scene import Rig, Scene
 
 # Default step: benchmarks/six_dof.py prints the error that it leaves.
@@ -120,6 +122,11 @@ def check_scene(scene: Scene) -> None:
         raise ValueError(f"defect.rows must lie between 1 and {scene.bearing.rows}, got {scene.defect.rows!r}")
 
 
+def default_steps(scene: Scene) -> int:
+    """Return the steps per ball period with which a scene is simulated unless another number is asked for."""
+    return max(MIN_STEPS, math.ceil(1.0 / (kinematics(scene.bearing, scene.speed).bpfo * DEFAULT_STEP)))
+
+
 def prepare(scene: Scene, steps_per_period: int | None = None) -> BallPeriod:
     """Return one ball period of a scene.
 
@@ -134,7 +141,7 @@ def prepare(scene: Scene, steps_per_period: int | None = None) -> BallPeriod:
     check_scene(scene)
     bpfo = kinematics(scene.bearing, scene.speed).bpfo
     if steps_per_period is None:
-        steps_per_period = max(MIN_STEPS, math.ceil(1.0 / (bpfo * DEFAULT_STEP)))
+        steps_per_period = default_steps(scene)
     if steps_per_period < 8:
         raise ValueError(f"steps_per_period must be at least 8, got {steps_per_period!r}")
     path = ball_path(scene.bearing, scene.defect)
@@ -160,7 +167,7 @@ def prepare(scene: Scene, steps_per_period: int | None = None) -> BallPeriod:
         near=near,
         depth=depth,
         rate=omega * rate,
-        parameter=_parameters(scene, omega, np.concatenate((damaged, plain))),
+        parameter=_parameters(scene, omega),
         time=np.concatenate(ends) / omega,
         weight=weight,
     )
@@ -290,10 +297,16 @@ def _propagators(rig: Rig, h: float) -> list[float]:
     return [*inner, 0.5 * h, *resonator]
 
 
-def _parameters(scene: Scene, omega: float, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+@lru_cache(maxsize=32)
+def _equilibrium(bearing: Bearing, load: float, k_c: float, clearance: float) -> tuple[float, float]:
+    u = static_equilibrium(element_angles(bearing), load, k_c, clearance=clearance)
+    return float(u[0]), float(u[1])
+
+
+def _parameters(scene: Scene, omega: float) -> NDArray[np.float64]:
     """Return the kernel's ``parameter`` array."""
     rig = scene.rig
-    u = static_equilibrium(angles, scene.load, rig.k_c, clearance=scene.clearance)
+    u = _equilibrium(scene.bearing, scene.load, rig.k_c, scene.clearance)
     parameter = np.zeros(kernels.PARAMETERS)
     parameter[kernels.P_K_C] = rig.k_c
     parameter[kernels.P_ALPHA] = rig.alpha_c * rig.m_b
