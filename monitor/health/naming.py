@@ -29,13 +29,15 @@ SEARCH = 0.02
 """Half width of the search for the common speed factor: slip and nominal speeds are up to 2 % off."""
 
 _LINE_CAP = 6.0
-"""Most that one line may add to a score: a comb is several lines, not one tall one."""
+"""What a line adds to a score above this counts a tenth only: a comb is several lines, not one tall one. It still
+counts, or the sidebands of severe damage would reach the score of its own lines and be rivals of equal standing."""
+_BEYOND_CAP = 0.1
 _NULL_SCORE = 3.5
 """About the best score over the search that five lines of pure noise reach, whatever is averaged."""
 _CLEARANCE = 10.5
 """How far above it a single spectrum must stand; falls with the square root of the spectra averaged, as noise does."""
 _LEAST_DEPTH = 0.2
-"""Least root sum of squares of the five lines over the mean envelope."""
+"""Least root sum of squares of the five lines over the mean envelope, without the noise under them."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +45,9 @@ class Evidence:
     """What the spectrum says for one family.
 
     Attributes:
-        score: sum over five harmonics of ln(1 + power / floor power), each at most 6.
-        depth: root sum of squares of the five line amplitudes over the mean envelope (a modulation depth).
+        score: sum over five harmonics of ln(1 + power / floor power), what exceeds 6 counting a tenth.
+        depth: root sum of squares of the five line amplitudes over the mean envelope (a modulation depth), the power
+            of the noise under them taken off.
         snr: root sum of squares of the line amplitudes over that of the floor under them.
         fundamental: frequency at which the comb stands best, Hz.
         speed_factor: that frequency over the kinematic one.
@@ -150,8 +153,9 @@ def noise_floor(power: NDArray[np.float64], resolution: float, speed: float) -> 
 
 
 def _excess(power: NDArray[np.float64], floor: NDArray[np.float64], resolution: float, speed: float) -> NDArray:
-    """Return ln(1 + power / floor), capped, with the bins of the shaft's own harmonics taken out where resolvable."""
-    excess = np.minimum(np.log1p(power / floor), _LINE_CAP)
+    """Return ln(1 + power / floor), compressed, without the bins of the shaft's own harmonics where resolvable."""
+    excess = np.log1p(power / floor)
+    excess = np.minimum(excess, _LINE_CAP + _BEYOND_CAP * (excess - _LINE_CAP))
     excess[: min(2, excess.size)] = 0.0
     if speed > 6.0 * resolution:
         orders = np.arange(power.size) * (resolution / speed)
@@ -194,7 +198,7 @@ def _evidence(
     floor_power = float(floor[spread].sum()) / 1.5
     return Evidence(
         score=float(scores[place]),
-        depth=math.sqrt(lines_power),
+        depth=math.sqrt(max(lines_power - floor_power, 0.0)),
         snr=math.sqrt(lines_power / floor_power),
         fundamental=float(lines[place]),
         speed_factor=float(lines[place] / line),
@@ -207,10 +211,14 @@ def _highest_rival(kinematics: Kinematics) -> float:
 
 
 def _best_rival(excess: NDArray[np.float64], resolution: float, kinematics: Kinematics, fundamental: float) -> float:
-    """Return the best score of a comb that shares no simple ratio with ``fundamental``."""
+    """Return the best score of a comb that shares no simple ratio with ``fundamental``.
+
+    Related are the ratios of small numbers and all whole multiples, whose lines are all lines of the family.
+    """
     lines = _grid(max(0.3 * kinematics.speed, 4.0 * resolution), _highest_rival(kinematics), resolution)
     tolerance = max(SEARCH, resolution / fundamental)
-    ratios = np.unique([p / q for p in range(1, N_HARMONICS + 1) for q in range(1, N_HARMONICS + 1)])
+    multiples = range(N_HARMONICS + 1, math.ceil(lines[-1] / fundamental) + 1)
+    ratios = np.unique([p / q for p in range(1, N_HARMONICS + 1) for q in range(1, N_HARMONICS + 1)] + [*multiples])
     edges = np.log(ratios * fundamental)
     place = np.clip(np.searchsorted(edges, np.log(lines)), 1, edges.size - 1)
     distance = np.minimum(np.abs(np.log(lines) - edges[place - 1]), np.abs(np.log(lines) - edges[place]))

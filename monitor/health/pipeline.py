@@ -244,6 +244,27 @@ def _standing(naming: Naming) -> float:
     return 0.0 if naming.evidence is None else naming.evidence.score / naming.threshold
 
 
+def detect_input(features: BlockFeatures, info: BlockInfo, *, absolute: bool, usable: bool) -> detect.DetectInput:
+    """Return what the detector takes from the features of a block.
+
+    Args:
+        features: of the block.
+        info: its number and time.
+        absolute: whether the unit is known; without it there is no peak in m/s2.
+        usable: whether quality lets the block move the detector.
+    """
+    outer = features.lines[0]["outer"]
+    floor = float(outer.floor.sum())
+    return detect.DetectInput(
+        sequence=info.sequence,
+        time=info.time,
+        rms=features.rms,
+        prominence=outer.total / floor if floor > 0.0 else None,
+        peak=features.peak if absolute else None,
+        usable=usable,
+    )
+
+
 def _detect(
     state: ChannelState,
     features: BlockFeatures,
@@ -254,17 +275,9 @@ def _detect(
     settled: bool,
 ) -> tuple[ChannelState, detect.DetectOutput]:
     """Feed the detector; until the band is settled it only counts the blocks of the run-in and the peaks."""
-    outer = features.lines[0]["outer"]
-    floor = float(outer.floor.sum())
     running_in = state.detect.seen < settings.detect.run_in_blocks
-    block = detect.DetectInput(
-        sequence=info.sequence,
-        time=info.time,
-        rms=features.rms,
-        prominence=outer.total / floor if floor > 0.0 else None,
-        peak=features.peak if settings.absolute else None,
-        usable=verdict.for_baseline and (settled or running_in),
-    )
+    usable = verdict.for_baseline and (settled or running_in)
+    block = detect_input(features, info, absolute=settings.absolute, usable=usable)
     detector, output = detect.step(state.detect, block, settings.detect)
     return replace(state, detect=detector), output
 

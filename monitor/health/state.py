@@ -64,8 +64,15 @@ class Spectra:
         return Spectra((*earlier, row)[-most:])
 
     def averages(self) -> tuple[NDArray[np.float64], ...]:
-        """Return the root of the mean power of each band, shape (bin,)."""
-        return tuple(np.sqrt(np.mean(np.stack(self.rows), axis=0, dtype=np.float64)))
+        """Return the root of the mean power of each band, shape (bin,), each block weighted by one over its noise.
+
+        Noise is the median over the bins. With equal weights a single impact, whose spectrum is high everywhere, would
+        outweigh all other blocks, and what is left is no more certain than one spectrum.
+        """
+        rows = np.stack(self.rows).astype(np.float64)
+        noise = np.maximum(np.median(rows, axis=2, keepdims=True), np.finfo(np.float64).tiny)
+        weights = (1.0 / noise) / np.sum(1.0 / noise, axis=0)
+        return tuple(np.sqrt(np.sum(weights * rows, axis=0)))
 
     def __eq__(self, other: object) -> bool:
         """Equal where all rows are equal bit for bit."""
