@@ -1,0 +1,287 @@
+"""Records for people: one table a machine and time axis, from netCDF files, a store or a dataset."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from monitor.records.dataset import words
+from monitor.records.publish import day_dataset, days
+from monitor.records.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
+from monitor.records.store import Store, StoreError
+
+Records = xr.Dataset | Store | Path | str
+
+_LEDGER = ("source", "name", "status", "flags", "reason", "events")
+
+
+class ReportError(Exception):
+    """A report cannot be made; the message names the file and the cause."""
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """All that one channel said, as columns over the blocks of its source.
+
+    Attributes:
+        name: of the channel.
+        time: seconds, UTC since 1970 or from the first block.
+        sequence: number of each block.
+        status: status of each block.
+        numbers: variables of numbers, shape (block, ...), NaN where there is none.
+        words: variables of words, shape (block, ...), "" where there is none.
+    """
+
+    name: str
+    time: NDArray[np.float64]
+    sequence: NDArray[np.int64]
+    status: NDArray[np.object_]
+    numbers: Mapping[str, NDArray[np.float64]]
+    words: Mapping[str, NDArray[np.object_]]
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """Return a variable as one number a block: of the first band, or of the first threshold."""
+        values = self.numbers[name]
+        return values.reshape(values.shape[0], -1)[:, 0]
+
+    def word(self, name: str) -> NDArray[np.object_]:
+        """Return a variable as one word a block: of the first threshold."""
+        values = self.words[name]
+        return values.reshape(values.shape[0], -1)[:, 0]
+
+    @property
+    def has_level(self) -> bool:
+        """Whether its accelerations are in m/s2 rather than in an unknown unit."""
+        return "no" not in self.word("absolute_level") and "no_absolute_level" not in self.word("edv_status")
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """The records of one machine on one time axis.
+
+    Attributes:
+        machine: its name.
+        dated: whether times are UTC rather than seconds from the first block.
+        time: seconds, of every block.
+        ledger: ``source``, ``name``, ``status``, ``flags``, ``reason`` and ``sequence`` of every block.
+        channels: by name.
+        counts: blocks by status.
+        events: what became known, in order, each with the ``source`` and ``block``.
+        attributes: how the records were made; a list of values where parts differ.
+    """
+
+    machine: str
+    dated: bool
+    time: NDArray[np.float64]
+    ledger: Mapping[str, NDArray[Any]]
+    channels: Mapping[str, Channel]
+    counts: Mapping[str, int]
+    events: Sequence[Mapping[str, Any]]
+    attributes: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_runs(records: Records | Sequence[Records]) -> list[Run]:
+    """Read records from wherever they are.
+
+    Args:
+        records: datasets as :func:`monitor.records.dataset.to_dataset` makes them, stores, paths of ``.nc`` files or
+            of a store, folders of them, or a sequence of these.
+
+    Returns:
+        One run a machine and time axis, in order of appearance. Undated blocks that were all rejected are counted with
+        the dated ones of their machine.
+
+    Raises:
+        ReportError: nothing is found, or a file cannot be read.
+    """
+    items = [records] if isinstance(records, xr.Dataset | Store | Path | str) else list(records)
+    parts: dict[tuple[str, bool], list[xr.Dataset]] = {}
+    counts: dict[str, dict[str, int]] = {}
+    for item in items:
+        for dataset, counted in _datasets(item):
+            key = (str(dataset.attrs.get("machine", "machine")), dataset.attrs.get("dated") == "yes")
+            if dataset.sizes["time"]:
+                parts.setdefault(key, []).append(dataset)
+            if counted is not None:
+                counts[key[0]] = dict(counted)
+    if not parts:
+        raise ReportError("there are no records to report")
+    runs = {key: _run(*key, datasets) for key, datasets in parts.items()}
+    for machine in {machine for machine, _ in runs}:
+        _fold_rejected(runs, machine)
+        if machine in counts:
+            _take_counts(runs, machine, counts[machine])
+    return list(runs.values())
+
+
+def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, Mapping[str, int] | None]]:
+    """Yield the datasets of one item, with the counts of the store where there is one."""
+    if isinstance(item, xr.Dataset):
+        yield item, None
+    elif isinstance(item, Store):
+        for day in days(item):
+            yield day_dataset(item, day), item.counts()
+    else:
+        for path in _files(Path(item)):
+            if path.suffix == ".nc":
+                yield _read_netcdf(path), None
+            else:
+                try:
+                    with Store.open(path, read_only=True) as store:
+                        yield from _datasets(store)
+                except StoreError as error:
+                    raise ReportError(str(error)) from error
+
+
+def _files(path: Path) -> list[Path]:
+    """Return the files of records that a path stands for: itself, or those in a folder."""
+    if not path.is_dir():
+        if not path.exists():
+            raise ReportError(f"{path}: no such file or folder")
+        return [path]
+    found = sorted(path.glob("*.nc")) or sorted((path / "records").glob("*.nc")) or sorted(path.glob("*.db"))
+    if not found:
+        raise ReportError(f"{path}: holds neither .nc files of records nor a state.db")
+    return found
+
+
+def _read_netcdf(path: Path) -> xr.Dataset:
+    try:
+        with xr.open_dataset(path, engine="netcdf4", decode_cf=False) as dataset:
+            loaded = dataset.load()
+    except (OSError, ValueError, RuntimeError) as error:
+        raise ReportError(f"{path}: cannot be read as netCDF: {error}") from error
+    version = loaded.attrs.get("schema_version")
+    if version is None or "time" not in loaded:
+        raise ReportError(f"{path}: is netCDF, but holds no health records")
+    if int(version) > SCHEMA_VERSION:
+        raise ReportError(f"{path}: has schema version {version}; this program knows versions up to {SCHEMA_VERSION}")
+    return loaded
+
+
+def _run(machine: str, dated: bool, datasets: Sequence[xr.Dataset]) -> Run:
+    """Join the datasets of one machine and time axis."""
+    datasets = sorted(datasets, key=lambda dataset: float(_seconds_or_numbers(dataset.time)[0]))
+    time = np.concatenate([_seconds_or_numbers(dataset.time) for dataset in datasets])
+    ledger: dict[str, NDArray[Any]] = {
+        name: np.concatenate([dataset[name].values.astype(object) for dataset in datasets]) for name in _LEDGER
+    }
+    ledger["sequence"] = np.concatenate([dataset["sequence"].values.astype(np.int64) for dataset in datasets])
+    names = dict.fromkeys(str(name) for dataset in datasets for name in dataset.channel.values)
+    columns = {name: _columns(name, datasets) for name in names}
+    statuses, numbers = np.unique(ledger["status"].astype(str), return_counts=True)
+    events = [
+        {"source": source, "block": int(block), **event}
+        for source, block, text in zip(ledger["source"], ledger["sequence"], ledger.pop("events"), strict=True)
+        for event in json.loads(text or "[]")
+    ]
+    return Run(
+        machine=machine,
+        dated=dated,
+        time=time,
+        ledger=ledger,
+        channels={name: _channel(name, time, ledger, *both) for name, both in columns.items()},
+        counts={str(status): int(number) for status, number in zip(statuses, numbers, strict=True)},
+        events=events,
+        attributes=_joined([dataset.attrs for dataset in datasets]),
+    )
+
+
+def _columns(
+    channel: str, datasets: Sequence[xr.Dataset]
+) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.object_]]]:
+    """Gather the variables of one channel over all datasets, padded where one has more bands or thresholds."""
+    numbers: dict[str, NDArray[np.float64]] = {}
+    texts: dict[str, NDArray[np.object_]] = {}
+    for variable in VARIABLES.values():
+        worded = variable.kind in ("flag", "mask")
+        blocks: list[NDArray[Any]] = []
+        for dataset in datasets:
+            place = np.flatnonzero(dataset.channel.values.astype(str) == channel)
+            if variable.name not in dataset or not place.size:
+                missing: Any = "" if worded else np.nan
+                blocks.append(np.full((dataset.sizes["time"], 1), missing, dtype=object if worded else np.float64))
+                continue
+            array = dataset[variable.name].isel(channel=int(place[0]))
+            values = words(array) if worded else _seconds_or_numbers(array)
+            if variable.kind == "int":
+                values = np.where(values < 0, np.nan, values)
+            blocks.append(values.reshape(values.shape[0], -1))
+        width = max(block.shape[1] for block in blocks)
+        joined = np.concatenate(
+            [
+                np.pad(block, ((0, 0), (0, width - block.shape[1])), constant_values="" if worded else np.nan)
+                for block in blocks
+            ]
+        )
+        if worded:
+            texts[variable.name] = joined
+        else:
+            numbers[variable.name] = joined
+    return numbers, texts
+
+
+def _seconds_or_numbers(array: xr.DataArray) -> NDArray[np.float64]:
+    """Return float64, moments that xarray decoded to dates as seconds since 1970."""
+    values = array.values
+    if np.issubdtype(values.dtype, np.datetime64):
+        return np.where(np.isnat(values), np.nan, values.astype("datetime64[ns]").astype(np.int64) / 1e9)
+    return values.astype(np.float64)
+
+
+def _channel(
+    name: str,
+    time: NDArray[np.float64],
+    ledger: Mapping[str, NDArray[Any]],
+    numbers: Mapping[str, NDArray[np.float64]],
+    texts: Mapping[str, NDArray[np.object_]],
+) -> Channel:
+    """Keep the blocks of the sources that the channel belongs to: those of other sources say nothing about it."""
+    said = (texts["stage"][:, 0] != "") | np.isfinite(numbers["rms"][:, 0])
+    rows = np.isin(ledger["source"].astype(str), np.unique(ledger["source"][said].astype(str)))
+    return Channel(
+        name=name,
+        time=time[rows],
+        sequence=ledger["sequence"][rows],
+        status=ledger["status"][rows],
+        numbers={key: values[rows] for key, values in numbers.items()},
+        words={key: values[rows] for key, values in texts.items()},
+    )
+
+
+def _joined(attributes: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Return the attributes of several datasets as text, different values side by side."""
+    found: dict[str, list[str]] = {}
+    for mapping in attributes:
+        for key, value in mapping.items():
+            text = " to ".join(f"{item:g}" for item in value) if isinstance(value, list | np.ndarray) else str(value)
+            values = found.setdefault(str(key), [])
+            if text not in values:
+                values.append(text)
+    return {key: "; ".join(values) for key, values in found.items()}
+
+
+def _fold_rejected(runs: dict[tuple[str, bool], Run], machine: str) -> None:
+    """Count the undated blocks of a dated machine with its others where all of them were rejected."""
+    undated, dated = runs.get((machine, False)), runs.get((machine, True))
+    if undated is None or dated is None or any(status not in REJECTIONS for status in undated.counts):
+        return
+    counts = dict(dated.counts)
+    for status, number in undated.counts.items():
+        counts[status] = counts.get(status, 0) + number
+    runs[(machine, True)] = Run(**{**dated.__dict__, "counts": counts})
+    del runs[(machine, False)]
+
+
+def _take_counts(runs: dict[tuple[str, bool], Run], machine: str, counts: Mapping[str, int]) -> None:
+    """Take the counts of the store, which knows of repetitions that have no record, where there is one run."""
+    keys = [key for key in runs if key[0] == machine]
+    if len(keys) == 1:
+        runs[keys[0]] = Run(**{**runs[keys[0]].__dict__, "counts": dict(counts)})
