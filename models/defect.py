@@ -105,10 +105,10 @@ def race_profile(sd: float, pitch: float, cutoff: float, seed: int, race_radius:
     values *= sd / float(np.sqrt(np.mean(values * values)))
     angles = np.arange(samples + 1) * (2.0 * math.pi / samples)
     spline = CubicSpline(angles, np.append(values, values[0]), bc_type="periodic")
-    fine = spline(np.linspace(0.0, 2.0 * math.pi, 8 * samples))
+    extrema = spline(spline.derivative().roots(extrapolate=False))
     coefficients = np.ascontiguousarray(spline.c)
     coefficients.flags.writeable = False
-    return RaceProfile(coefficients, 2.0 * math.pi / samples, float(-fine.min()), float(fine.max()))
+    return RaceProfile(coefficients, 2.0 * math.pi / samples, float(-extrema.min()), float(extrema.max()))
 
 
 def edge_path(delta: NDArray[np.float64], r_o: float, r_b: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
