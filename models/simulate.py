@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.dynamics.orbit import find_orbit, period_jacobian
+from models.dynamics.orbit import STATE_SCALE, find_orbit, period_jacobian
 from models.dynamics.six_dof import BallPeriod, prepare
+from models.kernels.six_dof import P_U_1
 from models.response import HARMONICS, Response, check_band, fourier_coefficients, peak_in_band
 
 if TYPE_CHECKING:
@@ -105,7 +106,11 @@ def _levels_in_band(
 @lru_cache(maxsize=32)
 def _healthy_jacobian(scene: Scene) -> NDArray[np.float64] | None:
     """Return the scaled Jacobian of the healthy period map minus identity, or None where it steers nowhere."""
-    jacobian = period_jacobian(prepare(scene, _JACOBIAN_STEPS))
+    period = prepare(scene, _JACOBIAN_STEPS)
+    approach = float(period.parameter[P_U_1]) - scene.clearance
+    if approach <= 0.0:
+        return None
+    jacobian = period_jacobian(period, min(1e-2, 1e-2 * approach / STATE_SCALE[0]))
     if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e10:
         return None
     return jacobian

@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from models.response import PASSBAND, Response, fourier_coefficients
+from models.scene import Defect, Scene
+from models.simulate import simulate
+
+SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))
+
+
+@cache
+def response() -> Response:
+    return simulate(SCENE)
+
+
+def made_of(coefficients: list[complex], bpfo: float = 100.0) -> Response:
+    """Return a response with given Fourier coefficients of the casing."""
+    c = np.array([coefficients, coefficients], dtype=complex)
+    return replace(response(), bpfo=bpfo, coefficients=c)
+
+
+@given(st.floats(900.0, 5e4), st.floats(0.001, 0.1), st.floats(-7.0, 7.0))
+def test_acceleration_is_the_obvious_sum_of_cosines(rate: float, duration: float, phase: float) -> None:
+    c = [0.3, 1.0 + 2.0j, -0.5j, 0.25, 1.5 - 1.0j]
+    signal = made_of(c).acceleration(rate, duration, phase)
+    t = np.arange(round(rate * duration)) / rate
+    expected = np.zeros(len(t))
+    for k in range(1, 5):
+        if 100.0 * k <= PASSBAND * 0.5 * rate:
+            expected += 2.0 * np.real(c[k] * np.exp(1j * k * (2.0 * np.pi * 100.0 * t + phase)))
+    assert signal == pytest.approx(expected, abs=1e-9)
+
+
+def test_nothing_above_the_passband_is_left() -> None:
+    rate = 2560.0
+    signal = response().acceleration(rate, 4.0)
+    kept, amplitude = response().lines()
+    inside = kept <= PASSBAND * 0.5 * rate
+    assert np.sqrt(np.mean(signal**2)) == pytest.approx(math.sqrt(0.5 * np.sum(amplitude[inside] ** 2)), rel=1e-2)
+    assert np.all(response().acceleration(100.0, 1.0) == 0.0)
+
+
+def test_a_full_turn_of_the_phase_is_the_same_signal() -> None:
+    one, other = (response().acceleration(25600.0, 0.05, phase) for phase in (0.3, 0.3 + 2.0 * math.pi))
+    assert one == pytest.approx(other, abs=1e-8)
+
+
+def test_the_phase_shifts_the_passages() -> None:
+    rate = 400.0 * response().bpfo
+    shifted = response().acceleration(rate, 3.0 / response().bpfo, phase=math.pi / 2.0)
+    plain = response().acceleration(rate, 4.0 / response().bpfo)
+    assert shifted == pytest.approx(plain[100 : 100 + len(shifted)], abs=1e-7)
+
+
+def test_a_band_keeps_its_lines() -> None:
+    signal = response().acceleration(51200.0, 2.0, band=(1000.0, 5000.0))
+    assert np.sqrt(np.mean(signal**2)) == pytest.approx(response().rms_in_band(1000.0, 5000.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("sensor", ["mo", "mr"])
+def test_lines_carry_the_power(sensor: str) -> None:
+    full = response().rms if sensor == "mo" else response().rms_resonator
+    band = response().rms_in_band(0.0, 30e3, "mo" if sensor == "mo" else "mr")
+    assert band == pytest.approx(full, rel=2e-3)
+
+
+def test_harmonics_are_the_first_six_lines() -> None:
+    assert response().lines()[1][:6] == pytest.approx(response().harmonics)
+    assert response().lines()[0][:2] == pytest.approx([response().bpfo, 2.0 * response().bpfo])
+
+
+def test_there_is_no_steady_acceleration() -> None:
+    assert abs(response().coefficients[0, 0]) < 1e-3 * response().rms
+
+
+@pytest.mark.parametrize("band", [(5.0, 5.0), (-1.0, 5.0), (9.0, 5.0), (math.nan, 5.0)])
+def test_bands_that_are_none_are_refused(band: tuple[float, float]) -> None:
+    with pytest.raises(ValueError, match="band"):
+        response().rms_in_band(*band)
+    with pytest.raises(ValueError, match="band"):
+        simulate(SCENE, band=band)
+
+
+def test_a_band_beyond_the_lines_is_refused() -> None:
+    with pytest.raises(ValueError, match="computed up to"):
+        response().rms_in_band(0.0, 1e5)
+    with pytest.raises(ValueError, match="steps resolve up to"):
+        simulate(SCENE, band=(0.0, 1e6))
+
+
+@pytest.mark.parametrize(("rate", "duration"), [(0.0, 1.0), (1e3, 0.0), (math.nan, 1.0), (1e3, math.inf)])
+def test_impossible_rates_are_refused(rate: float, duration: float) -> None:
+    with pytest.raises(ValueError, match="must be positive"):
+        response().acceleration(rate, duration)
+
+
+def test_rms_and_peak_in_a_band() -> None:
+    limited = simulate(SCENE, band=(0.0, 9500.0))
+    assert limited.rms == pytest.approx(response().rms_in_band(0.0, 9500.0), rel=1e-9)
+    assert limited.rms < response().rms
+    signal = limited.acceleration(400e3, 2.0 / limited.bpfo, band=(0.0, 9500.0))
+    assert limited.peak == pytest.approx(np.max(np.abs(signal)), rel=5e-3)
+
+
+def test_fourier_coefficients_on_an_uneven_grid() -> None:
+    duration = 0.01
+    time = duration * np.sort(np.concatenate((np.linspace(0.0, 0.37, 900), np.linspace(0.37, 1.0, 1200))))
+    weight = np.zeros(len(time))
+    weight[1:] += 0.5 * np.diff(time) / duration
+    weight[:-1] += 0.5 * np.diff(time) / duration
+    angle = 2.0 * np.pi * time / duration
+    wave = np.stack((3.0 * np.cos(5.0 * angle + 0.4), 1.0 + np.sin(2.0 * angle)), axis=-1)
+    c = fourier_coefficients(wave[None], time, weight, duration, 12)
+    assert c.shape == (2, 13)
+    assert c[0, 5] == pytest.approx(1.5 * np.exp(0.4j), rel=1e-3)
+    assert c[1, 0] == pytest.approx(1.0, rel=1e-3)
+    assert c[1, 2] == pytest.approx(-0.5j, rel=1e-3)
+    assert np.abs(np.delete(c[0], 5)).max() < 1e-3
+
+
+def test_powers_of_several_periods_are_averaged() -> None:
+    time, weight = np.linspace(0.0, 1.0, 401), np.full(401, 1.0 / 400.0)
+    weight[[0, -1]] *= 0.5
+    waves = np.stack([a * np.cos(2.0 * np.pi * time)[:, None] for a in (1.0, 7.0)])
+    assert abs(fourier_coefficients(waves, time, weight, 1.0, 3)[0, 1]) == pytest.approx(0.5 * 5.0, rel=1e-6)
