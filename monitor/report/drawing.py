@@ -8,7 +8,6 @@ import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib import dates
 from matplotlib.axes import Axes
@@ -22,7 +21,7 @@ BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE, GREY = (
 )
 """Colours that are told apart by everybody (after Okabe and Ito), two of them darkened to be read on white."""
 
-_STYLE: Any = {
+STYLE: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans", "Helvetica", "Arial"],
     "font.size": 9.5,
@@ -43,6 +42,7 @@ _STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "spallwatch",
 }
+"""Settings of matplotlib under which every figure is made, as a decorator: ``@mpl.rc_context(STYLE)``."""
 WIDTH = 9.6
 """Width of every figure in inches: the page scales it."""
 
@@ -54,11 +54,13 @@ class TimeAxis(NamedTuple):
         dated: whether positions are dates rather than multiples of ``unit``.
         unit: seconds in one unit of the axis.
         label: of the axis.
+        timed: whether it is an axis of time at all.
     """
 
     dated: bool
     unit: float
     label: str
+    timed: bool = True
 
     def position(self, time: NDArray[np.float64] | float) -> Any:
         """Return positions of moments in seconds."""
@@ -71,6 +73,10 @@ class TimeAxis(NamedTuple):
             axes.xaxis.set_major_locator(locator)
             axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))
         axes.set_xlabel(self.label)
+
+
+BLOCK_AXIS = TimeAxis(False, 1.0, "block", timed=False)
+"""The axis where a recording knows no times: numbers of blocks."""
 
 
 def time_axis(time: NDArray[np.float64], *, dated: bool) -> TimeAxis:
@@ -86,9 +92,8 @@ def time_axis(time: NDArray[np.float64], *, dated: bool) -> TimeAxis:
 
 def new_figure(height: float, panels: Sequence[float] = (1.0,)) -> tuple[Figure, list[Axes]]:
     """Return a figure of panels above each other that share the horizontal axis; ``panels`` are their heights."""
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(WIDTH, height), layout="constrained")
-        axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": panels})
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": panels})
     return figure, list(axes[:, 0])
 
 
@@ -102,8 +107,7 @@ def to_svg(figure: Figure, label: str, numbers: itertools.count[int]) -> str:
     """
     buffer = io.StringIO()
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-    with mpl.rc_context(_STYLE):
-        FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)
+    FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
@@ -170,3 +174,10 @@ def log_if_wide(axes: Axes, *columns: NDArray[np.float64]) -> None:
         axes.yaxis.set_minor_formatter(NullFormatter())
     elif values.size:
         axes.set_ylim(min(0.0, float(values.min()) * 1.05), float(values.max()) * 1.08 or 1.0)
+
+
+def add_legend(axes: Axes, **place: Any) -> None:
+    """Add a legend where something has a name."""
+    handles, _ = axes.get_legend_handles_labels()
+    if handles:
+        axes.legend(**place)

@@ -7,20 +7,24 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from monitor.records.schema import FAULTS, REJECTIONS
 from monitor.report.drawing import (
+    BLOCK_AXIS,
     BLUE,
     GREEN,
     GREY,
     ORANGE,
     PURPLE,
     SKY,
+    STYLE,
     VERMILION,
     TimeAxis,
+    add_legend,
     draw_line,
     log_if_wide,
     new_figure,
@@ -54,6 +58,7 @@ class SpectrumView(NamedTuple):
     label: str = ""
 
 
+@mpl.rc_context(STYLE)
 def trends(channel: Channel, verdict: Verdict, *, dated: bool, numbers: itertools.count[int]) -> str | None:
     """Draw RMS, H_or and the detection score over time.
 
@@ -64,32 +69,40 @@ def trends(channel: Channel, verdict: Verdict, *, dated: bool, numbers: itertool
     score, threshold = channel.column("detect_score"), channel.column("detect_threshold")
     if np.sum(np.isfinite(rms)) < 2:
         return None
-    axis = time_axis(channel.time, dated=dated)
+    time, axis = _axis(channel, dated=dated)
     scored = bool(np.isfinite(score).any())
     figure, panels = new_figure(5.6 if scored else 4.2, (1.25, 1.25, 1.0) if scored else (1.0, 1.0))
-    unit, scale = ("g", STANDARD_GRAVITY) if channel.has_level else ("unit of the sensor", 1.0)
+    unit, scale = ("g", STANDARD_GRAVITY) if channel.has_level else ("sensor unit", 1.0)
     for axes, values, name, colour in ((panels[0], rms, "RMS", BLUE), (panels[1], h_or, "H_or", PURPLE)):
-        draw_line(axes, axis, channel.time, values / scale, color=colour)
+        draw_line(axes, axis, time, values / scale, color=colour)
         log_if_wide(axes, values / scale)
         axes.set_ylabel(f"{name} ({unit})")
     if scored:
-        draw_line(panels[2], axis, channel.time, score, color=GREY)
-        draw_line(panels[2], axis, channel.time, threshold, color=ORANGE, linestyle="-.", label="threshold")
+        draw_line(panels[2], axis, time, score, color=GREY)
+        draw_line(panels[2], axis, time, threshold, color=ORANGE, linestyle="-.", label="threshold")
         log_if_wide(panels[2], score, threshold)
         panels[2].set_ylabel("score")
-        panels[2].legend(loc="upper left")
+        add_legend(panels[2], loc="upper left")
     for axes in panels:
-        _shade_learning(axes, axis, channel)
-        _marks(axes, axis, verdict)
-    _mark_legend(panels[0], axis, verdict, channel)
-    _rug(panels[0], axis, channel)
+        _shade_learning(axes, axis, time, channel)
+        if axis.timed:
+            _marks(axes, axis, verdict)
+    _mark_legend(panels[0], verdict, channel)
+    _rug(panels[0], axis, time, channel)
     axis.settle(panels[-1])
     label = f"RMS, H_or and detection score of channel {channel.name} over time. {verdict.headline}."
     return to_svg(figure, label, numbers)
 
 
-def spectrum(view: SpectrumView, channel: str, numbers: itertools.count[int]) -> str:
-    """Draw an envelope spectrum with the lines of the four parts, of which the highest point near each is marked."""
+@mpl.rc_context(STYLE)
+def spectrum(view: SpectrumView, channel: str, numbers: itertools.count[int]) -> str | None:
+    """Draw an envelope spectrum with the lines of the four parts, of which the highest point near each is marked.
+
+    Returns:
+        SVG, or None where the spectrum has fewer than two points.
+    """
+    if len(view.frequency_hz) < 2:
+        return None
     figure, (axes,) = new_figure(3.3)
     frequency, amplitude = np.asarray(view.frequency_hz, float), np.asarray(view.amplitude_g, float)
     # Five orders of the passages; the mean and slow drift below the cage's line are no lines.
@@ -106,10 +119,11 @@ def spectrum(view: SpectrumView, channel: str, numbers: itertools.count[int]) ->
     axes.set_ylim(0.0, 1.12 * top or 1.0)
     axes.set_xlabel("frequency (Hz)")
     axes.set_ylabel("envelope (g)")
-    axes.legend(loc="upper right", ncols=4, handletextpad=0.3, columnspacing=1.2)
+    add_legend(axes, loc="upper right", ncols=4, handletextpad=0.3, columnspacing=1.2)
     return to_svg(figure, f"Envelope spectrum of channel {channel} with the fault lines of the bearing.", numbers)
 
 
+@mpl.rc_context(STYLE)
 def recorded_lines(channel: Channel, row: int, numbers: itertools.count[int]) -> str | None:
     """Draw the fault lines that a record holds, each over the noise floor under it, where no spectrum is at hand."""
     amplitude = channel.numbers["envelope_amplitude"][row][:20]
@@ -127,20 +141,21 @@ def recorded_lines(channel: Channel, row: int, numbers: itertools.count[int]) ->
         labels.append((6.0 * place + 2.0, FAULT_NAMES[fault]))
     axes.set_xticks([x for x, _ in labels], [f"{text}, 1 to 5" for _, text in labels])
     axes.grid(visible=False, axis="x")
-    axes.set_ylabel(f"envelope ({'g' if channel.has_level else 'unit of the sensor'})")
+    axes.set_ylabel(f"envelope ({'g' if channel.has_level else 'sensor unit'})")
     label = f"Lines of the envelope spectrum of block {channel.sequence[row]}, with the noise floor as a black bar."
     return to_svg(figure, label, numbers)
 
 
+@mpl.rc_context(STYLE)
 def damage(channel: Channel, verdict: Verdict, *, dated: bool, numbers: itertools.count[int]) -> str | None:
     """Draw V_eq and the forecasts of the time to threshold, as issued, with the truth where the records carry it.
 
     Returns:
-        SVG, or None where no block has a V_eq.
+        SVG, or None where fewer than two moments have a V_eq.
     """
     v_eq = channel.column("v_eq")
     rows = np.flatnonzero(np.isfinite(v_eq))
-    if not rows.size:
+    if rows.size < 2 or np.ptp(channel.time[rows]) == 0.0:
         return None
     # A little of what was before the first value, so that the beginning is seen.
     lead = max(2, (rows[-1] - rows[0]) // 12)
@@ -175,7 +190,7 @@ def _draw_volume(axes: Axes, axis: TimeAxis, channel: Channel, part: slice, thre
         axes.axhline(1e6 * threshold, color=ORANGE, linewidth=1.1, linestyle="-.", label="threshold")
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("V_eq (mm³/mm)")
-    axes.legend(loc="upper left", ncols=4)
+    add_legend(axes, loc="upper left", ncols=4)
 
 
 def _draw_forecast(axes: Axes, axis: TimeAxis, channel: Channel, part: slice, threshold: float) -> None:
@@ -212,7 +227,7 @@ def _draw_forecast(axes: Axes, axis: TimeAxis, channel: Channel, part: slice, th
         axes.plot(axis.position(time), truth / unit, color=GREEN, linestyle="--", label=name)
     axes.set_ylim(0.0, top / unit)
     axes.set_ylabel(f"TT ({label})")
-    axes.legend(loc="upper right", ncols=2)
+    add_legend(axes, loc="upper right", ncols=2)
 
 
 def _crossing_line(channel: Channel, part: slice, threshold: float) -> NDArray[np.float64]:
@@ -263,10 +278,17 @@ def _fault_lines(
         axes.plot(x, y, marker, color=colour, markersize=5, markerfacecolor="white", label=label)
 
 
-def _shade_learning(axes: Axes, axis: TimeAxis, channel: Channel) -> None:
+def _axis(channel: Channel, *, dated: bool) -> tuple[NDArray[np.float64], TimeAxis]:
+    """Return positions and axis of the blocks: their times, or their numbers where the recording knows no times."""
+    if channel.time.size and np.ptp(channel.time) == 0.0:
+        return channel.sequence.astype(np.float64), BLOCK_AXIS
+    return channel.time, time_axis(channel.time, dated=dated)
+
+
+def _shade_learning(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], channel: Channel) -> None:
     rows = np.flatnonzero(channel.word("stage") == "learning")
     if rows.size > 1:
-        edges = axis.position(channel.time[rows[[0, -1]]])
+        edges = axis.position(time[rows[[0, -1]]])
         axes.axvspan(float(edges[0]), float(edges[1]), color="#eef1f4", linewidth=0, zorder=0, label="learning window")
 
 
@@ -284,7 +306,7 @@ def _moments(verdict: Verdict) -> list[tuple[Moment, str, str]]:
     return [(mark, colour, style) for mark, colour, style in marks if mark is not None and math.isfinite(mark.time)]
 
 
-def _mark_legend(axes: Axes, axis: TimeAxis, verdict: Verdict, channel: Channel) -> None:
+def _mark_legend(axes: Axes, verdict: Verdict, channel: Channel) -> None:
     """Name the lines and the rug of the panel in one legend above it."""
     for mark, colour, style, name in (
         (verdict.t_fs, VERMILION, "-", "final stage began"),
@@ -296,9 +318,7 @@ def _mark_legend(axes: Axes, axis: TimeAxis, verdict: Verdict, channel: Channel)
             axes.plot([], [], color=colour, linestyle=style, linewidth=1.2, label=f"{name}{block}")
     for marker, colour, name, statuses in _rugs(channel):
         axes.plot([], [], marker, color=colour, linestyle="none", markersize=5, label=f"{name} ({statuses.size})")
-    handles, _ = axes.get_legend_handles_labels()
-    if handles:
-        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2, handlelength=1.6)
+    add_legend(axes, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2, handlelength=1.6)
 
 
 def _rugs(channel: Channel) -> list[tuple[str, str, str, NDArray[np.intp]]]:
@@ -312,10 +332,9 @@ def _rugs(channel: Channel) -> list[tuple[str, str, str, NDArray[np.intp]]]:
     ]
 
 
-def _rug(axes: Axes, axis: TimeAxis, channel: Channel) -> None:
+def _rug(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], channel: Channel) -> None:
     for marker, colour, _, rows in _rugs(channel):
-        time = channel.time[rows]
-        x, _ = thin(time, np.zeros(time.size), 300)
+        x, _ = thin(time[rows], np.zeros(rows.size), 300)
         axes.plot(
             axis.position(x),
             np.full(x.size, 0.03),

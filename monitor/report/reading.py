@@ -35,8 +35,8 @@ class Channel:
         time: seconds, UTC since 1970 or from the first block.
         sequence: number of each block.
         status: status of each block.
-        numbers: variables of numbers, shape (block, ...), NaN where there is none.
-        words: variables of words, shape (block, ...), "" where there is none.
+        numbers: variables of numbers, shape (block, values of all other dimensions), NaN where there is none.
+        words: variables of words, shape (block, values of all other dimensions), "" where there is none.
     """
 
     name: str
@@ -48,13 +48,11 @@ class Channel:
 
     def column(self, name: str) -> NDArray[np.float64]:
         """Return a variable as one number a block: of the first band, or of the first threshold."""
-        values = self.numbers[name]
-        return values.reshape(values.shape[0], -1)[:, 0]
+        return self.numbers[name][:, 0]
 
     def word(self, name: str) -> NDArray[np.object_]:
         """Return a variable as one word a block: of the first threshold."""
-        values = self.words[name]
-        return values.reshape(values.shape[0], -1)[:, 0]
+        return self.words[name][:, 0]
 
     @property
     def has_level(self) -> bool:
@@ -244,7 +242,8 @@ def _channel(
     texts: Mapping[str, NDArray[np.object_]],
 ) -> Channel:
     """Keep the blocks of the sources that the channel belongs to: those of other sources say nothing about it."""
-    said = (texts["stage"][:, 0] != "") | np.isfinite(numbers["rms"][:, 0])
+    judged = (texts["stage"][:, 0] != "") | (texts["quality_status"][:, 0] != "")
+    said = judged | np.isfinite(numbers["rms"][:, 0])
     rows = np.isin(ledger["source"].astype(str), np.unique(ledger["source"][said].astype(str)))
     return Channel(
         name=name,

@@ -183,13 +183,13 @@ def _trend_figure(
 def _spectrum_figure(
     channel: Channel, view: SpectrumView | None, numbers: itertools.count[int]
 ) -> tuple[str, Markup, str] | None:
-    if view is not None:
+    drawn = None if view is None else figures.spectrum(view, channel.name, numbers)
+    if view is not None and drawn is not None:
         caption = (
-            "Dotted: five orders of the kinematic frequency of each part; the marker is the highest point within 2 % of "
-            "it. A marker alone names nothing: a part is named only where its lines stand clear of noise and of others."
+            "Dotted: five orders of the kinematic frequency of each part; the marker is the highest point within 2 % "
+            "of it. A marker alone names nothing: a part is named only where its lines stand clear of noise and others."
         )
-        heading = f"Envelope spectrum{f', {view.label}' if view.label else ''}"
-        return heading, Markup(figures.spectrum(view, channel.name, numbers)), caption
+        return f"Envelope spectrum{f', {view.label}' if view.label else ''}", Markup(drawn), caption
     row, _ = named_fault(channel)
     if row is None:
         return None
@@ -197,7 +197,11 @@ def _spectrum_figure(
     if svg is None:
         return None
     heading = f"Fault lines of the envelope spectrum, block {channel.sequence[row]:,}"
-    return heading, Markup(svg), "Bars: the first five lines of each part. Black: the noise floor under each."
+    return (
+        heading,
+        Markup(svg),
+        "Bars: the first five lines of each part. Black: the noise floor under each. Empty: not resolved.",
+    )
 
 
 def _damage_figure(
@@ -206,7 +210,7 @@ def _damage_figure(
     svg = figures.damage(channel, verdict, dated=run.dated, numbers=numbers)
     if svg is None:
         return None
-    caption = "Every forecast stands where it was issued, with what was known then."
+    caption = "Every forecast stands where it was issued, with what was known then. Vertical lines as above."
     if run.attributes.get("calibrated") != "yes":
         caption += " The map is not calibrated on this machine."
     return "Damaged volume and time to threshold", Markup(svg), caption

@@ -217,23 +217,24 @@ def _forecast(channel: Channel) -> str:
     for place, status in enumerate(statuses[row]):
         thresholds = channel.numbers["v_th"][row]
         threshold = thresholds[place] if place < thresholds.size else math.nan
-        to = f" to {volume(threshold)}" if math.isfinite(threshold) else ""
+        of = f" of {volume(threshold)}" if math.isfinite(threshold) else ""
         if status:
-            sentences.append(_one_forecast(channel, row, place, str(status), to))
+            sentences.append(_one_forecast(channel, row, place, str(status), of))
     return " ".join(sentences)
 
 
-def _one_forecast(channel: Channel, row: int, place: int, status: str, to: str) -> str:
+def _one_forecast(channel: Channel, row: int, place: int, status: str, of: str) -> str:
     def number(name: str) -> float:
         values = channel.numbers[name][row]
         return float(values[place]) if place < values.size else math.nan
 
     tt, lower, upper, probability = (number(name) for name in ("tt", "tt_lower", "tt_upper", "p_threshold"))
     if status == "already_crossed":
-        return f"Threshold{to} reached."
+        first = np.flatnonzero(channel.words["tt_status"][:, place] == status)[0]
+        return f"The threshold{of} was reached by block {channel.sequence[first]:,}."
     if status != "ok" or not math.isfinite(tt):
-        return f"No forecast{to}: {TT_REFUSALS.get(status, status)}."
-    text = f"{duration(tt)}{to}"
+        return f"No forecast for the threshold{of}: {TT_REFUSALS.get(status, status)}."
+    text = f"{duration(tt)} to the threshold{of}"
     if math.isfinite(lower) and math.isfinite(upper):
         text += f" (interval {duration(lower)} to {duration(upper)})"
     if math.isfinite(probability):

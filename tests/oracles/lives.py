@@ -24,7 +24,9 @@ def life(
         time = None if start is None else start + elapsed
         if sequence % 97 == 0:
             records.append(
-                Record("s", sequence, f"b{sequence}.csv", f"{sequence:x}", "nan", (), "sample 5 is <NaN>", time, elapsed)
+                Record(
+                    "s", sequence, f"b{sequence}.csv", f"{sequence:x}", "nan", (), "sample 5 is <NaN>", time, elapsed
+                )
             )
             continue
         axis = elapsed if time is None else time
@@ -75,7 +77,12 @@ def _tracked(draw: random.Random, sequence: int, axis: float, onset: int, learn:
         onset_axis = axis - INTERVAL * (sequence - onset)
         values |= {"t_fs": onset_axis, "t_fs_block": onset}
         values |= {"t_fs_known": onset_axis + 5.0 * INTERVAL, "t_fs_known_block": onset + 5}
-        values |= {"fault": "outer", "fault_snr": 3.0 + 9.0 * damaged, "fault_depth": 0.4, "fault_score": 20.0 * damaged}
+        values |= {
+            "fault": "outer",
+            "fault_snr": 3.0 + 9.0 * damaged,
+            "fault_depth": 0.4,
+            "fault_score": 20.0 * damaged,
+        }
         growth = 8e-8 * damaged**1.7
         crossing = onset + (blocks - onset) * (THRESHOLD / 8e-8) ** (1.0 / 1.7)
         left = INTERVAL * (crossing - sequence)

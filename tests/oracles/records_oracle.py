@@ -16,10 +16,10 @@ from monitor.records.schema import DIMENSION_SIZES, FLAGS, REJECTIONS, VARIABLES
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 
-def values_of(variable: Variable, bands: int = 1) -> st.SearchStrategy[Any]:
+def values_of(variable: Variable, bands: int = 1, numbers: st.SearchStrategy[float] = FINITE) -> st.SearchStrategy[Any]:
     """Strategy for one value of a variable, None included at every level that allows it."""
     leaf: st.SearchStrategy[Any] = {
-        "float": FINITE,
+        "float": numbers,
         "int": st.integers(1, 10**6),
         "flag": st.sampled_from(variable.values or ("",)),
         "mask": st.sets(st.sampled_from(variable.values or ("",)), min_size=1).map("|".join),
@@ -32,13 +32,15 @@ def values_of(variable: Variable, bands: int = 1) -> st.SearchStrategy[Any]:
 
 
 @st.composite
-def records(draw: st.DrawFn, sequence: int | None = None, bands: int = 1) -> Record:
+def records(
+    draw: st.DrawFn, sequence: int | None = None, bands: int = 1, numbers: st.SearchStrategy[float] = FINITE
+) -> Record:
     """Strategy for records of one source "s" with channels "x" and "y"."""
     status = draw(st.sampled_from(("ok", "ok", *FLAGS, *REJECTIONS)))
     channels = {}
     for channel in draw(st.sampled_from([(), ("x",), ("x", "y"), ("y", "x")])):
         names = draw(st.lists(st.sampled_from(sorted(VARIABLES)), unique=True, max_size=12))
-        channels[channel] = {name: draw(values_of(VARIABLES[name], bands)) for name in names}
+        channels[channel] = {name: draw(values_of(VARIABLES[name], bands, numbers)) for name in names}
     event = st.fixed_dictionaries({"kind": st.text(max_size=8), "value": st.none() | FINITE})
     return Record(
         source="s",
