@@ -7,6 +7,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -56,7 +57,7 @@ def draw_map(rms_map: RmsMap, path: Path) -> None:
         figure.savefig(path, dpi=130, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
 
 
-def _volumes(axes: mpl.axes.Axes, rms_map: RmsMap, extent: np.ndarray, depth: np.ndarray) -> None:
+def _volumes(axes: Axes, rms_map: RmsMap, extent: np.ndarray, depth: np.ndarray) -> None:
     """Draw V_eq = r_o dphi_d h_d for a few volumes (Eq. 90)."""
     span = np.linspace(max(extent[0], 0.05), extent[-1], 400)
     for volume in _V_EQ_MM2:

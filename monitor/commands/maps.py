@@ -1,0 +1,183 @@
+"""``spallwatch map``: build, show and check RMS maps."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from models.map_data import MapPlan
+from models.rms_map import RmsMap, build_map, check_map, load_map, save_map
+from models.scene import Floor
+from monitor.commands.bearing import find_bearing
+from monitor.commands.common import (
+    Axis,
+    BandHz,
+    InputError,
+    config_option,
+    counter,
+    emit,
+    output_options,
+    read_machine,
+    say,
+)
+from streams.block import STANDARD_GRAVITY
+
+
+@click.group("map")
+def command() -> None:
+    """RMS over extent and depth of a defect, simulated beforehand: build, show, check."""
+
+
+@command.command("build")
+@config_option()
+@click.option("--bearing", "name", help="A bearing of the configuration or of the catalogue.")
+@click.option("--load-newton", type=click.FloatRange(min=0), multiple=True, help="One or several loads.")
+@click.option("--speed-hz", type=click.FloatRange(min=0, min_open=True), multiple=True, help="One or several speeds.")
+@click.option("--dphi-deg", type=Axis(), default="0:50:51", show_default=True, help="Extents.")
+@click.option("--h-d-um", type=Axis(), default="0:32:33", show_default=True, help="Depths.")
+@click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth", show_default=True)
+@click.option("--floors", type=click.IntRange(min=1), default=1, show_default=True, help="Rough floors to average.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the first rough floor.")
+@click.option("--rms-band-hz", type=BandHz(), help="Band of the RMS, the same as of the recordings.")
+@click.option("--workers", type=click.IntRange(min=0), default=0, show_default=True, help="Processes; 0: one a core.")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The map (netCDF).")
+@output_options
+def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, quiet: bool, **options: Any) -> None:
+    """Simulate a map and write it with all that made it."""
+    plan = _plan(config_path, name, options)
+    began, began_cpu = time.perf_counter(), time.process_time()
+    try:
+        rms_map = build_map(plan, workers=options["workers"], progress=counter("map", quiet=quiet))
+    except ValueError as error:
+        raise InputError(f"map build: {error}") from None
+    try:
+        save_map(rms_map, out)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
+    values = {
+        "points": int(np.prod(plan.shape)),
+        "seconds": time.perf_counter() - began,
+        "cpu_seconds": time.process_time() - began_cpu,
+        "out": str(out),
+        "error_rms": _finite(np.sqrt(np.nanmean(np.square(_relative_error(rms_map))))),
+        "error_max": _finite(np.nanmax(_relative_error(rms_map))),
+        "status": _status_counts(rms_map),
+        "hash": rms_map.hash,
+    }
+    say(f"map: {out}", quiet=quiet)
+    emit(values, _build_lines(values), as_json=as_json)
+
+
+def _plan(config_path: Path | None, name: str | None, options: Mapping[str, Any]) -> MapPlan:
+    config = read_machine(config_path)
+    bearing, clearance = find_bearing(config, name)
+    loads = options["load_newton"] or _configured(config.operating.load_newton, "--load-newton")
+    speeds = options["speed_hz"] or _configured(config.operating.speed_hz, "--speed-hz")
+    low, high, count = options["dphi_deg"]
+    extents = np.radians(np.linspace(low, high, count))
+    low, high, count = options["h_d_um"]
+    depths = np.linspace(low, high, count) * 1e-6
+    return MapPlan(
+        load=tuple(sorted(float(v) for v in loads)),
+        speed=tuple(sorted(float(v) for v in speeds)),
+        h_d=tuple(float(v) for v in depths),
+        dphi_d=tuple(float(v) for v in extents),
+        bearing=bearing,
+        rig=config.rig.to_rig(),
+        clearance=clearance,
+        floor=Floor(kind=options["floor"], seed=options["seed"]),
+        floors=options["floors"],
+        rms_band=options["rms_band_hz"],
+    )
+
+
+def _configured(value: float | None, option: str) -> tuple[float, ...]:
+    if value is None:
+        raise InputError(f"{option}: neither given nor in the configuration ([operating])")
+    return (value,)
+
+
+def _relative_error(rms_map: RmsMap) -> np.ndarray:
+    """Return the estimated error of each node over its RMS; NaN where there is no vibration."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(rms_map.rms > 0.0, rms_map.rms_error / rms_map.rms, np.nan)
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _status_counts(rms_map: RmsMap) -> dict[str, int]:
+    from models.map_data import STATUSES
+
+    return {name: int(np.count_nonzero(rms_map.status == code)) for code, name in enumerate(STATUSES)}
+
+
+def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
+    yield f"{values['points']} points in {values['seconds']:.1f} s"
+    if values["error_rms"] is not None:
+        error, most = 100 * values["error_rms"], 100 * values["error_max"]
+        yield f"estimated numerical error {error:.2g} % rms, {most:.2g} % at most"
+    yield ", ".join(f"{number} {name}" for name, number in values["status"].items() if number)
+    yield f"hash {values['hash'][:16]}"
+
+
+@command.command("show")
+@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="PNG or SVG.")
+@output_options
+def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
+    """Draw a map."""
+    if out.suffix.lower() not in {".png", ".svg"}:
+        raise InputError(f"--out {out}: expected a name that ends in .png or .svg")
+    rms_map = load_map(path)
+    from monitor.report.map_figure import draw_map
+
+    try:
+        draw_map(rms_map, out)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
+    rms_g = rms_map.rms / STANDARD_GRAVITY
+    values = {
+        "points": int(rms_map.rms.size),
+        "out": str(out),
+        "rms_min_g": _finite(np.nanmin(rms_g)),
+        "rms_max_g": _finite(np.nanmax(rms_g)),
+        "hash": rms_map.hash,
+    }
+    emit(values, [f"RMS {values['rms_min_g']:.3g} to {values['rms_max_g']:.3g} g; {out}"], as_json=as_json)
+
+
+@command.command("check")
+@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.option("--points", type=click.IntRange(min=1), default=50, show_default=True, help="Random nodes.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of their choice.")
+@output_options
+def check(path: Path, points: int, seed: int, as_json: bool, quiet: bool) -> None:
+    """Estimate the error of a map: nodes against finer steps, points between nodes against the model."""
+    rms_map = load_map(path)
+    began, began_cpu = time.perf_counter(), time.process_time()
+    found = check_map(rms_map, points, seed=seed, progress=counter("check", quiet=quiet))
+    values = {
+        "points": found.points,
+        "seconds": time.perf_counter() - began,
+        "cpu_seconds": time.process_time() - began_cpu,
+        "out": str(path),
+        "error_rms": found.error_rms,
+        "error_max": found.error_max,
+        "interpolation_rms": found.interpolation_rms,
+        "interpolation_max": found.interpolation_max,
+        "hash": rms_map.hash,
+    }
+    lines = [
+        f"nodes, against four times as many steps: {100 * found.error_rms:.2g} % rms, "
+        f"{100 * found.error_max:.2g} % at most",
+        f"between nodes, over the largest RMS of the map: {100 * found.interpolation_rms:.2g} % rms, "
+        f"{100 * found.interpolation_max:.2g} % at most",
+    ]
+    emit(values, lines, as_json=as_json)
