@@ -16,7 +16,7 @@ from models.defect import race_radius
 from models.scene import Floor, Rig
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
 # Raise it whenever the model's figures change: maps made before are then built anew.
 MODEL_VERSION = 1
@@ -145,12 +145,12 @@ class MapSlice:
     harmonic_amplitude: NDArray[np.float64]
     rms_band: tuple[float, float] | None
 
-    def inside(self, dphi_d: NDArray[np.float64] | float, h_d: NDArray[np.float64] | float) -> NDArray[np.bool_]:
+    def inside(self, dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.bool_]:
         """Say where points lie on the map."""
         x, y = np.asarray(dphi_d, dtype=float), np.asarray(h_d, dtype=float)
         return (x >= self.dphi_d[0]) & (x <= self.dphi_d[-1]) & (y >= self.h_d[0]) & (y <= self.h_d[-1])
 
-    def interpolate(self, dphi_d: NDArray[np.float64] | float, h_d: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    def interpolate(self, dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.float64]:
         """Return the RMS between the nodes, bilinearly, m/s2; NaN exactly where ``inside`` says no.
 
         Args:
@@ -159,17 +159,15 @@ class MapSlice:
         """
         return self._bilinear(self.rms, dphi_d, h_d)
 
-    def interpolate_harmonics(
-        self, dphi_d: NDArray[np.float64] | float, h_d: NDArray[np.float64] | float
-    ) -> NDArray[np.float64]:
+    def interpolate_harmonics(self, dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.float64]:
         """Return the six amplitudes between the nodes, m/s2, shape (..., 6); NaN exactly where ``inside`` says no."""
         return self._bilinear(self.harmonic_amplitude, dphi_d, h_d)
 
     def _bilinear(
         self,
         values: NDArray[np.float64],
-        dphi_d: NDArray[np.float64] | float,
-        h_d: NDArray[np.float64] | float,
+        dphi_d: ArrayLike,
+        h_d: ArrayLike,
     ) -> NDArray[np.float64]:
         x, y = np.broadcast_arrays(np.asarray(dphi_d, dtype=float), np.asarray(h_d, dtype=float))
         i, u = _cell(self.dphi_d, x)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from models.dynamics.six_dof import prepare
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
 
@@ -53,18 +54,14 @@ def test_light_load_with_clearance_and_rough_floor(load: float) -> None:
 
 
 def test_a_motion_that_does_not_repeat_is_said_to() -> None:
-    """At 80 N with a clearance of 10 um and a smooth floor, scenes exist whose motion settles on no orbit."""
-    statuses = set()
-    for h_d in np.linspace(4e-6, 32e-6, 8):
-        scene = Scene(48.0, 20.0, clearance=1.2e-5, defect=Defect(30.0 * DEG, float(h_d)))
-        response = simulate(scene)
-        statuses.add(response.status)
-        assert math.isfinite(response.rms)
-        if response.status == "not_periodic":
-            assert response.spread > 0.0
-        if response.status == "converged":
-            assert response.period_change < 1e-5
-    assert "converged" in statuses
+    """A light load with clearance over a rough floor: the rings bounce, and no two passages are alike."""
+    scene = Scene(24.3, 38.6, clearance=11.8e-6, defect=Defect(34.0 * DEG, 18.6e-6, ROUGH))
+    coarse, fine = simulate(scene), simulate(scene, steps_per_period=1024)
+    for response in (coarse, fine):
+        assert response.status == "not_periodic"
+        assert 0.03 < response.spread / response.rms < 0.5
+    # The mean over the window is as far apart as the spread allows, not a figure to trust to the last digit.
+    assert coarse.rms == pytest.approx(fine.rms, abs=coarse.spread)
 
 
 def test_depth_zero_is_healthy_whatever_the_floor() -> None:
@@ -129,9 +126,10 @@ def test_one_step_grid_gives_the_same_rms_as_another() -> None:
 
 
 def test_the_rough_race_is_the_same_at_every_speed() -> None:
-    """Slow balls follow the floor statically, so their relative displacement tells its shape."""
-    a, b = (simulate(Scene(f, 4000.0, defect=Defect(40.0 * DEG, 10e-6, ROUGH))) for f in (20.0, 20.0001))
-    assert a.rms == pytest.approx(b.rms, rel=1e-3)
+    scenes = [Scene(f, 4000.0, defect=Defect(40.0 * DEG, 10e-6, ROUGH)) for f in (15.0, 50.0)]
+    slow, fast = (prepare(scene, 512) for scene in scenes)
+    assert np.array_equal(slow.depth, fast.depth)
+    assert slow.rate / 15.0 == pytest.approx(fast.rate / 50.0, rel=1e-12)
 
 
 def test_peak_is_well_conditioned_enough() -> None:
