@@ -54,7 +54,8 @@ class Record:
     """What one block of one source said. Equal records are equal bit for bit.
 
     Absent values are None (so is a value of several numbers none of which is there), NaN and infinities are refused;
-    sequences become tuples, so that a record equals the one read back from its JSON. See :func:`plain` for values that come from arrays.
+    sequences become tuples, so that a record equals the one read back from its JSON. See :func:`plain` for values that
+    come from arrays.
 
     Attributes:
         source: name of the source.

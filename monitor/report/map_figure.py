@@ -52,7 +52,7 @@ def draw_map(rms_map: RmsMap, path: Path) -> None:
         axes.set_visible(False)
     if mesh is not None:
         figure.colorbar(mesh, ax=panels, label="RMS of the casing [g]", shrink=0.9)
-    figure.suptitle(_caption(rms_map, len(conditions) - len(shown)), fontsize=10)
+    figure.suptitle(_caption(rms_map, len(conditions) - len(shown)), fontsize=8)
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "spallwatch"}):
         figure.savefig(path, dpi=130, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
 
@@ -66,7 +66,8 @@ def _volumes(axes: Axes, rms_map: RmsMap, extent: np.ndarray, depth: np.ndarray)
         if np.count_nonzero(inside) < 2:
             continue
         axes.plot(span[inside], h[inside], color="white", lw=0.9, ls="--")
-        place = np.flatnonzero(inside)[-1]
+        # Where the line leaves the middle of the panel, so that labels of neighbouring lines stand apart.
+        place = np.flatnonzero(inside & (h >= min(depth[-1], 0.12 * (depth[-1] - depth[0]) + depth[0])))[-1]
         axes.annotate(
             f"{volume:g} mm³/mm",
             (span[place], h[place]),
@@ -75,6 +76,7 @@ def _volumes(axes: Axes, rms_map: RmsMap, extent: np.ndarray, depth: np.ndarray)
             color="white",
             fontsize=7,
             ha="right",
+            va="bottom",
         )
 
 

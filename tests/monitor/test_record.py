@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -128,3 +129,16 @@ def test_every_variable_is_described() -> None:
         assert bool(variable.values) == (variable.kind in ("flag", "mask"))
         assert len(set(variable.values)) == len(variable.values) < 120
         assert variable.kind != "float" or variable.units or name == "tt_coefficients"
+
+
+def test_the_document_lists_the_variables_as_they_are() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "records.md").read_text(encoding="utf-8")
+    listed = text[text.index("## Variables of every channel") : text.index("## The store")].splitlines()
+    rows = [line for line in listed if line.startswith("| `")]
+    expected = []
+    for variable in VARIABLES.values():
+        dims = ", ".join(("time", "channel", *variable.dims))
+        unit = {"time": "time axis", None: ""}.get(variable.units, variable.units)
+        what = variable.long_name + (": " + ", ".join(variable.values) if variable.values else "")
+        expected.append(f"| `{variable.name}` | {dims} | {unit} | {variable.symbol} | {what} | {variable.source} |")
+    assert rows == expected
