@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from models.rms_map import RmsMap
 from numpy.typing import NDArray
 
 from models.bearing import kinematics
+from models.rms_map import RmsMap
 from monitor import __version__
 from monitor.config import Config, ConfigError
 from monitor.health.bands import find_band
@@ -26,11 +26,15 @@ from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
 from monitor.service.setup import ChannelSetup, channel_setups, open_configured
 from monitor.service.watcher import Watcher
-from streams.block import Block, Rejected
+from streams.block import STANDARD_GRAVITY, Block, Rejected
 from streams.source import Source
 
 _BATCH = 64
 """Blocks to a transaction: a replay that is cut off begins again at the last batch, as the recording is still there."""
+
+
+Drawable = tuple[NDArray[np.float64], NDArray[np.float64], dict[str, float], str]
+"""An envelope spectrum as :class:`Replay` keeps it."""
 
 
 @dataclass
@@ -40,14 +44,16 @@ class Replay:
     Attributes:
         summary: for ``--json``, keys as in the interface.
         store_path: the truth.
-        spectra: by channel, frequency (Hz) and amplitude (m/s2 or the channel's unit) of an envelope spectrum worth
-            drawing, and the fundamentals of the families (Hz).
+        spectra: by channel, frequency (Hz) and amplitude (g, or the channel's unknown unit) of an envelope spectrum
+            worth drawing, the fundamentals of the families (Hz), and which block it is of.
         setups: the channels that were watched.
     """
 
     summary: dict[str, Any]
     store_path: Path
-    spectra: dict[str, tuple[NDArray[np.float64], NDArray[np.float64], dict[str, float]]] = field(default_factory=dict)
+    spectra: dict[str, tuple[NDArray[np.float64], NDArray[np.float64], dict[str, float], str]] = field(
+        default_factory=dict
+    )
     setups: dict[str, ChannelSetup] = field(default_factory=dict)
 
 
@@ -232,8 +238,11 @@ def _keep_spectra(watcher: Watcher, spectra: dict[str, Any], standing: dict[str,
         if averaged.count > 1:
             amplitude = averaged.averages()[0] * envelope.mean
         lines = fundamentals(kinematics(watcher.channels[name].settings.bearing, output.speed))
+        if watcher.channels[name].settings.absolute:
+            amplitude = amplitude / STANDARD_GRAVITY
         keep = min(amplitude.size, int(6.5 * max(lines.values()) / envelope.resolution))
-        spectra[name] = (np.arange(keep) * envelope.resolution, amplitude[:keep].copy(), lines)
+        label = f"block {watcher.sequence}" + (f", mean of {averaged.count}" if averaged.count > 1 else "")
+        spectra[name] = (np.arange(keep) * envelope.resolution, amplitude[:keep].copy(), lines, label)
 
 
 def _summary(

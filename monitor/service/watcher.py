@@ -51,6 +51,8 @@ class Watcher:
         """What the latest block said of each channel, for whoever draws it."""
         self.latest: dict[str, Mapping[str, Any]] = {}
         """Values of each channel in the latest record that has it."""
+        self.sequence = 0
+        """Number of the latest block."""
         self.dated = False
         """Whether the times of the blocks are UTC."""
 
@@ -114,6 +116,7 @@ class Watcher:
         return record
 
     def _remember(self, record: Record) -> None:
+        self.sequence = record.sequence
         self.dated = record.time is not None
         self.latest.update(record.channels)
 
