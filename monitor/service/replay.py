@@ -106,9 +106,10 @@ def replay(
 
 def _open_store(out: Path, config: Config, resume: bool) -> Store:
     database = out / "state.db"
-    if database.exists() != resume:
-        hint = "there is none to resume" if resume else "use --resume to continue it, or another folder"
-        raise ConfigError(f"--out {out}: {'no store' if resume else 'it holds a store already'}: {hint}")
+    if resume and not database.exists():
+        raise ConfigError(f"--resume: there is no store under --out {out} to continue")
+    if database.exists() and not resume:
+        raise ConfigError(f"--out {out}: holds a store already; use --resume to continue it, or another folder")
     try:
         out.mkdir(parents=True, exist_ok=True)
         return Store.open(database, machine=config.machine.name, create=not resume)
