@@ -156,11 +156,11 @@ def fourier_coefficients(
     table = np.empty((count + 1, len(time)), dtype=np.complex128)
     table[0] = weight
     # Rows k to 2 k - 1 are rows 0 to k - 1 times unit**k: few exponentials, no error that accumulates.
-    filled = 1
+    filled, turned = 1, unit
     while filled <= count:
         more = min(filled, count + 1 - filled)
-        table[filled : filled + more] = table[:more] * unit**filled
-        filled += more
+        np.multiply(table[:more], turned, out=table[filled : filled + more])
+        filled, turned = filled + more, turned * turned
     coefficients = table @ waves[-1]
     if len(waves) > 1:
         power = np.mean([np.abs(table @ wave) ** 2 for wave in waves], axis=0)

@@ -103,7 +103,7 @@ def _levels_in_band(
     return rms, np.array([peak_in_band(row, low, high) for row in coefficients])
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=512)
 def _healthy_jacobian(scene: Scene) -> NDArray[np.float64] | None:
     """Return the scaled Jacobian of the healthy period map minus identity, or None where it steers nowhere."""
     period = prepare(scene, _JACOBIAN_STEPS)

@@ -297,7 +297,7 @@ def _propagators(rig: Rig, h: float) -> list[float]:
     return [*inner, 0.5 * h, *resonator]
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=512)
 def _equilibrium(bearing: Bearing, load: float, k_c: float, clearance: float) -> tuple[float, float]:
     u = static_equilibrium(element_angles(bearing), load, k_c, clearance=clearance)
     return float(u[0]), float(u[1])
