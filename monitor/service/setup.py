@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from models.rms_map import MapError, RmsMap, load_map
-
+from models.scene import Rig
 from monitor.config import ChannelSection, Config, ConfigError, SourceSection
 from monitor.health.edv import EdvSettings, EdvStatus, MapSlice
 from monitor.health.pipeline import ChannelSettings, MapAt
@@ -16,6 +16,9 @@ from streams.source import ChannelSpec, Source, SourceError, SourceSpec, open_so
 
 _CONDITION_TOLERANCE = 0.01
 """A map made for a single load or speed serves conditions within 1 % of it."""
+
+_GEOMETRY = ("n_elements", "rows", "element_diameter", "pitch_diameter", "contact_angle", "outer_race_radius")
+_PARAMETERS = tuple(field.name for field in fields(Rig) if field.name != "calibrated")
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,7 @@ def channel_setups(
             rms_map = _load(channel, channel.map)
         if rms_map is not None:
             _check_band(channel, rms_map)
+            _check_origin(config, channel, rms_map)
         setups[channel.name] = ChannelSetup(channel, _settings(config, source, channel, rms_map), rms_map)
     return setups
 
@@ -121,6 +125,22 @@ def _check_band(channel: ChannelSection, rms_map: RmsMap) -> None:
             f"channel {channel.name!r}: rms_band_hz = {_words(channel.rms_band_hz)}, but its map was made for "
             f"{_words(band)}; both must be the same"
         )
+
+
+def _check_origin(config: Config, channel: ChannelSection, rms_map: RmsMap) -> None:
+    """Refuse a map that was made for another bearing or another rig: it would give volumes all the same."""
+    plan, bearing = rms_map.plan, config.bearing_of(channel)
+    clearance = next(b.clearance_um for b in config.bearing if b.name == channel.bearing) * 1e-6
+    pairs = [(f"bearing {name}", getattr(plan.bearing, name), getattr(bearing, name)) for name in _GEOMETRY]
+    rig = config.rig.to_rig()
+    pairs += [(f"rig {name}", getattr(plan.rig, name), getattr(rig, name)) for name in _PARAMETERS]
+    pairs.append(("clearance", plan.clearance, clearance))
+    for name, of_map, configured in pairs:
+        if of_map != configured and not math.isclose(of_map or 0.0, configured or 0.0, rel_tol=1e-6, abs_tol=1e-12):
+            raise ConfigError(
+                f"channel {channel.name!r}: its map was made for {name} = {of_map!r}, configured is {configured!r} (SI); "
+                "build it again with: spallwatch map build --config FILE"
+            )
 
 
 def _words(band: tuple[float, ...] | None) -> str:

@@ -1,0 +1,103 @@
+"""From configuration to settings: units, maps that fit, maps that are refused."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from models.map_data import MapPlan
+from models.rms_map import build_map, save_map
+from monitor.config import ConfigError, validate
+from monitor.health.edv import EdvStatus
+from monitor.service.setup import channel_setups, source_spec
+
+BAND = (0.0, 9500.0)
+
+
+@pytest.fixture(scope="module")
+def plan() -> MapPlan:
+    extents = tuple(math.radians(d) for d in (0.0, 4.0, 8.0))
+    return MapPlan(load=(4000.0,), speed=(40.0,), h_d=(0.0, 5e-6, 10e-6), dphi_d=extents, rms_band=BAND)
+
+
+@pytest.fixture(scope="module")
+def small_map(plan):
+    return build_map(plan)
+
+
+def config(**channel):
+    return validate(
+        {
+            "bearing": [{"name": "test", "designation": "1205 ETN9"}],
+            "operating": {"speed_hz": 40.0, "load_newton": 4000.0},
+            "source": [{"name": "s", "url": "x", "rate_hz": 25600, "range_g": 50}],
+            "channel": [
+                {
+                    "name": "c",
+                    "source": "s",
+                    "unit": "g",
+                    "bearing": "test",
+                    "rms_band_hz": BAND,
+                    "track": True,
+                    **channel,
+                }
+            ],
+        },
+        Path("machine.toml"),
+    )
+
+
+def test_settings_are_si(small_map):
+    c = config()
+    setup = channel_setups(c, c.source[0], {"c": small_map})["c"]
+    assert setup.settings.signal_range == pytest.approx(50 * 9.80665)
+    assert setup.settings.samples == 128000
+    assert setup.settings.detect.end_of_life_peak == pytest.approx(196.133)
+    assert setup.settings.thresholds == (0.05e-6,)
+    spec = source_spec(c, c.source[0], "other.npy")
+    assert spec.url == "other.npy"
+    assert spec.channels[0].unit == "g"
+
+
+def test_the_map_is_given_where_it_holds(small_map):
+    c = config()
+    at = channel_setups(c, c.source[0], {"c": small_map})["c"].settings.map_at
+    assert at is not None
+    found, gate = at(4000.0, 40.0)
+    assert gate is None
+    assert found is not None
+    assert found.rms.shape == (3, 3)
+    assert at(4000.0, 40.2)[1] is None
+    for load, speed in ((3000.0, 40.0), (4000.0, 30.0), (None, 40.0), (4000.0, None)):
+        assert at(load, speed) == (None, EdvStatus.OUTSIDE_CONDITIONS)
+
+
+def test_a_map_of_another_band_is_refused(small_map):
+    c = config(rms_band_hz=[0, 8000])
+    with pytest.raises(ConfigError, match=r"rms_band_hz = \[0, 8000\].*\[0, 9500\]"):
+        channel_setups(c, c.source[0], {"c": small_map})
+
+
+@pytest.mark.parametrize(("name", "factor"), [("m_r", 1.01), ("k_c", 0.9)])
+def test_a_map_of_another_rig_is_refused(plan, small_map, name, factor):
+    other = replace(plan.rig, **{name: getattr(plan.rig, name) * factor})
+    changed = replace(small_map, attributes={**small_map.attributes, "parameters": replace(plan, rig=other).as_json()})
+    c = config()
+    with pytest.raises(ConfigError, match=f"rig {name}"):
+        channel_setups(c, c.source[0], {"c": changed})
+
+
+def test_a_map_that_is_not_there_says_how_to_make_one(tmp_path, small_map):
+    c = config(map=str(tmp_path / "none.nc"))
+    with pytest.raises(ConfigError, match=r"none\.nc.*spallwatch map build"):
+        channel_setups(c, c.source[0])
+    save_map(small_map, tmp_path / "there.nc")
+    c = config(map=str(tmp_path / "there.nc"))
+    assert channel_setups(c, c.source[0])["c"].map is not None
+    (tmp_path / "garbage.nc").write_bytes(b"not a map")
+    c = config(map=str(tmp_path / "garbage.nc"))
+    with pytest.raises(ConfigError, match=r"garbage\.nc"):
+        channel_setups(c, c.source[0])
