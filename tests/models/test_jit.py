@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numba
@@ -18,7 +19,7 @@ def test_without_a_place_for_the_cache_kernels_compile_without_one(monkeypatch: 
             raise RuntimeError("cannot cache function: no locator available")
         return real(**options)
 
-    monkeypatch.setattr(jit.numba, "njit", without_cache)
+    monkeypatch.setattr(jit, "numba", SimpleNamespace(njit=without_cache))
 
     def double(x: float) -> float:
         return 2.0 * x
