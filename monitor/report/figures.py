@@ -127,7 +127,7 @@ def spectrum(view: SpectrumView, channel: str, numbers: itertools.count[int]) ->
 def recorded_lines(channel: Channel, row: int, numbers: itertools.count[int]) -> str | None:
     """Draw the fault lines that a record holds, each over the noise floor under it, where no spectrum is at hand."""
     amplitude = channel.numbers["envelope_amplitude"][row][:20]
-    floor = channel.numbers["envelope_floor"][row][:20]
+    floor = np.resize(channel.numbers["envelope_floor"][row], 20)
     if amplitude.size < 20 or not np.isfinite(amplitude).any():
         return None
     scale = STANDARD_GRAVITY if channel.has_level else 1.0

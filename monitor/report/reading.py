@@ -212,10 +212,10 @@ def _columns(
             if variable.kind == "int":
                 values = np.where(values < 0, np.nan, values)
             blocks.append(values.reshape(values.shape[0], -1))
-        width = max(block.shape[1] for block in blocks)
+        width = max(int(block.shape[1]) for block in blocks)
         joined = np.concatenate(
             [
-                np.pad(block, ((0, 0), (0, width - block.shape[1])), constant_values="" if worded else np.nan)
+                np.pad(block, ((0, 0), (0, width - int(block.shape[1]))), constant_values="" if worded else np.nan)
                 for block in blocks
             ]
         )

@@ -248,7 +248,7 @@ def _band(channel: Channel) -> str:
         return "None."
     lows, highs = channel.numbers["band_lo"][row], channel.numbers["band_hi"][row]
     bands = ", ".join(
-        f"{low:,.0f} to {high:,.0f} Hz" for low, high in zip(lows, highs, strict=True) if math.isfinite(low)
+        f"{low:,.0f} to {high:,.0f} Hz" for low, high in zip(lows, highs, strict=False) if math.isfinite(low + high)
     )
     source = str(channel.word("band_source")[row])
     return f"{bands}{f' ({BAND_SOURCES[source]})' if source else ''}."
