@@ -67,6 +67,14 @@ def impacts(
     return _ringing(train, rate) + noise * rng.standard_normal(n)
 
 
+def pulses(n: int, rate: float, times: NDArray[np.float64], height: float) -> Samples:
+    """Return rings of equal height that begin at ``times`` (s), shape (n,), without noise."""
+    train = np.zeros(n)
+    places = (times * rate).astype(np.intp)
+    np.add.at(train, places[(places >= 0) & (places < n)], height)
+    return _ringing(train, rate)
+
+
 def _ringing(train: Samples, rate: float) -> Samples:
     n_ring = min(train.size, round(8.0 / DECAY * rate))
     t = np.arange(n_ring) / rate
@@ -139,7 +147,5 @@ class HealthyMachine:
             x += amplitude * np.cos(2.0 * np.pi * (order * self.speed * t + rng.uniform()))
         x *= level
         if rng.uniform() < self.burst_rate:
-            train = np.zeros(n)
-            train[rng.integers(0, n)] = rng.uniform(10.0, 100.0) * level
-            x += _ringing(train, rate)
+            x += pulses(n, rate, rng.uniform(0.0, n / rate, 1), rng.uniform(10.0, 100.0) * level)
         return x

@@ -7,7 +7,9 @@ only if its comb of lines
 * is a strong modulation and not a trace of one (``depth``): the balls of a healthy bearing pass the load zone too, and
   varying compliance and waviness put weak lines at the same frequencies, and
 * stands higher than every unrelated comb of the same spectrum (``rival``): a machine with many lines lifts every
-  family at once, and a speed that is stated wrongly leaves the true comb outside all families, as a rival.
+  family at once, and a speed that is stated wrongly leaves the true comb outside all families, as a rival; and
+* is not the shaft's own: four times the shaft is within half a percent of the ball frequency of many bearings with eight
+  balls, and if the harmonics of the shaft between its lines stand at the same speed, it is the shaft that is heard.
 
 Two families that the resolution or the search cannot tell apart are named together (``inner|ball``).
 """
@@ -27,16 +29,21 @@ from monitor.health.features import FAULTS, fundamentals
 N_HARMONICS = 5
 SEARCH = 0.02
 """Half width of the search for the common speed factor: slip and nominal speeds are up to 2 % off."""
+_SPEED_ERROR = 0.025
+"""How far from the stated speed the shaft is looked for: a little beyond the search, which slip and geometry widen."""
 
 _LINE_CAP = 6.0
 """What a line adds to a score above this counts a tenth only: a comb is several lines, not one tall one. It still
 counts, or the sidebands of severe damage would reach the score of its own lines and be rivals of equal standing."""
 _BEYOND_CAP = 0.1
+_SHAFT_ORDERS, _SHAFT_CAP, _SHAFT_SCORE = 20, 2.0, 1.3
+"""Harmonics of the shaft that are looked at, most that one of them adds, and the mean that tells them from noise, of
+which it is 0.6."""
 _NULL_SCORE = 3.5
 """About the best score over the search that five lines of pure noise reach, whatever is averaged."""
 _CLEARANCE = 10.5
 """How far above it a single spectrum must stand; falls with the square root of the spectra averaged, as noise does."""
-_LEAST_DEPTH = 0.2
+LEAST_DEPTH = 0.2
 """Least root sum of squares of the five lines over the mean envelope, without the noise under them."""
 
 
@@ -117,9 +124,10 @@ def name_fault(
     if power.size < 40 or not np.any(power):
         return Naming(None, None, math.nan, threshold)
     floor = noise_floor(power, resolution, kinematics.speed)
-    excess = _excess(power, floor, resolution, kinematics.speed)
+    excess = _excess(power, floor)
+    cleared = _without_shaft(excess, resolution, kinematics.speed)
     families = {
-        name: _evidence(power, floor, excess, resolution, line)
+        name: _evidence(power, floor, cleared, resolution, line)
         for name, line in fundamentals(kinematics).items()
         if line >= 4.0 * resolution and N_HARMONICS * line * (1.0 + SEARCH) < (power.size - 2) * resolution
     }
@@ -127,10 +135,10 @@ def name_fault(
         return Naming(None, None, math.nan, threshold)
     best = max(families, key=lambda name: families[name].score)
     found = families[best]
-    if found.score < threshold or found.depth < _LEAST_DEPTH:
+    if found.score < threshold or found.depth < LEAST_DEPTH:
         return Naming(None, best, math.nan, threshold, families)
     rival = _best_rival(excess, resolution, kinematics, found.fundamental)
-    if found.score <= rival:
+    if found.score <= rival or _is_of_shaft(excess, resolution, kinematics.speed, found.fundamental):
         return Naming(None, best, rival, threshold, families)
     return Naming(_joined(best, families, resolution, kinematics), best, rival, threshold, families)
 
@@ -152,16 +160,47 @@ def noise_floor(power: NDArray[np.float64], resolution: float, speed: float) -> 
     return np.exp(np.interp(np.arange(power.size), starts + half, medians)) / math.log(2.0)
 
 
-def _excess(power: NDArray[np.float64], floor: NDArray[np.float64], resolution: float, speed: float) -> NDArray:
-    """Return ln(1 + power / floor), compressed, without the bins of the shaft's own harmonics where resolvable."""
+def _excess(power: NDArray[np.float64], floor: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ln(1 + power / floor), compressed, shape (bin,)."""
     excess = np.log1p(power / floor)
     excess = np.minimum(excess, _LINE_CAP + _BEYOND_CAP * (excess - _LINE_CAP))
     excess[: min(2, excess.size)] = 0.0
-    if speed > 6.0 * resolution:
-        orders = np.arange(power.size) * (resolution / speed)
-        near = np.abs(orders - np.rint(orders)) * speed
-        excess[near < max(1.5 * resolution, 0.01 * speed)] = 0.0
     return excess
+
+
+def _without_shaft(excess: NDArray[np.float64], resolution: float, speed: float) -> NDArray[np.float64]:
+    """Return the excess without the bins of the harmonics of the shaft at its stated speed, where resolvable."""
+    if speed <= 6.0 * resolution:
+        return excess
+    orders = np.arange(excess.size) * (resolution / speed)
+    near = np.abs(orders - np.rint(orders)) * speed
+    return np.where(near < max(1.5 * resolution, 0.01 * speed), 0.0, excess)
+
+
+def _is_of_shaft(excess: NDArray[np.float64], resolution: float, speed: float, fundamental: float) -> bool:
+    """Tell whether a comb is one of every n-th harmonic of the shaft, whose stated speed is not exact.
+
+    It is if it could be, and if the harmonics between stand at the same speed of the shaft rather than at another.
+    """
+    order = round(fundamental / speed)
+    if order == 0 or abs(fundamental / (order * speed) - 1.0) > _SPEED_ERROR or speed <= 6.0 * resolution:
+        return False
+    others = [n for n in range(1, _SHAFT_ORDERS + 1) if _is_between(n, order)]
+    reach = 1.0 + _SPEED_ERROR
+    speeds = _grid(speed / reach, speed * reach, resolution * N_HARMONICS / _SHAFT_ORDERS)
+    score = np.zeros(speeds.size)
+    for n in others:
+        bins = np.minimum(np.rint(n * speeds / resolution).astype(np.intp), excess.size - 1)
+        score += np.minimum(excess[bins], _SHAFT_CAP)
+    here = np.abs(speeds - fundamental / order) <= resolution / order
+    found = float(score[here].max(initial=0.0))
+    return found > _SHAFT_SCORE * len(others) and found >= float(score.max())
+
+
+def _is_between(n: int, order: int) -> bool:
+    """Tell whether the n-th harmonic is no line of the comb of every ``order``-th, nor a sideband of one."""
+    rest = n % order
+    return rest != 0 and (order < 4 or rest not in (1, order - 1))
 
 
 def _comb_scores(excess: NDArray[np.float64], resolution: float, lines: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -211,18 +250,19 @@ def _highest_rival(kinematics: Kinematics) -> float:
 
 
 def _best_rival(excess: NDArray[np.float64], resolution: float, kinematics: Kinematics, fundamental: float) -> float:
-    """Return the best score of a comb that shares no simple ratio with ``fundamental``.
+    """Return the best score of a comb that shares no simple ratio with ``fundamental`` nor with the shaft.
 
-    Related are the ratios of small numbers and all whole multiples, whose lines are all lines of the family.
+    The lines of the shaft stay in: at a stated speed that is wrong, lines of damage would go with them. Higher
+    multiples are rivals: the comb of a damaged outer race is that of the cage times the number of elements.
     """
     lines = _grid(max(0.3 * kinematics.speed, 4.0 * resolution), _highest_rival(kinematics), resolution)
     tolerance = max(SEARCH, resolution / fundamental)
-    multiples = range(N_HARMONICS + 1, math.ceil(lines[-1] / fundamental) + 1)
-    ratios = np.unique([p / q for p in range(1, N_HARMONICS + 1) for q in range(1, N_HARMONICS + 1)] + [*multiples])
+    ratios = np.unique([p / q for p in range(1, N_HARMONICS + 1) for q in range(1, N_HARMONICS + 1)])
     edges = np.log(ratios * fundamental)
     place = np.clip(np.searchsorted(edges, np.log(lines)), 1, edges.size - 1)
     distance = np.minimum(np.abs(np.log(lines) - edges[place - 1]), np.abs(np.log(lines) - edges[place]))
-    unrelated = lines[distance > tolerance]
+    orders = np.maximum(np.rint(lines / kinematics.speed), 1.0)
+    unrelated = lines[(distance > tolerance) & (np.abs(lines / (orders * kinematics.speed) - 1.0) > SEARCH)]
     return float(_comb_scores(excess, resolution, unrelated).max()) if unrelated.size else 0.0
 
 
