@@ -90,10 +90,7 @@ def command(out: Path, seed: int, as_json: bool, quiet: bool) -> None:
         maps={"test_bearing": rms_map},
         progress=progress_bar("demo", quiet=quiet),
     )
-    note = (
-        "This bearing is simulated. Its rig parameters are 2 to 5 % away from those of the map and its floor is rough, "
-        "the map's is smooth; the truth is drawn beside what was found, as far apart as they are."
-    )
+    note = "The rig's parameters are 2 to 5 % away from the map's, and its floor is rough where the map's is smooth."
     page = write_report(result, out / "report.html", f"Demo: simulated bearing {seed}", (note,))
     comparison = compare(result.store_path)
     summary = {

@@ -99,6 +99,7 @@ class ChannelOutput:
     Attributes:
         verdict: on the samples.
         stage: stage of life after the block.
+        absolute: whether levels are in m/s2.
         speed: shaft speed used, Hz, or None.
         load: load used, N, or None.
         bands: bands that were demodulated, Hz.
@@ -112,6 +113,7 @@ class ChannelOutput:
 
     verdict: Verdict
     stage: str
+    absolute: bool = True
     speed: float | None = None
     load: float | None = None
     bands: tuple[Band, ...] = ()
@@ -151,7 +153,7 @@ def step(
         settings: of the channel.
     """
     if not verdict.accepted:
-        return state, ChannelOutput(verdict=verdict, stage=state.detect.stage)
+        return state, ChannelOutput(verdict=verdict, stage=state.detect.stage, absolute=settings.absolute)
     speed = info.speed if info.speed is not None else settings.speed
     load = info.load if info.load is not None else settings.load
     if speed is None:
@@ -175,6 +177,7 @@ def step(
     return state, ChannelOutput(
         verdict=verdict,
         stage=state.detect.stage,
+        absolute=settings.absolute,
         speed=speed,
         load=load,
         bands=bands,

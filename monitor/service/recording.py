@@ -73,6 +73,7 @@ def channel_values(state: ChannelState, output: ChannelOutput) -> dict[str, Any]
         "quality_status": output.verdict.status,
         "quality_flags": output.verdict.flags,
         "stage": output.stage,
+        "absolute_level": "yes" if output.absolute else "no",
         "speed": output.speed,
         "load": output.load,
     }

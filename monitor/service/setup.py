@@ -138,8 +138,8 @@ def _check_origin(config: Config, channel: ChannelSection, rms_map: RmsMap) -> N
     for name, of_map, configured in pairs:
         if of_map != configured and not math.isclose(of_map or 0.0, configured or 0.0, rel_tol=1e-6, abs_tol=1e-12):
             raise ConfigError(
-                f"channel {channel.name!r}: its map was made for {name} = {of_map!r}, configured is {configured!r} (SI); "
-                "build it again with: spallwatch map build --config FILE"
+                f"channel {channel.name!r}: its map was made for {name} = {of_map!r}, "
+                f"configured is {configured!r} (SI); build it again with: spallwatch map build --config FILE"
             )
 
 
