@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from models.bearing import Kinematics, catalogue, kinematics
-from monitor.health.bands import candidate_bands
+from monitor.health.bands import candidate_bands, find_band
 from monitor.health.features import FAULTS, fundamentals
 from monitor.health.naming import LEAST_DEPTH, SEARCH, Naming, bins_needed, name_fault
 from monitor.health.spectrum import Band, get_transform
@@ -139,6 +139,7 @@ def band_rows(folder: Path) -> list[Row]:
     rows: list[Row] = []
     for case in CASES:
         bands: Counter[str] = Counter()
+        automatic: Counter[str] = Counter()
         pieces: Counter[str] = Counter()
         for block, watcher, _ in watch(case.config, folder / case.file):
             for channel, output in watcher.outputs.items():
@@ -147,11 +148,15 @@ def band_rows(folder: Path) -> list[Row]:
                 lines = kinematics(watcher.channels[channel].settings.bearing, output.speed)
                 x = block.samples[block.channels.index(channel)]
                 candidates = candidate_bands(block.rate, max(fundamentals(lines).values()))
-                for amplitude, resolution in relative_envelopes(x, block.rate, candidates, lines):
-                    bands[judged(name_fault(amplitude, resolution, lines).fault, case.expected)] += 1
-        for _, watcher, _ in watch(case.config, folder / case.file, block_s=1.0):
+                chosen = find_band([x], block.rate, fundamentals(lines))
+                envelopes = relative_envelopes(x, block.rate, candidates, lines)
+                for band, (amplitude, resolution) in zip(candidates, envelopes, strict=True):
+                    verdict = judged(name_fault(amplitude, resolution, lines).fault, case.expected)
+                    bands[verdict] += 1
+                    automatic[verdict] += band == chosen
+        for block, watcher, _ in watch(case.config, folder / case.file, block_s=1.0):
             for output in watcher.outputs.values():
-                if output.naming is not None:
+                if output.naming is not None and isinstance(block, Block):
                     pieces[judged(output.naming.fault, case.expected)] += 1
         rows.append(
             {
@@ -159,6 +164,7 @@ def band_rows(folder: Path) -> list[Row]:
                 "configuration": case.config,
                 "expected": case.expected or "none",
                 **{f"bands {name}": count for name, count in tally(bands).items()},
+                **{f"auto {name}": count for name, count in tally(automatic).items()},
                 **{f"pieces {name}": count for name, count in tally(pieces).items()},
             }
         )

@@ -8,8 +8,8 @@ only if its comb of lines
   varying compliance and waviness put weak lines at the same frequencies, and
 * stands higher than every unrelated comb of the same spectrum (``rival``): a machine with many lines lifts every
   family at once, and a speed that is stated wrongly leaves the true comb outside all families, as a rival; and
-* is not the shaft's own: four times the shaft is within half a percent of the ball frequency of many bearings with eight
-  balls, and if the harmonics of the shaft between its lines stand at the same speed, it is the shaft that is heard.
+* is not the shaft's own: four times the shaft is within half a percent of the ball frequency of some bearings with
+  eight balls, and if the harmonics between its lines stand at the same speed, it is the shaft that is heard.
 
 Two families that the resolution or the search cannot tell apart are named together (``inner|ball``).
 """

@@ -1,0 +1,63 @@
+"""The damaged part of single recordings, through the program as the example configurations say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from streams.block import Block
+from tests.recordings import CASES, Case, watch
+
+pytestmark = pytest.mark.real
+
+
+def names(
+    case: Case, folder: Path, *, speed_error: float = 0.0, block_s: float | None = None
+) -> list[tuple[str, str | None, str]]:
+    """Channel, name and quality status of every channel of every block; the rest at the end is too short to be one."""
+    found = []
+    for item, watcher, _ in watch(case.config, folder / case.file, speed_error=speed_error, block_s=block_s):
+        if not isinstance(item, Block):
+            assert item.status == "short"
+            assert block_s is not None
+            continue
+        for channel, output in watcher.outputs.items():
+            fault = None if output.naming is None else output.naming.fault
+            found.append((channel, fault, output.verdict.status))
+    return found
+
+
+@pytest.mark.parametrize("case", CASES, ids=[f"{Path(case.file).stem}-{case.config}" for case in CASES])
+def test_the_part_that_can_be_found_is_named_and_no_other(data_dir: Path, case: Case) -> None:
+    found = names(case, data_dir)
+    assert found
+    assert {fault for _, fault, _ in found} == {case.expected}
+    assert ({status for *_, status in found} == {"stopped"}) == (case.kind == "machine stopped")
+
+
+@pytest.mark.parametrize("error", [-0.04, -0.02, -0.01, 0.01, 0.02, 0.04])
+@pytest.mark.parametrize("case", CASES, ids=[f"{Path(case.file).stem}-{case.config}" for case in CASES])
+def test_a_stated_speed_that_is_wrong_never_gives_a_wrong_name(data_dir: Path, case: Case, error: float) -> None:
+    """The trap at one percent: four times the shaft of the healthy motor passes for the balls of its fan-end bearing."""
+    assert {fault for _, fault, _ in names(case, data_dir, speed_error=error)} <= {None, case.expected}
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case.config != "ims_test1"], ids=lambda case: case.file)
+def test_pieces_of_a_second_are_never_named_wrongly(data_dir: Path, case: Case) -> None:
+    found = [fault for _, fault, _ in names(case, data_dir, block_s=1.0)]
+    assert set(found) <= {None, case.expected}
+    if case.expected is not None:
+        assert found.count(case.expected) >= 0.6 * len(found)
+
+
+def test_the_evidence_says_why_the_hard_ones_are_not_named(data_dir: Path) -> None:
+    """CWRU 118, a ball, has a clear comb at the outer race's frequency: too shallow to be damage."""
+    (case,) = [case for case in CASES if case.file.endswith("118_0.mat")]
+    for _, watcher, record in watch(case.config, data_dir / case.file):
+        naming = watcher.outputs["drive_end"].naming
+        assert naming is not None
+        assert naming.evidence is not None
+        assert naming.best == "outer"
+        assert naming.evidence.score > naming.threshold
+        assert record.channels["drive_end"]["fault"] is None
