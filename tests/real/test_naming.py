@@ -39,7 +39,7 @@ def test_the_part_that_can_be_found_is_named_and_no_other(data_dir: Path, case: 
 @pytest.mark.parametrize("error", [-0.04, -0.02, -0.01, 0.01, 0.02, 0.04])
 @pytest.mark.parametrize("case", CASES, ids=[f"{Path(case.file).stem}-{case.config}" for case in CASES])
 def test_a_stated_speed_that_is_wrong_never_gives_a_wrong_name(data_dir: Path, case: Case, error: float) -> None:
-    """The trap at one percent: four times the shaft of the healthy motor passes for the balls of its fan-end bearing."""
+    """The trap at one percent: four times the shaft of the healthy motor passes for the balls at its fan end."""
     assert {fault for _, fault, _ in names(case, data_dir, speed_error=error)} <= {None, case.expected}
 
 
