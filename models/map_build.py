@@ -36,7 +36,8 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
 
     Args:
         plan: what to build.
-        workers: processes to share the nodes between; 0 means one a core. The result does not depend on it.
+        workers: processes to share the nodes between; 0 means one a core. The result does not depend on it, rounding
+            aside.
         progress: called with the nodes done and their total, from this process.
 
     Raises:

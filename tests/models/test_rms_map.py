@@ -90,7 +90,9 @@ def test_progress_counts_every_node() -> None:
 
 
 def test_workers_change_nothing() -> None:
-    assert np.array_equal(build_map(SMALL, workers=2).rms, build_map(SMALL).rms)
+    # To rounding, not to the bit: a process that has just compiled the kernel runs other code than one that loads it
+    # from the cache (numba links the two differently), and differences of 2e-15 were seen.
+    np.testing.assert_allclose(build_map(SMALL, workers=2).rms, build_map(SMALL).rms, rtol=1e-12)
     with pytest.raises(ValueError, match="workers"):
         build_map(SMALL, workers=-1)
 
