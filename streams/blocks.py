@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.readers.reading import ReaderError, Reading
-from streams.source import ChannelSpec
+from streams.spec import ChannelSpec
 
 TAIL = 0.9
 """A last block of at least this part of the full length is kept."""

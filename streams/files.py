@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Literal, Protocol
 
 from streams.readers.reading import MAX_BYTES, ReaderError
-from streams.source import SourceError
+from streams.spec import SourceError
 
 _Mode = Literal["r:", "r:gz", "r:bz2", "r:xz"]
 _ARCHIVE_MODES: dict[str, _Mode] = {

@@ -14,7 +14,7 @@ from streams.readers.packed import unpack, unpacked_name
 from streams.readers.reading import ReaderError, Reading
 from streams.readers.text import read_text
 from streams.readers.wav import read_wav
-from streams.source import SourceError, SourceSpec
+from streams.spec import SourceError, SourceSpec
 
 FORMATS = {
     "csv": (".csv", ".txt", ".tsv", ".dat", ".asc"),

@@ -15,7 +15,7 @@ from streams.files import Files, Item, open_files
 from streams.readers.packed import unpack
 from streams.readers.reading import ReaderError, Reading
 from streams.recognise import data_set_of
-from streams.source import SourceError, SourceSpec
+from streams.spec import SourceError, SourceSpec
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from models.bearing import Bearing, from_catalogue
 from models.response import Response
 from models.scene import Defect, Floor, Rig, Scene
 from streams.block import STANDARD_GRAVITY, Block
-from streams.source import SourceError
+from streams.spec import SourceError
 
 CHANNELS = ("test_bearing", "support_drive", "support_free")
 RATE = 25600.0

@@ -29,6 +29,7 @@ REJECTIONS = (
     "duplicate",
     "changed",
 )
+# The integers of the published files follow from the order of these words: append, never reorder.
 FLAGS = ("flat", "stopped", "clipped", "gap", "clock", "late", "out_of_order")
 
 _SHORT = 0.9

@@ -9,28 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from monitor.health.detect import STAGES
+from monitor.health.quality import FLAGS, REJECTIONS
+
 SCHEMA_VERSION = 1
 """Version of the record schema and of the store; a higher one is refused."""
 
 FAULTS = ("outer", "inner", "ball", "cage")
-STAGES = ("learning", "healthy", "final", "end_of_life")
 BAND_SOURCES = ("configured", "learning", "recording", "provisional")
-REJECTIONS = (
-    "empty",
-    "short",
-    "nan",
-    "out_of_range",
-    "wrong_rate",
-    "wrong_shape",
-    "wrong_unit",
-    "unreadable",
-    "incomplete",
-    "refused",
-    "reader_crashed",
-    "duplicate",
-    "changed",
-)
-FLAGS = ("flat", "stopped", "clipped", "gap", "clock", "late", "out_of_order")
 STATUSES = ("ok", *FLAGS, *REJECTIONS)
 EDV_STATUSES = (
     "ok",
