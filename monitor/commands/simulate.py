@@ -10,6 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
+from models.response import Response
 from models.scene import Defect, Floor, Scene
 from monitor.commands.bearing import find_bearing
 from monitor.commands.common import BandHz, InputError, config_option, emit, output_options, read_machine
@@ -28,9 +29,12 @@ from streams.block import STANDARD_GRAVITY
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of a rough floor.")
 @click.option("--rows", type=click.Choice(["1", "2"]), default="1", show_default=True, help="Rows that are damaged.")
 @click.option("--sensor", type=click.Choice(["mo", "mr"]), default="mo", show_default=True, help="Casing or resonator.")
+@click.option("--fault", type=click.Choice(["outer"]), default="outer", show_default=True, help="Damaged part.")
+@click.option("--model", type=click.Choice(["six_dof"]), default="six_dof", show_default=True)
 @click.option("--tolerance", type=click.FloatRange(1e-12, 0.1), default=1e-5, show_default=True)
 @click.option("--periods", type=click.IntRange(min=2), default=300, show_default=True, help="Ball periods at most.")
 @click.option("--rms-band-hz", type=BandHz(), help="Take RMS and peak in this band only.")
+@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw waveform and lines (PNG or SVG).")
 @click.option("--waveform", type=click.Path(path_type=Path, dir_okay=False), help="Write one second as CSV.")
 @output_options
 def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
@@ -48,6 +52,7 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
         rig=config.rig.to_rig(),
         defect=_defect(options),
         clearance=clearance,
+        model=options["model"],
     )
     band = options["rms_band_hz"]
     try:
@@ -58,6 +63,8 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
     g = STANDARD_GRAVITY
     if options["waveform"] is not None:
         _write_waveform(options["waveform"], response.acceleration(51200.0, 1.0, sensor=options["sensor"]))
+    if options["plot"] is not None:
+        _plot(response, options, scene)
     lines = response.lines(options["sensor"])[1][:6]
     values = {
         "rms_g": _number((response.rms if casing else response.rms_resonator) / g),
@@ -72,6 +79,25 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
         "status": response.status,
     }
     emit(values, _lines(values, options), as_json=as_json)
+
+
+def _plot(response: Response, options: dict[str, Any], scene: Scene) -> None:
+    path: Path = options["plot"]
+    if path.suffix.lower() not in {".png", ".svg"}:
+        raise InputError(f"--plot {path}: expected a name that ends in .png or .svg")
+    from monitor.report.scene_figure import draw_response
+
+    try:
+        draw_response(response, path, sensor=options["sensor"], title=_title(options, scene))
+    except OSError as error:
+        raise InputError(f"--plot {path}: cannot be written: {error.strerror or error}") from None
+
+
+def _title(options: dict[str, Any], scene: Scene) -> str:
+    damage = "healthy"
+    if scene.defect is not None:
+        damage = f"{options['dphi_deg']:g}° x {options['h_d_um']:g} µm, {options['floor']} floor"
+    return f"{scene.bearing.designation}, {scene.speed:g} Hz, {scene.load:g} N, {damage}"
 
 
 def _number(value: float) -> float | None:
