@@ -11,19 +11,24 @@ Run as ``python -m benchmarks.edv [--quick] [--json FILE]``. Three tables:
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-import pyfftw
 from numpy.typing import NDArray
 
+from benchmarks.common import (
+    REFERENCE_MS,
+    Row,
+    arguments,
+    calibration_kernel,
+    interleaved_ms,
+    print_table,
+    write_json,
+)
 from monitor.health import edv, forecast
 from monitor.health.edv import EdvState, EdvStatus, MapSlice
 from monitor.health.forecast import ForecastState, TtStatus, fit_quadratic
@@ -31,7 +36,6 @@ from monitor.health.level_set import least_volume
 from tests.oracles.edv_oracle import scan_least_volume
 
 Floats = NDArray[np.float64]
-Row = dict[str, float | str]
 
 RADIUS = 0.02291
 """Radius of the outer race of the 1205, m."""
@@ -214,60 +218,39 @@ def score_method(name: str, map_slice: MapSlice, lives: int) -> list[Row]:
             constant[k].append(abs(guess - left) / 60.0)
     rows: list[Row] = []
     for k, ratio in enumerate(ratios):
-        row: Row = {"map": name, "quarter": float(k + 1), "v_eq_ratio": float(np.nanmedian(ratio))}
-        row["v_eq_ratio_p10"], row["v_eq_ratio_p90"] = (float(x) for x in np.nanpercentile(ratio, (10, 90)))
-        if k < 3:
-            row |= {
-                "tt_error_min": statistics.fmean(errors[k]),
-                "constant_error_min": statistics.fmean(constant[k]),
-                "no_answer": missing[k] / lives,
-                "crossed_early": crossed[k] / lives,
-            }
+        low, high = (float(x) for x in np.nanpercentile(ratio, (10, 90)))
+        row: dict[str, float | str | None] = {
+            "map": name,
+            "quarter": k + 1,
+            "v_eq_ratio": float(np.nanmedian(ratio)),
+            "v_eq_ratio_p10": low,
+            "v_eq_ratio_p90": high,
+            # The last quarter ends where nothing is left to forecast.
+            "tt_error_min": statistics.fmean(errors[k]) if k < 3 else None,
+            "constant_error_min": statistics.fmean(constant[k]) if k < 3 else None,
+            "no_answer": missing[k] / lives if k < 3 else None,
+            "crossed_early": crossed[k] / lives if k < 3 else None,
+        }
         rows.append(row)
     return rows
 
 
-def time_reference() -> float:
-    """Median milliseconds of the transform by which the machine's speed is stated."""
-    samples = pyfftw.zeros_aligned(128_000, dtype="float32")
-    plan = pyfftw.builders.rfft(samples, threads=1, planner_effort="FFTW_ESTIMATE")
-    spent = []
-    for _ in range(51):
-        begun = time.thread_time_ns()
-        plan()
-        spent.append((time.thread_time_ns() - begun) / 1e6)
-    return statistics.median(spent)
-
-
-def print_table(title: str, rows: Sequence[Row]) -> None:
-    """Print rows under their names."""
-    names = list(rows[0])
-    shown = [[f"{v:.4g}" if isinstance(v := row.get(n, ""), float) else str(v) for n in names] for row in rows]
-    widths = [max(len(n), *(len(line[k]) for line in shown)) for k, n in enumerate(names)]
-    print(f"\n{title}")
-    for line in [names, *shown]:
-        print("  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)))
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Run the tables and print them, and write them where asked."""
-    parser = argparse.ArgumentParser(description="The thesis' tracker and forecast: cost, exactness, and error.")
-    parser.add_argument("--quick", action="store_true", help="fewer blocks, scans and lives; within a minute")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures there")
-    options = parser.parse_args(arguments)
+    options = arguments("The thesis' tracker and forecast: cost, exactness, and error.")
     blocks, scans, points, lives = (400, 3, 2_000, 30) if options.quick else (3_000, 25, 100_000, 300)
+    reference = interleaved_ms({"fft_ms": calibration_kernel()}, 51)
+    print(f"planned float32 real FFT of 128,000 samples: {reference['fft_ms']:.3g} ms (targets: {REFERENCE_MS} ms)")
     tables: dict[str, Callable[[], list[Row]]] = {
         "updates": lambda: [time_updates(name, m, blocks, scans) for name, m in MAPS.items()],
         "forecasts": lambda: [time_forecasts(points)],
         "method": lambda: [row for name, m in MAPS.items() for row in score_method(name, m, lives)],
     }
-    figures: dict[str, list[Row]] = {"reference": [{"fft_ms": time_reference()}]}
-    print(f"planned float32 real FFT of 128,000 samples: {figures['reference'][0]['fft_ms']:.3g} ms (targets: 0.35 ms)")
+    figures: dict[str, list[Row]] = {"reference": [reference]}
     for title, table in tables.items():
         figures[title] = table()
         print_table(title, figures[title])
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n")
+    write_json(options.json, figures)
 
 
 if __name__ == "__main__":
