@@ -73,9 +73,13 @@ MAPS = {
 
 @dataclass(frozen=True)
 class Life:
-    """One life of known growth: times in s, true V_eq in m2, extent in rad and depth in m, each of shape (blocks,)."""
+    """One life of known growth: times in s, true V_eq in m2, extent in rad and depth in m, each of shape (blocks,).
+
+    ``duration`` is when the threshold is reached, s, up to one block after the last time.
+    """
 
     law: str
+    duration: float
     t: Floats
     v_eq: Floats
     dphi_d: Floats
@@ -97,7 +101,7 @@ def draw_life(rng: np.random.Generator) -> Life:
     v_eq = start + (THRESHOLD - start) * growth
     h_end, depth_share = rng.uniform(4e-6, 20e-6), rng.uniform(0.2, 0.7)
     h_d = h_end * (v_eq / THRESHOLD) ** depth_share
-    return Life(law, t, v_eq, np.minimum(v_eq / (RADIUS * h_d), math.radians(50.0)), h_d)
+    return Life(law, duration, t, v_eq, np.minimum(v_eq / (RADIUS * h_d), math.radians(50.0)), h_d)
 
 
 def time_updates(name: str, map_slice: MapSlice, blocks: int, scans: int) -> Row:
