@@ -103,6 +103,7 @@ def run_rows(run: Run, found: dict[str, History]) -> list[Row]:
             "known": detector.t_fs_known and detector.t_fs_known.sequence,
             "t_eol": detector.t_eol and detector.t_eol.sequence,
             "fault": history.fault,
+            "named from": next((block for block, naming in history.namings if naming.fault is not None), None),
             "run is": verdict,
         }
         for rule, block in rules.items():

@@ -140,6 +140,7 @@ def band_rows(folder: Path) -> list[Row]:
     for case in CASES:
         bands: Counter[str] = Counter()
         automatic: Counter[str] = Counter()
+        wrong: list[str] = []
         pieces: Counter[str] = Counter()
         for block, watcher, _ in watch(case.config, folder / case.file):
             for channel, output in watcher.outputs.items():
@@ -151,7 +152,12 @@ def band_rows(folder: Path) -> list[Row]:
                 chosen = find_band([x], block.rate, fundamentals(lines))
                 envelopes = relative_envelopes(x, block.rate, candidates, lines)
                 for band, (amplitude, resolution) in zip(candidates, envelopes, strict=True):
-                    verdict = judged(name_fault(amplitude, resolution, lines).fault, case.expected)
+                    naming = name_fault(amplitude, resolution, lines)
+                    verdict = judged(naming.fault, case.expected)
+                    if verdict == "wrong" and naming.evidence is not None:
+                        wrong.append(
+                            f"{channel} {band[0]:.0f}-{band[1]:.0f}: {naming.fault} {naming.evidence.depth:.2f}"
+                        )
                     bands[verdict] += 1
                     automatic[verdict] += band == chosen
         for block, watcher, _ in watch(case.config, folder / case.file, block_s=1.0):
@@ -166,6 +172,7 @@ def band_rows(folder: Path) -> list[Row]:
                 **{f"bands {name}": count for name, count in tally(bands).items()},
                 **{f"auto {name}": count for name, count in tally(automatic).items()},
                 **{f"pieces {name}": count for name, count in tally(pieces).items()},
+                "wrong in bands (Hz: part, depth)": "; ".join(wrong),
             }
         )
     return rows

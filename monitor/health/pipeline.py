@@ -225,7 +225,7 @@ def _name(
 ) -> tuple[ChannelState, Naming]:
     """Name the damaged part from the mean of the neighbouring envelope spectra, each over its own mean envelope.
 
-    The division keeps one loud block from deciding for all.
+    The division, and a weight of one over its noise, keep one loud or knocking block from deciding for all.
     """
     needed = bins_needed(lines, features.envelopes[0].resolution)
     relative = tuple(
