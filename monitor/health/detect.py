@@ -38,8 +38,9 @@ class DetectSettings:
         learn_blocks: blocks that teach the baseline, or None where ``learn_time`` does.
         learn_time: seconds that teach the baseline, or None.
         run_in_blocks: first blocks, which teach nothing: a bearing runs in.
-        false_alarms_per_1000_blocks: rate of blocks that a healthy machine puts over the threshold. Persistence only
-            lowers it, so the rate of alarms is at most this even where neighbouring blocks are wholly dependent.
+        false_alarms_per_1000_blocks: most alarms of a healthy machine. It sets the threshold, which so many blocks of a
+            steady machine exceed; single knocks exceed it too, but do not persist. As persistence only lowers the rate,
+            it holds even where neighbouring blocks are wholly dependent.
         persist_blocks: consecutive blocks over the threshold that make an alarm.
         rms_drift: standard deviation of ln RMS that a healthy machine drifts by.
         h_or_drift: the same of ln (H_or over its floor).
