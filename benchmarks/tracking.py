@@ -4,13 +4,14 @@ Run as ``python -m benchmarks.tracking [--quick] [--json FILE]``. Each life is a
 floor and parameters of its own, 2 to 5 % away from those of the maps. Its blocks are not sampled: the RMS of a block is
 that of the lines which the model gives within the band of the map, at the speed and load that the rig has in that
 block, with the power of the rig's background added and 2 % of scatter. Tracking begins at the true onset, and on a map
-of the nominal speed and load. Four tables:
+of the nominal speed and load. Five tables:
 
 1. how close this short way comes to the RMS of real blocks of the rig;
 2. tracked over true V_eq by quarter of the life to the threshold, on the smooth-floor map of the demo and on maps of a
    single rough floor each: the median over the blocks of a life, and of these the median and the 10 and 90 % points;
-3. the same over whole lives: error of ln V_eq, and what became of the blocks;
-4. the error of TT at 1/4, 1/2 and 3/4 of the life, beside a constant guess (the median life of the population less
+3. the same for the extent and the depth that make the volume;
+4. the same over whole lives: error of ln V_eq, and what became of the blocks;
+5. the error of TT at 1/4, 1/2 and 3/4 of the life, beside a constant guess (the median life of the population less
    the time gone) and a line through the first and the latest V_eq; and that of the forecast alone, on true volumes.
 """
 
@@ -64,17 +65,21 @@ class Case:
 
 @dataclass(frozen=True)
 class Heard:
-    """A life and the RMS of its blocks in the band of the map, m/s2, shape (blocks,)."""
+    """A life: RMS of its blocks in the band of the map (m/s2), true extent (rad) and depth (m), shape (blocks,)."""
 
     case: Case
     rms: Floats
+    dphi_d: Floats
+    h_d: Floats
 
 
 @dataclass(frozen=True)
 class Tracked:
-    """What the tracker made of a life: V_eq, m2 (NaN where none), shape (blocks,), and the status of each block."""
+    """What the tracker made of a life: V_eq (m2), extent (rad), depth (m), NaN where none, and each block's status."""
 
     v_eq: Floats
+    dphi_d: Floats
+    h_d: Floats
     statuses: list[EdvStatus]
 
 
@@ -131,7 +136,10 @@ def hear(seed: int, background: float) -> Heard:
     first = rig.life.onset
     clean = np.array([casing_rms(rig, first + k, background) for k in range(t.size)])
     scatter = 1.0 + SCATTER * np.random.default_rng([seed, 3]).standard_normal(t.size)
-    return Heard(Case(t, np.array([rig.life.v_eq(x) for x in t]), duration), clean * scatter)
+    defects = [rig.scene(first + k, rig.speed, rig.load).defect for k in range(t.size)]
+    sizes = np.array([(defect.dphi_d, defect.h_d) for defect in defects if defect is not None])
+    case = Case(t, np.array([rig.life.v_eq(x) for x in t]), duration)
+    return Heard(case, clean * scatter, sizes[:, 0], sizes[:, 1])
 
 
 def compare_with_blocks(rigs: int, background: float) -> list[Row]:
@@ -167,30 +175,47 @@ def track(heard: Heard, map_slice: MapSlice) -> Tracked:
     for rms in heard.rms.tolist():
         state, result = edv.step(state, rms, map_slice=map_slice)
         found.append(result)
-    return Tracked(np.array([result.v_eq for result in found]), [result.status for result in found])
+    v_eq, dphi_d, h_d = np.array([(result.v_eq, result.dphi_d, result.h_d) for result in found]).T
+    return Tracked(v_eq, dphi_d, h_d, [result.status for result in found])
+
+
+def medians(found: Sequence[Floats], true: Sequence[Floats], quarter: int) -> Floats:
+    """Found over true in a quarter (0 to 3) of each life: the median over its blocks, shape (lives with a value,)."""
+    parts = [np.array_split(f / t, 4)[quarter] for f, t in zip(found, true, strict=True)]
+    return np.array([np.nanmedian(part) for part in parts if np.any(np.isfinite(part))])
 
 
 def score_quarters(name: str, lives: Sequence[Heard], tracked: Sequence[Tracked]) -> list[Row]:
-    """Tracked over true V_eq by quarter of the life: the median of each life, and their spread over the lives."""
+    """Tracked over true V_eq by quarter of the life, its spread over the lives, and how often it is near."""
     rows: list[Row] = []
-    parts = [np.array_split(found.v_eq / life.case.v_true, 4) for life, found in zip(lives, tracked, strict=True)]
     for quarter in range(4):
-        known = [part[quarter][np.isfinite(part[quarter])] for part in parts]
-        ratios = [float(np.median(ratio)) for ratio in known if ratio.size]
-        low, middle, high = (float(x) for x in np.percentile(ratios, (10, 50, 90)))
+        ratios = medians([found.v_eq for found in tracked], [life.case.v_true for life in lives], quarter)
         rows.append(
             {
                 "map": name,
                 "quarter": quarter + 1,
-                "lives": len(ratios),
-                "v_eq_ratio_p10": low,
-                "v_eq_ratio_median": middle,
-                "v_eq_ratio_p90": high,
-                "within_factor_2": float(np.mean([0.5 <= ratio <= 2.0 for ratio in ratios])),
-                "within_factor_5": float(np.mean([0.2 <= ratio <= 5.0 for ratio in ratios])),
+                "lives": ratios.size,
+                **_spread("v_eq_ratio", ratios),
+                "within_factor_2": float(np.mean((ratios >= 0.5) & (ratios <= 2.0))),
+                "within_factor_5": float(np.mean((ratios >= 0.2) & (ratios <= 5.0))),
             }
         )
     return rows
+
+
+def score_sizes(name: str, lives: Sequence[Heard], tracked: Sequence[Tracked]) -> list[Row]:
+    """Tracked over true extent and depth by quarter of the life: which of the two the volume owes its error to."""
+    rows: list[Row] = []
+    for quarter in range(4):
+        extents = medians([found.dphi_d for found in tracked], [life.dphi_d for life in lives], quarter)
+        depths = medians([found.h_d for found in tracked], [life.h_d for life in lives], quarter)
+        rows.append({"map": name, "quarter": quarter + 1, **_spread("dphi_d", extents), **_spread("h_d", depths)})
+    return rows
+
+
+def _spread(name: str, ratios: Floats) -> dict[str, float]:
+    low, middle, high = (float(x) for x in np.percentile(ratios, (10, 50, 90)))
+    return {f"{name}_p10": low, f"{name}_median": middle, f"{name}_p90": high}
 
 
 def score_whole(name: str, lives: Sequence[Heard], tracked: Sequence[Tracked]) -> Row:
@@ -326,6 +351,7 @@ def main() -> None:
     tables: dict[str, Callable[[], list[Row]]] = {
         "short_way": lambda: compare_with_blocks(rigs, background),
         "quarters": lambda: [row for name, found in tracked.items() for row in score_quarters(name, lives, found)],
+        "sizes": lambda: [row for name, found in tracked.items() for row in score_sizes(name, lives, found)],
         "whole": lambda: [score_whole(name, lives, found) for name, found in tracked.items()],
         "forecasts": lambda: forecast_rows(lives, tracked),
     }

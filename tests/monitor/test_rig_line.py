@@ -29,7 +29,7 @@ from streams.rig import CHANNELS, SimulatedRig, open_rig
 TESTED, *SUPPORTS = CHANNELS
 ONSET = 136
 # A short life (55 blocks to the threshold), so that thirty damaged blocks reach past its middle. On this one the
-# tracker keeps within a factor of five; on one in ten it does not (benchmarks/tracking.py), which is the method's.
+# tracker keeps within a factor of five; on three in ten it does not (benchmarks/tracking.py), which is the method's.
 URL = "rig:ferrara?seed=13&healthy_blocks=135&blocks=165"
 
 
