@@ -91,7 +91,8 @@ def command(out: Path, seed: int, as_json: bool, quiet: bool) -> None:
         progress=progress_bar("demo", quiet=quiet),
     )
     note = "The rig's parameters are 2 to 5 % away from the map's, and its floor is rough where the map's is smooth."
-    page = write_report(result, out / "report.html", f"Demo: simulated bearing {seed}", (note,))
+    other = "This is one life of many: on others the tracked V_eq is several times off (docs/how-the-thesis-tracks.md)."
+    page = write_report(result, out / "report.html", f"Demo: simulated bearing {seed}", (note, other))
     comparison = compare(result.store_path)
     summary = {
         **result.summary,
@@ -173,5 +174,6 @@ def _lines(summary: dict[str, Any]) -> Iterator[str]:
             f"{row['share_of_life']:>6.0%} {row['block']:>6}   {row['v_eq_true_mm2']:>10.4f} {found:>8}  "
             f"{row['edv_status'] or '-':<16} {tt_true:>9} {tt:>9}  {row['tt_status'] or '-'}"
         )
+    yield "One life of many: on others V_eq is several times off. docs/how-the-thesis-tracks.md measures how often."
     yield ""
     yield f"report: {summary['report']} ({summary['seconds_in_all']:.0f} s in all)"
