@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import click
-from models.rms_map import load_map
 
+from models.rms_map import load_map
 from monitor.commands.common import InputError, emit, output_options
 from monitor.commands.tables import read_columns, write_rows
 from monitor.health import edv
