@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from models.bearing import Bearing, catalogue, from_catalogue
 from models.scene import Rig
-from monitor.config_problems import explain
+from monitor.config_problems import explain_all
 from monitor.health.detect import DetectSettings
 from streams.block import STANDARD_GRAVITY
 
@@ -367,7 +367,7 @@ def validate(values: dict[str, Any], path: Path) -> Config:
     try:
         config = Config.model_validate(values)
     except ValidationError as error:
-        raise ConfigError("\n".join(f"{path}: {explain(problem, Config)}" for problem in error.errors())) from None
+        raise ConfigError("\n".join(f"{path}: {line}" for line in explain_all(error, Config))) from None
     return _with_absolute_paths(config, path.resolve().parent)
 
 

@@ -5,7 +5,18 @@ from __future__ import annotations
 import difflib
 from typing import Any, get_args
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
+
+
+def explain_all(error: ValidationError, root: type[BaseModel]) -> list[str]:
+    """Return one line a problem; a list that is too short only because its entries are wrong is none of its own."""
+    problems = error.errors()
+    return [
+        explain(problem, root)
+        for problem in problems
+        if problem["type"] != "too_short"
+        or not any(other is not problem and other["loc"][: len(problem["loc"])] == problem["loc"] for other in problems)
+    ]
 
 
 def explain(problem: Any, root: type[BaseModel]) -> str:

@@ -85,8 +85,8 @@ def _lines(config: Config, problems: list[str]) -> Iterator[str]:
     length = f"{detect.learn_hours:g} h" if detect.learn_hours else f"{detect.to_settings().learn_blocks} blocks"
     yield (
         f"detection: {detect.run_in_blocks} blocks run-in, {length} baseline, "
-        f"{detect.false_alarms_per_1000_blocks:g} of 1000 healthy blocks over the threshold, alarm after "
-        f"{detect.persist_blocks}; end of life at {detect.end_of_life_peak_g:g} g in {detect.end_of_life_blocks} blocks"
+        f"alarm after {detect.persist_blocks} blocks over the threshold, at most "
+        f"{detect.false_alarms_per_1000_blocks:g} in 1000 healthy blocks; end of life at {detect.end_of_life_peak_g:g} g in {detect.end_of_life_blocks} blocks"
     )
     yield from (f"problem: {problem}" for problem in problems)
 

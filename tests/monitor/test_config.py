@@ -126,6 +126,11 @@ def test_refusals_name_the_key_what_came_and_what_is_allowed(values, words):
         assert word in text
 
 
+def test_one_mistake_is_one_line():
+    assert len(message(changed("channel", unit="mm/s")).splitlines()) == 1
+    assert len(message(changed("channel", unit="mm/s", bearing="")).splitlines()) == 2
+
+
 def test_a_file_that_is_no_toml_or_not_there(tmp_path):
     broken = tmp_path / "broken.toml"
     broken.write_text("[machine\nname = 1")
