@@ -86,7 +86,8 @@ def _lines(config: Config, problems: list[str]) -> Iterator[str]:
     yield (
         f"detection: {detect.run_in_blocks} blocks run-in, {length} baseline, "
         f"alarm after {detect.persist_blocks} blocks over the threshold, at most "
-        f"{detect.false_alarms_per_1000_blocks:g} in 1000 healthy blocks; end of life at {detect.end_of_life_peak_g:g} g in {detect.end_of_life_blocks} blocks"
+        f"{detect.false_alarms_per_1000_blocks:g} in 1000 healthy blocks; "
+        f"end of life at {detect.end_of_life_peak_g:g} g in {detect.end_of_life_blocks} blocks"
     )
     yield from (f"problem: {problem}" for problem in problems)
 
