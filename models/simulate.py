@@ -11,8 +11,9 @@ import numpy as np
 
 from models.dynamics.orbit import STATE_SCALE, find_orbit, period_jacobian
 from models.dynamics.six_dof import BallPeriod, prepare
+from models.kernels.lines import fourier_coefficients
 from models.kernels.six_dof import P_U_1
-from models.response import HARMONICS, Response, check_band, fourier_coefficients, peak_in_band
+from models.response import HARMONICS, Response, check_band, peak_in_band
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,6 +28,7 @@ LINES_TO = 30e3
 _RESOLVED = 0.4
 # The Jacobian only steers the search for the orbit, so few steps do for it.
 _JACOBIAN_STEPS = 128
+_WORST_CONDITION = 1e10
 
 
 def simulate(
@@ -65,11 +67,13 @@ def simulate(
         period,
         tolerance=tolerance,
         max_periods=max_periods,
-        preconditioner=_healthy_jacobian(replace(scene, defect=None)),
+        steering=steering(replace(scene, defect=None)),
     )
     bpfo = 1.0 / period.duration
     count = max(HARMONICS, math.ceil(min(lines_to, resolved) / bpfo))
-    coefficients = fourier_coefficients(orbit.waves, period.time, period.weight, period.duration, count)
+    coefficients = fourier_coefficients(
+        orbit.waves, period.time, period.weight, period.first, period.duration, count
+    )
     rms, peak = _levels(period, orbit.waves) if band is None else _levels_in_band(coefficients, bpfo, band)
     return Response(
         rms=float(rms[0]),
@@ -104,13 +108,23 @@ def _levels_in_band(
 
 
 @lru_cache(maxsize=512)
-def _healthy_jacobian(scene: Scene) -> NDArray[np.float64] | None:
-    """Return the scaled Jacobian of the healthy period map minus identity, or None where it steers nowhere."""
+def steering(scene: Scene) -> NDArray[np.float64] | None:
+    """Return what steers the search for the orbits of scenes that differ from this healthy one in their defect only.
+
+    It is the inverse of identity minus the scaled Jacobian of the healthy period map, shape (12, 12); None where that
+    steers nowhere.
+    """
     period = prepare(scene, _JACOBIAN_STEPS)
     approach = float(period.parameter[P_U_1]) - scene.clearance
     if approach <= 0.0:
         return None
     jacobian = period_jacobian(period, min(1e-2, 1e-2 * approach / STATE_SCALE[0]))
-    if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e10:
+    if not np.all(np.isfinite(jacobian)):
         return None
-    return jacobian
+    try:
+        inverse = np.linalg.inv(jacobian)
+    except np.linalg.LinAlgError:
+        return None
+    if not np.linalg.norm(jacobian) * np.linalg.norm(inverse) < _WORST_CONDITION:
+        return None
+    return -inverse

@@ -46,3 +46,31 @@ def lines(
                 s[i] = s[i] * step_c[i] + c[i] * step_s[i]
                 c[i] = turned
     return sums
+
+
+def fourier_coefficients(
+    waves: NDArray[np.float64],
+    time: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    first: NDArray[np.int64],
+    duration: float,
+    count: int,
+) -> NDArray[np.complex128]:
+    """Return the Fourier coefficients of periods given on a grid of equal steps within segments, (sensors, count + 1).
+
+    Args:
+        waves: shape (periods, values, 2); of several periods the powers are averaged, the last gives the phases.
+        time: time of the values within the period, s; the ends of neighbouring segments are both there.
+        weight: quadrature weights of a mean over the period.
+        first: first step of each segment, and the number of steps, shape (segments + 1,).
+        duration: the period, s.
+        count: highest multiple of 1 / duration.
+    """
+    parts = lines(waves[-1], weight, time, first, duration, count)
+    coefficients = parts[:, 0] + 1j * parts[:, 1]
+    if len(waves) > 1:
+        every = [lines(wave, weight, time, first, duration, count) for wave in waves]
+        power = np.mean([np.sum(part * part, axis=1) for part in every], axis=0)
+        size = np.abs(coefficients)
+        coefficients = np.sqrt(power) * np.where(size > 0.0, coefficients / np.where(size > 0.0, size, 1.0), 1.0)
+    return coefficients
