@@ -9,7 +9,8 @@ from typing import Any
 import click
 
 from models.bearing import Bearing, catalogue, from_catalogue, kinematics
-from models.hertz import contact_stiffness, l10h_life, mean_bearing_stiffness, natural_frequencies
+from models.hertz import contact_stiffness, l10h_life, mean_bearing_stiffness
+from models.modes import natural_frequencies
 from monitor.commands.common import InputError, config_option, emit, output_options, read_machine
 from monitor.config import Config
 
