@@ -1,4 +1,4 @@
-"""Kernel that looks for the motion that repeats: Anderson acceleration of the period map (see models.dynamics.orbit)."""
+"""Kernel that finds the motion that repeats: Anderson acceleration of the period map (see models.dynamics.orbit)."""
 
 from __future__ import annotations
 

@@ -236,7 +236,7 @@ def _depth(
 
 @kernel
 def _put(table: NDArray[np.float64], first: int, node: int, ball: int, value: float, last: int) -> None:
-    """Write a value to the step that begins or has its middle at a node of a segment, and to the one that ends there."""
+    """Write a value to the step that begins or has its middle at a node, and to the one that ends there."""
     if node < last:
         table[first + node // 2, node % 2, ball] = value
     if node > 0 and node % 2 == 0:

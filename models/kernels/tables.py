@@ -1,4 +1,4 @@
-"""Kernels that set up one ball period: positions, step grid, propagators, quadrature (arrays: models.kernels.six_dof)."""
+"""Kernels that set up one ball period: positions, steps, propagators, quadrature (arrays: models.kernels.six_dof)."""
 
 from __future__ import annotations
 
