@@ -91,7 +91,7 @@ class Defect:
 
 @dataclass(frozen=True)
 class Waviness:
-    """One harmonic of a race's roundness error: the race recedes from the balls by amplitude * cos(order * phi + phase).
+    """One harmonic of a race's roundness error: it recedes from the balls by amplitude * cos(order * phi + phase).
 
     Attributes:
         amplitude: half the distance from crest to trough, m.
