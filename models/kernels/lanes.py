@@ -1,27 +1,26 @@
 """Kernels of the six-degree-of-freedom model for many scenes at once: one scene a lane, Lawson-RK4 with equal steps.
 
-Coordinates, equations and signs are those of models/kernels/six_dof.py. What differs is the layout, so that the compiler
-makes vector instructions of it: LANES scenes of one bearing, rig, clearance and speed stand side by side in the last,
-contiguous axis of every array, their number is a constant, and the innermost loops hold no branch, no trigonometry and
-no evaluation of a path. All lanes share the cage angle; displacements are turned into the frame of the cage, in which
-the direction of a ball is constant.
+Coordinates, equations and signs are those of models/kernels/six_dof.py. What differs is the layout, so that the
+compiler makes vector instructions of it: LANES scenes of one bearing, rig, clearance and speed stand side by side in
+the last, contiguous axis of every array, their number is a constant, and the innermost loops hold no branch, no
+trigonometry and no evaluation of a path. All lanes share the cage angle; displacements are turned into the frame of the
+cage, in which the direction of a ball is constant.
 
-Slots. A slot is a ball position at the start of a period, an arc of one ball pitch that some ball passes in each period.
-Slots that the defect of any lane can touch are ``damaged`` and read depth and rate from a table; the others are
+Slots. A slot is a ball position at the start of a period, an arc of one ball pitch that some ball passes in each
+period. Slots that the defect of any lane can touch are ``damaged`` and read depth and rate from a table; the others are
 ``plain``, sorted by angle from -pi to pi. While the displacement across the load is at most NEAR_SLOPE times that along
-it in every lane, only plain slots ``near[n, 0]`` to ``near[n, 1]`` can touch in step n, and the others are left out:
-an exact shortcut, checked at every evaluation of the force.
+it in every lane, only plain slots ``near[n, 0]`` to ``near[n, 1]`` can touch in step n, and the others are left out: an
+exact shortcut, checked at every evaluation of the force.
 
-Steps. ``periods`` ball periods are divided into equal steps whose number is no multiple of ``periods``, so that a kink
-of the path is met at ever different places within a step and its error averages out. The slope of the path in the middle
-of a step is chosen such that Simpson's rule, which RK4 makes of it, gives the exact change of depth over the step.
+Steps. The slope of the path in the middle of a step is chosen such that Simpson's rule, which RK4 makes of it, gives
+the exact change of depth over the step, whether or not a kink lies in it: without that the impulse of the damping force
+is wrong wherever the slope jumps, and the error of the RMS is several times as large (tests/models/test_lanes.py).
 
-Arrays, float64 and C-contiguous, L = LANES; ``n`` counts steps, ``k`` damaged and ``j`` plain slots, node is 0, 1, 2 for
-the beginning, middle and end of a step:
+Arrays, float64 and C-contiguous, L = LANES; ``n`` counts steps, ``k`` damaged and ``j`` plain slots, node is 0, 1, 2
+for the beginning, middle and end of a step:
 
 - ``turn`` (n, 3, 2): cosine and sine of the cage angle.
 - ``near``, int64 (n, 2): see above.
-- ``phase`` (n, LINES, 2): cosine and sine of the first multiples of BPFO at the beginning of the step.
 - ``damaged`` (k, 3, L), ``plain`` (j, 2, L): cosine and sine of the slot in the frame of the cage, and for damaged ones
   the share of a ball that they stand for (1, or a weight where a force is averaged).
 - ``depth``, ``rate`` (n, 3, k, L): d and omega_c d', m and m/s.
@@ -29,8 +28,8 @@ the beginning, middle and end of a step:
 - ``parameter`` (15): as in six_dof; the static displacements and load in it are not used.
 - ``lane`` (3, L): static load, N, and static displacements along and across the load, m.
 - ``state`` (12, L): state along the load and across it, updated in place.
-- ``power`` (2, L), ``lines`` (LINES, 2, L): sums of squares of the accelerations of outer ring and resonator and of the
-  former times ``phase``, at the beginnings of the steps, added to where ``record`` says so.
+- ``wave`` (n, 2, L), written: acceleration along the load of outer ring and resonator at the beginning of each step,
+  m/s2.
 """
 
 from __future__ import annotations
@@ -42,10 +41,6 @@ import numpy as np
 
 from models.kernels.jit import inlined, kernel
 from models.kernels.six_dof import (
-    STATUS_NOT_FINITE,
-    STATUS_OK,
-    _flow,
-    _kick,
     P_ALPHA,
     P_BETA,
     P_C_R,
@@ -58,16 +53,17 @@ from models.kernels.six_dof import (
     P_K_R,
     P_OMEGA,
     P_SHARE_R,
+    STATUS_NOT_FINITE,
+    STATUS_OK,
 )
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.kernels.six_dof import Axis
+    from models.kernels.six_dof import Axis, Flow
 
-# Eight float64 fill a 512-bit register; a loop of eight is unrolled before the vectoriser sees it.
-LANES = 16
-LINES = 6
+# Loops of eight are unrolled before the vectoriser sees them; benchmarks/lanes.py prints the time of some widths.
+LANES = 32
 NEAR_ANGLE = math.radians(7.5)
 NEAR_SLOPE = math.tan(NEAR_ANGLE)
 
@@ -86,6 +82,25 @@ _LOAD = 32 * LANES
 _S1 = 33 * LANES
 _S2 = 34 * LANES
 _ROWS = 35
+
+
+@inlined
+def _flow(x: Axis, e: Flow) -> Axis:
+    """Return one axis half a step later without contact force."""
+    return (
+        e[0] * x[0] + e[1] * x[1],
+        e[2] * x[0] + e[3] * x[1],
+        x[2] + e[4] * x[3],
+        x[3],
+        e[5] * x[4] + e[6] * x[5],
+        e[7] * x[4] + e[8] * x[5],
+    )
+
+
+@inlined
+def _kick(x: Axis, impulse: float, b_i: float, b_m: float, b_o: float) -> Axis:
+    """Return one axis after an impulse, N s, on the outer ring and against it on the inner one."""
+    return (x[0], x[1] - impulse * b_i, x[2], x[3] + impulse * b_m, x[4], x[5] + impulse * b_o)
 
 
 @inlined
@@ -191,7 +206,6 @@ def advance(
     end: int,
     turn: NDArray[np.float64],
     near: NDArray[np.int64],
-    phase: NDArray[np.float64],
     damaged: NDArray[np.float64],
     plain: NDArray[np.float64],
     depth: NDArray[np.float64],
@@ -200,9 +214,7 @@ def advance(
     parameter: NDArray[np.float64],
     lane: NDArray[np.float64],
     state: NDArray[np.float64],
-    record: bool,
-    power: NDArray[np.float64],
-    lines: NDArray[np.float64],
+    wave: NDArray[np.float64],
 ) -> int:
     """Carry all lanes over steps ``begin`` to ``end``; see the module for the arrays. Return a STATUS_ number."""
     w = np.zeros(_ROWS * LANES)
@@ -230,12 +242,9 @@ def advance(
             x1, x2 = _load(w, _X, i), _load(w, _X + 6 * LANES, i)
             g1 = c * w[_F1 + i] - s * w[_F2 + i] - w[_LOAD + i]
             g2 = s * w[_F1 + i] + c * w[_F2 + i]
-            if record:
-                spring = k_r * x1[4] + c_r * x1[5]
-                a_o, a_r = (g1 - spring) * b_o, spring * b_r
-                w[_U1 + i] = a_o
-                power[0, i] += a_o * a_o
-                power[1, i] += a_r * a_r
+            spring = k_r * x1[4] + c_r * x1[5]
+            wave[n, 0, i] = (g1 - spring) * b_o
+            wave[n, 1, i] = spring * b_r
             y1, y2 = _flow(x1, e), _flow(x2, e)
             _store(w, _Y, i, y1)
             _store(w, _Y + 6 * LANES, i, y2)
