@@ -185,8 +185,8 @@ def stiffness_over_passage(
     Raises:
         ValueError: if load or clearance is negative, or the defect is none that the bearing can have.
     """
-    if defect is not None and (bearing.element != "ball" or not 1 <= defect.rows <= bearing.rows):
-        raise ValueError(f"{bearing.designation}: a defect needs balls and 1 to {bearing.rows} rows, got {defect!r}")
+    if defect is not None:
+        _check_defect(bearing, defect)
     path, exponent = ball_path(bearing, defect), contact_exponent(bearing)
     cage_angle = 2.0 * math.pi / bearing.n_elements * np.arange(points) / points
     matrix = np.empty((points, 2, 2))
@@ -194,11 +194,24 @@ def stiffness_over_passage(
         angles = element_angles(bearing, float(turn))
         gaps = np.full(len(angles), clearance)
         if path is not None and defect is not None:
-            damaged = slice(0, defect.rows * bearing.n_elements)
+            first = defect.first_row * bearing.n_elements
+            damaged = slice(first, first + defect.rows * bearing.n_elements)
             gaps[damaged] += path(_wrap(angles[damaged]))[0]
         u = static_equilibrium(angles, load, k_c, clearance=gaps, exponent=exponent)
         matrix[i] = contact_forces(u, angles, k_c, gaps, exponent)[1]
     return StiffnessPassage(cage_angle, matrix)
+
+
+def _check_defect(bearing: Bearing, defect: Defect) -> None:
+    if bearing.element != "ball":
+        raise ValueError(f"{bearing.designation}: the way over a defect is that of balls, not of rollers")
+    if defect.part != "outer":
+        raise ValueError(f"defect.part must be 'outer', which stands still, got {defect.part!r}")
+    if not (defect.first_row >= 0 and 1 <= defect.rows <= bearing.rows - defect.first_row):
+        raise ValueError(
+            f"{bearing.designation} has {bearing.rows} rows, got defect.rows {defect.rows!r} "
+            f"from defect.first_row {defect.first_row!r}"
+        )
 
 
 def stiffness_against_load(

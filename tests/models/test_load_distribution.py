@@ -120,10 +120,19 @@ def test_both_rows_damaged_lose_twice() -> None:
 
 
 def test_defects_that_a_bearing_cannot_have_are_refused() -> None:
-    with pytest.raises(ValueError, match="1 to 1 rows"):
+    with pytest.raises(ValueError, match="not of rollers"):
         stiffness_over_passage(ROLLER, 1000.0, 1e9, defect=Defect(0.1, 1e-5))
-    with pytest.raises(ValueError, match="1 to 2 rows"):
-        stiffness_over_passage(BEARING, 1000.0, K_C, defect=Defect(0.1, 1e-5, rows=3))
+    for wrong in (Defect(0.1, 1e-5, rows=3), Defect(0.1, 1e-5, rows=2, first_row=1), Defect(0.1, 1e-5, rows=0)):
+        with pytest.raises(ValueError, match="has 2 rows"):
+            stiffness_over_passage(BEARING, 1000.0, K_C, defect=wrong)
+    with pytest.raises(ValueError, match=r"defect\.part must be 'outer'"):
+        stiffness_over_passage(BEARING, 1000.0, K_C, defect=Defect(0.1, 1e-5, part="inner"))
+
+
+def test_the_second_row_passes_half_a_spacing_later() -> None:
+    first = stiffness_over_passage(BEARING, 1000.0, K_C, defect=Defect(0.3, 5e-6), points=24)
+    second = stiffness_over_passage(BEARING, 1000.0, K_C, defect=Defect(0.3, 5e-6, first_row=1), points=24)
+    assert np.roll(second.matrix, 12, axis=0) == pytest.approx(first.matrix, rel=1e-6, abs=1e3)
 
 
 def test_stiffness_along_the_load_is_the_slope_of_load_and_displacement() -> None:
