@@ -72,7 +72,7 @@ def profile_cutoff(floor: Floor, ball_radius: float) -> float:
     return 1.0 / (math.pi * math.sqrt(4.0 * _DEFAULT_ROUGHNESS * ball_radius))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def race_profile(sd: float, pitch: float, cutoff: float, seed: int, race_radius: float) -> RaceProfile:
     """Return the rough profile of a race: white Gaussian noise, low-passed around the circle, cubic between samples.
 

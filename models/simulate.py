@@ -35,6 +35,7 @@ def simulate(
     scene: Scene,
     *,
     tolerance: float = DEFAULT_TOLERANCE,
+    accuracy: float | None = None,
     steps_per_period: int | None = None,
     max_periods: int = DEFAULT_MAX_PERIODS,
     band: tuple[float, float] | None = None,
@@ -45,8 +46,9 @@ def simulate(
     Args:
         scene: what is modelled.
         tolerance: relative change of the RMS from period to period that counts as none.
-        steps_per_period: steps a ball period is to have at least; by default chosen for an RMS error well below 0.3 %
-            (benchmarks/six_dof.py measures it).
+        accuracy: relative error of the RMS that the steps may leave (rms over scenes), at least 2e-4, which is the
+            default; coarser ones are faster. benchmarks/six_dof.py measures what they do leave.
+        steps_per_period: steps a ball period is to have at least, instead of ``accuracy``.
         max_periods: periods to simulate at most.
         band: frequencies (lo, hi), Hz, in which RMS and peak are taken; None is the full bandwidth.
         lines_to: frequency up to which the lines of the spectrum are computed, Hz; raised to the end of the band,
@@ -57,12 +59,11 @@ def simulate(
     """
     if scene.model != "six_dof":
         raise ValueError(f"unknown model {scene.model!r}; known are: six_dof")
-    period = prepare(scene, steps_per_period)
-    resolved = _RESOLVED * period.steps / period.duration
+    period = prepare(scene, steps_per_period, accuracy)
+    resolved = _resolved(period.steps, period.duration)
     if band is not None:
         lines_to = max(lines_to, check_band(band)[1])
-        if band[1] > resolved:
-            raise ValueError(f"the band ends at {band[1]!r} Hz, {period.steps} steps resolve up to {resolved:.0f} Hz")
+        check_resolved(band, period.steps, period.duration)
     orbit = find_orbit(
         period,
         tolerance=tolerance,
@@ -71,9 +72,7 @@ def simulate(
     )
     bpfo = 1.0 / period.duration
     count = max(HARMONICS, math.ceil(min(lines_to, resolved) / bpfo))
-    coefficients = fourier_coefficients(
-        orbit.waves, period.time, period.weight, period.first, period.duration, count
-    )
+    coefficients = fourier_coefficients(orbit.waves, period.time, period.weight, period.first, period.duration, count)
     rms, peak = _levels(period, orbit.waves) if band is None else _levels_in_band(coefficients, bpfo, band)
     return Response(
         rms=float(rms[0]),
@@ -90,6 +89,27 @@ def simulate(
         rms_band=band,
         coefficients=coefficients,
     )
+
+
+def _resolved(steps: int, duration: float) -> float:
+    """Return the frequency up to which the quadrature over a ball period resolves lines, Hz."""
+    return _RESOLVED * steps / duration
+
+
+def steps_to_resolve(frequency: float, duration: float) -> int:
+    """Return how many steps in ``duration`` s resolve lines up to a frequency, Hz."""
+    return math.ceil(frequency * duration / _RESOLVED)
+
+
+def check_resolved(band: tuple[float, float], steps: int, duration: float) -> None:
+    """Refuse a band that the steps do not resolve.
+
+    Raises:
+        ValueError: naming the end of the band and what ``steps`` in ``duration`` s resolve.
+    """
+    resolved = _resolved(steps, duration)
+    if band[1] > resolved:
+        raise ValueError(f"the band ends at {band[1]!r} Hz, {steps} steps resolve up to {resolved:.0f} Hz")
 
 
 def _levels(period: BallPeriod, waves: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -127,4 +147,4 @@ def steering(scene: Scene) -> NDArray[np.float64] | None:
         return None
     if not np.linalg.norm(jacobian) * np.linalg.norm(inverse) < _WORST_CONDITION:
         return None
-    return -inverse
+    return np.asarray(-inverse, dtype=np.float64)

@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from models.bearing import Bearing
     from models.scene import Defect, Scene
 
-# Default step: benchmarks/six_dof.py prints the error that it leaves.
-DEFAULT_STEP = 10e-6
-MIN_STEPS = 512
+# Longest step, s, and fewest steps a period that leave a relative error of the RMS of less than the key (rms over
+# scenes); benchmarks/six_dof.py prints what they do leave. The default is the finest.
+GRADES = {2e-3: (28e-6, 128), 1e-3: (20e-6, 128), 2e-4: (10e-6, 512)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,26 +166,39 @@ def check_scene(scene: Scene) -> None:
         raise ValueError(f"defect.rows must lie between 1 and {scene.bearing.rows}, got {scene.defect.rows!r}")
 
 
-def default_steps(scene: Scene) -> int:
-    """Return the steps per ball period with which a scene is simulated unless another number is asked for."""
-    return max(MIN_STEPS, math.ceil(1.0 / (kinematics(scene.bearing, scene.speed).bpfo * DEFAULT_STEP)))
+def steps_for(scene: Scene, accuracy: float | None = None) -> int:
+    """Return the steps per ball period with which a scene is simulated unless another number is asked for.
+
+    Args:
+        scene: what is modelled.
+        accuracy: relative error of the RMS that is asked for (rms over scenes), at least 2e-4, which is the default.
+
+    Raises:
+        ValueError: if accuracy is finer than the finest grade, or not a number.
+    """
+    grades = [grade for grade in GRADES if accuracy is None or grade <= accuracy]
+    if not grades:
+        raise ValueError(f"accuracy must be at least {min(GRADES)!r}, got {accuracy!r}; name steps_per_period for less")
+    step, fewest = GRADES[min(grades) if accuracy is None else max(grades)]
+    return max(fewest, math.ceil(1.0 / (kinematics(scene.bearing, scene.speed).bpfo * step)))
 
 
-def prepare(scene: Scene, steps_per_period: int | None = None) -> BallPeriod:
+def prepare(scene: Scene, steps_per_period: int | None = None, accuracy: float | None = None) -> BallPeriod:
     """Return one ball period of a scene.
 
     Args:
         scene: what is modelled.
         steps_per_period: steps a ball period is to have at least (a few more, because steps end on kinks); by default
-            so many that a step is 10 us at most, and 512 at least.
+            so many as ``accuracy`` asks for.
+        accuracy: see ``steps_for``.
 
     Raises:
-        ValueError: if the scene is outside the model, or steps_per_period is less than 8.
+        ValueError: if the scene is outside the model, steps_per_period is less than 8, or accuracy too fine.
     """
     check_scene(scene)
     bpfo = kinematics(scene.bearing, scene.speed).bpfo
     if steps_per_period is None:
-        steps_per_period = default_steps(scene)
+        steps_per_period = steps_for(scene, accuracy)
     if steps_per_period < 8:
         raise ValueError(f"steps_per_period must be at least 8, got {steps_per_period!r}")
     point = operating_point(replace(scene, defect=None))
@@ -239,7 +252,7 @@ def operating_point(scene: Scene) -> OperatingPoint:
     bearing, rig = scene.bearing, scene.rig
     pitch = 2.0 * math.pi / bearing.n_elements
     omega = pitch * kinematics(bearing, scene.speed).bpfo
-    offsets = np.arange(bearing.rows) * (pitch / bearing.rows)
+    offsets = np.linspace(0.0, pitch, bearing.rows, endpoint=False)
     places = [(offset + k * pitch, row) for row, offset in enumerate(offsets) for k in range(bearing.n_elements)]
     places.sort(key=lambda place: arc_distance(place[0], pitch, 0.0))
     reduced = rig.m_o * rig.m_r / (rig.m_o + rig.m_r)

@@ -51,7 +51,7 @@ def _stamp(compiled: Any, function: Callable[..., Any]) -> None:
 
     The place of the stamp is numba's own affair: where a version keeps it elsewhere, its own stamp remains.
     """
-    file = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    file: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if hasattr(file, "_source_stamp"):
         file._source_stamp = fingerprint(Path(function.__code__.co_filename))
 
