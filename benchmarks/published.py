@@ -1,18 +1,23 @@
 """Every static figure that the thesis prints, beside what this program obtains.
 
-python -m benchmarks.published [--quick] [--json FILE]
+python -m benchmarks.published [--quick] [--json FILE] [--document docs/published-figures.md]
 
 One line for each place and quantity; --json holds every figure. ``--quick`` changes nothing: it all takes a second.
+``--document`` renews the table in that file, between the lines that MARKS names.
 """
 
 from __future__ import annotations
 
+import argparse
 from collections import Counter
 from itertools import groupby
+from pathlib import Path
 
-from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.common import Row, print_table, write_json
 from models.published.catalogue import published_figures
 from models.published.figure import Figure, worst
+
+MARKS = ("<!-- table of benchmarks.published -->\n", "<!-- end of the table -->\n")
 
 
 def group_rows(figures: list[Figure]) -> list[Row]:
@@ -67,14 +72,43 @@ def figure_rows(figures: list[Figure]) -> list[Row]:
     ]
 
 
+def markdown_table(figures: list[Figure]) -> str:
+    """Return the table of the groups in Markdown."""
+    rows = group_rows(figures)
+    names = list(rows[0])
+    cells = [["" if row[name] is None else str(row[name]) for name in names] for row in rows]
+    lines = [names, ["---"] * len(names), *cells]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def renewed(text: str, table: str) -> str:
+    """Return the text of a document with the table between its marks replaced.
+
+    Raises:
+        ValueError: if a mark is missing.
+    """
+    before, first, rest = text.partition(MARKS[0])
+    _, last, after = rest.partition(MARKS[1])
+    if not first or not last:
+        raise ValueError(f"the document lacks the lines {MARKS[0].strip()!r} and {MARKS[1].strip()!r}")
+    return before + first + table + last + after
+
+
 def main() -> None:
-    """Print the table and write the JSON file if one was asked for."""
-    options = arguments("Static figures of the thesis: printed, obtained, difference, verdict.")
+    """Print the table; write the JSON file and renew the document if they were asked for."""
+    parser = argparse.ArgumentParser(description="Static figures of the thesis: printed, obtained, verdict.")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures to this file")
+    parser.add_argument("--quick", action="store_true", help="changes nothing")
+    parser.add_argument("--document", type=Path, metavar="FILE", help="renew the table in this file")
+    options = parser.parse_args()
     figures = published_figures()
     print_table("worst figure of each group", group_rows(figures))
     counts = Counter(figure.verdict for figure in figures)
     print_table("all figures", [{"verdict": name, "figures": count} for name, count in counts.items()])
     write_json(options.json, {"figures": figure_rows(figures)})
+    if options.document is not None:
+        text = options.document.read_text(encoding="utf-8")
+        options.document.write_text(renewed(text, markdown_table(figures)), encoding="utf-8")
 
 
 if __name__ == "__main__":

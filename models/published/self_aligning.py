@@ -102,7 +102,7 @@ def _damping() -> list[Figure]:
     rig = Rig()
     return [
         *group(SELF_ALIGNING, "Table 18", "alpha_c", "1/s", [("", "154.9", alpha)],
-                note="rounding of zeta_1 and zeta_2 leaves 154.4 to 155.1"),
+                note="rounding of zeta_1 and zeta_2 leaves 153.8 to 155.8"),
         *group(SELF_ALIGNING, "Table 18", "beta_c", "s", [("", "2.5e-5", beta)]),
         *group(SELF_ALIGNING, "Table 18", "c_r", "N s/m", [
             ("zeta_r 0.13 % as printed", "186.0", stiffness_damping(0.0013, 8000.0, rig.k_r)),

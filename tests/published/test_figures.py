@@ -6,13 +6,23 @@ import itertools
 import math
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+from benchmarks.published import markdown_table, renewed
 from models.bearing import Bearing, from_catalogue
-from models.hertz import in_series, point_contact_stiffness, relative_radii
+from models.hertz import (
+    in_series,
+    mean_bearing_stiffness,
+    point_contact_stiffness,
+    relative_radii,
+)
+from models.modes import contact_damping, natural_frequencies, stiffness_damping
 from models.published.catalogue import published_figures
 from models.published.figure import Figure, inner_taken_as_concave, worst
+from models.scene import Rig
 
 FIGURES = published_figures()
 BEYOND = {
@@ -106,3 +116,60 @@ def test_printed_contact_stiffness_needs_the_concave_inner_race(designation: str
     low, high = range_of_k_c(bearing, concave=True)
     assert low < printed < high
     assert range_of_k_c(bearing, concave=False)[1] < printed
+
+
+def test_document_holds_the_table_as_computed() -> None:
+    """Renew it with ``python -m benchmarks.published --document docs/published-figures.md``."""
+    text = (Path(__file__).resolve().parents[2] / "docs" / "published-figures.md").read_text(encoding="utf-8")
+    assert renewed(text, markdown_table(FIGURES)) == text
+    with pytest.raises(ValueError, match="lacks the lines"):
+        renewed("nothing", "")
+
+
+# What the notes claim.
+
+
+def test_note_no_clearance_meets_table_17() -> None:
+    """k_yy / k_xx depends on clearance alone, grows with it, and is above the printed ratio already without any."""
+    bearing = from_catalogue("1205 ETN9")
+    ratios = []
+    for clearance in (0.0, 1e-6, 3e-6, 10e-6):
+        stiffness = mean_bearing_stiffness(bearing, 1000.0, Rig().k_c, clearance=clearance)
+        ratios.append(stiffness[0, 0] / stiffness[1, 1])
+    assert ratios == sorted(ratios)
+    assert ratios[0] > 152.35 / 102.25
+
+
+def test_note_natural_frequencies_ask_for_a_stiffer_bearing() -> None:
+    f = natural_frequencies(Rig(), 1.28e8, 194.4e6)
+    assert f[[1, 3]] == pytest.approx([357.1, 1543.5], abs=0.3)
+    heavier = mean_bearing_stiffness(from_catalogue("1205 ETN9"), 2000.0 + 5.79 * 9.80665, Rig().k_c)[0, 0]
+    assert heavier == pytest.approx(194.4e6, rel=1e-3)
+    steps = [natural_frequencies(Rig(m_r=m), 1.28e8, 192.2e6)[5] for m in (3.005, 3.015)]
+    assert abs(np.diff(steps)[0]) / 2.0 == pytest.approx(4.0, abs=0.5)
+
+
+def test_note_rounding_of_the_damping_ratios() -> None:
+    values = [contact_damping(a, b, 400.0, 1500.0)[0] for a in (0.06215, 0.06225) for b in (0.1255, 0.1265)]
+    assert [min(values), max(values)] == pytest.approx([153.8, 155.8], abs=0.05)
+
+
+def test_note_damping_of_the_shaft() -> None:
+    assert stiffness_damping(0.0475, 400.0, Rig().k_i) == pytest.approx(2834.1, rel=1e-3)
+    assert stiffness_damping(0.1495, 1259.0, Rig().k_i) == pytest.approx(2834.1, rel=1e-3)
+
+
+def test_note_line_contacts_are_wider_in_print() -> None:
+    """The moduli that the printed half widths of Table 11 ask for, if the difference lay in them alone."""
+    ranges = {"a_i": [0.0, math.inf], "a_o": [0.0, math.inf]}
+    for f in FIGURES:
+        if f.designation == "NU 202 ECP" and f.place == "Table 11":
+            low, high = (210.0 * (f.obtained / (f.printed + step)) ** 2 for step in (5e-4, -5e-4))
+            ranges[f.quantity] = [max(ranges[f.quantity][0], low), min(ranges[f.quantity][1], high)]
+    assert ranges["a_i"] == pytest.approx([202.0, 203.5], abs=0.2)
+    assert ranges["a_o"] == pytest.approx([203.8, 204.4], abs=0.2)
+
+
+def test_fits_of_the_elliptic_integrals_are_poor_for_round_contacts() -> None:
+    exact = point_contact_stiffness(3e-3, 3e-3, method="elliptic")
+    assert point_contact_stiffness(3e-3, 3e-3) / exact == pytest.approx(1.087, abs=5e-4)
