@@ -11,6 +11,8 @@ from typing import Literal
 
 from models.bearing import Bearing, from_catalogue
 
+Part = Literal["outer", "inner", "ball"]
+
 
 @dataclass(frozen=True)
 class Rig:
@@ -85,7 +87,7 @@ class Defect:
     floor: Floor = field(default_factory=Floor)
     position: float = 0.0
     rows: int = 1
-    part: Literal["outer", "inner", "ball"] = "outer"
+    part: Part = "outer"
     first_row: int = 0
 
 

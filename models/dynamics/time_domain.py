@@ -57,7 +57,7 @@ class TimeResponse:
         rate: sampling rate of ``acceleration``, Hz.
         acceleration: signals of both sensors as a recorder would sample them, m/s2, shape (2, samples): passed through
             a linear-phase filter that ends at the Nyquist frequency (flat to 0.9 of it, then 80 dB down).
-        rms: RMS of a_o over full bandwidth, m/s2 (not the recorder's).
+        rms: RMS of a_o over full bandwidth (not the recorder's) and whole blocks, m/s2.
         rms_se: its standard error from means over blocks, m/s2.
         spread: standard deviation of the RMS from block to block, m/s2.
         peak: largest absolute value of a_o, m/s2.
@@ -163,7 +163,8 @@ def simulate_time(
     window = wave[begin - margin : begin + (samples - 1) * oversampling + margin + 1]
     signals = [oaconvolve(window[:, k], taps, mode="valid")[::oversampling] for k in (0, 1)]
     blocks = samples / rate * _block_rate(scene, lines)
-    levels = _levels(settled[:, 0], blocks if blocks >= _LEAST_BLOCKS else float(_LEAST_BLOCKS))
+    blocks = blocks if blocks >= _LEAST_BLOCKS else float(_LEAST_BLOCKS)
+    levels, resonator = (_levels(settled[:, k], blocks) for k in (0, 1))
     peaks = np.max(np.abs(settled), axis=0)
     return TimeResponse(
         rate=rate,
@@ -172,7 +173,7 @@ def simulate_time(
         rms_se=levels.error,
         spread=levels.spread,
         peak=float(peaks[0]),
-        rms_resonator=float(np.sqrt(np.mean(settled[:, 1] ** 2))),
+        rms_resonator=resonator.rms,
         peak_resonator=float(peaks[1]),
         blocks=levels.blocks,
         kinematics=lines,
@@ -209,15 +210,14 @@ class _Levels:
 
 
 def _levels(signal: NDArray[np.float64], blocks: float) -> _Levels:
-    """Return RMS, its standard error and spread over ``blocks`` blocks (the last, broken one is left out of these),
-    and its change between the halves of the signal.
+    """Return RMS, its standard error and spread over ``blocks`` blocks, and its change between the halves of the
+    signal. The last, broken block is left out: a part of a passage would bias a mean.
     """
     count = math.floor(blocks + 1e-9)
     energy = np.concatenate(([0.0], np.cumsum(signal**2)))
-    rms = math.sqrt(energy[-1] / len(signal))
     edges = np.arange(count + 1) * (len(signal) / blocks)
     means = np.maximum(np.diff(np.interp(edges, np.arange(len(energy)), energy)) / (len(signal) / blocks), 0.0)
-    half = count // 2
+    rms, half = math.sqrt(np.mean(means)), count // 2
     drift = abs(math.sqrt(np.mean(means[-half:])) - math.sqrt(np.mean(means[:half])))
     error = float(np.std(means, ddof=1)) / math.sqrt(count) / (2.0 * rms) if rms > 0.0 else 0.0
     return _Levels(rms, error, float(np.std(np.sqrt(means), ddof=1)), drift, count)

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq, root
+from scipy.optimize import root, root_scalar
 
 R_O, R_I, R_B, R_P, ALPHA = 22.91e-3, 16.64e-3, 3.56e-3, 18.946e-3, math.radians(10.2)
 N_BALLS, N_ROWS = 12, 2
@@ -78,7 +78,7 @@ def edge_depth(beyond: float, contact: str) -> float:
         # The edge of the race lies on the ball.
         return R_B - math.hypot(centre - race * math.cos(beyond), race * math.sin(beyond))
 
-    return 0.0 if beyond <= 0.0 else float(brentq(miss, -1e-9, 0.9 * R_B, xtol=1e-17, rtol=1e-14))
+    return 0.0 if beyond <= 0.0 else float(root_scalar(miss, bracket=(-1e-9, 0.9 * R_B), xtol=1e-17, rtol=1e-14).root)
 
 
 class Oracle:
@@ -106,7 +106,9 @@ class Oracle:
             half = min(half, 0.8 * math.asin(R_B / (R_O if contact == "outer" else R_I)))
         if half == 0.0 or edge_depth(half, contact) <= self.case.h_d:
             return half
-        return float(brentq(lambda b: edge_depth(b, contact) - self.case.h_d, 0.0, half, xtol=1e-15))
+        return float(
+            root_scalar(lambda b: edge_depth(b, contact) - self.case.h_d, bracket=(0.0, half), xtol=1e-15).root
+        )
 
     def place(self, ball: int, t: float) -> tuple[float, str]:
         """Return the angle from the defect's centre and which contact it concerns."""
