@@ -36,12 +36,18 @@ def group_rows(figures: list[Figure]) -> list[Row]:
                 "unit": poorest.unit,
                 "printed": bound + poorest.text,
                 "obtained": f"{poorest.obtained:.6g}",
-                "difference %": None if bound else f"{100.0 * poorest.difference:+.2f}",
+                "difference %": None if bound else _signed(100.0 * poorest.difference),
                 "verdict": verdict(group),
                 "note": poorest.note,
             }
         )
     return rows
+
+
+def _signed(value: float) -> str:
+    """Return two decimals with a sign, and no sign where they are zero."""
+    text = f"{value:+.2f}"
+    return "0.00" if float(text) == 0.0 else text
 
 
 def verdict(group: list[Figure]) -> str:

@@ -98,7 +98,8 @@ def group(
 def worst(figures: Iterable[Figure]) -> Figure:
     """Return the figure of the poorest verdict, and of those the one with the largest difference."""
     order = ("reproduced", "close", "not reproduced")
-    return max(figures, key=lambda f: (order.index(f.verdict), abs(f.difference)))
+    # Rounded, so that of figures that differ by rounding only the first is returned on every machine.
+    return max(figures, key=lambda f: (order.index(f.verdict), round(abs(f.difference), 9)))
 
 
 def contact_stiffness_figures(bearing: Bearing, place: str, text: str, unit: str, factor: float) -> list[Figure]:
