@@ -82,10 +82,9 @@ def contact_shape(ratio: float, method: Method = "simplified") -> ContactShape:
         raise ValueError(f"ratio of the relative radii must be finite and 1 at least, got {ratio!r}")
     if method == "simplified":
         return ContactShape(1.0339 * ratio**0.636, 1.0003 + 0.5968 / ratio, 1.5277 + 0.6023 * math.log(ratio))
-    if ratio == 1.0:
-        return ContactShape(1.0, 0.5 * math.pi, 0.5 * math.pi)
-    # kappa lies between 1 (a circle) and the ratio itself.
-    kappa = float(root_scalar(lambda kappa: _radii_ratio(kappa) - ratio, bracket=(1.0, ratio), rtol=1e-14).root)
+    # kappa lies between 1 (a circle) and the ratio itself; the margins outweigh rounding where both are nearly one.
+    bracket = (1.0 - 1e-9, ratio * (1.0 + 1e-9))
+    kappa = max(1.0, float(root_scalar(lambda kappa: _radii_ratio(kappa) - ratio, bracket=bracket, rtol=1e-14).root))
     second, first = _elliptic_parts(kappa)
     return ContactShape(kappa, first + second / kappa**2, first + second)
 
