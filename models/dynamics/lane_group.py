@@ -31,6 +31,8 @@ MIN_STEPS = 256
 # Places at which the mean-force rule looks for each ball.
 _MEAN_FORCE_POINTS = 24
 _REACH = 1.0 - 1e-9
+# Numbers in a cache line.
+_LINE = 8
 
 
 @dataclass(frozen=True)
@@ -242,15 +244,15 @@ class Group:
         if slip is not None and slip.rule == "mean_force" and slip.phi_slip > 0.0:
             offsets = slip.phi_slip * ((2.0 * np.arange(_MEAN_FORCE_POINTS) + 1.0) / _MEAN_FORCE_POINTS - 1.0)
         angles = (grid.ring[self._damaged_at][:, None] + offsets).ravel()
-        self._start = np.repeat(angles[:, None], LANES, axis=1)
-        share = np.full_like(self._start, 1.0 / len(offsets))
-        self._damaged = np.stack((np.cos(self._start), np.sin(self._start), share), axis=1)
+        self.start = np.repeat(angles[:, None], LANES, axis=1)
+        share = np.full_like(self.start, 1.0 / len(offsets))
+        self.damaged = aligned(np.stack((np.cos(self.start), np.sin(self.start), share), axis=1))
         plain = np.repeat(grid.ring[self._plain_at][:, None], LANES, axis=1)
-        self._plain = np.stack((np.cos(plain), np.sin(plain)), axis=1)
-        self._near = _near(grid, tuple(self._plain_at.tolist()), self._slip_angle)
+        self.plain = aligned(np.stack((np.cos(plain), np.sin(plain)), axis=1))
+        self.near = _near(grid, tuple(self._plain_at.tolist()), self._slip_angle)
         rest = [_equilibrium(s.bearing, s.load, s.rig.k_c, s.clearance) for s in scenes]
         self._lane = np.array([[s.load for s in scenes], [u[0] for u in rest], [u[1] for u in rest]])
-        self._depth, self._rate, self.wave = workspace.arrays(grid.steps, len(angles))
+        self.depth, self.rate, self.wave = workspace.arrays(grid.steps, len(angles))
         self._slip = np.zeros((len(grid.ring), LANES))
         self._state = np.zeros((12, LANES))
         self._filled = False
@@ -274,52 +276,63 @@ class Group:
             draws: slip angles of the balls that pass the point opposite to the load, rad, shape (PERIODS, rows of the
                 bearing, LANES), or None without slip.
         """
-        g = self.grid
         if draws is None:
             if not self._filled:
-                paths.fill(
-                    0, g.steps, g.cage, self._start, self._path, self._profiles, g.geometry, self._depth, self._rate
-                )
+                self._fill(0, self.grid.steps)
                 self._filled = True
-            return kernels.advance(
-                0,
-                g.steps,
-                g.turn,
-                self._near,
-                self._damaged,
-                self._plain,
-                self._depth,
-                self._rate,
-                g.flow,
-                g.parameter,
-                self._lane,
-                self._state,
-                self.wave,
+            return self._advance(0, self.grid.steps)
+        status = 0
+        for period, angles in enumerate(draws):
+            paths.redraw(
+                np.ascontiguousarray(angles),
+                self._slip,
+                self.grid.ring,
+                self._damaged_at,
+                self._plain_at,
+                self.start,
+                self.damaged,
+                self.plain,
             )
-        return paths.slipping_block(
-            g.bounds,
-            draws,
-            self._slip,
-            g.ring,
-            self._damaged_at,
-            self._plain_at,
-            g.cage,
-            self._path,
-            self._profiles,
-            g.geometry,
-            self._start,
+            begin, end = int(self.grid.bounds[period]), int(self.grid.bounds[period + 1])
+            self._fill(begin, end)
+            status = max(status, self._advance(begin, end))
+        return status
+
+    def _fill(self, begin: int, end: int) -> None:
+        g = self.grid
+        paths.fill(begin, end, g.cage, self.start, self._path, self._profiles, g.geometry, self.depth, self.rate)
+
+    def _advance(self, begin: int, end: int) -> int:
+        g = self.grid
+        return kernels.advance(
+            begin,
+            end,
             g.turn,
-            self._near,
-            self._damaged,
-            self._plain,
-            self._depth,
-            self._rate,
+            self.near,
+            self.damaged,
+            self.plain,
+            self.depth,
+            self.rate,
             g.flow,
             g.parameter,
             self._lane,
             self._state,
             self.wave,
         )
+
+
+def aligned_empty(size: int) -> NDArray[np.float64]:
+    """Return an array that begins on a cache line, so that no vector is spread over two of them."""
+    raw = np.empty(size + _LINE)
+    offset = -(raw.ctypes.data // raw.itemsize) % _LINE
+    return raw[offset : offset + size]
+
+
+def aligned(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a copy that begins on a cache line."""
+    copy = aligned_empty(values.size).reshape(values.shape)
+    copy[...] = values
+    return copy
 
 
 class Workspace:
@@ -334,9 +347,9 @@ class Workspace:
         """Return ``depth`` and ``rate`` of shape (steps, 3, slots, LANES) and ``wave`` of shape (steps, 2, LANES)."""
         size = steps * 3 * slots * LANES
         if self._tables.size < 2 * size:
-            self._tables = np.empty(2 * size)
+            self._tables = aligned_empty(2 * size)
         if self._wave.size != steps * 2 * LANES:
-            self._wave = np.empty(steps * 2 * LANES)
+            self._wave = aligned_empty(steps * 2 * LANES)
         shape = (steps, 3, slots, LANES)
         depth, rate = self._tables[:size].reshape(shape), self._tables[size : 2 * size].reshape(shape)
         return depth, rate, self._wave.reshape(steps, 2, LANES)

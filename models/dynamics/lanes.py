@@ -24,7 +24,7 @@ import numpy as np
 
 from models.dynamics.lane_group import PERIODS, Grid, Group, Slip, Workspace, grid_of
 from models.dynamics.six_dof import check_scene
-from models.kernels.lanes import LANES
+from models.kernels.lanes import LANES, mean_squares
 from models.response import HARMONICS, Status, check_band
 
 if TYPE_CHECKING:
@@ -126,7 +126,8 @@ class _Block:
 def _measure(grid: Grid, wave: NDArray[np.float64], band: tuple[float, float] | None) -> _Block:
     """Return the mean squares of a block."""
     count = grid.steps
-    full = np.einsum("nsi,nsi->si", wave, wave) / count
+    full = np.empty((2, LANES))
+    mean_squares(wave, full)
     # Coefficients at multiples of bpfo / PERIODS; every seventh is a line.
     spectrum = np.fft.rfft(wave[:, 0], axis=0)
     # A real sine of amplitude a has |c| = a count / 2 and the mean square a^2 / 2.

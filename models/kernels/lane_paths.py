@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.kernels.jit import inlined, kernel
-from models.kernels.lanes import LANES, advance
+from models.kernels.lanes import LANES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -123,61 +123,37 @@ def fill(
 
 
 @kernel
-def slipping_block(
-    bounds: NDArray[np.int64],
+def redraw(
     draws: NDArray[np.float64],
     slip: NDArray[np.float64],
     ring: NDArray[np.float64],
     damaged_at: NDArray[np.int64],
     plain_at: NDArray[np.int64],
-    cage: NDArray[np.float64],
-    path: NDArray[np.float64],
-    profiles: NDArray[np.float64],
-    geometry: NDArray[np.float64],
     start: NDArray[np.float64],
-    turn: NDArray[np.float64],
-    near: NDArray[np.int64],
     damaged: NDArray[np.float64],
     plain: NDArray[np.float64],
-    depth: NDArray[np.float64],
-    rate: NDArray[np.float64],
-    flow: NDArray[np.float64],
-    parameter: NDArray[np.float64],
-    lane: NDArray[np.float64],
-    state: NDArray[np.float64],
-    wave: NDArray[np.float64],
-) -> int:
-    """Carry all lanes over a block of periods, in each of which every ball stands off by its own angle.
+) -> None:
+    """Begin a period in which every ball stands off by its own angle: move balls on, redraw those at the far point.
 
-    - ``bounds``, int64 (periods + 1): first step of each period.
-    - ``draws`` (periods, rows, L): angles for the balls that pass the point opposite to the load in each period.
+    - ``draws`` (rows, L): angles for the balls that pass the point opposite to the load in this period, rad.
     - ``slip`` (slots, L): angle by which the ball in each slot of the ring stands off, rad, updated.
     - ``ring`` (slots,): angles of all slots, ascending; a ball moves on by ``rows`` slots a period.
     - ``damaged_at``, ``plain_at``, int64: places of the damaged and the plain slots in the ring.
-    - ``start`` (k, L), ``damaged``, ``plain``, ``depth``, ``rate``: work space, written anew in every period.
+    - ``start`` (k, L), ``damaged``, ``plain``, written: as in ``fill`` and ``advance``, with the angles added.
     """
-    rows = draws.shape[1]
-    status = 0
-    for period in range(draws.shape[0]):
-        for j in range(ring.shape[0] - 1, rows - 1, -1):
-            for i in range(LANES):
-                slip[j, i] = slip[j - rows, i]
-        for j in range(rows):
-            for i in range(LANES):
-                slip[j, i] = draws[period, j, i]
-        for k in range(damaged_at.shape[0]):
-            for i in range(LANES):
-                angle = ring[damaged_at[k]] + slip[damaged_at[k], i]
-                start[k, i] = angle
-                damaged[k, 0, i], damaged[k, 1, i] = math.cos(angle), math.sin(angle)
-        for j in range(plain_at.shape[0]):
-            for i in range(LANES):
-                angle = ring[plain_at[j]] + slip[plain_at[j], i]
-                plain[j, 0, i], plain[j, 1, i] = math.cos(angle), math.sin(angle)
-        begin, end = bounds[period], bounds[period + 1]
-        fill(begin, end, cage, start, path, profiles, geometry, depth, rate)
-        status = max(
-            status,
-            advance(begin, end, turn, near, damaged, plain, depth, rate, flow, parameter, lane, state, wave),
-        )
-    return status
+    rows = draws.shape[0]
+    for j in range(ring.shape[0] - 1, rows - 1, -1):
+        for i in range(LANES):
+            slip[j, i] = slip[j - rows, i]
+    for j in range(rows):
+        for i in range(LANES):
+            slip[j, i] = draws[j, i]
+    for k in range(damaged_at.shape[0]):
+        for i in range(LANES):
+            angle = ring[damaged_at[k]] + slip[damaged_at[k], i]
+            start[k, i] = angle
+            damaged[k, 0, i], damaged[k, 1, i] = math.cos(angle), math.sin(angle)
+    for j in range(plain_at.shape[0]):
+        for i in range(LANES):
+            angle = ring[plain_at[j]] + slip[plain_at[j], i]
+            plain[j, 0, i], plain[j, 1, i] = math.cos(angle), math.sin(angle)
