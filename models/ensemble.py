@@ -12,6 +12,7 @@ shortness of the record is part of the spread over floors, and so of the standar
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
@@ -33,6 +34,9 @@ _GROUPS_PER_TASK = 24
 # Between blocks; what is left of the settling afterwards is a tenth of it or less.
 ENSEMBLE_TOLERANCE = 3e-3
 ENSEMBLE_SLIP_BLOCKS = 2
+# The standard error over a hundred floors is several times what these steps leave (benchmarks/ensemble.py).
+ENSEMBLE_STEP = 27e-6
+ENSEMBLE_MIN_STEPS = 192
 _ERROR_SEED = 20220
 _COLUMNS = 3 + HARMONICS
 
@@ -52,9 +56,10 @@ class _Task:
 
 def ensemble_options(plan: MapPlan, slip: Slip | None = None) -> LaneOptions:
     """Return how the scenes of a plan are simulated."""
+    bpfo = kinematics(plan.bearing, min(plan.speed)).bpfo
     return LaneOptions(
         slip=slip,
-        steps_per_period=plan.steps_per_period,
+        steps_per_period=plan.steps_per_period or max(ENSEMBLE_MIN_STEPS, math.ceil(1.0 / (bpfo * ENSEMBLE_STEP))),
         tolerance=ENSEMBLE_TOLERANCE,
         slip_blocks=ENSEMBLE_SLIP_BLOCKS,
         band=plan.rms_band,
