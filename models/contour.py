@@ -83,16 +83,15 @@ class PartPath:
     def kinks(self) -> Values:
         """Return the angles at which the path is not smooth, rad, ascending: edges, switches to the floor, middle."""
 
-        def gap(x: float) -> float:
-            at = np.array(x)
-            return float(self.edge(self.half_width - np.abs(at))[0] - self._floor(at)[0])
+        def gap(x: Values) -> Values:
+            return self.edge(self.half_width - np.abs(x))[0] - self._floor(x)[0]
 
         found = [-self.half_width, 0.0, self.half_width]
         for low, high in ((-self.half_width, 0.0), (0.0, self.half_width)):
             scan = np.linspace(low, high, _SCAN_POINTS)
-            over = np.array([gap(x) for x in scan]) > 0.0
+            over = gap(scan) > 0.0
             switches = np.flatnonzero(over[1:] != over[:-1])
-            found.extend(_root(gap, float(scan[i]), float(scan[i + 1])) for i in switches)
+            found.extend(_root(lambda x: float(gap(np.array(x))), scan[i], scan[i + 1]) for i in switches)
         return np.sort(np.array(found)) + self.centre
 
 
