@@ -235,7 +235,7 @@ def _lines(bearing: Bearing, load: float, speed: float, values: dict[str, Any]) 
         if values[key] is not None:
             yield f"contact stiffness   {values[key]:9.4g} {unit} ({words})"
     if values["k_xx_newton_per_m"] is None:
-        yield "radial stiffness    not computed: the catalogue lacks the race radii"
+        yield "radial stiffness    not computed: the catalogue lacks radii of races or grooves"
     else:
         yield from _static_lines(values)
     if values["l10h_days"] is not None:

@@ -177,6 +177,14 @@ def test_jacobian_is_the_derivative_of_the_force() -> None:
         assert jacobian[:, k] == pytest.approx((plus - minus) / (2.0 * h), rel=1e-4, abs=1e3)
 
 
+def test_small_loads_beside_large_clearances_settle() -> None:
+    angles = element_angles(BEARING, 0.05)
+    for load in (1e-9, 1e-6, 1e-3):
+        u = static_equilibrium(angles, load, K_C, clearance=1e-3)
+        force, _ = contact_forces(u, angles, K_C, 1e-3, 1.5)
+        assert force == pytest.approx([load, 0.0], abs=1e-3 * load)
+
+
 def test_each_element_may_have_its_own_clearance() -> None:
     angles = element_angles(BEARING)
     gaps = np.where(np.abs(angles) < 0.1, 1e-3, 2e-6)
