@@ -147,4 +147,4 @@ def steering(scene: Scene) -> NDArray[np.float64] | None:
         return None
     if not np.linalg.norm(jacobian) * np.linalg.norm(inverse) < _WORST_CONDITION:
         return None
-    return np.asarray(-inverse, dtype=np.float64)
+    return np.ascontiguousarray(-inverse, dtype=np.float64)

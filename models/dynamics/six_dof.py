@@ -36,6 +36,10 @@ if TYPE_CHECKING:
 # scenes); benchmarks/six_dof.py prints what they do leave. The default is the finest.
 GRADES = {2e-3: (28e-6, 128), 1e-3: (20e-6, 128), 2e-4: (10e-6, 512)}
 
+# Read-only as the profiles of rough floors are: another type of array would be another kernel.
+_NO_PROFILE = np.zeros((4, 0))
+_NO_PROFILE.flags.writeable = False
+
 
 @dataclass(frozen=True, eq=False)
 class BallPeriod:
@@ -274,7 +278,7 @@ def damaged_rows(defect: Defect | None) -> int:
 
 def defect_arrays(bearing: Bearing, defect: Defect | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the kernel's ``path`` and ``profile`` of a defect (models.kernels.path)."""
-    array, profile = np.zeros(kernel_path.DEFECT), np.zeros((4, 0))
+    array, profile = np.zeros(kernel_path.DEFECT), _NO_PROFILE
     path = ball_path(bearing, defect)
     if path is None:
         return array, profile

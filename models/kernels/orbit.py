@@ -23,39 +23,47 @@ _DEPENDENT = 1e-8
 
 
 @kernel
-def anderson(xs: NDArray[np.float64], fs: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return the next iterate from the last ``count`` iterates (rows, oldest first) and their residuals.
+def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * b[i]
+    return total
+
+
+@kernel
+def anderson(xs: NDArray[np.float64], fs: NDArray[np.float64], count: int, x: NDArray[np.float64]) -> None:
+    """Write the next iterate, from the last ``count`` iterates (rows, oldest first) and their residuals, to ``x``.
 
     Least squares by modified Gram-Schmidt on differences of residuals, the latest first; one that depends on later ones
-    is left out.
+    is left out. (Loops are written out: they compile several times faster than operations on whole arrays.)
     """
-    size = xs.shape[1]
-    last = count - 1
-    x = xs[last] + fs[last]
-    rest = fs[last].copy()
-    basis = np.empty((DEPTH, size))
-    # The same combinations of the differences of x + f that made the basis from those of f.
-    images = np.empty((DEPTH, size))
+    size, last = xs.shape[1], count - 1
+    rest, basis, images = np.empty(size), np.empty((DEPTH, size)), np.empty((DEPTH, size))
+    for j in range(size):
+        x[j], rest[j] = xs[last, j] + fs[last, j], fs[last, j]
     kept = 0
     for k in range(last, 0, -1):
-        v = fs[k] - fs[k - 1]
-        w = v + (xs[k] - xs[k - 1])
-        norm = math.sqrt(np.sum(v * v))
+        # ``images`` are the same combinations of the differences of x + f as ``basis`` of those of f.
+        v, w = basis[kept], images[kept]
+        for j in range(size):
+            v[j] = fs[k, j] - fs[k - 1, j]
+            w[j] = v[j] + (xs[k, j] - xs[k - 1, j])
+        norm = math.sqrt(_dot(v, v))
         for i in range(kept):
-            share = np.sum(basis[i] * v)
-            v -= share * basis[i]
-            w -= share * images[i]
-        left = math.sqrt(np.sum(v * v))
+            share = _dot(basis[i], v)
+            for j in range(size):
+                v[j] -= share * basis[i, j]
+                w[j] -= share * images[i, j]
+        left = math.sqrt(_dot(v, v))
         if left <= _DEPENDENT * norm:
             continue
-        v /= left
-        w /= left
-        share = np.sum(v * rest)
-        rest -= share * v
-        x -= share * w
-        basis[kept], images[kept] = v, w
+        share = _dot(v, rest) / left
+        for j in range(size):
+            v[j] /= left
+            w[j] /= left
+            rest[j] -= share * v[j]
+            x[j] -= share * w[j]
         kept += 1
-    return x
 
 
 @kernel
@@ -97,8 +105,7 @@ def settle(
     Returns:
         Periods simulated, relative change and value of the RMS of the last, and whether it has settled.
     """
-    x, image = np.zeros(12), np.zeros(12)
-    here, after = np.empty((2, 6)), np.empty((2, 6))
+    x, after = np.zeros(12), np.empty((2, 6))
     xs, fs = np.empty((DEPTH + 1, 12)), np.empty((DEPTH + 1, 12))
     for i in range(12):
         x[i] = begin[i // 6, i % 6] / scale[i]
@@ -106,37 +113,70 @@ def settle(
     change, rms = math.inf, math.nan
     for period in range(1, cap + 1):
         for i in range(12):
-            here[i // 6, i % 6] = x[i] * scale[i]
+            state[i // 6, i % 6] = x[i] * scale[i]
         status = ball_period(
-            here, after, wave, first, flow, part, turn, advance, damaged, plain, near, depth, rate, parameter
+            state, after, wave, first, flow, part, turn, advance, damaged, plain, near, depth, rate, parameter
         )
-        state[:] = here
         if status != STATUS_OK:
             # The extrapolation left the basin: begin again at rest, plainly.
-            x[:] = 0.0
+            for i in range(12):
+                x[i] = 0.0
             known, calm, change, rms = 0, 0, math.inf, math.nan
             continue
         level = math.sqrt(mean_square(wave, weight, 0))
-        quiet = level <= SILENCE and not rms > SILENCE
-        change = 0.0 if quiet else abs(level - rms) / max(level, SILENCE)
-        if not math.isfinite(change):
-            change = math.inf
+        change = _change(level, rms)
         calm = calm + 1 if change < tolerance else 0
         rms = level
         if calm >= 2:
             return period, change, rms, True
-        for i in range(12):
-            image[i] = after[i // 6, i % 6] / scale[i]
-        if known == DEPTH + 1:
-            for k in range(DEPTH):
-                xs[k], fs[k] = xs[k + 1], fs[k + 1]
-            known = DEPTH
-        residual = image - x
-        xs[known] = x
-        for i in range(12):
-            fs[known, i] = np.sum(steering[i] * residual)
-        known += 1
-        # Residuals of rounding errors point nowhere.
-        rounding = np.max(np.abs(residual)) < RESIDUAL_FLOOR * np.max(np.abs(image))
-        x = image.copy() if period <= PLAIN_FIRST or rounding else anderson(xs, fs, known)
+        known = _remember(xs, fs, known, x, after, scale, steering)
+        if period <= PLAIN_FIRST or _only_rounding(x, after, scale):
+            for i in range(12):
+                x[i] = after[i // 6, i % 6] / scale[i]
+        else:
+            anderson(xs, fs, known, x)
     return cap, change, rms, False
+
+
+@kernel
+def _change(level: float, before: float) -> float:
+    """Return the relative change of a level, infinite where there was none before, zero between two silent ones."""
+    if level <= SILENCE and not before > SILENCE:
+        return 0.0
+    change = abs(level - before) / max(level, SILENCE)
+    return change if math.isfinite(change) else math.inf
+
+
+@kernel
+def _only_rounding(x: NDArray[np.float64], after: NDArray[np.float64], scale: NDArray[np.float64]) -> bool:
+    """Tell whether what a period changed is rounding, whose residuals point nowhere."""
+    moved, size = 0.0, 0.0
+    for i in range(12):
+        image = after[i // 6, i % 6] / scale[i]
+        moved, size = max(moved, abs(image - x[i])), max(size, abs(image))
+    return moved < RESIDUAL_FLOOR * size
+
+
+@kernel
+def _remember(
+    xs: NDArray[np.float64],
+    fs: NDArray[np.float64],
+    known: int,
+    x: NDArray[np.float64],
+    after: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    steering: NDArray[np.float64],
+) -> int:
+    """Append an iterate and its steered residual, drop the oldest where there is no room; return how many are known."""
+    if known == DEPTH + 1:
+        for k in range(DEPTH):
+            for i in range(12):
+                xs[k, i], fs[k, i] = xs[k + 1, i], fs[k + 1, i]
+        known = DEPTH
+    for i in range(12):
+        xs[known, i], fs[known, i] = x[i], 0.0
+    for j in range(12):
+        residual = after[j // 6, j % 6] / scale[j] - x[j]
+        for i in range(12):
+            fs[known, i] += steering[i, j] * residual
+    return known + 1
