@@ -11,7 +11,6 @@ shortness of the record is part of the spread over floors, and so of the standar
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -199,12 +198,11 @@ def step_error(plan: MapPlan, options: LaneOptions, count: int = LANES) -> float
 
 
 def _all_attributes(plan: MapPlan, slip: Slip | None) -> dict[str, object]:
-    """Return what a map carries; slip, which a plan does not know, is in the hash too."""
+    """Return what a map carries; its plan and hash do not know of slip, so these attributes alone tell it."""
     attributes = _attributes(plan)
     attributes["solver"] = "lanes"
     if slip is not None:
         attributes |= {f"slip_{name}": value for name, value in asdict(slip).items()}
-        attributes["hash"] = hashlib.sha256(f"{plan.hash()} {sorted(asdict(slip).items())}".encode()).hexdigest()
     return attributes
 
 
