@@ -48,16 +48,16 @@ def _compile() -> float:
 
 
 def _plan(config: Config) -> int:
-    """Plan one transform for each channel whose block length and rate are configured; return how many."""
+    """Plan one transform for each channel whose bands, block length and rate are configured; return how many."""
     from monitor.health.spectrum import get_transform
-    from monitor.service.setup import channel_setups
 
+    sources = {source.name: source for source in config.source}
     planned = 0
-    for source in config.source:
-        for setup in channel_setups(config, source).values():
-            settings = setup.settings
-            if settings.samples is None or source.rate_hz is None:
-                continue
-            get_transform(settings.samples, source.rate_hz, settings.bands or (), rms_band=settings.rms_band)
-            planned += 1
+    for channel in config.channel:
+        source = sources[channel.source]
+        if source.block_s == "file" or source.rate_hz is None or channel.band_hz == "auto":
+            continue
+        samples = round(source.block_s * source.rate_hz)
+        get_transform(samples, source.rate_hz, channel.band_hz, rms_band=channel.rms_band_hz)
+        planned += 1
     return planned
