@@ -62,6 +62,10 @@ if TYPE_CHECKING:
 
     from models.kernels.six_dof import Axis, Flow
 
+    # Scale of displacements, share of the resonator in the mass, cage speed; 1 / m_i, 1 / (m_o + m_r), 1 / m_o.
+    Relative = tuple[float, float, float]
+    Inverse = tuple[float, float, float]
+
 # Loops of eight are unrolled before the vectoriser sees them and run without vectors; wider ones are all as quick.
 LANES = 32
 NEAR_ANGLE = math.radians(7.5)
@@ -176,18 +180,9 @@ def _store(w: NDArray[np.float64], row: int, i: int, x: Axis) -> None:
 
 
 @inlined
-def _approach(
-    w: NDArray[np.float64],
-    i: int,
-    x1: Axis,
-    x2: Axis,
-    c: float,
-    s: float,
-    scale: float,
-    share: float,
-    omega: float,
-) -> None:
+def _approach(w: NDArray[np.float64], i: int, x1: Axis, x2: Axis, c: float, s: float, relative: Relative) -> None:
     """Write the displacement between the rings of one lane and its velocity in the frame of the cage (Eq. 36)."""
+    scale, share, omega = relative
     u1 = w[_S1 + i] + x1[0] - x1[2] - share * x1[4]
     u2 = w[_S2 + i] + x2[0] - x2[2] - share * x2[4]
     w1 = x1[1] - x1[3] - share * x1[5] + omega * u2
@@ -198,6 +193,101 @@ def _approach(
     w[_P2 + i] = scale * (c * u2 - s * u1)
     w[_Q1 + i] = c * w1 + s * w2
     w[_Q2 + i] = c * w2 - s * w1
+
+
+@inlined
+def _force(w: NDArray[np.float64], i: int, c: float, s: float) -> tuple[float, float]:
+    """Return the force of one lane on the outer ring minus the static load, N, along and across the load."""
+    return c * w[_F1 + i] - s * w[_F2 + i] - w[_LOAD + i], s * w[_F1 + i] + c * w[_F2 + i]
+
+
+@inlined
+def _start(
+    w: NDArray[np.float64],
+    wave: NDArray[np.float64],
+    n: int,
+    c: float,
+    s: float,
+    cm: float,
+    sm: float,
+    h: float,
+    e: Flow,
+    inverse: Inverse,
+    spring: tuple[float, float, float],
+    relative: Relative,
+) -> None:
+    """Record the accelerations at the beginning of a step and go on to the first state in its middle."""
+    b_i, b_m, b_o = inverse
+    k_r, c_r, b_r = spring
+    for i in range(LANES):
+        x1, x2 = _load(w, _X, i), _load(w, _X + 6 * LANES, i)
+        g1, g2 = _force(w, i, c, s)
+        pull = k_r * x1[4] + c_r * x1[5]
+        wave[n, 0, i] = (g1 - pull) * b_o
+        wave[n, 1, i] = pull * b_r
+        _store(w, _Y, i, _flow(x1, e))
+        _store(w, _Y + 6 * LANES, i, _flow(x2, e))
+        _store(w, _X, i, _flow(_kick(x1, h / 6.0 * g1, b_i, b_m, b_o), e))
+        _store(w, _X + 6 * LANES, i, _flow(_kick(x2, h / 6.0 * g2, b_i, b_m, b_o), e))
+        z1 = _flow(_kick(x1, 0.5 * h * g1, b_i, b_m, b_o), e)
+        z2 = _flow(_kick(x2, 0.5 * h * g2, b_i, b_m, b_o), e)
+        _approach(w, i, z1, z2, cm, sm, relative)
+
+
+@inlined
+def _middle(w: NDArray[np.float64], cm: float, sm: float, h: float, inverse: Inverse, relative: Relative) -> None:
+    """Go on to the second state in the middle of a step."""
+    b_i, b_m, b_o = inverse
+    for i in range(LANES):
+        g1, g2 = _force(w, i, cm, sm)
+        _store(w, _X, i, _kick(_load(w, _X, i), h / 3.0 * g1, b_i, b_m, b_o))
+        _store(w, _X + 6 * LANES, i, _kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, b_i, b_m, b_o))
+        z1 = _kick(_load(w, _Y, i), 0.5 * h * g1, b_i, b_m, b_o)
+        z2 = _kick(_load(w, _Y + 6 * LANES, i), 0.5 * h * g2, b_i, b_m, b_o)
+        _approach(w, i, z1, z2, cm, sm, relative)
+
+
+@inlined
+def _end(
+    w: NDArray[np.float64],
+    cm: float,
+    sm: float,
+    c: float,
+    s: float,
+    h: float,
+    e: Flow,
+    inverse: Inverse,
+    relative: Relative,
+) -> None:
+    """Go on to the state at the end of a step, which its last force is taken at."""
+    b_i, b_m, b_o = inverse
+    for i in range(LANES):
+        g1, g2 = _force(w, i, cm, sm)
+        _store(w, _X, i, _flow(_kick(_load(w, _X, i), h / 3.0 * g1, b_i, b_m, b_o), e))
+        _store(w, _X + 6 * LANES, i, _flow(_kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, b_i, b_m, b_o), e))
+        z1 = _flow(_kick(_load(w, _Y, i), h * g1, b_i, b_m, b_o), e)
+        z2 = _flow(_kick(_load(w, _Y + 6 * LANES, i), h * g2, b_i, b_m, b_o), e)
+        _approach(w, i, z1, z2, c, s, relative)
+
+
+@inlined
+def _load_lanes(w: NDArray[np.float64], lane: NDArray[np.float64], state: NDArray[np.float64]) -> None:
+    for i in range(LANES):
+        w[_LOAD + i] = lane[0, i]
+        w[_S1 + i] = lane[1, i]
+        w[_S2 + i] = lane[2, i]
+        for k in range(12):
+            w[_X + k * LANES + i] = state[k, i]
+
+
+@inlined
+def _store_lanes(w: NDArray[np.float64], state: NDArray[np.float64]) -> int:
+    bad = False
+    for i in range(LANES):
+        for k in range(12):
+            state[k, i] = w[_X + k * LANES + i]
+            bad = bad or not math.isfinite(state[k, i])
+    return STATUS_NOT_FINITE if bad else STATUS_OK
 
 
 @kernel
@@ -218,72 +308,34 @@ def advance(
 ) -> int:
     """Carry all lanes over steps ``begin`` to ``end``; see the module for the arrays. Return a STATUS_ number."""
     w = np.zeros(_ROWS * LANES)
-    b_i, b_m, b_o = parameter[P_INV_M_I], parameter[P_INV_M], parameter[P_INV_M_O]
-    b_r, k_r, c_r = parameter[P_INV_M_R], parameter[P_K_R], parameter[P_C_R]
-    share, omega = parameter[P_SHARE_R], parameter[P_OMEGA]
+    inverse = (parameter[P_INV_M_I], parameter[P_INV_M], parameter[P_INV_M_O])
+    spring = (parameter[P_K_R], parameter[P_C_R], parameter[P_INV_M_R])
     alpha, beta = parameter[P_ALPHA], parameter[P_BETA] / parameter[P_K_C] ** (1.0 / 3.0)
     scale = parameter[P_K_C] ** (2.0 / 3.0)
+    relative = (scale, parameter[P_SHARE_R], parameter[P_OMEGA])
     gap = scale * parameter[P_CLEARANCE]
     h = flow[0]
     e = (flow[1], flow[2], flow[3], flow[4], flow[5], flow[6], flow[7], flow[8], flow[9])
-    for i in range(LANES):
-        w[_LOAD + i] = lane[0, i]
-        w[_S1 + i] = lane[1, i]
-        w[_S2 + i] = lane[2, i]
-        for k in range(12):
-            w[_X + k * LANES + i] = state[k, i]
+    _load_lanes(w, lane, state)
     for n in range(begin, end):
         c, s = turn[n, 0, 0], turn[n, 0, 1]
-        for i in range(LANES):
-            _approach(w, i, _load(w, _X, i), _load(w, _X + 6 * LANES, i), c, s, scale, share, omega)
-        _contact(w, n, 0, near, damaged, plain, depth, rate, scale, gap, alpha, beta)
         cm, sm = turn[n, 1, 0], turn[n, 1, 1]
+        ce, se = turn[n, 2, 0], turn[n, 2, 1]
         for i in range(LANES):
-            x1, x2 = _load(w, _X, i), _load(w, _X + 6 * LANES, i)
-            g1 = c * w[_F1 + i] - s * w[_F2 + i] - w[_LOAD + i]
-            g2 = s * w[_F1 + i] + c * w[_F2 + i]
-            spring = k_r * x1[4] + c_r * x1[5]
-            wave[n, 0, i] = (g1 - spring) * b_o
-            wave[n, 1, i] = spring * b_r
-            y1, y2 = _flow(x1, e), _flow(x2, e)
-            _store(w, _Y, i, y1)
-            _store(w, _Y + 6 * LANES, i, y2)
-            _store(w, _X, i, _flow(_kick(x1, h / 6.0 * g1, b_i, b_m, b_o), e))
-            _store(w, _X + 6 * LANES, i, _flow(_kick(x2, h / 6.0 * g2, b_i, b_m, b_o), e))
-            z1 = _flow(_kick(x1, 0.5 * h * g1, b_i, b_m, b_o), e)
-            z2 = _flow(_kick(x2, 0.5 * h * g2, b_i, b_m, b_o), e)
-            _approach(w, i, z1, z2, cm, sm, scale, share, omega)
+            _approach(w, i, _load(w, _X, i), _load(w, _X + 6 * LANES, i), c, s, relative)
+        _contact(w, n, 0, near, damaged, plain, depth, rate, scale, gap, alpha, beta)
+        _start(w, wave, n, c, s, cm, sm, h, e, inverse, spring, relative)
         _contact(w, n, 1, near, damaged, plain, depth, rate, scale, gap, alpha, beta)
-        for i in range(LANES):
-            g1 = cm * w[_F1 + i] - sm * w[_F2 + i] - w[_LOAD + i]
-            g2 = sm * w[_F1 + i] + cm * w[_F2 + i]
-            _store(w, _X, i, _kick(_load(w, _X, i), h / 3.0 * g1, b_i, b_m, b_o))
-            _store(w, _X + 6 * LANES, i, _kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, b_i, b_m, b_o))
-            z1 = _kick(_load(w, _Y, i), 0.5 * h * g1, b_i, b_m, b_o)
-            z2 = _kick(_load(w, _Y + 6 * LANES, i), 0.5 * h * g2, b_i, b_m, b_o)
-            _approach(w, i, z1, z2, cm, sm, scale, share, omega)
+        _middle(w, cm, sm, h, inverse, relative)
         _contact(w, n, 1, near, damaged, plain, depth, rate, scale, gap, alpha, beta)
-        c, s = turn[n, 2, 0], turn[n, 2, 1]
-        for i in range(LANES):
-            g1 = cm * w[_F1 + i] - sm * w[_F2 + i] - w[_LOAD + i]
-            g2 = sm * w[_F1 + i] + cm * w[_F2 + i]
-            _store(w, _X, i, _flow(_kick(_load(w, _X, i), h / 3.0 * g1, b_i, b_m, b_o), e))
-            _store(w, _X + 6 * LANES, i, _flow(_kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, b_i, b_m, b_o), e))
-            z1 = _flow(_kick(_load(w, _Y, i), h * g1, b_i, b_m, b_o), e)
-            z2 = _flow(_kick(_load(w, _Y + 6 * LANES, i), h * g2, b_i, b_m, b_o), e)
-            _approach(w, i, z1, z2, c, s, scale, share, omega)
+        _end(w, cm, sm, ce, se, h, e, inverse, relative)
         _contact(w, n, 2, near, damaged, plain, depth, rate, scale, gap, alpha, beta)
         for i in range(LANES):
-            g1 = c * w[_F1 + i] - s * w[_F2 + i] - w[_LOAD + i]
-            g2 = s * w[_F1 + i] + c * w[_F2 + i]
-            _store(w, _X, i, _kick(_load(w, _X, i), h / 6.0 * g1, b_i, b_m, b_o))
-            _store(w, _X + 6 * LANES, i, _kick(_load(w, _X + 6 * LANES, i), h / 6.0 * g2, b_i, b_m, b_o))
-    bad = False
-    for i in range(LANES):
-        for k in range(12):
-            state[k, i] = w[_X + k * LANES + i]
-            bad = bad or not math.isfinite(state[k, i])
-    return STATUS_NOT_FINITE if bad else STATUS_OK
+            g1, g2 = _force(w, i, ce, se)
+            _store(w, _X, i, _kick(_load(w, _X, i), h / 6.0 * g1, inverse[0], inverse[1], inverse[2]))
+            z2 = _kick(_load(w, _X + 6 * LANES, i), h / 6.0 * g2, inverse[0], inverse[1], inverse[2])
+            _store(w, _X + 6 * LANES, i, z2)
+    return _store_lanes(w, state)
 
 
 @kernel
