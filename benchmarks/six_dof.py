@@ -317,12 +317,12 @@ def main() -> None:
     options = arguments("Six-degree-of-freedom model: error against time.")
     simulate(Scene(40.0, 4000.0))
     tables = {
-        "reference": reference_rows(2 if options.quick else 6),
+        "reference": reference_rows(2 if options.quick else 4),
         "settled scenes": error_rows(40 if options.quick else 240),
         "integrated": integrated_rows(5 if options.quick else 20),
-        "settling": settling_rows(12 if options.quick else 40),
+        "settling": settling_rows(12 if options.quick else 24),
         "map": [map_row(40 if options.quick else 400)],
-        "cores": [core_row(1 if options.quick else 5)],
+        "cores": [core_row(1 if options.quick else 3)],
         "compiling": compile_rows(),
     }
     for title, rows in tables.items():

@@ -27,7 +27,7 @@ LINES_TO = 30e3
 # Lines above this share of the step rate are not resolved by the quadrature (half would be the Nyquist limit).
 _RESOLVED = 0.4
 # The Jacobian only steers the search for the orbit, so few steps do for it.
-_JACOBIAN_STEPS = 128
+_JACOBIAN_STEPS = 96
 _WORST_CONDITION = 1e10
 
 

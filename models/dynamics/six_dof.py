@@ -20,7 +20,7 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.defect import ball_path
-from models.hertz import element_angles, static_equilibrium
+from models.hertz import BALL_EXPONENT, element_angles, static_equilibrium
 from models.kernels import path as kernel_path
 from models.kernels import six_dof as kernels
 from models.kernels.orbit import settle
@@ -151,6 +151,8 @@ def check_scene(scene: Scene) -> None:
     Raises:
         ValueError: naming the field, what it is and what is expected.
     """
+    if scene.effects:
+        raise ValueError(f"{', '.join(scene.effects)}: only models.dynamics.time_domain.simulate_time models this")
     if scene.bearing.element != "ball":
         raise ValueError(f"six_dof models ball bearings, {scene.bearing.designation} has {scene.bearing.element}s")
     if scene.bearing.rotating_ring != "inner":
@@ -294,15 +296,24 @@ def defect_arrays(bearing: Bearing, defect: Defect | None) -> tuple[NDArray[np.f
 
 
 @lru_cache(maxsize=512)
-def _equilibrium(bearing: Bearing, load: float, k_c: float, clearance: float) -> tuple[float, float]:
-    u = static_equilibrium(element_angles(bearing), load, k_c, clearance=clearance)
-    return float(u[0]), float(u[1])
+def _unit_equilibrium(bearing: Bearing) -> NDArray[np.float64]:
+    """Return the displacement of a bearing without clearance where load over contact stiffness is one."""
+    return static_equilibrium(element_angles(bearing), 1.0, 1.0)
+
+
+def _equilibrium(scene: Scene) -> NDArray[np.float64]:
+    """Return the static displacement along and across the load, m."""
+    k_c = scene.rig.k_c
+    if scene.clearance == 0.0:
+        # Forces of all contacts grow alike then, with the power 3/2 of the displacement.
+        return _unit_equilibrium(scene.bearing) * (scene.load / k_c) ** (1.0 / BALL_EXPONENT)
+    return static_equilibrium(element_angles(scene.bearing), scene.load, k_c, clearance=scene.clearance)
 
 
 def _parameters(scene: Scene, omega: float) -> NDArray[np.float64]:
     """Return the kernel's ``parameter`` array."""
     rig = scene.rig
-    u = _equilibrium(scene.bearing, scene.load, rig.k_c, scene.clearance)
+    u = _equilibrium(scene)
     parameter = np.zeros(kernels.PARAMETERS)
     parameter[kernels.P_K_C] = rig.k_c
     parameter[kernels.P_ALPHA] = rig.alpha_c * rig.m_b

@@ -15,8 +15,10 @@ from models.defect import BallPath, ball_path
 from models.dynamics.orbit import SCALE, PeriodMap, find_orbit
 from models.dynamics.rows import simulate_row
 from models.dynamics.six_dof import GRADES, BallPeriod, defect_arrays, prepare, steps_for
+from models.hertz import element_angles, static_equilibrium
 from models.kernels.orbit import DEPTH, anderson
 from models.kernels.path import NUDGE, edge, floor_at, path_kinks, touch_angle
+from models.kernels.six_dof import P_U_1, P_U_2
 from models.kernels.tables import arc_distance
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate, steering
@@ -197,3 +199,11 @@ def test_coarser_accuracy_takes_fewer_steps_and_too_fine_a_one_is_refused() -> N
     for accuracy in (1e-5, math.nan):
         with pytest.raises(ValueError, match="accuracy"):
             steps_for(SCENE, accuracy)
+
+
+@pytest.mark.parametrize("load", [0.0, 0.01, 777.0, 1e5])
+def test_the_equilibrium_without_clearance_is_scaled_from_that_of_a_unit(load: float) -> None:
+    scene = replace(SCENE, load=load, defect=None)
+    parameter = prepare(scene).parameter
+    exact = static_equilibrium(element_angles(scene.bearing), load, scene.rig.k_c)
+    assert parameter[[P_U_1, P_U_2]] == pytest.approx(exact, rel=1e-11, abs=1e-18)
