@@ -239,3 +239,21 @@ def test_senseless_arguments_are_refused(change: dict[str, Any], word: str) -> N
     arguments: dict[str, Any] = {"duration": 0.1, "rate": 25600.0, **change}
     with pytest.raises(ValueError, match=word):
         simulate_time(SCENE, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"unbalance": 1e-3}, "unbalance"),
+        ({"gravity": 9.8}, "gravity"),
+        ({"slip": 0.01}, "slip"),
+        ({"waviness": (Waviness(1e-6, 7),)}, "waviness"),
+        ({"defect": replace(PIT, part="inner")}, "defect.part"),
+        ({"defect": replace(PIT, first_row=1)}, "defect.first_row"),
+    ],
+)
+def test_the_periodic_solver_refuses_what_it_would_leave_out(change: dict[str, Any], word: str) -> None:
+    scene = replace(SCENE, **change)
+    assert scene.effects == (word,)
+    with pytest.raises(ValueError, match=word):
+        simulate(scene)
