@@ -25,13 +25,13 @@ from models.dynamics.six_dof import check_scene
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.response import PASSBAND, Status, check_band
+from models.scene import Scene, Waviness
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.bearing import Kinematics
     from models.response import Sensor
-    from models.scene import Scene
 
 # Default step, s: benchmarks/effects.py prints the error that it leaves.
 DEFAULT_STEP = 10e-6
@@ -232,6 +232,15 @@ def _status(scene: Scene, levels: _Levels, *, finite: bool) -> Status:
     if levels.drift > max(8.0 * levels.error, _SAME_LEVEL * levels.rms):
         return "not_converged"
     return "converged" if _repeats(scene) and levels.spread <= _SAME_PERIOD * levels.rms else "not_periodic"
+
+
+def compile_kernels() -> None:
+    """Compile, or load, the four machine codes by running each for a few milliseconds."""
+    healthy = Scene(40.0, 1000.0)
+    for unbalance in (0.0, 1e-3):
+        for waviness in ((), (Waviness(1e-6, 7),)):
+            scene = replace(healthy, unbalance=unbalance, waviness=waviness)
+            simulate_time(scene, 0.005, 25600.0, settle=0.0)
 
 
 def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from models.bearing import from_catalogue, kinematics
-from models.dynamics.time_domain import SILENCE, anti_alias_filter, simulate_time
+from models.dynamics.time_domain import SILENCE, anti_alias_filter, compile_kernels, simulate_time
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.scene import Defect, Floor, Part, Scene, Waviness
@@ -257,3 +257,9 @@ def test_the_periodic_solver_refuses_what_it_would_leave_out(change: dict[str, A
     assert scene.effects == (word,)
     with pytest.raises(ValueError, match=word):
         simulate(scene)
+
+
+def test_every_machine_code_can_be_compiled_ahead() -> None:
+    kernels.runner.cache_clear()
+    compile_kernels()
+    assert kernels.runner.cache_info().misses == 4
