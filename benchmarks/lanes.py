@@ -1,14 +1,15 @@
 """Many scenes at once: error against time of the lane kernel, slip, and two processes.
 
 Run as ``python -m benchmarks.lanes [--quick] [--json FILE]``. Times are thread CPU times of one core, medians of seven,
-set-up and path tables included. Four tables:
+set-up and path tables included. Five tables:
 
 1. the reference (one scene at a time, 2048 steps per ball period) against scipy's DOP853 on an independent writing;
 2. error of RMS and lines against that reference over map points (1 to 50 degrees, half of them up to 15; 1 to 32 um,
    half of them rough; 1 to 5 kN; 40 Hz) for several numbers of steps, beside the time of an integrated second and of a
    settled scene;
-3. slip: RMS of the defects D1 to D3 of the thesis by rule and angle, with its standard error, and the time;
-4. groups shared between two processes, beside two independent processes of the calibration kernel.
+3. rough floors by the lanes and one scene at a time: error and time of a settled scene;
+4. slip: RMS of the defects D1 to D3 of the thesis by rule and angle, with its standard error, and the time;
+5. groups shared between two processes, beside two independent processes of the calibration kernel.
 """
 
 from __future__ import annotations
@@ -94,6 +95,32 @@ def error_rows(count: int) -> list[Row]:
                 "ms a settled scene": times,
                 "periods": float(np.mean(found.periods)),
                 "calibration FFT ms": interleaved_ms({"fft": fft}, 51)["fft"],
+            }
+        )
+    return rows
+
+
+def one_scene_rows(count: int) -> list[Row]:
+    """Return error and time of the solver of one scene at a time on the same points, rough floors only."""
+    scenes = [s for s in map_points(count) if s.defect is not None and s.defect.floor.kind == "rough"]
+    truth = np.array([simulate(s, steps_per_period=REFERENCE_STEPS, tolerance=1e-7).rms for s in scenes])
+    rows: list[Row] = []
+    for steps in (192, 256, 384):
+        times, rms = [], []
+        for scene in scenes:
+            start = time.thread_time()
+            rms.append(simulate(scene, steps_per_period=steps, tolerance=1e-3, lines_to=0.0).rms)
+            times.append(1e3 * (time.thread_time() - start))
+        options = LaneOptions(steps_per_period=steps)
+        lanes = simulate_lanes(scenes, options).rms
+        lane_ms, _ = _group_times(LaneRunner(options), [scenes[:LANES]])
+        rows.append(
+            {
+                "steps": steps,
+                "one scene, error rms": float(np.sqrt(np.mean((np.array(rms) / truth - 1.0) ** 2))),
+                "one scene, ms": statistics.median(times),
+                "lanes, error rms": float(np.sqrt(np.mean((lanes / truth - 1.0) ** 2))),
+                "lanes, ms": lane_ms,
             }
         )
     return rows
@@ -196,6 +223,7 @@ def main() -> None:
     tables: dict[str, list[Row]] = {
         "reference": reference_rows(1 if options.quick else 4),
         "errors": error_rows(64 if options.quick else 256),
+        "rough floors, against one scene at a time": one_scene_rows(64 if options.quick else 256),
         "slip": slip_rows(4 if options.quick else 20),
         "two processes": parallel_rows(10 if options.quick else 60),
     }

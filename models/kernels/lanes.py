@@ -14,7 +14,7 @@ exact shortcut, checked at every evaluation of the force.
 
 Steps. The slope of the path in the middle of a step is chosen such that Simpson's rule, which RK4 makes of it, gives
 the exact change of depth over the step, whether or not a kink lies in it: without that the impulse of the damping force
-is wrong wherever the slope jumps, and the error of the RMS is several times as large (tests/models/test_lanes.py).
+is wrong wherever the slope jumps, and the error of the RMS is at least twice as large (tests/models/test_lanes.py).
 
 Arrays, float64 and C-contiguous, L = LANES; ``n`` counts steps, ``k`` damaged and ``j`` plain slots, node is 0, 1, 2
 for the beginning, middle and end of a step:
