@@ -136,17 +136,9 @@ def simulate_time(
         ValueError: if the scene or an argument is outside what the model describes; the message names it.
     """
     _check(scene)
-    for name, value in (("duration", duration), ("rate", rate), ("step", step)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"{name} must be positive and finite, got {value!r}")
-    length = math.hypot(*direction)
-    if not (math.isfinite(length) and length > 0.0):
-        raise ValueError(f"direction must be a vector of finite length other than zero, got {direction!r}")
+    unit = _check_arguments(duration, rate, step, direction)
     lines = kinematics(scene.bearing, scene.speed)
-    if settle is None:
-        settle = max(SETTLE_SECONDS, SETTLE_PERIODS / lines.bpfo)
-    if not settle >= 0.0:
-        raise ValueError(f"settle must not be negative, got {settle!r}")
+    settle = _settling(settle, lines)
     oversampling = max(2, math.ceil(1.0 / (rate * step) - 1e-9))
     h = 1.0 / (rate * oversampling)
     samples = max(1, round(duration * rate))
@@ -154,8 +146,7 @@ def simulate_time(
     margin = len(taps) // 2
     begin = max(margin, math.ceil(settle * rate) * oversampling)
     wave = np.empty((begin + samples * oversampling + margin, 2))
-    plan = prepare_plan(scene, len(wave) * h, seed)
-    plan = plan._replace(direction=np.array(direction, dtype=np.float64) / length)
+    plan = prepare_plan(scene, len(wave) * h, seed)._replace(direction=unit)
     has_path = len(plan.waves) > 0 or len(plan.slot) > 0
     state = np.zeros((2, 6))
     status = kernels.runner(has_path, bool(plan.push[0] != 0.0))(state, wave, h, plan)
@@ -163,18 +154,19 @@ def simulate_time(
     window = wave[begin - margin : begin + (samples - 1) * oversampling + margin + 1]
     signals = [oaconvolve(window[:, k], taps, mode="valid")[::oversampling] for k in (0, 1)]
     blocks = samples / rate * _block_rate(scene, lines)
-    blocks = blocks if blocks >= _LEAST_BLOCKS else float(_LEAST_BLOCKS)
+    if blocks < _LEAST_BLOCKS:
+        blocks = float(_LEAST_BLOCKS)
     levels, resonator = (_levels(settled[:, k], blocks) for k in (0, 1))
-    peaks = np.max(np.abs(settled), axis=0)
+    peak, peak_resonator = np.max(np.abs(settled), axis=0).tolist()
     return TimeResponse(
         rate=rate,
         acceleration=np.array(signals),
         rms=levels.rms,
         rms_se=levels.error,
         spread=levels.spread,
-        peak=float(peaks[0]),
+        peak=peak,
         rms_resonator=resonator.rms,
-        peak_resonator=float(peaks[1]),
+        peak_resonator=peak_resonator,
         blocks=levels.blocks,
         kinematics=lines,
         step=h,
@@ -198,6 +190,26 @@ def _block_rate(scene: Scene, lines: Kinematics) -> float:
     if _repeats(scene):
         return lines.bpfo
     return lines.ftf if scene.defect is not None and scene.defect.part == "ball" else lines.speed
+
+
+def _settling(settle: float | None, lines: Kinematics) -> float:
+    """Return the time to drop, s: the one asked for, or 40 ball periods and 0.2 s at least."""
+    if settle is None:
+        return max(SETTLE_SECONDS, SETTLE_PERIODS / lines.bpfo)
+    if not (math.isfinite(settle) and settle >= 0.0):
+        raise ValueError(f"settle must be finite and not negative, got {settle!r}")
+    return settle
+
+
+def _check_arguments(duration: float, rate: float, step: float, direction: tuple[float, float]) -> NDArray[np.float64]:
+    """Return the direction as a unit vector; refuse arguments that make no sense, naming them."""
+    for name, value in (("duration", duration), ("rate", rate), ("step", step)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise ValueError(f"{name} must be positive and finite, got {value!r}")
+    length = math.hypot(*direction)
+    if not (math.isfinite(length) and length > 0.0):
+        raise ValueError(f"direction must be a vector of finite length other than zero, got {direction!r}")
+    return np.array(direction, dtype=np.float64) / length
 
 
 @dataclass(frozen=True)
