@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.dynamics.orbit import ACCELERATED, SCALE
-from models.dynamics.six_dof import check_scene, damaged_rows, defect_arrays, operating_point
+from models.dynamics.six_dof import check_scene, check_steps, damaged_rows, defect_arrays, operating_point
 from models.kernels import rows as kernels
 from models.kernels.path import D_HALF
 from models.response import HARMONICS, check_band
@@ -67,20 +67,15 @@ def simulate_row(
     if defect is None:
         raise ValueError("a row of defects needs a scene with a defect, got None")
     check_scene(scene)
-    if steps_per_period < 8:
-        raise ValueError(f"steps_per_period must be at least 8, got {steps_per_period!r}")
-    widest = replace(defect, dphi_d=float(np.max(extents)))
+    check_steps(steps_per_period)
+    narrowest, widest = (replace(defect, dphi_d=float(x)) for x in (np.min(extents), np.max(extents)))
+    defect_arrays(scene.bearing, narrowest)
     path, profile = defect_arrays(scene.bearing, widest)
-    defect_arrays(scene.bearing, replace(defect, dphi_d=float(np.min(extents))))
     paths = np.tile(path, (len(extents), 1))
     paths[:, D_HALF] = 0.5 * extents
     healthy = replace(scene, defect=None)
     point, steer = operating_point(healthy), steering(healthy)
-    low, high = 1, 0
-    if band is not None:
-        bpfo = point.omega / point.pitch
-        check_resolved(check_band(band), steps_per_period, 1.0 / bpfo)
-        low, high = max(1, math.ceil(band[0] / bpfo)), math.floor(band[1] / bpfo)
+    low, high = _lines(band, steps_per_period, point.omega / point.pitch)
     out = np.empty((len(extents), kernels.RESULT + HARMONICS))
     kernels.settle_row(
         paths,
@@ -102,6 +97,11 @@ def simulate_row(
         high,
         out,
     )
+    return _as_row(out)
+
+
+def _as_row(out: NDArray[np.float64]) -> Row:
+    """Return the kernel's results by name."""
     return Row(
         rms=out[:, kernels.R_RMS],
         change=out[:, kernels.R_CHANGE],
@@ -109,3 +109,11 @@ def simulate_row(
         periods=out[:, kernels.R_PERIODS].astype(np.int64),
         harmonics=out[:, kernels.RESULT :],
     )
+
+
+def _lines(band: tuple[float, float] | None, steps: int, bpfo: float) -> tuple[int, int]:
+    """Return the first and the last line of a band; none for the full bandwidth."""
+    if band is None:
+        return 1, 0
+    check_resolved(check_band(band), steps, 1.0 / bpfo)
+    return max(1, math.ceil(band[0] / bpfo)), math.floor(band[1] / bpfo)

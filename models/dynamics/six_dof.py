@@ -172,6 +172,16 @@ def check_scene(scene: Scene) -> None:
         raise ValueError(f"defect.rows must lie between 1 and {scene.bearing.rows}, got {scene.defect.rows!r}")
 
 
+def check_steps(steps_per_period: int) -> None:
+    """Refuse numbers of steps with which nothing can be integrated.
+
+    Raises:
+        ValueError: if there are fewer than 8.
+    """
+    if steps_per_period < 8:
+        raise ValueError(f"steps_per_period must be at least 8, got {steps_per_period!r}")
+
+
 def steps_for(scene: Scene, accuracy: float | None = None) -> int:
     """Return the steps per ball period with which a scene is simulated unless another number is asked for.
 
@@ -205,8 +215,7 @@ def prepare(scene: Scene, steps_per_period: int | None = None, accuracy: float |
     bpfo = kinematics(scene.bearing, scene.speed).bpfo
     if steps_per_period is None:
         steps_per_period = steps_for(scene, accuracy)
-    if steps_per_period < 8:
-        raise ValueError(f"steps_per_period must be at least 8, got {steps_per_period!r}")
+    check_steps(steps_per_period)
     point = operating_point(replace(scene, defect=None))
     path, profile = defect_arrays(scene.bearing, scene.defect)
     first, flow, part, turn, advance, damaged, plain, near, depth, rate, time, weight = set_up(

@@ -1,4 +1,14 @@
-"""Kernel that settles many defects of one operating point, without the interpreter between them."""
+"""Kernel that settles many defects of one operating point, without the interpreter between them.
+
+Arguments of ``settle_row``:
+
+- ``paths`` (defects, DEFECT): one defect a row, and ``profile`` their floor: see models.kernels.path;
+- ``felt`` (defects,), bool: which of them a ball can feel at all;
+- ``positions`` to ``linear``: see models.kernels.tables.set_up;
+- ``parameter`` to ``cap``: see models.kernels.orbit.settle;
+- ``low``, ``high``: first and last line of the band of the RMS; ``high`` less than ``low`` means the full bandwidth;
+- ``out`` (defects, RESULT + harmonics), written, m/s2: see the R_ constants; amplitudes of the first lines follow.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +25,7 @@ from models.kernels.tables import set_up
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# Places in a row of ``out``; the amplitudes of the harmonics follow.
+# Places in a row of ``out``.
 R_RMS = 0
 R_CHANGE = 1
 R_SETTLED = 2
@@ -46,27 +56,7 @@ def settle_row(
 ) -> None:
     """Write RMS, its last relative change, whether it settled, periods and harmonics of the casing for each defect.
 
-    Each begins at rest, so that what comes out does not depend on what stands beside it.
-
-    Args:
-        paths: one defect a row (models.kernels.path); ``profile`` is their floor.
-        profile: see there.
-        felt: which of them a ball can feel at all.
-        positions: to ``linear``: see models.kernels.tables.set_up.
-        rows: see there.
-        offsets: see there.
-        pitch: see there.
-        steps: see there.
-        omega: see there.
-        linear: see there.
-        parameter: to ``cap``: see models.kernels.orbit.settle.
-        scale: see there.
-        steering: see there.
-        tolerance: see there.
-        cap: see there.
-        low: first line of the band of the RMS.
-        high: its last line; less than ``low`` means the full bandwidth.
-        out: shape (defects, RESULT + harmonics), written; m/s2.
+    See the module for the arguments. Each search begins at rest: what comes out does not depend on its neighbours.
     """
     duration = pitch / omega
     harmonics = out.shape[1] - RESULT
@@ -98,12 +88,17 @@ def settle_row(
             cap,
         )
         found = lines(wave, weight, time, first, duration, max(harmonics, high))
-        if high >= low:
-            rms = 0.0
-            for k in range(low, high + 1):
-                rms += found[0, 0, k] ** 2 + found[0, 1, k] ** 2
-            rms = math.sqrt(2.0 * rms)
-        out[i, R_RMS], out[i, R_CHANGE], out[i, R_PERIODS] = rms, change, periods
+        out[i, R_RMS] = _band_rms(found, low, high) if high >= low else rms
+        out[i, R_CHANGE], out[i, R_PERIODS] = change, periods
         out[i, R_SETTLED] = 1.0 if settled else 0.0
         for k in range(harmonics):
             out[i, RESULT + k] = 2.0 * math.sqrt(found[0, 0, k + 1] ** 2 + found[0, 1, k + 1] ** 2)
+
+
+@kernel
+def _band_rms(found: NDArray[np.float64], low: int, high: int) -> float:
+    """Return the RMS of the casing's lines from ``low`` to ``high``."""
+    power = 0.0
+    for k in range(low, high + 1):
+        power += found[0, 0, k] ** 2 + found[0, 1, k] ** 2
+    return math.sqrt(2.0 * power)
