@@ -38,7 +38,7 @@ DEFAULT_STEP = 10e-6
 # What is dropped at the beginning: ball periods, and seconds at least.
 SETTLE_PERIODS = 40
 SETTLE_SECONDS = 0.2
-_LEAST_BLOCKS = 4
+_LEAST_BLOCKS = 4.0
 _STOPBAND_DB = 80.0
 # A change of the RMS from the first to the second half that is none, whatever the standard error says.
 _SAME_LEVEL = 3e-3
@@ -147,15 +147,12 @@ def simulate_time(
     begin = max(margin, math.ceil(settle * rate) * oversampling)
     wave = np.empty((begin + samples * oversampling + margin, 2))
     plan = prepare_plan(scene, len(wave) * h, seed)._replace(direction=unit)
-    has_path = len(plan.waves) > 0 or len(plan.slot) > 0
-    state = np.zeros((2, 6))
-    status = kernels.runner(has_path, bool(plan.push[0] != 0.0))(state, wave, h, plan)
+    run = kernels.runner(len(plan.waves) > 0 or len(plan.slot) > 0, bool(plan.push[0] != 0.0))
+    status = run(np.zeros((2, 6)), wave, h, plan)
     settled = wave[begin : begin + samples * oversampling]
     window = wave[begin - margin : begin + (samples - 1) * oversampling + margin + 1]
     signals = [oaconvolve(window[:, k], taps, mode="valid")[::oversampling] for k in (0, 1)]
-    blocks = samples / rate * _block_rate(scene, lines)
-    if blocks < _LEAST_BLOCKS:
-        blocks = float(_LEAST_BLOCKS)
+    blocks = max(samples / rate * _block_rate(scene, lines), _LEAST_BLOCKS)
     levels, resonator = (_levels(settled[:, k], blocks) for k in (0, 1))
     peak, peak_resonator = np.max(np.abs(settled), axis=0).tolist()
     return TimeResponse(
