@@ -55,7 +55,8 @@ def attempts(problem: Problem, quick: bool) -> Iterator[Attempt]:
             yield name, label, work, 7
         yield "ETD-AB3, equal steps", label, run_multistep(problem, step, 3), 7
         yield "ETD-AB4, equal steps", label, run_multistep(problem, step, 4), 7
-    steps = {*GRADES.values(), *((factor * DT0, 8) for factor in FACTORS)}
+    # The grades that the project offers, and steps beyond them on either side.
+    steps = {*GRADES.values(), *((factor * DT0, 8) for factor in FACTORS if factor not in (1.0, 0.5))}
     for step, fewest in sorted(steps, reverse=True):
         count = max(fewest, int(np.ceil(problem.period / step)))
         yield "this project's kernel", f"{1e6 * step:.1f} us", run_product(problem, count), 7

@@ -31,7 +31,7 @@ from tests.oracles import six_dof_oracle as oracle
 WARM, KEPT = 4, 7
 DT0 = 1.0 / 51200.0
 """The step of the thesis, s."""
-REFERENCE_STEPS = 8192
+REFERENCE_STEPS = 32768
 SCALE = np.array([1e-6] * 6 + [1e-2] * 6)
 
 SCENES = {
