@@ -1,28 +1,41 @@
 """The six-degree-of-freedom model: error against time.
 
-Run as ``python -m benchmarks.six_dof [--quick] [--json FILE]``. Four tables:
+Run as ``python -m benchmarks.six_dof [--quick] [--json FILE]``. All times are thread CPU time unless they say "wall".
 
-1. the reference (8192 steps per ball period) against scipy's DOP853 on an independent writing of the equations;
-2. error of RMS, line amplitudes and peak against that reference over random scenes (0.8 to 50 degrees, half of them up
-   to 15; 1 to 32 um; 500 to 5000 N; 15 to 50 Hz) for several numbers of steps, beside the time of a scene: at an
-   operating point seen for the first time, and at one already seen (as in a map);
-3. ball periods until the RMS has settled, with the accelerated search and by simulating on;
-4. the map of 51 x 33 nodes at 4 kN and 40 Hz on one core, beside its error at random nodes.
+1. reference: 8192 steps per ball period against scipy's DOP853 on an independent writing of the equations;
+2. settled scenes: error of RMS, line amplitudes and peak against that reference over random scenes (0.8 to 50 degrees,
+   half of them up to 15; 1 to 32 um; 500 to 5000 N; 15 to 50 Hz) for each accuracy that can be asked for, beside the
+   time of a scene, set-up and lines included: at an operating point seen for the first time, and at one already seen;
+3. integrated: the time of one second that is really integrated, period by period, at the same steps;
+4. settling: ball periods until the RMS has settled, with the accelerated search and by simulating on;
+5. map: 51 x 33 nodes at four loads and 40 Hz, beside its error at random nodes;
+6. cores: the speed-up of the map on two threads beside that of two processes of the calibration transform, in turns;
+7. compiling: the first and the second start with an empty cache.
 """
 
 from __future__ import annotations
 
+import json
 import math
+import multiprocessing
+import os
+import subprocess
+import sys
+import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from multiprocessing.context import SpawnContext
+from multiprocessing.synchronize import Barrier
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from models.dynamics.orbit import STATE_SCALE, find_orbit
-from models.dynamics.six_dof import prepare
-from models.map_build import build_map, check_map
-from models.map_data import MapPlan
+from models.dynamics.six_dof import GRADES, BallPeriod, prepare
+from models.map_build import build_map, check_map, scene_at
+from models.map_data import MapPlan, RmsMap
 from models.response import Response
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
@@ -30,6 +43,8 @@ from tests.oracles.six_dof_oracle import Case, simulate_oracle
 
 SEED = 11
 REFERENCE_STEPS = 8192
+ROUNDS = 7
+CALIBRATION_RUNS = 3000
 
 
 def random_scenes(count: int, *, rough: bool, seed: int = SEED) -> list[Scene]:
@@ -65,47 +80,84 @@ def reference_rows(count: int) -> list[Row]:
 
 
 def error_rows(count: int) -> list[Row]:
-    """Return errors and times for several numbers of steps, smooth and rough floors apart."""
+    """Return errors and times for each accuracy that can be asked for, smooth and rough floors apart."""
     rows: list[Row] = []
     for rough in (False, True):
         scenes = random_scenes(count, rough=rough)
         fine = [simulate(s, steps_per_period=REFERENCE_STEPS, tolerance=1e-7) for s in scenes]
-        rows.extend(_error_row(scenes, fine, steps, rough=rough) for steps in (256, 384, 512, None, 1024))
+        rows.extend(_error_row(scenes, fine, accuracy, rough=rough) for accuracy in sorted(GRADES, reverse=True))
     return rows
 
 
-def _error_row(scenes: list[Scene], fine: list[Response], steps: int | None, *, rough: bool) -> Row:
+def _error_row(scenes: list[Scene], fine: list[Response], accuracy: float, *, rough: bool) -> Row:
     # A load that differs in its last digits is an operating point that no cache knows.
-    fresh = [replace(s, load=s.load * (1.0 + 1e-12 * ((steps or 0) + 1))) for s in scenes]
-    first_ms = _median_ms(fresh, steps)
-    seen_ms = _median_ms(fresh, steps)
-    found = [simulate(s, steps_per_period=steps) for s in scenes]
+    fresh = [replace(s, load=s.load * (1.0 + 1e-9 * accuracy)) for s in scenes]
+    # Rough floors are drawn beforehand: they are many, and the same for every scene that has them.
+    found = [simulate(s, accuracy=accuracy) for s in scenes]
+    first = _times_ms(fresh, accuracy)
+    seen = np.median([_times_ms(fresh, accuracy) for _ in range(ROUNDS)], axis=0)
     rms = np.array([a.rms / b.rms - 1.0 for a, b in zip(found, fine, strict=True)])
     resonator = np.array([a.rms_resonator / b.rms_resonator - 1.0 for a, b in zip(found, fine, strict=True)])
     lines = np.array([np.abs(a.harmonics - b.harmonics).max() / b.rms for a, b in zip(found, fine, strict=True)])
     peak = np.array([a.peak / b.peak - 1.0 for a, b in zip(found, fine, strict=True)])
     return {
         "floor": "rough" if rough else "smooth",
-        "steps": "default" if steps is None else str(steps),
+        "asked for": accuracy,
+        "steps": float(np.median([prepare(s, accuracy=accuracy).steps for s in scenes])),
         "RMS error rms": float(np.sqrt(np.mean(rms**2))),
         "p99": float(np.quantile(np.abs(rms), 0.99)),
         "max": float(np.abs(rms).max()),
         "m_r max": float(np.abs(resonator).max()),
         "lines max": float(lines.max()),
         "peak max": float(np.abs(peak).max()),
-        "ms first": first_ms,
-        "ms seen": seen_ms,
+        "periods": float(np.mean([r.periods for r in found])),
+        "ms first": float(np.median(first)),
+        "ms seen": float(np.median(seen)),
         "not converged": sum(r.status != "converged" for r in found),
     }
 
 
-def _median_ms(scenes: list[Scene], steps: int | None) -> float:
+def _times_ms(scenes: list[Scene], accuracy: float) -> list[float]:
     times = []
     for scene in scenes:
         start = time.thread_time()
-        simulate(scene, steps_per_period=steps)
-        times.append(time.thread_time() - start)
-    return 1e3 * float(np.median(times))
+        simulate(scene, accuracy=accuracy)
+        times.append(1e3 * (time.thread_time() - start))
+    return times
+
+
+def integrated_rows(count: int) -> list[Row]:
+    """Return the time of one integrated second over random scenes, settled before it is timed."""
+    rows: list[Row] = []
+    for accuracy in sorted(GRADES, reverse=True):
+        levels, ffts = [], []
+        for scene in random_scenes(count, rough=False):
+            period = prepare(scene, accuracy=accuracy)
+            state, _ = _second(period, np.zeros((2, 6)), 20)
+            periods = max(1, round(0.25 / period.duration))
+            times = interleaved_ms(
+                {"model": lambda p=period, s=state, n=periods: _second(p, s, n), "fft": calibration_kernel()}, ROUNDS
+            )
+            levels.append(times["model"] / (periods * period.duration))
+            ffts.append(times["fft"])
+        rows.append(
+            {
+                "asked for": accuracy,
+                "ms a second, median": float(np.median(levels)),
+                "max": max(levels),
+                "calibration FFT ms": float(np.median(ffts)),
+            }
+        )
+    return rows
+
+
+def _second(period: BallPeriod, state: NDArray[np.float64], periods: int) -> tuple[NDArray[np.float64], float]:
+    """Integrate some periods; return the state and the mean square."""
+    wave, total = period.new_wave(), 0.0
+    for _ in range(periods):
+        state, _ = period.run(state, wave)
+        total += float(period.weight @ wave[:, 0] ** 2)
+    return state, total / periods
 
 
 def settling_rows(count: int) -> list[Row]:
@@ -146,44 +198,118 @@ def _plain_periods(scene: Scene, tolerance: float) -> int:
     return last + 1
 
 
-def map_row(points: int) -> Row:
-    """Return the time and error of the map that the tracker of the thesis needs for one load."""
-    plan = MapPlan(
-        load=(4000.0,),
+def _plan(loads: tuple[float, ...] = (3000.0, 4000.0, 4700.0, 5000.0)) -> MapPlan:
+    return MapPlan(
+        load=loads,
         speed=(40.0,),
         h_d=tuple(np.linspace(0.0, 32e-6, 33).tolist()),
         dphi_d=tuple(np.radians(np.linspace(0.0, 50.0, 51)).tolist()),
         rms_band=(0.0, 9500.0),
     )
-    start, cpu = time.perf_counter(), time.thread_time()
-    built = build_map(plan)
-    seconds, cpu = time.perf_counter() - start, time.thread_time() - cpu
-    check = check_map(built, points)
+
+
+def map_row(points: int) -> Row:
+    """Return time and error of the maps that the tracker of the thesis needs: four loads, a band of 9.5 kHz."""
+    plan = _plan()
+    times, ffts = [], []
+    for _ in range(ROUNDS):
+        start = time.thread_time()
+        built = build_map(plan)
+        times.append(time.thread_time() - start)
+        ffts.append(interleaved_ms({"fft": calibration_kernel()}, 11)["fft"])
+    built, seconds = build_map(plan), float(np.median(times))
+    errors = np.abs([_node_error(built, plan, n) for n in range(points)])
+    check = check_map(built, min(points, 100))
     return {
         "nodes": built.rms.size,
-        "seconds": seconds,
-        "cpu seconds": cpu,
-        "ms a node": 1e3 * cpu / built.rms.size,
-        "error rms": check.error_rms,
-        "error max": check.error_max,
+        "cpu seconds": seconds,
+        "ms a node": 1e3 * seconds / built.rms.size,
+        "calibration FFT ms": float(np.median(ffts)),
+        "random nodes": points,
+        "error rms": float(np.sqrt(np.mean(errors**2))),
+        "median": float(np.median(errors)),
+        "p99": float(np.quantile(errors, 0.99)),
+        "max": float(errors.max()),
+        "own estimate": float(np.median(built.rms_error[built.rms > 0.0] / built.rms[built.rms > 0.0])),
         "between nodes rms (of the maximum)": check.interpolation_rms,
-        "max": check.interpolation_max,
+        "between nodes max": check.interpolation_max,
     }
 
 
-def kernel_row() -> Row:
-    """Return the time of one ball period in the kernel, and of this machine's calibration transform."""
-    period = prepare(Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6)))
-    state, wave = np.zeros((2, 6)), period.new_wave()
-    for _ in range(20):
-        state, _ = period.run(state, wave)
-    times = interleaved_ms({"kernel": lambda: period.run(state, wave), "fft": calibration_kernel()}, 101)
+def _node_error(built: RmsMap, plan: MapPlan, n: int) -> float:
+    """Return the relative error of the n-th random node, every other one of them between 1 and 15 degrees."""
+    rng = np.random.default_rng((SEED, n))
+    i, k = int(rng.integers(len(plan.load))), int(rng.integers(1, len(plan.h_d)))
+    d = int(rng.integers(1, 16 if n % 2 else len(plan.dphi_d)))
+    scene = scene_at(plan, plan.load[i], plan.speed[0], plan.h_d[k], plan.dphi_d[d])
+    fine = simulate(scene, steps_per_period=4096, tolerance=1e-7, band=plan.rms_band)
+    return float(built.rms[i, 0, k, d]) / fine.rms - 1.0
+
+
+def core_row(rounds: int) -> Row:
+    """Return speed-ups by two cores: the map's on threads, and what the machine gives to two processes just then."""
+    plan = _plan((4000.0, 5000.0))
+    build_map(plan, workers=2)
+    context = multiprocessing.get_context("spawn")
+    threads, processes = [], []
+    for _ in range(rounds):
+        one, two = (_wall(lambda w=w: build_map(plan, workers=w)) for w in (1, 2))
+        threads.append(one / two)
+        alone, both = (_calibration_wall(context, count) for count in (1, 2))
+        processes.append(2.0 * alone / both)
     return {
-        "steps": period.steps,
-        "ms a ball period": times["kernel"],
-        "ms a simulated second": times["kernel"] / period.duration,
-        "calibration FFT ms": times["fft"],
+        "map, 2 threads": float(np.median(threads)),
+        "2 processes of the calibration kernel": float(np.median(processes)),
+        "share": float(np.median(np.array(threads) / np.array(processes))),
+        "load average": os.getloadavg()[0],
     }
+
+
+def _wall(function: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    function()
+    return time.perf_counter() - start
+
+
+def _calibrate(barrier: Barrier) -> None:
+    execute = calibration_kernel()
+    execute()
+    barrier.wait()
+    for _ in range(CALIBRATION_RUNS):
+        execute()
+    barrier.wait()
+
+
+def _calibration_wall(context: SpawnContext, count: int) -> float:
+    """Return the wall time in which ``count`` processes each run the calibration kernel, their start left out."""
+    barrier = context.Barrier(count + 1)
+    workers = [context.Process(target=_calibrate, args=(barrier,)) for _ in range(count)]
+    for worker in workers:
+        worker.start()
+    barrier.wait()
+    start = time.perf_counter()
+    barrier.wait()
+    seconds = time.perf_counter() - start
+    for worker in workers:
+        worker.join()
+    return seconds
+
+
+def compile_rows() -> list[Row]:
+    """Return what the first start costs, and a later one."""
+    code = "from monitor.cli import main; main()"
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for start in ("first", "second"):
+            done = subprocess.run(
+                [sys.executable, "-c", code, "warmup", "--json"],
+                env={**os.environ, "NUMBA_CACHE_DIR": folder},
+                capture_output=True,
+                text=True,
+                check=True,
+            )
+            rows.append({"start": start, "compile seconds, wall": json.loads(done.stdout)["compile_seconds"]})
+    return rows
 
 
 def main() -> None:
@@ -191,11 +317,13 @@ def main() -> None:
     options = arguments("Six-degree-of-freedom model: error against time.")
     simulate(Scene(40.0, 4000.0))
     tables = {
-        "reference": reference_rows(2 if options.quick else 6),
-        "errors": error_rows(40 if options.quick else 240),
-        "settling": settling_rows(12 if options.quick else 40),
-        "map": [map_row(40 if options.quick else 200)],
-        "kernel": [kernel_row()],
+        "reference": reference_rows(2 if options.quick else 4),
+        "settled scenes": error_rows(40 if options.quick else 240),
+        "integrated": integrated_rows(5 if options.quick else 20),
+        "settling": settling_rows(12 if options.quick else 24),
+        "map": [map_row(40 if options.quick else 400)],
+        "cores": [core_row(1 if options.quick else 3)],
+        "compiling": compile_rows(),
     }
     for title, rows in tables.items():
         print_table(title, rows)

@@ -72,7 +72,7 @@ def profile_cutoff(floor: Floor, ball_radius: float) -> float:
     return 1.0 / (math.pi * math.sqrt(4.0 * _DEFAULT_ROUGHNESS * ball_radius))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def race_profile(sd: float, pitch: float, cutoff: float, seed: int, race_radius: float) -> RaceProfile:
     """Return the rough profile of a race: white Gaussian noise, low-passed around the circle, cubic between samples.
 
@@ -154,6 +154,11 @@ class BallPath:
     profile: RaceProfile | None = None
     roughness: float = 0.0
 
+    @property
+    def reach(self) -> float:
+        """Angle beyond an edge where the edge path ends, rad."""
+        return math.asin(self.r_b / self.r_o) * _REACH
+
     def __call__(self, angle: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return d (m) and its derivative by the angle (m/rad) at angles of any shape, rad.
 
@@ -188,7 +193,7 @@ class BallPath:
         for side in (-1.0, 1.0):
             switches.extend(side * (self.half_width - delta) for delta in self._switches(side))
         kinks = [-self.half_width, self.half_width, *switches]
-        reach = math.asin(self.r_b / self.r_o) * _REACH
+        reach = self.reach
         edge_middle = float(edge_path(np.array(self.half_width), self.r_o, self.r_b)[0])
         floor_middle = float(self._floor(np.array(self.position))[0])
         if edge_middle < floor_middle:

@@ -1,4 +1,4 @@
-"""Hertzian contact of rolling bearings: stiffness of a contact, static equilibrium, stiffness of a bearing, life.
+"""Hertzian contact of rolling bearings: stiffness and size of contacts, static equilibrium, bearing stiffness, life.
 
 Contact law throughout: f = k_c * delta**n with n = 1.5 for balls and 10/9 for rollers, delta the approach of both rings
 along the element (both contacts in series). Angles are measured from the load direction; axis 1 of every pair and
@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.optimize import root_scalar
+from scipy.special import elliprd, elliprf
 
 from models.bearing import Bearing
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.scene import Rig
+Method = Literal["simplified", "elliptic"]
 
 BALL_EXPONENT = 1.5
 ROLLER_EXPONENT = 10.0 / 9.0
@@ -51,23 +52,92 @@ def contact_exponent(bearing: Bearing) -> float:
     return BALL_EXPONENT if bearing.element == "ball" else ROLLER_EXPONENT
 
 
-def point_contact_stiffness(r_rolling: float, r_across: float, material: Material = _STEEL) -> float:
+@dataclass(frozen=True)
+class ContactShape:
+    """Shape of an elliptical contact: its ellipticity a/b and the complete elliptic integrals that go with it.
+
+    Attributes:
+        kappa: ratio of the longer to the shorter semi-axis, 1 or more.
+        eps: complete integral of the second kind, E(1 - 1/kappa^2).
+        xi: complete integral of the first kind, K(1 - 1/kappa^2).
+    """
+
+    kappa: float
+    eps: float
+    xi: float
+
+
+def contact_shape(ratio: float, method: Method = "simplified") -> ContactShape:
+    """Return the shape of the contact of two bodies whose relative radii have the ratio r_y / r_x.
+
+    Args:
+        ratio: larger over smaller relative radius, 1 or more.
+        method: "simplified", the fits of Eqs. 8-10 (Brewe and Hamrock), or "elliptic", Hertz without approximation:
+            kappa solves (kappa^2 E - K) / (K - E) = r_y / r_x.
+
+    Raises:
+        ValueError: if the ratio is below 1 or not finite.
+    """
+    if not (math.isfinite(ratio) and ratio >= 1.0):
+        raise ValueError(f"ratio of the relative radii must be finite and 1 at least, got {ratio!r}")
+    if method == "simplified":
+        return ContactShape(1.0339 * ratio**0.636, 1.0003 + 0.5968 / ratio, 1.5277 + 0.6023 * math.log(ratio))
+    # kappa lies between 1 (a circle) and the ratio itself; the margins outweigh rounding where both are nearly one.
+    bracket = (1.0 - 1e-9, ratio * (1.0 + 1e-9))
+    kappa = max(1.0, float(root_scalar(lambda kappa: _radii_ratio(kappa) - ratio, bracket=bracket, rtol=1e-14).root))
+    second, first = _elliptic_parts(kappa)
+    return ContactShape(kappa, first + second / kappa**2, first + second)
+
+
+def _elliptic_parts(kappa: float) -> tuple[float, float]:
+    """Return D and B of K = B + D, E = B + (1 - m) D at m = 1 - 1/kappa^2 (Carlson's forms, no cancellation)."""
+    complement = kappa**-2
+    d = float(elliprd(0.0, complement, 1.0)) / 3.0
+    return d, float(elliprf(0.0, complement, 1.0)) - d
+
+
+def _radii_ratio(kappa: float) -> float:
+    d, b = _elliptic_parts(kappa)
+    return kappa**2 * b / d
+
+
+def point_contact_stiffness(
+    r_rolling: float, r_across: float, material: Material = _STEEL, method: Method = "simplified"
+) -> float:
     """Return the stiffness of one elliptical contact, N/m^1.5.
 
     Args:
         r_rolling: relative radius of curvature in the rolling direction, m (Eq. 6).
         r_across: relative radius across it, m (Eq. 7).
         material: elastic constants.
+        method: see contact_shape.
 
     Source: thesis, Eqs. 5, 8-10 and 17 with two misprints mended: xi belongs inside the bracket,
     k = pi kappa E' sqrt(eps r_eq / (4.5 xi^3)), and E' is twice the E_eq of Eq. 3.
     """
     r_x, r_y = sorted((r_rolling, r_across))
     r_eq = 1.0 / (1.0 / r_x + 1.0 / r_y)
-    eps = 1.0003 + 0.5968 * r_x / r_y
-    xi = 1.5277 + 0.6023 * math.log(r_y / r_x)
-    kappa = 1.0339 * (r_y / r_x) ** 0.636
-    return math.pi * kappa * material.effective_modulus * math.sqrt(eps * r_eq / (4.5 * xi**3))
+    shape = contact_shape(r_y / r_x, method)
+    return math.pi * shape.kappa * material.effective_modulus * math.sqrt(shape.eps * r_eq / (4.5 * shape.xi**3))
+
+
+def point_contact_semi_axes(
+    r_rolling: float, r_across: float, force: float, material: Material = _STEEL, method: Method = "simplified"
+) -> tuple[float, float]:
+    """Return the longer and the shorter semi-axis of an elliptical contact under a force (N), m.
+
+    Source: thesis, Eqs. 11 and 12, in which E_eq must be twice that of Eq. 3 (Table 11 was computed so).
+    """
+    r_x, r_y = sorted((r_rolling, r_across))
+    r_eq = 1.0 / (1.0 / r_x + 1.0 / r_y)
+    shape = contact_shape(r_y / r_x, method)
+    minor = (6.0 * shape.eps * r_eq * force / (math.pi * shape.kappa * material.effective_modulus)) ** (1.0 / 3.0)
+    return shape.kappa * minor, minor
+
+
+def line_contact_half_width(r_eq: float, effective_length: float, force: float, material: Material = _STEEL) -> float:
+    """Return the half width of a line contact under a force (N), m (Eq. 4, with E_eq of Eq. 3 as printed)."""
+    return math.sqrt(8.0 * r_eq * force / (math.pi * effective_length * material.effective_modulus))
 
 
 def line_contact_stiffness(effective_length: float) -> float:
@@ -80,25 +150,67 @@ def in_series(k_inner: float, k_outer: float, exponent: float) -> float:
     return (k_inner ** (-1.0 / exponent) + k_outer ** (-1.0 / exponent)) ** -exponent
 
 
-def contact_stiffness(bearing: Bearing, material: Material = _STEEL) -> float:
+def contact_stiffness(bearing: Bearing, material: Material = _STEEL, method: Method = "simplified") -> float:
     """Return k_c of one element between both rings from the geometry, N/m^1.5 (balls) or N/m^(10/9) (rollers).
+
+    Args:
+        bearing: its geometry.
+        material: elastic constants (of balls; Palmgren's line contact is that of steel).
+        method: see contact_shape; without meaning for rollers.
 
     Raises:
         ValueError: if a radius that the contact needs is unknown or does not conform; the message names it.
     """
     if bearing.element == "roller":
-        length = _known(bearing, "effective_length")
-        single = line_contact_stiffness(length)
+        single = line_contact_stiffness(_known(bearing, "effective_length"))
         return in_series(single, single, ROLLER_EXPONENT)
+    inner, outer = (point_contact_stiffness(*radii, material, method) for radii in relative_radii(bearing))
+    return in_series(inner, outer, BALL_EXPONENT)
+
+
+def relative_radii(bearing: Bearing) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the relative radii of a ball on the inner and on the outer race, m: (rolling, across) of each (Eqs. 6, 7).
+
+    Raises:
+        ValueError: if a radius is unknown or does not conform; the message names it.
+    """
     r_b = 0.5 * bearing.element_diameter
     r_i, r_o = _known(bearing, "inner_race_radius"), _known(bearing, "outer_race_radius")
     r_gi, r_go = _known(bearing, "inner_groove_radius"), _known(bearing, "outer_groove_radius")
     for name, radius in (("inner_groove_radius", r_gi), ("outer_groove_radius", r_go), ("outer_race_radius", r_o)):
         if radius <= r_b:
             raise ValueError(f"{bearing.designation}: {name} {radius!r} m must exceed the ball radius {r_b!r} m")
-    inner = point_contact_stiffness(1.0 / (1.0 / r_b + 1.0 / r_i), 1.0 / (1.0 / r_b - 1.0 / r_gi), material)
-    outer = point_contact_stiffness(1.0 / (1.0 / r_b - 1.0 / r_o), 1.0 / (1.0 / r_b - 1.0 / r_go), material)
-    return in_series(inner, outer, BALL_EXPONENT)
+    inner = (1.0 / (1.0 / r_b + 1.0 / r_i), 1.0 / (1.0 / r_b - 1.0 / r_gi))
+    return inner, (1.0 / (1.0 / r_b - 1.0 / r_o), 1.0 / (1.0 / r_b - 1.0 / r_go))
+
+
+def contact_patches(
+    bearing: Bearing, force: float, material: Material = _STEEL
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return half the length (across the rolling direction) and half the width of both contacts of one element, m.
+
+    Args:
+        bearing: its geometry.
+        force: force on the element, N, not negative.
+        material: elastic constants.
+
+    Returns:
+        (half length, half width) on the inner and on the outer race: a and b of Eqs. 11-12 for balls, half the
+        effective length and a of Eq. 4 for rollers.
+
+    Raises:
+        ValueError: if a radius that the contact needs is unknown or does not conform; the message names it.
+    """
+    if bearing.element == "ball":
+        inner, outer = (point_contact_semi_axes(*radii, force, material) for radii in relative_radii(bearing))
+        return inner, outer
+    length, r_c = _known(bearing, "effective_length"), 0.5 * bearing.element_diameter
+    r_i, r_o = _known(bearing, "inner_race_radius"), _known(bearing, "outer_race_radius")
+    widths = [
+        line_contact_half_width(1.0 / curvature, length, force, material)
+        for curvature in (1.0 / r_c + 1.0 / r_i, 1.0 / r_c - 1.0 / r_o)
+    ]
+    return (0.5 * length, widths[0]), (0.5 * length, widths[1])
 
 
 def _known(bearing: Bearing, name: str) -> float:
@@ -122,9 +234,15 @@ def element_angles(bearing: Bearing, cage_angle: float = 0.0) -> NDArray[np.floa
 
 
 def contact_forces(
-    displacement: NDArray[np.float64], angles: NDArray[np.float64], k_c: float, clearance: float, exponent: float
+    displacement: NDArray[np.float64],
+    angles: NDArray[np.float64],
+    k_c: float,
+    clearance: float | NDArray[np.float64],
+    exponent: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the static contact force (2,) in N and its Jacobian (2, 2) in N/m at a relative displacement (2,) in m.
+
+    The clearance (m) may be that of each element, shape (elements,): h + d where a defect lets an element sink by d.
 
     Source: Eqs. 20, 23, 24 and, for the Jacobian, 61.
     """
@@ -137,7 +255,12 @@ def contact_forces(
 
 
 def static_equilibrium(
-    angles: NDArray[np.float64], load: float, k_c: float, *, clearance: float = 0.0, exponent: float = BALL_EXPONENT
+    angles: NDArray[np.float64],
+    load: float,
+    k_c: float,
+    *,
+    clearance: float | NDArray[np.float64] = 0.0,
+    exponent: float = BALL_EXPONENT,
 ) -> NDArray[np.float64]:
     """Return the displacement of the inner against the outer ring under a radial load, m (Eqs. 20-25).
 
@@ -147,7 +270,8 @@ def static_equilibrium(
         angles: angles of all elements from the load direction, rad, shape (elements,).
         load: radial load, N, not negative; without load there is no displacement.
         k_c: contact stiffness, N/m**exponent.
-        clearance: radial clearance h of Eq. 20, m, not negative (preload is not modelled).
+        clearance: radial clearance h of Eq. 20, m, not negative (preload is not modelled); of each element, shape
+            (elements,), where a defect lets some sink deeper.
         exponent: n of the contact law.
 
     Returns:
@@ -158,7 +282,7 @@ def static_equilibrium(
         RuntimeError: if the iteration does not settle (it does for every physical input that was tried).
     """
     for name, value in (("load", load), ("clearance", clearance)):
-        if not (math.isfinite(value) and value >= 0.0):
+        if not bool(np.all(np.isfinite(value) & (np.asarray(value) >= 0.0))):
             raise ValueError(f"{name} must be finite and not negative, got {value!r}")
     if load == 0.0:
         return np.zeros(2)
@@ -169,7 +293,7 @@ def static_equilibrium(
         return float(k_c / (exponent + 1.0) * np.sum(delta ** (exponent + 1.0)) - load * u[0])
 
     # The start must touch an element: without one there is no gradient that leads to the load.
-    approach = clearance + (5.0 * load / (len(angles) * k_c)) ** (1.0 / exponent)
+    approach = float(np.max(clearance)) + (5.0 * load / (len(angles) * k_c)) ** (1.0 / exponent)
     u = np.array([approach / float(np.cos(angles).max()), 0.0])
     # One element in contact leaves the direction across it without stiffness, so the Newton step is damped
     # (Levenberg): less after each success, more after each failure.
@@ -185,8 +309,10 @@ def static_equilibrium(
             u, damping = trial, max(0.1 * damping, 1e-14)
         else:
             damping *= 10.0
-    force, _ = contact_forces(u, angles, k_c, clearance, exponent)
-    if float(np.abs(target - force).max()) <= 1e-6 * load:
+    force, jacobian = contact_forces(u, angles, k_c, clearance, exponent)
+    # Beside a large clearance the displacement has no digits for a small compression.
+    rounding = 4.0 * np.finfo(float).eps * float(np.trace(jacobian) * np.abs(u).max())
+    if float(np.abs(target - force).max()) <= 1e-6 * load + rounding:
         return u
     raise RuntimeError(f"static equilibrium did not settle: load {load!r} N, clearance {clearance!r} m")
 
@@ -216,24 +342,6 @@ def mean_bearing_stiffness(
     return np.mean(matrices, axis=0)
 
 
-def natural_frequencies(rig: Rig, k_xx: float, k_yy: float) -> NDArray[np.float64]:
-    """Return the six natural frequencies of the undamped linearised rig, Hz, ascending (Eqs. 59 and 60).
-
-    Args:
-        rig: masses and stiffnesses.
-        k_xx: bearing stiffness across the load, N/m.
-        k_yy: bearing stiffness along the load, N/m.
-    """
-    mass = np.diag([rig.m_i, rig.m_o, rig.m_r])
-    values = []
-    for k_b in (k_xx, k_yy):
-        stiffness = np.array(
-            [[k_b + rig.k_i, -k_b, 0.0], [-k_b, k_b + rig.k_r, -rig.k_r], [0.0, -rig.k_r, rig.k_r]], dtype=float
-        )
-        values.append(eigh(stiffness, mass, eigvals_only=True))
-    return np.sort(np.sqrt(np.maximum(np.concatenate(values), 0.0))) / (2.0 * math.pi)
-
-
 def l10h_life(
     dynamic_load_rating: float, load: float, speed: float, element: str = "ball", factor: float = 1.0
 ) -> float:
@@ -254,24 +362,3 @@ def l10h_life(
             raise ValueError(f"{name} must be positive, got {value!r}")
     exponent = 3.0 if element == "ball" else 10.0 / 3.0
     return factor * 1e6 / speed * (dynamic_load_rating / load) ** exponent
-
-
-def contact_damping(zeta_1: float, zeta_2: float, f_1: float, f_2: float) -> tuple[float, float]:
-    """Return alpha_c (1/s) and beta_c (s) that give two damping ratios at two frequencies (Eqs. 70, 73 and 74).
-
-    Args:
-        zeta_1: damping ratio at f_1.
-        zeta_2: damping ratio at f_2.
-        f_1: lower frequency, Hz.
-        f_2: higher frequency, Hz.
-
-    Raises:
-        ValueError: if the frequencies are not positive and ascending.
-    """
-    if not 0.0 < f_1 < f_2:
-        raise ValueError(f"frequencies must be positive and ascending, got {f_1!r} and {f_2!r} Hz")
-    omega_1, omega_2 = 2.0 * math.pi * f_1, 2.0 * math.pi * f_2
-    span = omega_2**2 - omega_1**2
-    beta_c = 2.0 * (omega_2 * zeta_2 - omega_1 * zeta_1) / span
-    alpha_c = 2.0 * omega_1 * omega_2 * (omega_2 * zeta_1 - omega_1 * zeta_2) / span
-    return alpha_c, beta_c

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import multiprocessing
+import math
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from models.bearing import kinematics
 from models.map_data import HARMONICS, MODEL_VERSION, SCHEMA_VERSION, STATUSES, MapError, MapPlan, RmsMap
 from models.scene import Defect, Scene
 
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 
+# What the steps of a map may leave of error (see models.dynamics.six_dof.steps_for); the map says what they did leave.
+MAP_ACCURACY = 1e-3
 # Nodes on which a build measures the error of its own steps, against twice as many.
 _ERROR_NODES = 24
 _ERROR_SEED = 20220
@@ -36,8 +39,7 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
 
     Args:
         plan: what to build.
-        workers: processes to share the nodes between; 0 means one a core. The result does not depend on it, rounding
-            aside.
+        workers: threads to share the nodes between; 0 means one a core. The result does not depend on it.
         progress: called with the nodes done and their total, from this process.
 
     Raises:
@@ -76,9 +78,11 @@ def _rows(tasks: list[_Task], workers: int) -> Iterator[NDArray[np.float64]]:
     if workers == 1 or len(tasks) == 1:
         yield from map(_row, tasks)
         return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
-        yield from pool.map(_row, tasks)
+    with ThreadPoolExecutor(min(workers, len(tasks))) as pool:
+        try:
+            yield from pool.map(_row, tasks)
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def scene_at(plan: MapPlan, load: float, speed: float, h_d: float, dphi_d: float, seed: int = 0) -> Scene:
@@ -93,34 +97,35 @@ def _simulate(plan: MapPlan, scene: Scene, steps: int | None = None) -> Response
 
     # Lines beyond the band and the stored harmonics are not needed.
     lines_to = 0.0 if plan.rms_band is None else plan.rms_band[1]
-    return simulate(scene, band=plan.rms_band, steps_per_period=steps or plan.steps_per_period, lines_to=lines_to)
+    steps = steps or _steps(plan, scene)
+    return simulate(scene, band=plan.rms_band, steps_per_period=steps, lines_to=lines_to)
 
 
 def _row(task: _Task) -> NDArray[np.float64]:
     """Return all nodes along dphi_d at one load, speed and depth, shape (D, _COLUMNS)."""
+    from models.dynamics.rows import simulate_row
+
     plan, i, j, k = task
-    rows = []
-    for dphi_d in plan.dphi_d:
-        responses = [
-            _simulate(plan, scene_at(plan, plan.load[i], plan.speed[j], plan.h_d[k], dphi_d, seed))
-            for seed in range(plan.floors)
-        ]
-        rows.append(_node(responses))
-    return np.array(rows)
-
-
-def _node(responses: list[Response]) -> NDArray[np.float64]:
-    """Return what a node holds: mean, spread and standard error of RMS, settling error, status, lines, their spread."""
-    rms = np.array([r.rms for r in responses])
-    harmonics = np.array([r.harmonics for r in responses])
-    count = len(responses)
-    several = count > 1
-    spread = float(np.std(rms, ddof=1)) if several else responses[0].spread
-    harmonic_std = np.std(harmonics, axis=0, ddof=1) if several else np.zeros(HARMONICS)
-    settling = max(_settling(r) for r in responses)
-    status = max(STATUSES.index(r.status) for r in responses)
-    error = spread / np.sqrt(count) if several else 0.0
-    return np.concatenate(([np.mean(rms), spread, error, settling, status], np.mean(harmonics, axis=0), harmonic_std))
+    extents = np.array(plan.dphi_d)
+    rms, settling = np.empty((2, plan.floors, len(extents)))
+    harmonics = np.empty((plan.floors, len(extents), HARMONICS))
+    spread, status = np.zeros(len(extents)), np.zeros(len(extents))
+    for seed in range(plan.floors):
+        scene = scene_at(plan, plan.load[i], plan.speed[j], plan.h_d[k], plan.dphi_d[-1], seed)
+        row = simulate_row(scene, extents, steps_per_period=_steps(plan, scene), band=plan.rms_band)
+        rms[seed], settling[seed], harmonics[seed] = row.rms, row.change, row.harmonics
+        # What does not settle at once is simulated on, and may not repeat at all.
+        for d in np.flatnonzero(~row.settled):
+            response = _simulate(plan, scene_at(plan, scene.load, scene.speed, plan.h_d[k], plan.dphi_d[d], seed))
+            rms[seed, d], settling[seed, d], harmonics[seed, d] = response.rms, _settling(response), response.harmonics
+            spread[d], status[d] = response.spread, max(status[d], STATUSES.index(response.status))
+    several = plan.floors > 1
+    harmonic_std = np.std(harmonics, axis=0, ddof=1) if several else np.zeros((len(extents), HARMONICS))
+    if several:
+        spread = np.std(rms, axis=0, ddof=1)
+    error = spread / math.sqrt(plan.floors) if several else np.zeros(len(extents))
+    columns = (np.mean(rms, axis=0), spread, error, np.max(settling, axis=0), status)
+    return np.column_stack((*columns, np.mean(harmonics, axis=0), harmonic_std))
 
 
 def _settling(response: Response) -> float:
@@ -141,10 +146,15 @@ def _nodes_at_random(plan: MapPlan, count: int, seed: int) -> list[tuple[float, 
 
 
 def _steps(plan: MapPlan, scene: Scene) -> int:
-    """Return the steps per period that a scene of the plan is simulated with."""
-    from models.dynamics.six_dof import default_steps
+    """Return the steps per period that a scene of the plan is simulated with: finer where its band asks for it."""
+    from models.dynamics.six_dof import steps_for
+    from models.simulate import steps_to_resolve
 
-    return plan.steps_per_period or default_steps(scene)
+    if plan.steps_per_period:
+        return plan.steps_per_period
+    duration = 1.0 / kinematics(scene.bearing, scene.speed).bpfo
+    band = 0 if plan.rms_band is None else steps_to_resolve(plan.rms_band[1], duration)
+    return max(steps_for(scene, MAP_ACCURACY), min(band, steps_for(scene)))
 
 
 def _errors(plan: MapPlan, nodes: list[tuple[float, float, float, float]], factor: int) -> NDArray[np.float64]:

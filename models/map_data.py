@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 # Raise it whenever the model's figures change: maps made before are then built anew.
-MODEL_VERSION = 1
+MODEL_VERSION = 2
 SCHEMA_VERSION = 1
 HARMONICS = 6
 STATUSES = ("converged", "not_periodic", "not_converged")

@@ -140,35 +140,6 @@ def check_band(band: tuple[float, float]) -> tuple[float, float]:
     return low, high
 
 
-def fourier_coefficients(
-    waves: NDArray[np.float64], time: NDArray[np.float64], weight: NDArray[np.float64], duration: float, count: int
-) -> NDArray[np.complex128]:
-    """Return the Fourier coefficients of periods given on an uneven grid, shape (sensors, count + 1).
-
-    Args:
-        waves: shape (periods, values, sensors); of several periods the powers are averaged, the last gives the phases.
-        time: time of the values within the period, s.
-        weight: quadrature weights of a mean over the period.
-        duration: the period, s.
-        count: highest multiple of 1 / duration.
-    """
-    unit = np.exp(-2j * np.pi * time / duration)
-    table = np.empty((count + 1, len(time)), dtype=np.complex128)
-    table[0] = weight
-    # Rows k to 2 k - 1 are rows 0 to k - 1 times unit**k: few exponentials, no error that accumulates.
-    filled, turned = 1, unit
-    while filled <= count:
-        more = min(filled, count + 1 - filled)
-        np.multiply(table[:more], turned, out=table[filled : filled + more])
-        filled, turned = filled + more, turned * turned
-    coefficients = table @ waves[-1]
-    if len(waves) > 1:
-        power = np.mean([np.abs(table @ wave) ** 2 for wave in waves], axis=0)
-        size = np.abs(coefficients)
-        coefficients = np.sqrt(power) * np.where(size > 0.0, coefficients / np.where(size > 0.0, size, 1.0), 1.0)
-    return coefficients.T
-
-
 def peak_in_band(coefficients: NDArray[np.complex128], low: int, high: int) -> float:
     """Return the largest absolute value of the lines low..high (multiples of the fundamental) over one period."""
     size = 1 << max(6, (_PEAK_OVERSAMPLING * (high + 1) - 1).bit_length())

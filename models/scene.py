@@ -11,6 +11,8 @@ from typing import Literal
 
 from models.bearing import Bearing, from_catalogue
 
+Part = Literal["outer", "inner", "ball"]
+
 
 @dataclass(frozen=True)
 class Rig:
@@ -66,14 +68,18 @@ class Floor:
 
 @dataclass(frozen=True)
 class Defect:
-    """A defect of the outer race, centred at ``position`` (measured from the centre of the load zone).
+    """A defect of the outer race, the inner race or one ball of each damaged row.
 
     Attributes:
-        dphi_d: angular extent, rad (Eqs. 49-50).
+        dphi_d: angular extent on the damaged part, rad (Eqs. 49-50): about the axis of the race, or about the ball's
+            own axis.
         h_d: depth of the floor, m; deeper than the ball can reach is the localised defect of Eq. 51.
         floor: the bottom of the defect.
-        position: angle of the centre from the load direction, rad.
-        rows: how many rows of the bearing it spans (the first, or both).
+        position: angle of the centre, rad, at the beginning: from the load direction (races), or of a ball's spot from
+            the contact with the outer race.
+        rows: how many rows of the bearing it spans, beginning with ``first_row``.
+        part: "outer" (stands still), "inner" (turns with the shaft) or "ball" (turns with the first ball of a row).
+        first_row: the first damaged row, counted from 0.
     """
 
     dphi_d: float
@@ -81,6 +87,25 @@ class Defect:
     floor: Floor = field(default_factory=Floor)
     position: float = 0.0
     rows: int = 1
+    part: Part = "outer"
+    first_row: int = 0
+
+
+@dataclass(frozen=True)
+class Waviness:
+    """One harmonic of a race's roundness error: it recedes from the balls by amplitude * cos(order * phi + phase).
+
+    Attributes:
+        amplitude: half the distance from crest to trough, m.
+        order: waves around the race, at least 1.
+        race: "outer" or "inner"; phi is measured on it, from the load direction at the beginning.
+        phase: phase at phi = 0, rad.
+    """
+
+    amplitude: float
+    order: int
+    race: Literal["outer", "inner"] = "outer"
+    phase: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -95,6 +120,12 @@ class Scene:
         defect: the damage, or None for a healthy bearing.
         clearance: radial clearance h of Eq. 34, m.
         model: the model that answers for it.
+        waviness: roundness errors of the races.
+        unbalance: unbalance of the shaft, kg m (mass times eccentricity), turning with it from the load direction.
+        gravity: acceleration of gravity that acts on the masses, m/s2.
+        gravity_angle: its direction from that in which the load pulls the outer ring, rad.
+        slip: standard deviation of the angle by which a ball is off its place in the cage when it meets the defect,
+            rad, drawn once for every passage (Eq. 82).
     """
 
     speed: float
@@ -104,3 +135,24 @@ class Scene:
     defect: Defect | None = None
     clearance: float = 0.0
     model: str = "six_dof"
+    waviness: tuple[Waviness, ...] = ()
+    unbalance: float = 0.0
+    gravity: float = 0.0
+    gravity_angle: float = 0.0
+    slip: float = 0.0
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects that only ``models.dynamics.time_domain`` models; without any, the motion is periodic
+        with the ball passage and ``models.simulate.simulate`` answers.
+        """
+        named = {
+            "waviness": any(w.amplitude != 0.0 for w in self.waviness),
+            "unbalance": self.unbalance != 0.0,
+            "gravity": self.gravity != 0.0,
+        }
+        if self.defect is not None:
+            named["slip"] = self.slip != 0.0
+            named["defect.part"] = self.defect.part != "outer"
+            named["defect.first_row"] = self.defect.first_row != 0
+        return tuple(name for name, is_named in named.items() if is_named)

@@ -11,8 +11,9 @@ import numpy as np
 
 from models.dynamics.orbit import STATE_SCALE, find_orbit, period_jacobian
 from models.dynamics.six_dof import BallPeriod, prepare
+from models.kernels.lines import fourier_coefficients
 from models.kernels.six_dof import P_U_1
-from models.response import HARMONICS, Response, check_band, fourier_coefficients, peak_in_band
+from models.response import HARMONICS, Response, check_band, peak_in_band
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,13 +27,15 @@ LINES_TO = 30e3
 # Lines above this share of the step rate are not resolved by the quadrature (half would be the Nyquist limit).
 _RESOLVED = 0.4
 # The Jacobian only steers the search for the orbit, so few steps do for it.
-_JACOBIAN_STEPS = 128
+_JACOBIAN_STEPS = 96
+_WORST_CONDITION = 1e10
 
 
 def simulate(
     scene: Scene,
     *,
     tolerance: float = DEFAULT_TOLERANCE,
+    accuracy: float | None = None,
     steps_per_period: int | None = None,
     max_periods: int = DEFAULT_MAX_PERIODS,
     band: tuple[float, float] | None = None,
@@ -43,8 +46,9 @@ def simulate(
     Args:
         scene: what is modelled.
         tolerance: relative change of the RMS from period to period that counts as none.
-        steps_per_period: steps a ball period is to have at least; by default chosen for an RMS error well below 0.3 %
-            (benchmarks/six_dof.py measures it).
+        accuracy: relative error of the RMS that the steps may leave (rms over scenes), at least 2e-4, which is the
+            default; coarser ones are faster. benchmarks/six_dof.py measures what they do leave.
+        steps_per_period: steps a ball period is to have at least, instead of ``accuracy``.
         max_periods: periods to simulate at most.
         band: frequencies (lo, hi), Hz, in which RMS and peak are taken; None is the full bandwidth.
         lines_to: frequency up to which the lines of the spectrum are computed, Hz; raised to the end of the band,
@@ -55,21 +59,20 @@ def simulate(
     """
     if scene.model != "six_dof":
         raise ValueError(f"unknown model {scene.model!r}; known are: six_dof")
-    period = prepare(scene, steps_per_period)
-    resolved = _RESOLVED * period.steps / period.duration
+    period = prepare(scene, steps_per_period, accuracy)
+    resolved = _resolved(period.steps, period.duration)
     if band is not None:
         lines_to = max(lines_to, check_band(band)[1])
-        if band[1] > resolved:
-            raise ValueError(f"the band ends at {band[1]!r} Hz, {period.steps} steps resolve up to {resolved:.0f} Hz")
+        check_resolved(band, period.steps, period.duration)
     orbit = find_orbit(
         period,
         tolerance=tolerance,
         max_periods=max_periods,
-        preconditioner=_healthy_jacobian(replace(scene, defect=None)),
+        steering=steering(replace(scene, defect=None)),
     )
     bpfo = 1.0 / period.duration
     count = max(HARMONICS, math.ceil(min(lines_to, resolved) / bpfo))
-    coefficients = fourier_coefficients(orbit.waves, period.time, period.weight, period.duration, count)
+    coefficients = fourier_coefficients(orbit.waves, period.time, period.weight, period.first, period.duration, count)
     rms, peak = _levels(period, orbit.waves) if band is None else _levels_in_band(coefficients, bpfo, band)
     return Response(
         rms=float(rms[0]),
@@ -88,6 +91,27 @@ def simulate(
     )
 
 
+def _resolved(steps: int, duration: float) -> float:
+    """Return the frequency up to which the quadrature over a ball period resolves lines, Hz."""
+    return _RESOLVED * steps / duration
+
+
+def steps_to_resolve(frequency: float, duration: float) -> int:
+    """Return how many steps in ``duration`` s resolve lines up to a frequency, Hz."""
+    return math.ceil(frequency * duration / _RESOLVED)
+
+
+def check_resolved(band: tuple[float, float], steps: int, duration: float) -> None:
+    """Refuse a band that the steps do not resolve.
+
+    Raises:
+        ValueError: naming the end of the band and what ``steps`` in ``duration`` s resolve.
+    """
+    resolved = _resolved(steps, duration)
+    if band[1] > resolved:
+        raise ValueError(f"the band ends at {band[1]!r} Hz, {steps} steps resolve up to {resolved:.0f} Hz")
+
+
 def _levels(period: BallPeriod, waves: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return RMS and peak of both sensors over full bandwidth, each of shape (2,)."""
     power = np.einsum("pvs,v->s", waves * waves, period.weight) / len(waves)
@@ -104,13 +128,23 @@ def _levels_in_band(
 
 
 @lru_cache(maxsize=512)
-def _healthy_jacobian(scene: Scene) -> NDArray[np.float64] | None:
-    """Return the scaled Jacobian of the healthy period map minus identity, or None where it steers nowhere."""
+def steering(scene: Scene) -> NDArray[np.float64] | None:
+    """Return what steers the search for the orbits of scenes that differ from this healthy one in their defect only.
+
+    It is the inverse of identity minus the scaled Jacobian of the healthy period map, shape (12, 12); None where that
+    steers nowhere.
+    """
     period = prepare(scene, _JACOBIAN_STEPS)
     approach = float(period.parameter[P_U_1]) - scene.clearance
     if approach <= 0.0:
         return None
     jacobian = period_jacobian(period, min(1e-2, 1e-2 * approach / STATE_SCALE[0]))
-    if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e10:
+    if not np.all(np.isfinite(jacobian)):
         return None
-    return jacobian
+    try:
+        inverse = np.linalg.inv(jacobian)
+    except np.linalg.LinAlgError:
+        return None
+    if not np.linalg.norm(jacobian) * np.linalg.norm(inverse) < _WORST_CONDITION:
+        return None
+    return np.ascontiguousarray(-inverse, dtype=np.float64)

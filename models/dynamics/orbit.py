@@ -9,9 +9,11 @@ simulated plainly, and if that does not repeat either, a status says so and the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 import numpy as np
+
+from models.kernels.orbit import DEPTH, PLAIN_FIRST, RESIDUAL_FLOOR, SILENCE, anderson
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,13 +22,9 @@ OrbitStatus = Literal["converged", "not_periodic", "not_converged"]
 
 # Sizes of the state that count as one: displacements, velocities, and for the stiff resonator a smaller displacement.
 STATE_SCALE = np.array([1e-6, 1e-2, 1e-6, 1e-2, 2e-7, 1e-2])
-# A vibration below this is none (m/s2); relative changes of it mean nothing.
-SILENCE = 1e-9
+SCALE = np.tile(STATE_SCALE, 2)
 WINDOW = 40
-_PLAIN_FIRST = 2
-_DEPTH = 5
-_ACCELERATED = 60
-_RESIDUAL_FLOOR = 1e-9
+ACCELERATED = 60
 
 
 class PeriodMap(Protocol):
@@ -43,6 +41,25 @@ class PeriodMap(Protocol):
 
     def new_wave(self) -> NDArray[np.float64]:
         """Return an array that ``run`` can write to."""
+        ...
+
+
+@runtime_checkable
+class SettlingMap(PeriodMap, Protocol):
+    """A period map that can look for its own settled motion, compiled: the same search as ``_accelerate``, faster."""
+
+    def settle(
+        self,
+        state: NDArray[np.float64],
+        wave: NDArray[np.float64],
+        scale: NDArray[np.float64],
+        steering: NDArray[np.float64],
+        tolerance: float,
+        cap: int,
+    ) -> tuple[NDArray[np.float64], int, float, float, bool]:
+        """Return the state at the start of the last period, periods, relative change and value of the RMS, and whether
+        it settled; see models.dynamics.six_dof.BallPeriod.
+        """
         ...
 
 
@@ -101,7 +118,7 @@ def _rms(period: PeriodMap, wave: NDArray[np.float64]) -> float:
 
 
 def find_orbit(
-    period: PeriodMap, *, tolerance: float, max_periods: int, preconditioner: NDArray[np.float64] | None = None
+    period: PeriodMap, *, tolerance: float, max_periods: int, steering: NDArray[np.float64] | None = None
 ) -> Orbit:
     """Return the settled motion, starting from the static equilibrium at rest.
 
@@ -109,7 +126,8 @@ def find_orbit(
         period: the map over one period.
         tolerance: relative change of the RMS that counts as none; it must stay below it twice in succession.
         max_periods: periods to simulate at most, at least 2 (fewer than 4 cannot settle).
-        preconditioner: approximate Jacobian of the scaled period map minus identity, shape (12, 12), or None.
+        steering: approximation of what a small residual of the scaled period map is multiplied by to find the settled
+            motion, (identity minus Jacobian)^-1, shape (12, 12); None is the identity.
 
     Raises:
         ValueError: if tolerance is not positive or max_periods is less than 2.
@@ -119,25 +137,27 @@ def find_orbit(
     if max_periods < 2:
         raise ValueError(f"max_periods must be at least 2, got {max_periods!r}")
     watch, wave = _Watch(period, tolerance), period.new_wave()
-    state = _accelerate(watch, wave, min(_ACCELERATED, max_periods), preconditioner)
+    steering, cap = np.eye(12) if steering is None else steering, min(ACCELERATED, max_periods)
+    if isinstance(period, SettlingMap):
+        state, periods, change, rms, settled = period.settle(np.zeros((2, 6)), wave, SCALE, steering, tolerance, cap)
+        watch.periods, watch.change, watch.rms, watch.calm = periods, change, rms, 2 if settled else 0
+    else:
+        state = _accelerate(watch, wave, cap, steering)
     if watch.settled:
         return Orbit(wave[None], state, watch.periods, watch.change, 0.0, "converged")
     return _simulate_on(watch, wave, state, max_periods)
 
 
 def _accelerate(
-    watch: _Watch, wave: NDArray[np.float64], cap: int, preconditioner: NDArray[np.float64] | None
+    watch: _Watch, wave: NDArray[np.float64], cap: int, steering: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Iterate with Anderson acceleration until settled or ``cap`` periods; return the state of the last period."""
-    scale = np.tile(STATE_SCALE, 2)
-    inverse = -np.eye(12) if preconditioner is None else np.linalg.inv(preconditioner)
-    x = np.zeros(12)
+    x, last = np.zeros(12), np.zeros(12)
     xs: list[NDArray[np.float64]] = []
     fs: list[NDArray[np.float64]] = []
-    last = x
     while watch.periods < cap:
         last = x
-        after = watch.run((x * scale).reshape(2, 6), wave)
+        after = watch.run((x * SCALE).reshape(2, 6), wave)
         if watch.settled:
             break
         if after is None:
@@ -146,25 +166,18 @@ def _accelerate(
             xs.clear()
             fs.clear()
             continue
-        image = after.ravel() / scale
+        image = after.ravel() / SCALE
         # Residuals of rounding errors point nowhere.
-        rounding = float(np.abs(image - x).max()) < _RESIDUAL_FLOOR * float(np.abs(image).max())
-        plain = watch.periods <= _PLAIN_FIRST or rounding
-        f = -inverse @ (image - x)
+        rounding = float(np.abs(image - x).max()) < RESIDUAL_FLOOR * float(np.abs(image).max())
         xs.append(x)
-        fs.append(f)
-        del xs[: -_DEPTH - 1], fs[: -_DEPTH - 1]
-        x = image if plain else _anderson(xs, fs)
-    return (last * scale).reshape(2, 6)
-
-
-def _anderson(xs: list[NDArray[np.float64]], fs: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the next iterate from past iterates and their residuals, oldest first."""
-    if len(xs) < 2:
-        return xs[-1] + fs[-1]
-    dx, df = np.diff(np.array(xs), axis=0).T, np.diff(np.array(fs), axis=0).T
-    gamma = np.linalg.lstsq(df, fs[-1], rcond=1e-10)[0]
-    return xs[-1] + fs[-1] - (dx + df) @ gamma
+        fs.append(steering @ (image - x))
+        del xs[: -DEPTH - 1], fs[: -DEPTH - 1]
+        plain = watch.periods <= PLAIN_FIRST or rounding
+        x = image
+        if not plain:
+            x = np.empty(12)
+            anderson(np.array(xs), np.array(fs), len(xs), x)
+    return (last * SCALE).reshape(2, 6)
 
 
 def _simulate_on(watch: _Watch, wave: NDArray[np.float64], state: NDArray[np.float64], max_periods: int) -> Orbit:
@@ -202,7 +215,7 @@ def period_jacobian(period: PeriodMap, size: float = 1e-2) -> NDArray[np.float64
         period: the map.
         size: size of the differences in scaled coordinates; small against the static approach of the contacts.
     """
-    scale, wave = np.tile(STATE_SCALE, 2), period.new_wave()
+    scale, wave = SCALE, period.new_wave()
     base = period.run(np.zeros((2, 6)), wave)[0].ravel() / scale
     columns = []
     for k in range(12):

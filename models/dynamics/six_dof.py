@@ -12,30 +12,33 @@ one-sided slope at either side, without which the error falls only slowly with t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from models.bearing import kinematics
-from models.defect import BallPath, ball_path
-from models.hertz import element_angles, static_equilibrium
+from models.defect import ball_path
+from models.hertz import BALL_EXPONENT, element_angles, static_equilibrium
+from models.kernels import path as kernel_path
 from models.kernels import six_dof as kernels
+from models.kernels.orbit import settle
+from models.kernels.tables import arc_distance, set_up
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.bearing import Bearing
-    from models.scene import Rig, Scene
+    from models.scene import Defect, Scene
 
-# Default step: benchmarks/six_dof.py prints the error that it leaves.
-DEFAULT_STEP = 10e-6
-MIN_STEPS = 512
-# Kinks closer than this are one; it exceeds the rounding of any angle, and the nudge exceeds it in turn.
-_SAME_ANGLE = 1e-7
-_NUDGE = 1e-9
-_NEAR_ANGLE = math.pi / 2.0 + math.atan(kernels.NEAR_SLOPE)
+# Longest step, s, and fewest steps a period that leave a relative error of the RMS of less than the key (rms over
+# scenes); benchmarks/six_dof.py prints what they do leave. The default is the finest.
+GRADES = {2e-3: (28e-6, 128), 1e-3: (20e-6, 128), 2e-4: (10e-6, 512)}
+
+# Read-only as the profiles of rough floors are: another type of array would be another kernel.
+_NO_PROFILE = np.zeros((4, 0))
+_NO_PROFILE.flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +95,51 @@ class BallPeriod:
         )
         return after, status
 
+    def settle(
+        self,
+        state: NDArray[np.float64],
+        wave: NDArray[np.float64],
+        scale: NDArray[np.float64],
+        steering: NDArray[np.float64],
+        tolerance: float,
+        cap: int,
+    ) -> tuple[NDArray[np.float64], int, float, float, bool]:
+        """Look for the motion that repeats (models.kernels.orbit.settle).
+
+        Args:
+            state: where to begin, shape (2, 6).
+            wave: as in ``run``; written with the last period.
+            scale: sizes of the state that count as one, shape (12,).
+            steering: what scaled residuals are multiplied by, shape (12, 12).
+            tolerance: relative change of the RMS that counts as none.
+            cap: periods to simulate at most.
+
+        Returns:
+            State at the start of the last period, periods, relative change and value of the RMS, whether it settled.
+        """
+        last = np.empty((2, 6))
+        return last, *settle(
+            state,
+            last,
+            wave,
+            self.first,
+            self.flow,
+            self.part,
+            self.turn,
+            self.advance,
+            self.damaged,
+            self.plain,
+            self.near,
+            self.depth,
+            self.rate,
+            self.parameter,
+            self.weight,
+            scale,
+            steering,
+            tolerance,
+            cap,
+        )
+
     def new_wave(self) -> NDArray[np.float64]:
         """Return an array for ``run`` to write to."""
         return np.empty((len(self.time), 2))
@@ -103,6 +151,8 @@ def check_scene(scene: Scene) -> None:
     Raises:
         ValueError: naming the field, what it is and what is expected.
     """
+    if scene.effects:
+        raise ValueError(f"{', '.join(scene.effects)}: only models.dynamics.time_domain.simulate_time models this")
     if scene.bearing.element != "ball":
         raise ValueError(f"six_dof models ball bearings, {scene.bearing.designation} has {scene.bearing.element}s")
     if scene.bearing.rotating_ring != "inner":
@@ -122,191 +172,157 @@ def check_scene(scene: Scene) -> None:
         raise ValueError(f"defect.rows must lie between 1 and {scene.bearing.rows}, got {scene.defect.rows!r}")
 
 
-def default_steps(scene: Scene) -> int:
-    """Return the steps per ball period with which a scene is simulated unless another number is asked for."""
-    return max(MIN_STEPS, math.ceil(1.0 / (kinematics(scene.bearing, scene.speed).bpfo * DEFAULT_STEP)))
+def check_steps(steps_per_period: int) -> None:
+    """Refuse numbers of steps with which nothing can be integrated.
+
+    Raises:
+        ValueError: if there are fewer than 8.
+    """
+    if steps_per_period < 8:
+        raise ValueError(f"steps_per_period must be at least 8, got {steps_per_period!r}")
 
 
-def prepare(scene: Scene, steps_per_period: int | None = None) -> BallPeriod:
+def steps_for(scene: Scene, accuracy: float | None = None) -> int:
+    """Return the steps per ball period with which a scene is simulated unless another number is asked for.
+
+    Args:
+        scene: what is modelled.
+        accuracy: relative error of the RMS that is asked for (rms over scenes), at least 2e-4, which is the default.
+
+    Raises:
+        ValueError: if accuracy is finer than the finest grade, or not a number.
+    """
+    grades = [grade for grade in GRADES if accuracy is None or grade <= accuracy]
+    if not grades:
+        raise ValueError(f"accuracy must be at least {min(GRADES)!r}, got {accuracy!r}; name steps_per_period for less")
+    step, fewest = GRADES[min(grades) if accuracy is None else max(grades)]
+    return max(fewest, math.ceil(1.0 / (kinematics(scene.bearing, scene.speed).bpfo * step)))
+
+
+def prepare(scene: Scene, steps_per_period: int | None = None, accuracy: float | None = None) -> BallPeriod:
     """Return one ball period of a scene.
 
     Args:
         scene: what is modelled.
         steps_per_period: steps a ball period is to have at least (a few more, because steps end on kinks); by default
-            so many that a step is 10 us at most, and 512 at least.
+            so many as ``accuracy`` asks for.
+        accuracy: see ``steps_for``.
 
     Raises:
-        ValueError: if the scene is outside the model, or steps_per_period is less than 8.
+        ValueError: if the scene is outside the model, steps_per_period is less than 8, or accuracy too fine.
     """
     check_scene(scene)
     bpfo = kinematics(scene.bearing, scene.speed).bpfo
     if steps_per_period is None:
-        steps_per_period = default_steps(scene)
-    if steps_per_period < 8:
-        raise ValueError(f"steps_per_period must be at least 8, got {steps_per_period!r}")
-    path = ball_path(scene.bearing, scene.defect)
-    pitch = 2.0 * math.pi / scene.bearing.n_elements
-    damaged, plain, near = _positions(scene, path)
-    bounds = _segments(path, damaged, pitch)
-    first, angles, weight = _grid(bounds, steps_per_period, pitch)
-    omega = 2.0 * math.pi * bpfo / scene.bearing.n_elements
-    depth, rate = _path_table(path, damaged, angles)
-    fractions = np.linspace(0.0, 1.0, 2 * kernels.SUBSTEPS + 1)
-    step = np.diff(bounds) / np.diff(first) / omega
-    ends = [np.linspace(bounds[k], bounds[k + 1], first[k + 1] - first[k] + 1) for k in range(len(first) - 1)]
+        steps_per_period = steps_for(scene, accuracy)
+    check_steps(steps_per_period)
+    point = operating_point(replace(scene, defect=None))
+    path, profile = defect_arrays(scene.bearing, scene.defect)
+    first, flow, part, turn, advance, damaged, plain, near, depth, rate, time, weight = set_up(
+        path,
+        profile,
+        point.positions,
+        point.rows,
+        point.offsets[: damaged_rows(scene.defect)],
+        point.pitch,
+        steps_per_period,
+        point.omega,
+        point.linear,
+    )
     return BallPeriod(
         duration=1.0 / bpfo,
-        steps=int(first[-1]),
+        steps=len(turn),
         first=first,
-        flow=np.array([[h, *_propagators(scene.rig, h)] for h in step]),
-        part=np.array([_propagators(scene.rig, h / kernels.SUBSTEPS) for h in step]),
-        turn=_turns(angles),
-        advance=_turns(omega * step[:, None] * fractions),
-        damaged=_positions_table(damaged, 0),
-        plain=_positions_table(plain, len(damaged)),
+        flow=flow,
+        part=part,
+        turn=turn,
+        advance=advance,
+        damaged=damaged,
+        plain=plain,
         near=near,
         depth=depth,
-        rate=omega * rate,
-        parameter=_parameters(scene, omega),
-        time=np.concatenate(ends) / omega,
+        rate=rate,
+        parameter=point.parameter,
+        time=time,
         weight=weight,
     )
 
 
-def _positions(scene: Scene, path: BallPath | None) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-    """Return the ball positions at the start that the defect can and cannot touch, rad, and how many of the latter are
-    near the load direction (the others cannot touch while the displacement across the load is small).
-    """
-    bearing = scene.bearing
-    pitch = 2.0 * math.pi / bearing.n_elements
-    damaged: list[float] = []
-    plain: list[float] = []
-    rows_damaged = 0 if path is None or scene.defect is None else scene.defect.rows
-    for row in range(bearing.rows):
-        for element in range(bearing.n_elements):
-            start = row * pitch / bearing.rows + element * pitch
-            touches = (
-                row < rows_damaged and path is not None and _arc_distance(start, pitch, path.position) < path.half_width
-            )
-            (damaged if touches else plain).append(start)
-    plain.sort(key=lambda start: _arc_distance(start, pitch, 0.0))
-    near = sum(_arc_distance(start, pitch, 0.0) <= _NEAR_ANGLE for start in plain)
-    return np.array(damaged), np.array(plain), near
+@dataclass(frozen=True, eq=False)
+class OperatingPoint:
+    """What all scenes of one bearing on one rig at one load and speed share (arrays: models.kernels.tables.set_up)."""
 
-
-def _arc_distance(start: float, length: float, angle: float) -> float:
-    """Return the distance of an angle from the arc that begins at ``start``, rad, zero inside."""
-    middle = start + 0.5 * length - angle
-    off = abs(math.remainder(middle, 2.0 * math.pi))
-    return max(0.0, off - 0.5 * length)
-
-
-def _segments(path: BallPath | None, damaged: NDArray[np.float64], pitch: float) -> NDArray[np.float64]:
-    """Return the cage angles at which segments begin and end, rad, from 0 to the pitch."""
-    bounds = [0.0]
-    if path is not None and len(damaged):
-        # Rows that are staggered by a part of the pitch meet the same kink at different times.
-        offsets = np.unique(np.round(np.mod(damaged, pitch), 12))
-        times = np.sort(np.mod(path.kinks()[:, None] - offsets, pitch).ravel())
-        for time in times:
-            if _SAME_ANGLE < time < pitch - _SAME_ANGLE and time - bounds[-1] > _SAME_ANGLE:
-                bounds.append(float(time))
-    return np.array([*bounds, pitch])
-
-
-def _grid(
-    bounds: NDArray[np.float64], steps: int, pitch: float
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the first step of each segment, cage angles (steps, 3) and quadrature weights (a mean over the period)."""
-    lengths = np.diff(bounds)
-    counts = np.maximum(1, np.ceil(lengths * (steps / pitch) - 1e-9).astype(np.int64))
-    first = np.concatenate(([0], np.cumsum(counts)))
-    angles = np.empty((int(first[-1]), 3))
-    weights = []
-    for k, count in enumerate(counts):
-        nodes = np.linspace(bounds[k], bounds[k + 1], 2 * count + 1)
-        part = angles[first[k] : first[k + 1]]
-        # The ends are nudged inwards, so that path slopes are the limits from within the step.
-        part[:, 0], part[:, 1], part[:, 2] = nodes[0:-1:2] + _NUDGE, nodes[1::2], nodes[2::2] - _NUDGE
-        weights.append(quadrature(int(count)) * (lengths[k] / count / pitch))
-    return first.astype(np.int64), angles, np.concatenate(weights)
-
-
-def quadrature(steps: int) -> NDArray[np.float64]:
-    """Return weights of fourth order for ``steps`` equal steps of length one, shape (steps + 1,).
-
-    The trapezoid rule with Gregory's end corrections; closed Newton-Cotes rules where there are too few steps for them.
-    """
-    few = {
-        1: [0.5, 0.5],
-        2: [1 / 3, 4 / 3, 1 / 3],
-        3: [3 / 8, 9 / 8, 9 / 8, 3 / 8],
-        4: [14 / 45, 64 / 45, 24 / 45, 64 / 45, 14 / 45],
-    }
-    if steps in few:
-        return np.array(few[steps])
-    weights = np.ones(steps + 1)
-    correction = np.array([-5 / 8, 1 / 6, -1 / 24])
-    weights[:3] += correction
-    weights[-3:] += correction[::-1]
-    return weights
-
-
-def _path_table(
-    path: BallPath | None, damaged: NDArray[np.float64], angles: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return depth d, m, and slope d', m/rad, of the damaged positions at the grid's cage angles, (steps, 3, D)."""
-    if path is None or len(damaged) == 0:
-        empty = np.zeros((*angles.shape, 0))
-        return empty, empty
-    depth, slope = path(angles[:, :, None] + damaged)
-    return np.ascontiguousarray(depth), np.ascontiguousarray(slope)
-
-
-def _turns(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.stack((np.cos(angles), np.sin(angles)), axis=-1)
-
-
-def _positions_table(angles: NDArray[np.float64], first: int) -> NDArray[np.float64]:
-    """Return cosine, sine and a distinct power of two of positions, (3, positions); the powers begin at 2**first."""
-    powers = np.ldexp(1.0, np.arange(first, first + len(angles)))
-    return np.stack((np.cos(angles), np.sin(angles), powers))
-
-
-def oscillator(omega_squared: float, damping: float, h: float) -> tuple[float, float, float, float]:
-    """Return the propagator over a time h of x'' + damping x' + omega_squared x = 0, row by row of (x, x')."""
-    half = 0.5 * damping
-    under = omega_squared - half * half
-    decay = math.exp(-half * h)
-    if under > 0.0:
-        w = math.sqrt(under)
-        c, s = math.cos(w * h), math.sin(w * h) / w
-    elif under < 0.0:
-        w = math.sqrt(-under)
-        c, s = math.cosh(w * h), math.sinh(w * h) / w
-    else:
-        c, s = 1.0, h
-    return decay * (c + half * s), decay * s, -decay * omega_squared * s, decay * (c - half * s)
-
-
-def _propagators(rig: Rig, h: float) -> list[float]:
-    """Return the propagators that carry half of a step of length h, s (the kernel's ``flow`` without h)."""
-    reduced = rig.m_o * rig.m_r / (rig.m_o + rig.m_r)
-    inner = oscillator(rig.k_i / rig.m_i, rig.c_i / rig.m_i, 0.5 * h)
-    resonator = oscillator(rig.k_r / reduced, rig.c_r / reduced, 0.5 * h)
-    return [*inner, 0.5 * h, *resonator]
+    positions: NDArray[np.float64]
+    rows: NDArray[np.int64]
+    offsets: NDArray[np.float64]
+    pitch: float
+    omega: float
+    linear: NDArray[np.float64]
+    parameter: NDArray[np.float64]
 
 
 @lru_cache(maxsize=512)
-def _equilibrium(bearing: Bearing, load: float, k_c: float, clearance: float) -> tuple[float, float]:
-    u = static_equilibrium(element_angles(bearing), load, k_c, clearance=clearance)
-    return float(u[0]), float(u[1])
+def operating_point(scene: Scene) -> OperatingPoint:
+    """Return what scenes share that differ from this one, which is healthy, in their defect only."""
+    bearing, rig = scene.bearing, scene.rig
+    pitch = 2.0 * math.pi / bearing.n_elements
+    omega = pitch * kinematics(bearing, scene.speed).bpfo
+    offsets = np.linspace(0.0, pitch, bearing.rows, endpoint=False)
+    places = [(offset + k * pitch, row) for row, offset in enumerate(offsets) for k in range(bearing.n_elements)]
+    places.sort(key=lambda place: arc_distance(place[0], pitch, 0.0))
+    reduced = rig.m_o * rig.m_r / (rig.m_o + rig.m_r)
+    return OperatingPoint(
+        positions=np.array([start for start, _ in places]),
+        rows=np.array([row for _, row in places], dtype=np.int64),
+        offsets=offsets,
+        pitch=pitch,
+        omega=omega,
+        linear=np.array([rig.k_i / rig.m_i, rig.c_i / rig.m_i, rig.k_r / reduced, rig.c_r / reduced]),
+        parameter=_parameters(scene, omega),
+    )
+
+
+def damaged_rows(defect: Defect | None) -> int:
+    """Return how many rows have a defect that a ball could feel."""
+    return 0 if defect is None or defect.dphi_d == 0.0 or defect.h_d == 0.0 else defect.rows
+
+
+def defect_arrays(bearing: Bearing, defect: Defect | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the kernel's ``path`` and ``profile`` of a defect (models.kernels.path)."""
+    array, profile = np.zeros(kernel_path.DEFECT), _NO_PROFILE
+    path = ball_path(bearing, defect)
+    if path is None:
+        return array, profile
+    array[kernel_path.D_RACE], array[kernel_path.D_BALL] = path.r_o, path.r_b
+    array[kernel_path.D_COSINE], array[kernel_path.D_POSITION] = path.cos_alpha, path.position
+    array[kernel_path.D_HALF], array[kernel_path.D_DEPTH] = path.half_width, path.h_d
+    array[kernel_path.D_REACH] = path.reach
+    if path.profile is not None and path.roughness > 0.0:
+        profile = path.profile.coefficients
+        array[kernel_path.D_ROUGHNESS], array[kernel_path.D_SPACING] = path.roughness, path.profile.spacing
+        array[kernel_path.D_HIGHEST] = path.profile.highest
+    return array, profile
+
+
+@lru_cache(maxsize=512)
+def _unit_equilibrium(bearing: Bearing) -> NDArray[np.float64]:
+    """Return the displacement of a bearing without clearance where load over contact stiffness is one."""
+    return static_equilibrium(element_angles(bearing), 1.0, 1.0)
+
+
+def _equilibrium(scene: Scene) -> NDArray[np.float64]:
+    """Return the static displacement along and across the load, m."""
+    k_c = scene.rig.k_c
+    if scene.clearance == 0.0:
+        # Forces of all contacts grow alike then, with the power 3/2 of the displacement.
+        return _unit_equilibrium(scene.bearing) * (scene.load / k_c) ** (1.0 / BALL_EXPONENT)
+    return static_equilibrium(element_angles(scene.bearing), scene.load, k_c, clearance=scene.clearance)
 
 
 def _parameters(scene: Scene, omega: float) -> NDArray[np.float64]:
     """Return the kernel's ``parameter`` array."""
     rig = scene.rig
-    u = _equilibrium(scene.bearing, scene.load, rig.k_c, scene.clearance)
+    u = _equilibrium(scene)
     parameter = np.zeros(kernels.PARAMETERS)
     parameter[kernels.P_K_C] = rig.k_c
     parameter[kernels.P_ALPHA] = rig.alpha_c * rig.m_b

@@ -1,8 +1,17 @@
-"""How kernels are compiled: cached on disk where that is possible, compiled anew in each process where it is not."""
+"""How kernels are compiled: cached on disk where that is possible, compiled anew in each process where it is not.
+
+Numba's cache looks at the file of a kernel alone. A kernel that was compiled with constants or parts of another file
+would go on using them after that file has changed, and files that are installed with a fixed date look unchanged
+forever. So what is cached here is stamped with the text of all files of kernels that a kernel's own imports.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import re
 from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -12,6 +21,7 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 # Sums may be reordered (so that loops over balls use vector instructions) and products fused; NaN and infinity keep
 # their meaning, because a diverged state must be seen.
 _FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
+_IMPORT = re.compile(r"^ *from models\.kernels\.(\w+) import", re.MULTILINE)
 
 
 def kernel(function: _F) -> _F:
@@ -23,6 +33,8 @@ def kernel(function: _F) -> _F:
         compiled = numba.njit(cache=True, nogil=True, fastmath=_FASTMATH)(function)
     except RuntimeError:
         compiled = numba.njit(cache=False, nogil=True, fastmath=_FASTMATH)(function)
+    else:
+        _stamp(compiled, function)
     return cast("_F", compiled)
 
 
@@ -32,3 +44,39 @@ def inlined(function: _F) -> _F:
     A call with arrays costs more than a small kernel's body: ball_period is three times as fast with its parts inlined.
     """
     return cast("_F", numba.njit(nogil=True, fastmath=_FASTMATH, inline="always")(function))
+
+
+def _stamp(compiled: Any, function: Callable[..., Any]) -> None:
+    """Make the cache of a kernel stale when any file that it depends on has changed.
+
+    The place of the stamp is numba's own affair: where a version keeps it elsewhere, its own stamp remains.
+    """
+    file: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    if hasattr(file, "_source_stamp"):
+        file._source_stamp = fingerprint(Path(function.__code__.co_filename))
+
+
+def fingerprint(source: Path) -> str:
+    """Return a digest of the texts of a file of kernels and of all files of kernels that it imports."""
+    digest = hashlib.sha256()
+    for text in _texts(source):
+        digest.update(text)
+    return digest.hexdigest()
+
+
+@cache
+def _texts(source: Path) -> tuple[bytes, ...]:
+    """Return the texts of a file and of those that it imports, each once, in a fixed order."""
+    pending, seen = [source], {source: b""}
+    while pending:
+        path = pending.pop()
+        try:
+            seen[path] = path.read_bytes()
+        except OSError:
+            continue
+        for name in _IMPORT.findall(seen[path].decode("utf-8", "replace")):
+            imported = path.with_name(f"{name}.py")
+            if imported not in seen:
+                seen[imported] = b""
+                pending.append(imported)
+    return tuple(seen[path] for path in sorted(seen))

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 NEAR_SLOPE = math.tan(math.radians(15.0))
 
 # Parts of a step in which a contact opens or closes.
-SUBSTEPS = 8
+SUBSTEPS = 4
 
 STATUS_OK = 0
 STATUS_NOT_FINITE = 1

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from models.bearing import Bearing, catalogue, from_catalogue, kinematics
-from models.hertz import contact_stiffness, l10h_life, mean_bearing_stiffness, natural_frequencies
+from models.hertz import contact_patches, contact_stiffness, l10h_life, mean_bearing_stiffness
+from models.load_distribution import (
+    StiffnessPassage,
+    load_distribution,
+    load_zone,
+    stiffness_against_load,
+    stiffness_over_passage,
+)
+from models.modes import natural_frequencies
+from models.published.catalogue import published_figures
+from models.published.figure import Figure
+from models.scene import Defect, Rig
 from monitor.commands.common import InputError, config_option, emit, output_options, read_machine
 from monitor.config import Config
+
+LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
+"""Multiples of the load at which the radial stiffness is printed."""
 
 
 @click.command("bearing")
@@ -20,6 +37,8 @@ from monitor.config import Config
 @click.option("--load-newton", type=click.FloatRange(min=0, min_open=True), help="Radial load.")
 @click.option("--speed-hz", type=click.FloatRange(min=0, min_open=True), help="Shaft speed.")
 @click.option("--clearance-um", type=click.FloatRange(min=0), help="Radial clearance.")
+@click.option("--dphi-deg", type=click.FloatRange(min=0, max=360), help="Extent of a defect of the outer race.")
+@click.option("--h-d-um", type=click.FloatRange(min=0), default=500.0, show_default=True, help="Its depth.")
 @output_options
 def command(
     config_path: Path | None,
@@ -27,10 +46,14 @@ def command(
     load_newton: float | None,
     speed_hz: float | None,
     clearance_um: float | None,
+    dphi_deg: float | None,
+    h_d_um: float,
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Print fault frequencies, contact and radial stiffness, natural frequencies and L10h life.
+    """Print fault frequencies, contacts, load distribution, radial stiffness, natural frequencies and L10h life.
+
+    With --dphi-deg the stiffness of the damaged bearing is printed beside that of the healthy one.
 
     Without a configuration the bench of the thesis is taken: a 1205 ETN9 at 40 Hz and 4000 N.
     """
@@ -42,7 +65,10 @@ def command(
         raise InputError("--speed-hz and --load-newton: neither given nor in the configuration ([operating])")
     if clearance_um is not None:
         clearance = clearance_um * 1e-6
-    values = describe(config, bearing, load, speed, clearance)
+    defect = None if dphi_deg is None else Defect(math.radians(dphi_deg), h_d_um * 1e-6)
+    if defect is not None and bearing.element != "ball":
+        raise InputError(f"--dphi-deg: {bearing.designation} has rollers, whose way over a defect is not modelled")
+    values = describe(config, bearing, load, speed, clearance, defect)
     emit(values, _lines(bearing, load, speed, values), as_json=as_json)
 
 
@@ -63,28 +89,20 @@ def find_bearing(config: Config, name: str | None) -> tuple[Bearing, float]:
     raise InputError(f"--bearing {name!r} is neither configured nor in the catalogue; known are: {known}")
 
 
-def describe(config: Config, bearing: Bearing, load: float, speed: float, clearance: float) -> dict[str, Any]:
+def describe(
+    config: Config, bearing: Bearing, load: float, speed: float, clearance: float, defect: Defect | None = None
+) -> dict[str, Any]:
     """Return the keys of the interface; null where the catalogue lacks what a figure needs."""
     lines = kinematics(bearing, speed)
     rig = config.rig.to_rig()
     # [rig] describes the first bearing of the configuration; its contact stiffness says nothing about another one.
     own = bearing == config.bearing[0].to_bearing() and bearing.element == "ball"
     k_c = rig.k_c if own else None
-    try:
-        geometry: float | None = contact_stiffness(bearing)
-    except ValueError:
-        geometry = None
+    geometry, elliptic = contact_stiffnesses(bearing)
     used = k_c if k_c is not None else geometry
-    k_xx = k_yy = None
-    frequencies: list[float] | None = None
-    if used is not None:
-        stiffness = mean_bearing_stiffness(bearing, load, used, clearance=clearance)
-        k_yy, k_xx = float(stiffness[0, 0]), float(stiffness[1, 1])
-        frequencies = [float(f) for f in natural_frequencies(rig, k_xx, k_yy)]
     life = None
     if bearing.dynamic_load_rating is not None:
         life = l10h_life(bearing.dynamic_load_rating, load, speed, bearing.element) / 86400.0
-    exponent = "m15" if bearing.element == "ball" else "m109"
     return {
         "designation": bearing.designation,
         "source": bearing.source,
@@ -93,11 +111,112 @@ def describe(config: Config, bearing: Bearing, load: float, speed: float, cleara
         "bpfi_hz": lines.bpfi,
         "bsf_hz": lines.bsf,
         "k_c_newton_per_m15": k_c,
-        f"k_c_geometry_newton_per_{exponent}": geometry,
-        "k_xx_newton_per_m": k_xx,
-        "k_yy_newton_per_m": k_yy,
-        "natural_frequencies_hz": frequencies,
+        f"k_c_geometry_newton_per_{_power(bearing)}": geometry,
+        "k_c_elliptic_newton_per_m15": elliptic,
+        **statics(bearing, rig, load, used, clearance, defect),
+        "contact_areas_um": None if geometry is None else _contact_areas(bearing, load, used, clearance),
         "l10h_days": life,
+        "published": [_published(figure) for figure in published_figures(bearing.designation)],
+    }
+
+
+def contact_stiffnesses(bearing: Bearing) -> tuple[float | None, float | None]:
+    """Return k_c from the geometry by the thesis' formulas and, of balls, by exact elliptic Hertz; None if unknown."""
+    try:
+        geometry = contact_stiffness(bearing)
+    except ValueError:
+        return None, None
+    return geometry, contact_stiffness(bearing, method="elliptic") if bearing.element == "ball" else None
+
+
+_STATICS = (
+    "k_xx_newton_per_m",
+    "k_yy_newton_per_m",
+    "natural_frequencies_hz",
+    "displacement_um",
+    "load_zone_deg",
+    "largest_element_load_newton",
+    "load_distribution",
+    "stiffness_over_passage",
+    "stiffness_over_damaged_passage",
+    "radial_stiffness",
+)
+
+
+def statics(
+    bearing: Bearing, rig: Rig, load: float, k_c: float | None, clearance: float, defect: Defect | None
+) -> dict[str, Any]:
+    """Return what follows from the contact stiffness; all null where that is unknown."""
+    if k_c is None:
+        return dict.fromkeys(_STATICS)
+    mean = mean_bearing_stiffness(bearing, load, k_c, clearance=clearance)
+    k_yy, k_xx = float(mean[0, 0]), float(mean[1, 1])
+    shared = load_distribution(bearing, load, k_c, clearance=clearance)
+    order = np.argsort(shared.angles, kind="stable")
+    loads = [share * load for share in LOAD_STEPS]
+    displacement, stiffness = stiffness_against_load(bearing, loads, k_c, clearance=clearance)
+    values = (
+        k_xx,
+        k_yy,
+        [float(f) for f in natural_frequencies(rig, k_xx, k_yy)],
+        1e6 * float(shared.displacement[0]),
+        math.degrees(load_zone(float(shared.displacement[0]), clearance)),
+        float(shared.loads.max()),
+        [{"angle_deg": math.degrees(shared.angles[i]), "load_newton": float(shared.loads[i])} for i in order],
+        _passage(stiffness_over_passage(bearing, load, k_c, clearance=clearance)),
+        defect and _passage(stiffness_over_passage(bearing, load, k_c, clearance=clearance, defect=defect)),
+        [
+            {
+                "load_newton": at,
+                "displacement_um": 1e6 * float(u),
+                "k_xx_newton_per_m": float(k[1, 1]),
+                "k_yy_newton_per_m": float(k[0, 0]),
+            }
+            for at, u, k in zip(loads, displacement, stiffness, strict=True)
+        ],
+    )
+    return dict(zip(_STATICS, values, strict=True))
+
+
+def _passage(passage: StiffnessPassage) -> dict[str, float]:
+    """Return the extremes of the stiffness, N/m, and the swing that they make, % of the mean."""
+    low, high = passage.matrix.min(axis=0), passage.matrix.max(axis=0)
+    return {
+        "k_xx_least_newton_per_m": float(low[1, 1]),
+        "k_xx_largest_newton_per_m": float(high[1, 1]),
+        "k_xx_swing_percent": 100.0 * float(passage.swing[1]),
+        "k_yy_least_newton_per_m": float(low[0, 0]),
+        "k_yy_largest_newton_per_m": float(high[0, 0]),
+        "k_yy_swing_percent": 100.0 * float(passage.swing[0]),
+        "k_xy_largest_newton_per_m": passage.largest_coupling,
+    }
+
+
+def _contact_areas(
+    bearing: Bearing, load: float, k_c: float | None, clearance: float
+) -> dict[str, dict[str, float]] | None:
+    """Return half length and half width of the most loaded contacts, um, or None where the stiffness is unknown."""
+    if k_c is None:
+        return None
+    patches = contact_patches(bearing, float(load_distribution(bearing, load, k_c, clearance=clearance).loads.max()))
+    return {
+        race: {"half_length": 1e6 * half_length, "half_width": 1e6 * half_width}
+        for race, (half_length, half_width) in zip(("inner", "outer"), patches, strict=True)
+    }
+
+
+def _published(figure: Figure) -> dict[str, Any]:
+    return {
+        "place": figure.place,
+        "quantity": figure.quantity,
+        "condition": figure.condition,
+        "unit": figure.unit,
+        "relation": figure.relation,
+        "printed": figure.printed,
+        "obtained": figure.obtained,
+        "difference_percent": 100.0 * figure.difference,
+        "verdict": figure.verdict,
+        "note": figure.note,
     }
 
 
@@ -111,19 +230,48 @@ def _lines(bearing: Bearing, load: float, speed: float, values: dict[str, Any]) 
     for key, words in (
         ("k_c_newton_per_m15", "configured"),
         (f"k_c_geometry_newton_per_{_power(bearing)}", "geometry"),
+        ("k_c_elliptic_newton_per_m15", "geometry, exact elliptic Hertz"),
     ):
         if values[key] is not None:
             yield f"contact stiffness   {values[key]:9.4g} {unit} ({words})"
     if values["k_xx_newton_per_m"] is None:
-        yield "radial stiffness    not computed: the catalogue lacks the race radii"
+        yield "radial stiffness    not computed: the catalogue lacks radii of races or grooves"
     else:
-        yield (
-            f"radial stiffness    {values['k_xx_newton_per_m'] / 1e6:.1f} MN/m across the load, "
-            f"{values['k_yy_newton_per_m'] / 1e6:.1f} MN/m along it"
-        )
-        yield "natural frequencies " + ", ".join(f"{f:.1f}" for f in values["natural_frequencies_hz"]) + " Hz"
+        yield from _static_lines(values)
     if values["l10h_days"] is not None:
         yield f"L10h life           {values['l10h_days']:.2f} days"
+    verdicts = Counter(figure["verdict"] for figure in values["published"])
+    if verdicts:
+        counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
+        yield f"printed figures     {counts} (--json lists them)"
+
+
+def _static_lines(values: dict[str, Any]) -> Iterator[str]:
+    yield (
+        f"radial stiffness    {values['k_xx_newton_per_m'] / 1e6:.1f} MN/m across the load, "
+        f"{values['k_yy_newton_per_m'] / 1e6:.1f} MN/m along it; displacement {values['displacement_um']:.2f} um"
+    )
+    for key, words in (("stiffness_over_passage", "healthy"), ("stiffness_over_damaged_passage", "damaged")):
+        if values[key] is not None:
+            yield (
+                f"swing of stiffness  {values[key]['k_xx_swing_percent']:.2f} % across, "
+                f"{values[key]['k_yy_swing_percent']:.3f} % along, while the elements pass ({words})"
+            )
+    loaded = sum(element["load_newton"] > 0.0 for element in values["load_distribution"])
+    yield (
+        f"load distribution   {loaded} elements within {values['load_zone_deg']:.0f} deg, "
+        f"{values['largest_element_load_newton']:.0f} N on the most loaded"
+    )
+    for row in values["radial_stiffness"]:
+        yield (
+            f"  at {row['load_newton']:8g} N     {row['k_xx_newton_per_m'] / 1e6:.1f} and "
+            f"{row['k_yy_newton_per_m'] / 1e6:.1f} MN/m, {row['displacement_um']:.2f} um"
+        )
+    if values["contact_areas_um"] is not None:
+        for race, area in values["contact_areas_um"].items():
+            size = f"{2 * area['half_length']:.0f} x {2 * area['half_width']:.0f} um"
+            yield f"contact area        {size} on the {race} race"
+    yield "natural frequencies " + ", ".join(f"{f:.1f}" for f in values["natural_frequencies_hz"]) + " Hz"
 
 
 def _power(bearing: Bearing) -> str:

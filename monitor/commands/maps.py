@@ -45,7 +45,7 @@ def command() -> None:
 @click.option("--floors", type=click.IntRange(min=1), default=1, show_default=True, help="Rough floors to average.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the first rough floor.")
 @click.option("--rms-band-hz", type=BandHz(), help="Band of the RMS, the same as of the recordings.")
-@click.option("--workers", type=click.IntRange(min=0), default=0, show_default=True, help="Processes; 0: one a core.")
+@click.option("--workers", type=click.IntRange(min=0), default=0, show_default=True, help="Threads; 0: one a core.")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The map (netCDF).")
 @output_options
 def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, quiet: bool, **options: Any) -> None:

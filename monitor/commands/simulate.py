@@ -10,11 +10,14 @@ from typing import Any
 import click
 import numpy as np
 
-from models.response import Response
-from models.scene import Defect, Floor, Scene
+from models.bearing import Bearing, kinematics
+from models.response import Response, Sensor
+from models.scene import Defect, Floor, Rig, Scene, Waviness
 from monitor.commands.bearing import find_bearing
 from monitor.commands.common import BandHz, InputError, config_option, emit, output_options, read_machine
 from streams.block import STANDARD_GRAVITY
+
+_WAVEFORM_RATE = 51200.0
 
 
 @click.command("simulate")
@@ -28,57 +31,139 @@ from streams.block import STANDARD_GRAVITY
 @click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth", show_default=True)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of a rough floor.")
 @click.option("--rows", type=click.Choice(["1", "2"]), default="1", show_default=True, help="Rows that are damaged.")
+@click.option("--first-row", type=click.IntRange(1), default=1, show_default=True, help="The first damaged row.")
 @click.option("--sensor", type=click.Choice(["mo", "mr"]), default="mo", show_default=True, help="Casing or resonator.")
-@click.option("--fault", type=click.Choice(["outer"]), default="outer", show_default=True, help="Damaged part.")
+@click.option("--direction-deg", type=float, default=0.0, show_default=True, help="Of the sensor, from the load.")
+@click.option(
+    "--fault", type=click.Choice(["outer", "inner", "ball"]), default="outer", show_default=True, help="Damaged part."
+)
+@click.option("--unbalance-kg-m", type=click.FloatRange(min=0), default=0.0, show_default=True, help="Of the shaft.")
+@click.option("--waviness-um", type=click.FloatRange(min=0), default=0.0, show_default=True, help="Amplitude of waves.")
+@click.option("--waviness-order", type=click.IntRange(1), default=12, show_default=True, help="Waves around the race.")
+@click.option("--waviness-race", type=click.Choice(["outer", "inner"]), default="outer", show_default=True)
+@click.option("--gravity/--no-gravity", default=False, help="Let gravity act on the masses, along the load.")
+@click.option("--slip-deg", type=click.FloatRange(min=0), default=0.0, help="Standard deviation, redrawn each passage.")
+@click.option(
+    "--duration-s", type=click.FloatRange(0.01, 60.0), default=1.0, show_default=True, help="Where simulated."
+)
 @click.option("--model", type=click.Choice(["six_dof"]), default="six_dof", show_default=True)
 @click.option("--tolerance", type=click.FloatRange(1e-12, 0.1), default=1e-5, show_default=True)
 @click.option("--periods", type=click.IntRange(min=2), default=300, show_default=True, help="Ball periods at most.")
 @click.option("--rms-band-hz", type=BandHz(), help="Take RMS and peak in this band only.")
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw waveform and lines (PNG or SVG).")
-@click.option("--waveform", type=click.Path(path_type=Path, dir_okay=False), help="Write one second as CSV.")
+@click.option(
+    "--waveform", type=click.Path(path_type=Path, dir_okay=False), help="Write one second, or --duration-s, as CSV."
+)
 @output_options
 def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
-    """Simulate a bearing with an outer-race defect and print RMS, peak and lines."""
-    from models.simulate import simulate
+    """Simulate a bearing with a defect and print RMS, peak and lines.
 
+    What repeats with the ball passage is solved for one period; what does not (a defect that turns, an unbalance, slip,
+    another direction of the sensor) is simulated for --duration-s and averaged, with its standard error.
+    """
     config = read_machine(config_path)
     bearing, clearance = find_bearing(config, name)
     if options["clearance_um"] is not None:
         clearance = options["clearance_um"] * 1e-6
-    scene = Scene(
-        speed=options["speed_hz"],
-        load=options["load_newton"],
-        bearing=bearing,
-        rig=config.rig.to_rig(),
-        defect=_defect(options),
-        clearance=clearance,
-        model=options["model"],
-    )
-    band = options["rms_band_hz"]
+    scene = _scene(options, bearing, config.rig.to_rig(), clearance)
     try:
-        response = simulate(scene, tolerance=options["tolerance"], max_periods=options["periods"], band=band)
+        if scene.effects or options["direction_deg"] != 0.0:
+            values = _over_time(scene, options)
+        else:
+            values = _one_period(scene, options)
     except ValueError as error:
         raise InputError(f"simulate: {error}") from None
-    casing = options["sensor"] == "mo"
-    g = STANDARD_GRAVITY
+    emit(values, _lines(values, scene), as_json=as_json)
+
+
+def _one_period(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of a motion that repeats with the ball passage, and write what was asked for."""
+    from models.simulate import simulate
+
+    sensor: Sensor = options["sensor"]
+    response = simulate(
+        scene, tolerance=options["tolerance"], max_periods=options["periods"], band=options["rms_band_hz"]
+    )
     if options["waveform"] is not None:
-        _write_waveform(options["waveform"], response.acceleration(51200.0, 1.0, sensor=options["sensor"]))
+        _write_waveform(options["waveform"], response.acceleration(_WAVEFORM_RATE, 1.0, sensor=sensor))
     if options["plot"] is not None:
         _plot(response, options, scene)
-    lines = response.lines(options["sensor"])[1][:6]
-    values = {
-        "rms_g": _number((response.rms if casing else response.rms_resonator) / g),
-        "peak_g": _number((response.peak if casing else response.peak_resonator) / g),
-        "rms_resonator_g": _number(response.rms_resonator / g),
-        "bpfo_hz": response.bpfo,
-        "harmonics_g": [_number(float(line) / g) for line in lines],
+    casing = sensor == "mo"
+    return {
+        "rms_g": _in_g(response.rms if casing else response.rms_resonator),
+        "rms_se_g": None,
+        "peak_g": _in_g(response.peak if casing else response.peak_resonator),
+        "rms_resonator_g": _in_g(response.rms_resonator),
+        **_frequencies(scene),
+        "harmonics_g": [_in_g(float(line)) for line in response.lines(sensor)[1][:6]],
         "periods": response.periods,
         "period_change": _number(response.period_change),
-        "spread_g": _number(response.spread / g),
+        "spread_g": _in_g(response.spread),
         "model": response.model,
         "status": response.status,
     }
-    emit(values, _lines(values, options), as_json=as_json)
+
+
+def _over_time(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of a motion that is simulated for some time, and write what was asked for."""
+    from models.dynamics.time_domain import simulate_time
+
+    if options["plot"] is not None:
+        raise InputError("--plot draws one ball period, and this scene has none: use --waveform")
+    angle, sensor = math.radians(options["direction_deg"]), options["sensor"]
+    response = simulate_time(
+        scene,
+        options["duration_s"],
+        _WAVEFORM_RATE,
+        direction=(math.cos(angle), math.sin(angle)),
+        seed=options["seed"],
+    )
+    casing = sensor == "mo"
+    rms, peak = response.rms if casing else response.rms_resonator, response.peak if casing else response.peak_resonator
+    rms_resonator = response.rms_resonator
+    if options["rms_band_hz"] is not None:
+        rms, peak = response.levels_in_band(*options["rms_band_hz"], sensor=sensor)
+        rms_resonator = response.levels_in_band(*options["rms_band_hz"], sensor="mr")[0]
+    if options["waveform"] is not None:
+        _write_waveform(options["waveform"], response.acceleration[0 if casing else 1])
+    bpfo = response.kinematics.bpfo
+    # Error and spread are of the casing over full bandwidth; of another level, the same share.
+    share = rms / response.rms if response.rms > 0.0 else 0.0
+    return {
+        "rms_g": _in_g(rms),
+        "rms_se_g": _in_g(response.rms_se * share),
+        "peak_g": _in_g(peak),
+        "rms_resonator_g": _in_g(rms_resonator),
+        **_frequencies(scene),
+        "harmonics_g": [_in_g(response.line(k * bpfo, sensor)) for k in range(1, 7)],
+        "periods": math.floor(options["duration_s"] * bpfo),
+        "period_change": None,
+        "spread_g": _in_g(response.spread * share),
+        "model": response.model,
+        "status": response.status,
+    }
+
+
+def _frequencies(scene: Scene) -> dict[str, float]:
+    lines = kinematics(scene.bearing, scene.speed)
+    return {"bpfo_hz": lines.bpfo, "bpfi_hz": lines.bpfi, "bsf_hz": lines.bsf, "ftf_hz": lines.ftf}
+
+
+def _scene(options: dict[str, Any], bearing: Bearing, rig: Rig, clearance: float) -> Scene:
+    waves = (Waviness(options["waviness_um"] * 1e-6, options["waviness_order"], options["waviness_race"]),)
+    return Scene(
+        speed=options["speed_hz"],
+        load=options["load_newton"],
+        bearing=bearing,
+        rig=rig,
+        defect=_defect(options),
+        clearance=clearance,
+        model=options["model"],
+        waviness=waves if options["waviness_um"] > 0.0 else (),
+        unbalance=options["unbalance_kg_m"],
+        gravity=STANDARD_GRAVITY if options["gravity"] else 0.0,
+        slip=math.radians(options["slip_deg"]),
+    )
 
 
 def _plot(response: Response, options: dict[str, Any], scene: Scene) -> None:
@@ -100,6 +185,11 @@ def _title(options: dict[str, Any], scene: Scene) -> str:
     return f"{scene.bearing.designation}, {scene.speed:g} Hz, {scene.load:g} N, {damage}"
 
 
+def _in_g(value: float) -> float | None:
+    """Return an acceleration in g, or null."""
+    return _number(value / STANDARD_GRAVITY)
+
+
 def _number(value: float) -> float | None:
     """Return a finite number, or null: a motion that left the finite numbers has a status that says so."""
     return float(value) if math.isfinite(value) else None
@@ -114,12 +204,14 @@ def _defect(options: dict[str, Any]) -> Defect | None:
         h_d=options["h_d_um"] * 1e-6,
         floor=floor,
         rows=int(options["rows"]),
+        part=options["fault"],
+        first_row=options["first_row"] - 1,
     )
 
 
 def _write_waveform(path: Path, signal: Any) -> None:
     """Write time and acceleration, replacing the file in one step."""
-    rows = np.column_stack((np.arange(signal.size) / 51200.0, signal / STANDARD_GRAVITY))
+    rows = np.column_stack((np.arange(signal.size) / _WAVEFORM_RATE, signal / STANDARD_GRAVITY))
     part = path.with_name(path.name + ".part")
     try:
         np.savetxt(part, rows, delimiter=",", header="time_s,acceleration_g", comments="", fmt="%.9g")
@@ -128,13 +220,18 @@ def _write_waveform(path: Path, signal: Any) -> None:
         raise InputError(f"--waveform {path}: cannot be written: {error}") from None
 
 
-def _lines(values: dict[str, Any], options: dict[str, Any]) -> Iterator[str]:
-    yield (
-        f"{values['status']} after {values['periods']} ball periods: RMS {values['rms_g']:.4g} g, "
-        f"peak {values['peak_g']:.4g} g (resonator RMS {values['rms_resonator_g']:.4g} g)"
-    )
-    yield (
-        f"BPFO {values['bpfo_hz']:.2f} Hz, its harmonics " + ", ".join(f"{a:.3g}" for a in values["harmonics_g"]) + " g"
-    )
-    if options["dphi_deg"] == 0.0 or options["h_d_um"] == 0.0:
+def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
+    level = "RMS unknown" if values["rms_g"] is None else f"RMS {values['rms_g']:.4g} g"
+    if values["rms_se_g"] is not None:
+        level += f" (standard error {values['rms_se_g']:.2g} g)"
+    if values["peak_g"] is not None and values["rms_resonator_g"] is not None:
+        level += f", peak {values['peak_g']:.4g} g (resonator RMS {values['rms_resonator_g']:.4g} g)"
+    yield f"{values['status']} after {values['periods']} ball periods: {level}"
+    harmonics = ", ".join("-" if a is None else f"{a:.3g}" for a in values["harmonics_g"])
+    yield f"BPFO {values['bpfo_hz']:.2f} Hz, its harmonics {harmonics} g"
+    if scene.defect is not None and scene.defect.part != "outer":
+        yield (
+            f"BPFI {values['bpfi_hz']:.2f} Hz, twice BSF {2.0 * values['bsf_hz']:.2f} Hz, FTF {values['ftf_hz']:.2f} Hz"
+        )
+    if scene.defect is None:
         yield "no defect: give --dphi-deg and --h-d-um"

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.special import ellipe, ellipk
@@ -13,18 +13,20 @@ from scipy.special import ellipe, ellipk
 from models.bearing import from_catalogue
 from models.hertz import (
     bearing_stiffness,
-    contact_damping,
     contact_forces,
+    contact_patches,
+    contact_shape,
     contact_stiffness,
     element_angles,
     in_series,
     l10h_life,
+    line_contact_half_width,
     mean_bearing_stiffness,
-    natural_frequencies,
+    point_contact_semi_axes,
     point_contact_stiffness,
+    relative_radii,
     static_equilibrium,
 )
-from models.scene import Rig
 
 BEARING = from_catalogue("1205 ETN9")
 K_C = 5927e6
@@ -52,6 +54,68 @@ def elliptic_stiffness(r_x: float, r_y: float, modulus: float = 210e9 / 0.91) ->
 @given(st.floats(1e-3, 1e-2), st.floats(1.05, 100.0))
 def test_simplified_integrals_follow_the_elliptic_ones(r_x: float, ratio: float) -> None:
     assert point_contact_stiffness(r_x, ratio * r_x) == pytest.approx(elliptic_stiffness(r_x, ratio * r_x), rel=0.08)
+
+
+@given(st.floats(1e-3, 1e-2), st.floats(1.0001, 1000.0))
+def test_elliptic_method_is_the_exact_one(r_x: float, ratio: float) -> None:
+    exact = point_contact_stiffness(r_x, ratio * r_x, method="elliptic")
+    assert exact == pytest.approx(elliptic_stiffness(r_x, ratio * r_x), rel=1e-7)
+
+
+@given(st.one_of(st.floats(1.0, 1e4), st.floats(0.0, 1e-6).map(lambda x: 1.0 + x)))
+@example(1.0)
+@example(math.nextafter(1.0, 2.0))
+def test_ellipticity_solves_its_equation(ratio: float) -> None:
+    shape = contact_shape(ratio, "elliptic")
+    m = 1.0 - shape.kappa**-2
+    assert shape.eps == pytest.approx(float(ellipe(m)), rel=1e-12)
+    assert shape.xi == pytest.approx(float(ellipk(m)), rel=1e-12)
+    # Written so that it holds for a circle too, where both differences vanish.
+    assert shape.kappa**2 * shape.eps - shape.xi == pytest.approx(ratio * (shape.xi - shape.eps), rel=1e-7, abs=1e-7)
+
+
+def test_a_ball_on_a_plane_is_the_circle_of_hertz() -> None:
+    radius, force, modulus = 5e-3, 100.0, 210e9 / 0.91 / 2.0
+    major, minor = point_contact_semi_axes(radius, radius, force, method="elliptic")
+    assert (major, minor) == pytest.approx([(0.75 * force * radius / modulus) ** (1.0 / 3.0)] * 2, rel=1e-12)
+    stiffness = point_contact_stiffness(radius, radius, method="elliptic")
+    assert stiffness == pytest.approx(4.0 / 3.0 * modulus * math.sqrt(radius), rel=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [0.9, math.nan, math.inf])
+def test_impossible_ratios_of_radii_are_refused(ratio: float) -> None:
+    with pytest.raises(ValueError, match="1 at least"):
+        contact_shape(ratio)
+
+
+@given(st.floats(1e-3, 1e-2), st.floats(1.0, 100.0), st.floats(1.0, 1e4))
+def test_contact_areas_agree_with_the_stiffness(r_x: float, ratio: float, force: float) -> None:
+    """Hertz: the approach is 3 F K / (pi a E') with the longer semi-axis a."""
+    major, minor = point_contact_semi_axes(r_x, ratio * r_x, force, method="elliptic")
+    shape = contact_shape(ratio, "elliptic")
+    approach = 3.0 * force * shape.xi / (math.pi * major * (210e9 / 0.91))
+    stiffness = point_contact_stiffness(r_x, ratio * r_x, method="elliptic")
+    assert stiffness * approach**1.5 == pytest.approx(force, rel=1e-7)
+    assert major >= minor * (1.0 - 1e-12)
+
+
+def test_pressure_of_a_line_contact_carries_the_force() -> None:
+    # p_max = E' b / (4 R) is Hertz' slope of the gap; its half ellipse over the width gives the force.
+    radius, length, force, modulus = 2e-3, 5e-3, 300.0, 210e9 / 0.91
+    half_width = line_contact_half_width(radius, length, force)
+    pressure = modulus * half_width / (4.0 * radius)
+    assert 0.5 * math.pi * half_width * pressure * length == pytest.approx(force, rel=1e-12)
+
+
+def test_patches_of_balls_and_rollers() -> None:
+    inner, outer = contact_patches(BEARING, 100.0)
+    for patch, radii in zip((inner, outer), relative_radii(BEARING), strict=True):
+        assert patch == point_contact_semi_axes(*radii, 100.0)
+    roller_inner, roller_outer = contact_patches(from_catalogue("NU 202 ECP"), 100.0)
+    assert roller_inner[0] == roller_outer[0] == pytest.approx(2.8e-3)
+    assert roller_outer[1] > roller_inner[1]
+    with pytest.raises(ValueError, match=r"22207.*effective_length"):
+        contact_patches(from_catalogue("22207"), 100.0)
 
 
 def test_order_of_the_radii_does_not_matter() -> None:
@@ -113,6 +177,24 @@ def test_jacobian_is_the_derivative_of_the_force() -> None:
         assert jacobian[:, k] == pytest.approx((plus - minus) / (2.0 * h), rel=1e-4, abs=1e3)
 
 
+def test_small_loads_beside_large_clearances_settle() -> None:
+    angles = element_angles(BEARING, 0.05)
+    for load in (1e-9, 1e-6, 1e-3):
+        u = static_equilibrium(angles, load, K_C, clearance=1e-3)
+        force, _ = contact_forces(u, angles, K_C, 1e-3, 1.5)
+        assert force == pytest.approx([load, 0.0], abs=1e-3 * load)
+
+
+def test_each_element_may_have_its_own_clearance() -> None:
+    angles = element_angles(BEARING)
+    gaps = np.where(np.abs(angles) < 0.1, 1e-3, 2e-6)
+    u = static_equilibrium(angles, 1000.0, K_C, clearance=gaps)
+    kept = angles[gaps < 1e-3]
+    assert u == pytest.approx(static_equilibrium(kept, 1000.0, K_C, clearance=2e-6), rel=1e-6, abs=1e-12)
+    with pytest.raises(ValueError, match="clearance must be finite and not negative"):
+        static_equilibrium(angles, 1000.0, K_C, clearance=-gaps)
+
+
 @pytest.mark.parametrize(("load", "clearance"), [(-1.0, 0.0), (math.nan, 0.0), (1.0, -1e-6), (math.inf, 0.0)])
 def test_impossible_loads_and_clearances_are_refused(load: float, clearance: float) -> None:
     with pytest.raises(ValueError, match="must be finite and not negative"):
@@ -133,35 +215,6 @@ def test_stiffness_repeats_with_half_a_spacing_of_two_rows() -> None:
     spacing = 2.0 * math.pi / 24
     a, b = (bearing_stiffness(BEARING, 2000.0, K_C, cage_angle=x) for x in (0.03, 0.03 + spacing))
     assert a == pytest.approx(b, rel=1e-9, abs=1.0)
-
-
-def test_natural_frequencies_ascend_and_solve_the_eigenproblem() -> None:
-    rig = Rig()
-    f = natural_frequencies(rig, 1.3e8, 1.9e8)
-    assert len(f) == 6
-    assert np.all(np.diff(f) > 0.0)
-    lam = (2.0 * math.pi * f) ** 2
-    for value in lam:
-        determinants = []
-        for k_b in (1.3e8, 1.9e8):
-            k = np.array([[k_b + rig.k_i, -k_b, 0], [-k_b, k_b + rig.k_r, -rig.k_r], [0, -rig.k_r, rig.k_r]])
-            m = np.diag([rig.m_i, rig.m_o, rig.m_r])
-            scale = np.linalg.norm(k) ** 3
-            determinants.append(abs(np.linalg.det(k - value * m)) / scale)
-        assert min(determinants) < 1e-10
-
-
-@given(st.floats(0.01, 0.3), st.floats(0.01, 0.3), st.floats(10.0, 1e3), st.floats(1.1, 20.0))
-def test_damping_coefficients_return_their_ratios(z_1: float, z_2: float, f_1: float, ratio: float) -> None:
-    alpha, beta = contact_damping(z_1, z_2, f_1, ratio * f_1)
-    for zeta, f in ((z_1, f_1), (z_2, ratio * f_1)):
-        omega = 2.0 * math.pi * f
-        assert 0.5 * (alpha / omega + beta * omega) == pytest.approx(zeta, rel=1e-9)
-
-
-def test_damping_frequencies_must_ascend() -> None:
-    with pytest.raises(ValueError, match="ascending"):
-        contact_damping(0.1, 0.1, 500.0, 400.0)
 
 
 def test_life_of_rollers_falls_faster_with_load() -> None:

@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numba
 import pytest
 
-from models.kernels import jit
+from models.kernels import jit, orbit
+from models.kernels.orbit import settle
 
 
 def test_without_a_place_for_the_cache_kernels_compile_without_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -26,3 +28,21 @@ def test_without_a_place_for_the_cache_kernels_compile_without_one(monkeypatch: 
 
     assert jit.kernel(double)(4.0) == 8.0
     assert asked == [True, False]
+
+
+def test_the_fingerprint_follows_imports(tmp_path: Path) -> None:
+    def prints(constant: str, other: str) -> str:
+        jit._texts.cache_clear()
+        (tmp_path / "outer.py").write_text("from models.kernels.middle import f\n")
+        (tmp_path / "middle.py").write_text("from models.kernels.inner import C\nfrom models.kernels.outer import g\n")
+        (tmp_path / "inner.py").write_text(f"C = {constant}\n")
+        (tmp_path / "other.py").write_text(f"C = {other}\n")
+        return jit.fingerprint(tmp_path / "outer.py")
+
+    assert prints("1", "1") == prints("1", "2")
+    assert prints("1", "1") != prints("2", "1")
+
+
+def test_kernels_are_stamped_with_it() -> None:
+    stamp = cast("Any", settle)._cache._cache_file._source_stamp
+    assert stamp == jit.fingerprint(Path(orbit.__file__))

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from models.response import PASSBAND, Response, fourier_coefficients
+from models.kernels.lines import fourier_coefficients
+from models.response import PASSBAND, Response
 from models.scene import Defect, Scene
 from models.simulate import simulate
 
@@ -110,15 +112,23 @@ def test_rms_and_peak_in_a_band() -> None:
     assert limited.peak == pytest.approx(np.max(np.abs(signal)), rel=5e-3)
 
 
+def two_segments(duration: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return times, trapezoid weights and first steps of two segments of different steps."""
+    parts = [duration * np.linspace(0.0, 0.37, 900), duration * np.linspace(0.37, 1.0, 1201)]
+    weights = []
+    for part in parts:
+        weight = np.full(len(part), (part[1] - part[0]) / duration)
+        weight[[0, -1]] *= 0.5
+        weights.append(weight)
+    return np.concatenate(parts), np.concatenate(weights), np.array([0, 899, 2099])
+
+
 def test_fourier_coefficients_on_an_uneven_grid() -> None:
     duration = 0.01
-    time = duration * np.sort(np.concatenate((np.linspace(0.0, 0.37, 900), np.linspace(0.37, 1.0, 1200))))
-    weight = np.zeros(len(time))
-    weight[1:] += 0.5 * np.diff(time) / duration
-    weight[:-1] += 0.5 * np.diff(time) / duration
+    time, weight, first = two_segments(duration)
     angle = 2.0 * np.pi * time / duration
     wave = np.stack((3.0 * np.cos(5.0 * angle + 0.4), 1.0 + np.sin(2.0 * angle)), axis=-1)
-    c = fourier_coefficients(wave[None], time, weight, duration, 12)
+    c = fourier_coefficients(wave[None], time, weight, first, duration, 12)
     assert c.shape == (2, 13)
     assert c[0, 5] == pytest.approx(1.5 * np.exp(0.4j), rel=1e-3)
     assert c[1, 0] == pytest.approx(1.0, rel=1e-3)
@@ -126,8 +136,16 @@ def test_fourier_coefficients_on_an_uneven_grid() -> None:
     assert np.abs(np.delete(c[0], 5)).max() < 1e-3
 
 
+def test_lines_by_rotation_are_the_sums_of_exponentials() -> None:
+    duration = 0.01
+    time, weight, first = two_segments(duration)
+    wave = np.random.default_rng(0).standard_normal((len(time), 2))
+    c = fourier_coefficients(wave[None], time, weight, first, duration, 200)
+    k = np.arange(201)[:, None]
+    assert c == pytest.approx(((weight * np.exp(-2j * np.pi * k * time / duration)) @ wave).T, abs=1e-12)
+
+
 def test_powers_of_several_periods_are_averaged() -> None:
-    time, weight = np.linspace(0.0, 1.0, 401), np.full(401, 1.0 / 400.0)
-    weight[[0, -1]] *= 0.5
-    waves = np.stack([a * np.cos(2.0 * np.pi * time)[:, None] for a in (1.0, 7.0)])
-    assert abs(fourier_coefficients(waves, time, weight, 1.0, 3)[0, 1]) == pytest.approx(0.5 * 5.0, rel=1e-6)
+    time, weight, first = two_segments(1.0)
+    waves = np.stack([a * np.cos(2.0 * np.pi * time)[:, None] * [1.0, 0.0] for a in (1.0, 7.0)])
+    assert abs(fourier_coefficients(waves, time, weight, first, 1.0, 3)[0, 1]) == pytest.approx(0.5 * 5.0, rel=1e-6)

@@ -63,12 +63,12 @@ def refused(result, *words):
 def test_help_lists_the_commands():
     result = run("--help")
     assert result.returncode == 0
-    for name in ("demo", "replay", "report", "check", "bearing", "simulate", "map", "track", "forecast"):
+    for name in ("demo", "replay", "report", "check", "bearing", "simulate", "map", "track", "warmup", "forecast"):
         assert f"  {name} " in result.stdout
 
 
 @pytest.mark.parametrize(
-    "name", ["demo", "replay", "report", "check", "bearing", "simulate", "map", "track", "forecast"]
+    "name", ["demo", "replay", "report", "check", "bearing", "simulate", "map", "track", "warmup", "forecast"]
 )
 def test_every_command_explains_itself(name):
     result = run(name, "--help")

@@ -1,0 +1,72 @@
+"""The RMS map of 51 x 33 nodes averaged over a hundred rough floors, on one core, with and without slip.
+
+Run as ``python -m benchmarks.ensemble [--quick] [--json FILE]`` (quick: 6 x 5 nodes). Each row prints the CPU time of
+the map, the standard error of its means (median, 99th percentile and maximum over the damaged nodes, relative), and the
+error that the steps leave in the RMS of one floor.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+
+from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
+from models.dynamics.lanes import Slip
+from models.ensemble import build_ensemble_map, ensemble_options, step_error
+from models.map_data import MapPlan
+from models.scene import Floor
+
+FLOORS = 100
+
+
+def plan_of(extents: int, depths: int, floors: int = FLOORS) -> MapPlan:
+    """Return the plan of the map for 4 kN and 40 Hz."""
+    return MapPlan(
+        load=(4000.0,),
+        speed=(40.0,),
+        h_d=tuple(np.linspace(0.0, 32e-6, depths).tolist()),
+        dphi_d=tuple(np.radians(np.linspace(0.0, 50.0, extents)).tolist()),
+        floor=Floor("rough"),
+        floors=floors,
+        rms_band=(0.0, 9500.0),
+    )
+
+
+def map_row(plan: MapPlan, slip: Slip | None) -> Row:
+    """Return the time of a map, what its means are worth, and the speed of the machine in the same minute."""
+    start, cpu = time.perf_counter(), time.process_time()
+    built = build_ensemble_map(plan, slip=slip)
+    seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
+    damaged = (built.h_d[:, None] > 0.0) & (built.dphi_d > 0.0)
+    relative = (built.rms_se / built.rms)[0, 0][damaged]
+    scenes = built.rms.size * plan.floors
+    return {
+        "slip": "none" if slip is None else f"{slip.rule}, {slip.phi_slip} rad",
+        "nodes": built.rms.size,
+        "floors": plan.floors,
+        "seconds": seconds,
+        "cpu seconds": cpu,
+        "ms a scene": 1e3 * cpu / scenes,
+        "standard error median": float(np.median(relative)),
+        "p99": float(np.quantile(relative, 0.99)),
+        "max": float(relative.max()),
+        "step error of one floor, rms": step_error(plan, ensemble_options(plan), 256),
+        "calibration FFT ms": interleaved_ms({"fft": calibration_kernel()}, 51)["fft"],
+    }
+
+
+def main() -> None:
+    """Print the table and write the JSON file if one was asked for."""
+    options = arguments("Ensemble maps: time and standard error.")
+    build_ensemble_map(plan_of(2, 2, 2), slip=Slip(0.01))
+    plan = plan_of(6, 5) if options.quick else plan_of(51, 33)
+    rows = [map_row(plan, slip) for slip in (None, Slip(0.01))]
+    print_table(f"Map over {math.degrees(plan.dphi_d[-1]):.0f} degrees and {plan.h_d[-1] * 1e6:.0f} um", rows)
+    print(f"\nTargets refer to a machine whose calibration FFT takes {REFERENCE_MS} ms.")
+    write_json(options.json, {"maps": rows})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,303 @@
+"""Many scenes at once, with or without slip: the six-degree-of-freedom model simulated in time, one scene a lane.
+
+Scenes of one bearing, rig, clearance and speed that differ in load and damage are integrated side by side in groups
+of LANES (models/kernels/lanes.py). Time is cut into blocks of PERIODS ball periods, each of the same number of equal
+steps, which is no multiple of PERIODS: so every kink of the path is met at PERIODS places within a step and the errors
+of the steps average out. Without slip, blocks are simulated until the RMS no longer changes from block to block; with
+slip, whose motion never repeats, a fixed number of blocks is simulated and the scatter of their means gives a standard
+error.
+
+Slip (Eq. 82) adds an angle sigma to the position of each ball. As printed, sigma is white noise and the result depends
+on how often it is redrawn, so the rule is a choice (see ``Slip``). Sigma is never differentiated.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from models.dynamics.lane_group import PERIODS, Grid, Group, Slip, Workspace, grid_of
+from models.dynamics.six_dof import check_scene
+from models.kernels.lanes import LANES, mean_squares
+from models.response import HARMONICS, Status, check_band
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.scene import Scene
+
+__all__ = ["LANES", "PERIODS", "STATUSES", "LaneOptions", "LaneResponse", "LaneRunner", "Slip", "simulate_lanes"]
+
+DEFAULT_TOLERANCE = 1e-3
+_T = TypeVar("_T")
+_R = TypeVar("_R")
+
+STATUSES: tuple[Status, ...] = ("converged", "not_periodic", "not_converged")
+# With slip: blocks before the measurement begins.
+_SETTLING_BLOCKS = 2
+# A vibration below this is none (m/s2); relative changes of it mean nothing.
+_SILENCE = 1e-9
+
+
+@dataclass(frozen=True)
+class LaneOptions:
+    """How a batch is simulated.
+
+    Attributes:
+        slip: the slip of the balls, or None.
+        steps_per_period: steps of a ball period at least; by default so many that a step is 20 us at most, and 256.
+        tolerance: relative change of the RMS from block to block that counts as none.
+        max_blocks: blocks to simulate at most where the motion repeats, at least 3.
+        slip_blocks: blocks that are measured where it does not, at least 2.
+        band: frequencies (lo, hi), Hz, in which the RMS is taken; None is the full bandwidth.
+    """
+
+    slip: Slip | None = None
+    steps_per_period: int | None = None
+    tolerance: float = DEFAULT_TOLERANCE
+    max_blocks: int = 40
+    slip_blocks: int = 10
+    band: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse limits that make no sense.
+
+        Raises:
+            ValueError: naming the field.
+        """
+        if self.steps_per_period is not None and self.steps_per_period < 8:
+            raise ValueError(f"steps_per_period must be at least 8, got {self.steps_per_period!r}")
+        if not self.tolerance > 0.0:
+            raise ValueError(f"tolerance must be positive, got {self.tolerance!r}")
+        if self.max_blocks < 3 or self.slip_blocks < 2:
+            raise ValueError(
+                f"max_blocks must be at least 3 and slip_blocks 2, got {self.max_blocks!r} and {self.slip_blocks!r}"
+            )
+        if self.band is not None:
+            check_band(self.band)
+
+    @property
+    def redraws(self) -> bool:
+        """Whether the motion is random."""
+        return self.slip is not None and self.slip.rule == "per_passage" and self.slip.phi_slip > 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class LaneResponse:
+    """The vibration of n scenes along the load, SI units.
+
+    Attributes:
+        rms: RMS of a_o in the band of the options, m/s2, shape (n,).
+        rms_se: standard error of it, m/s2: zero where the motion repeats, otherwise from the scatter of the blocks.
+        rms_resonator: RMS of a_r in the same band, m/s2, shape (n,).
+        harmonics: single-sided amplitudes of the lines 1..6 of BPFO in spectra of PERIODS periods of a_o, m/s2, shape
+            (n, 6); of several blocks the powers are averaged.
+        block_change: relative change of the full-bandwidth RMS between the last two blocks, shape (n,).
+        status: index into STATUSES, int8, shape (n,); with slip the motion is "not_periodic" by its nature.
+        periods: ball periods simulated for each scene, shape (n,).
+        bpfo: Hz.
+    """
+
+    rms: NDArray[np.float64]
+    rms_se: NDArray[np.float64]
+    rms_resonator: NDArray[np.float64]
+    harmonics: NDArray[np.float64]
+    block_change: NDArray[np.float64]
+    status: NDArray[np.int8]
+    periods: NDArray[np.int64]
+    bpfo: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Mean squares of one block: full bandwidth of a_o (n,), in the band (2, n), and of the lines (HARMONICS, n)."""
+
+    full: NDArray[np.float64]
+    power: NDArray[np.float64]
+    lines: NDArray[np.float64]
+
+
+def _measure(grid: Grid, wave: NDArray[np.float64], band: tuple[float, float] | None) -> _Block:
+    """Return the mean squares of a block."""
+    count = grid.steps
+    full = np.empty((2, LANES))
+    mean_squares(wave, full)
+    # Coefficients at multiples of bpfo / PERIODS; every seventh is a line.
+    spectrum = np.fft.rfft(wave[:, 0], axis=0)
+    # A real sine of amplitude a has |c| = a count / 2 and the mean square a^2 / 2.
+    lines = 2.0 * np.abs(spectrum[PERIODS : PERIODS * HARMONICS + 1 : PERIODS]) ** 2 / count**2
+    if band is None:
+        return _Block(full[0], full, lines)
+    low = max(1, int(np.ceil(band[0] / grid.bpfo * PERIODS - 1e-9)))
+    high = int(np.floor(band[1] / grid.bpfo * PERIODS + 1e-9))
+    resonator = np.fft.rfft(wave[:, 1], axis=0)
+    power = [2.0 * np.sum(np.abs(s[low : high + 1]) ** 2, axis=0) / count**2 for s in (spectrum, resonator)]
+    return _Block(full[0], np.array(power), lines)
+
+
+class LaneRunner:
+    """Simulates groups of scenes one after the other in this process; it keeps its memory from group to group."""
+
+    def __init__(self, options: LaneOptions | None = None) -> None:
+        """Take the options that hold for all groups."""
+        self.options = LaneOptions() if options is None else options
+        self._workspace = Workspace()
+
+    def run(self, scenes: Sequence[Scene], number: int = 0) -> LaneResponse:
+        """Return the vibration of up to LANES scenes.
+
+        Args:
+            scenes: they share bearing, rig, clearance, speed and the number of damaged rows.
+            number: number of the group; with slip, groups of different numbers draw different angles.
+
+        Raises:
+            ValueError: if there are none or too many, or they do not share what they must; the message names it.
+        """
+        if not 1 <= len(scenes) <= LANES:
+            raise ValueError(f"a group holds 1 to {LANES} scenes, got {len(scenes)}")
+        grid = _shared_grid(scenes, self.options)
+        # Lanes that nobody needs repeat the last scene.
+        padded = [*scenes, *[scenes[-1]] * (LANES - len(scenes))]
+        group = Group(grid, padded, self.options.slip, self._workspace)
+        blocks = self._random(group, number) if self.options.redraws else self._periodic(group)
+        return _response(blocks, grid, self.options, len(scenes), settled=not self.options.redraws)
+
+    def _periodic(self, group: Group) -> list[_Block]:
+        """Return blocks until none of the lanes changes any more; what they passed through is left out."""
+        blocks: list[_Block] = []
+        for _ in range(self.options.max_blocks):
+            group.run_block()
+            blocks.append(_measure(group.grid, group.wave, self.options.band))
+            if len(blocks) >= 3 and np.all(_change(blocks) < self.options.tolerance):
+                break
+        return blocks
+
+    def _random(self, group: Group, number: int) -> list[_Block]:
+        slip = self.options.slip
+        assert slip is not None
+        rng = np.random.default_rng([slip.seed, number])
+        shape = (PERIODS, int(group.grid.row.max()) + 1, LANES)
+        blocks: list[_Block] = []
+        for n in range(_SETTLING_BLOCKS + self.options.slip_blocks):
+            group.run_block(rng.uniform(-slip.phi_slip, slip.phi_slip, shape))
+            if n >= _SETTLING_BLOCKS:
+                blocks.append(_measure(group.grid, group.wave, self.options.band))
+        return blocks
+
+
+def _change(blocks: list[_Block]) -> NDArray[np.float64]:
+    """Return the relative change of the RMS between the last two blocks."""
+    now, before = np.sqrt(blocks[-1].full), np.sqrt(blocks[-2].full)
+    return np.where(np.maximum(now, before) <= _SILENCE, 0.0, np.abs(now - before) / np.maximum(now, _SILENCE))
+
+
+def _response(blocks: list[_Block], grid: Grid, options: LaneOptions, lanes: int, *, settled: bool) -> LaneResponse:
+    """Return the response of the first ``lanes`` lanes."""
+    change = _change(blocks)
+    finite = np.isfinite(blocks[-1].full)
+    converged = finite & (change < options.tolerance) & settled
+    # Where the motion does not repeat, the later half of the blocks is averaged: the earlier one may still settle.
+    kept = blocks if not settled else blocks[len(blocks) // 2 :]
+    power = np.array([b.power for b in kept])
+    mean = np.where(converged, blocks[-1].power, power.mean(axis=0))
+    lines = np.where(converged, blocks[-1].lines, np.mean([b.lines for b in kept], axis=0))
+    error = np.std(power[:, 0], axis=0, ddof=1) / np.sqrt(len(kept)) if len(kept) > 1 else np.zeros(LANES)
+    rms = np.sqrt(mean)
+    # The error of a root is half that of its square, relatively.
+    rms_se = np.where(converged, 0.0, 0.5 * error / np.maximum(rms[0], _SILENCE))
+    status = np.where(converged, 0, np.where(finite, 1, 2)).astype(np.int8)
+    simulated = PERIODS * (len(blocks) + (0 if settled else _SETTLING_BLOCKS))
+    return LaneResponse(
+        rms=rms[0, :lanes],
+        rms_se=rms_se[:lanes],
+        rms_resonator=rms[1, :lanes],
+        harmonics=np.ascontiguousarray(np.sqrt(2.0 * lines).T[:lanes]),
+        block_change=change[:lanes],
+        status=status[:lanes],
+        periods=np.full(lanes, simulated, dtype=np.int64),
+        bpfo=grid.bpfo,
+    )
+
+
+def _shared_grid(scenes: Sequence[Scene], options: LaneOptions) -> Grid:
+    """Return the grid of scenes, once it is certain that they can share one.
+
+    Raises:
+        ValueError: naming what they do not share, or what the lanes do not model.
+    """
+    first = scenes[0]
+    check_scene(first)
+    for scene in scenes:
+        if scene.effects:
+            raise ValueError(f"lanes do not model {', '.join(scene.effects)}; use models.dynamics.time_domain")
+        for name in ("bearing", "rig", "clearance", "speed"):
+            if getattr(scene, name) != getattr(first, name):
+                raise ValueError(
+                    f"scenes side by side must share {name}, got {getattr(first, name)!r} and {getattr(scene, name)!r}"
+                )
+    for load in {scene.load for scene in scenes}:
+        check_scene(replace(first, load=load))
+    grid = grid_of(first.bearing, first.rig, first.clearance, first.speed, options.steps_per_period)
+    nyquist = 0.5 / grid.step
+    if options.band is not None and options.band[1] > nyquist:
+        raise ValueError(f"the band ends at {options.band[1]!r} Hz, the steps resolve up to {nyquist:.0f} Hz")
+    return grid
+
+
+_Task = tuple[LaneOptions, tuple["Scene", ...], int]
+
+
+def _run(task: _Task) -> LaneResponse:
+    options, scenes, number = task
+    return LaneRunner(options).run(scenes, number)
+
+
+def simulate_lanes(scenes: Sequence[Scene], options: LaneOptions | None = None, *, workers: int = 1) -> LaneResponse:
+    """Return the vibration of any number of scenes of one bearing, rig, clearance and speed.
+
+    Args:
+        scenes: at least one; they may differ in load and defect. Scenes of similar extent beside each other are
+            fastest, because the kernel's tables span the widest defect of a group.
+        options: how they are simulated.
+        workers: processes to share the groups of LANES scenes between; 0 means one a core. The result is the same
+            bit for bit.
+
+    Raises:
+        ValueError: if a scene is outside the model or does not share what it must; the message names it.
+    """
+    options = LaneOptions() if options is None else options
+    if len(scenes) == 0:
+        raise ValueError("simulate_lanes needs at least one scene")
+    tasks = [(options, tuple(scenes[i : i + LANES]), i // LANES) for i in range(0, len(scenes), LANES)]
+    found = list(in_processes(_run, tasks, workers))
+    names = ("rms", "rms_se", "rms_resonator", "harmonics", "block_change", "status", "periods")
+    merged = {name: np.concatenate([getattr(r, name) for r in found]) for name in names}
+    return LaneResponse(**merged, bpfo=found[0].bpfo)
+
+
+def in_processes(function: Callable[[_T], _R], tasks: Sequence[_T], workers: int) -> Iterator[_R]:
+    """Yield the results of tasks in their order, from this process or from several.
+
+    Args:
+        function: a module's function of one task.
+        tasks: what it is called with.
+        workers: processes; 0 means one a core.
+
+    Raises:
+        ValueError: if workers is negative.
+    """
+    workers = (os.cpu_count() or 1) if workers == 0 else workers
+    if workers < 1:
+        raise ValueError(f"workers must not be negative, got {workers!r}")
+    if workers == 1 or len(tasks) == 1:
+        yield from map(function, tasks)
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
+        yield from pool.map(function, tasks)

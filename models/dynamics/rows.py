@@ -1,0 +1,119 @@
+"""Many defects of one operating point at once: what maps are made of."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.dynamics.orbit import ACCELERATED, SCALE
+from models.dynamics.six_dof import check_scene, check_steps, damaged_rows, defect_arrays, operating_point
+from models.kernels import rows as kernels
+from models.kernels.path import D_HALF
+from models.response import HARMONICS, check_band
+from models.simulate import DEFAULT_TOLERANCE, check_resolved, steering
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """Settled vibration of the casing for defects of several extents, SI units.
+
+    Attributes:
+        rms: RMS in the asked band, m/s2, shape (extents,).
+        change: relative change of the full-bandwidth RMS between the last two periods, shape (extents,).
+        settled: where the search for the settled motion ended; elsewhere the other fields mean nothing.
+        periods: ball periods simulated, shape (extents,).
+        harmonics: single-sided amplitudes of the first six lines k * bpfo, m/s2, shape (extents, 6).
+    """
+
+    rms: NDArray[np.float64]
+    change: NDArray[np.float64]
+    settled: NDArray[np.bool_]
+    periods: NDArray[np.int64]
+    harmonics: NDArray[np.float64]
+
+
+def simulate_row(
+    scene: Scene,
+    extents: NDArray[np.float64],
+    *,
+    steps_per_period: int,
+    tolerance: float = DEFAULT_TOLERANCE,
+    band: tuple[float, float] | None = None,
+) -> Row:
+    """Return the settled vibration of a scene for several extents of its defect.
+
+    The same as ``models.simulate.simulate`` of each of them, to the digits that ``tolerance`` leaves. The interpreter
+    lock is free meanwhile, so that rows can share the cores of a machine as threads.
+
+    Args:
+        scene: bearing, rig, operating point, and the defect but for its extent.
+        extents: angular extents, rad, shape (extents,).
+        steps_per_period: steps a ball period is to have at least.
+        tolerance: relative change of the RMS from period to period that counts as none.
+        band: frequencies (lo, hi), Hz, in which the RMS is taken; None is the full bandwidth.
+
+    Raises:
+        ValueError: if the scene or an argument is outside what the model describes; the message names it.
+    """
+    defect = scene.defect
+    if defect is None:
+        raise ValueError("a row of defects needs a scene with a defect, got None")
+    check_scene(scene)
+    check_steps(steps_per_period)
+    narrowest, widest = (replace(defect, dphi_d=float(x)) for x in (np.min(extents), np.max(extents)))
+    defect_arrays(scene.bearing, narrowest)
+    path, profile = defect_arrays(scene.bearing, widest)
+    paths = np.tile(path, (len(extents), 1))
+    paths[:, D_HALF] = 0.5 * extents
+    healthy = replace(scene, defect=None)
+    point, steer = operating_point(healthy), steering(healthy)
+    low, high = _lines(band, steps_per_period, point.omega / point.pitch)
+    out = np.empty((len(extents), kernels.RESULT + HARMONICS))
+    kernels.settle_row(
+        paths,
+        profile,
+        np.asarray(extents > 0.0),
+        point.positions,
+        point.rows,
+        point.offsets[: damaged_rows(widest)],
+        point.pitch,
+        steps_per_period,
+        point.omega,
+        point.linear,
+        point.parameter,
+        SCALE,
+        np.eye(12) if steer is None else steer,
+        tolerance,
+        ACCELERATED,
+        low,
+        high,
+        out,
+    )
+    return _as_row(out)
+
+
+def _as_row(out: NDArray[np.float64]) -> Row:
+    """Return the kernel's results by name."""
+    return Row(
+        rms=out[:, kernels.R_RMS],
+        change=out[:, kernels.R_CHANGE],
+        settled=out[:, kernels.R_SETTLED] > 0.0,
+        periods=out[:, kernels.R_PERIODS].astype(np.int64),
+        harmonics=out[:, kernels.RESULT :],
+    )
+
+
+def _lines(band: tuple[float, float] | None, steps: int, bpfo: float) -> tuple[int, int]:
+    """Return the first and the last line of a band; none for the full bandwidth."""
+    if band is None:
+        return 1, 0
+    check_resolved(check_band(band), steps, 1.0 / bpfo)
+    return max(1, math.ceil(band[0] / bpfo)), math.floor(band[1] / bpfo)

@@ -1,0 +1,188 @@
+"""What the time-domain kernel needs for a run: which ball meets which piece of which path, from when to when.
+
+Balls are named by row and number and keep their path coordinate, angle = start + rate * t, for good; the kernel names
+them by the slot of the cage in which they stand, so each meeting is cut where the cage has turned by one pitch.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.bearing import kinematics
+from models.contour import Pieces, part_paths, pieces
+from models.hertz import element_angles, static_equilibrium
+from models.kernels import time_domain as kernels
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.bearing import Kinematics
+    from models.scene import Defect, Scene
+
+# Events closer than this are one, s.
+_SAME_TIME = 1e-10
+_NEAR_ANGLE = math.pi / 2.0 + math.atan(kernels.NEAR_SLOPE)
+
+
+def prepare_plan(scene: Scene, duration: float, seed: int = 0) -> kernels.Plan:
+    """Return everything the kernel needs for a run of ``duration`` seconds (the sensor lies along the load).
+
+    Args:
+        scene: a scene that was checked.
+        duration: length of the run, s.
+        seed: seed of the slip.
+    """
+    bearing, lines = scene.bearing, kinematics(scene.bearing, scene.speed)
+    omega, shaft = 2.0 * math.pi * lines.ftf, 2.0 * math.pi * scene.speed
+    pitch = 2.0 * math.pi / bearing.n_elements
+    angles = element_angles(bearing)
+    # The slots sweep one pitch each; they are sorted by the least distance from the load on the way.
+    off = np.abs(np.remainder(angles + 0.5 * pitch + math.pi, 2.0 * math.pi) - math.pi) - 0.5 * pitch
+    order = np.argsort(off, kind="stable")
+    sorted_angles = angles[order]
+    waves = [w for w in scene.waviness if w.amplitude != 0.0]
+    orders = np.array([float(w.order) for w in waves])[:, None]
+    along = _path_rate(scene.defect, lines)
+    path = pieces(part_paths(bearing, scene.defect))
+    meetings = _meetings(scene, path, along, duration, seed)
+    bounds, turns, first, record, interval = _intervals(meetings, pitch / omega, duration)
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    row = meetings.row[record]
+    ball = (meetings.ball[record] + turns[interval]) % bearing.n_elements
+    return kernels.Plan(
+        parameter=_parameters(scene, omega, along),
+        slots=np.stack((np.cos(sorted_angles), np.sin(sorted_angles), np.ldexp(1.0, np.arange(len(order))))),
+        near=len(order) if waves else int(np.sum(off <= _NEAR_ANGLE)),
+        bounds=bounds,
+        turns=turns,
+        first=first,
+        slot=place[row * bearing.n_elements + ball],
+        piece=meetings.piece[record],
+        offset=meetings.offset[record],
+        origin=path.start,
+        inverse_width=path.inverse_width,
+        cells_first=path.first,
+        cells=path.cells,
+        waves=np.array(
+            [
+                [
+                    w.amplitude * math.cos(bearing.contact_angle),
+                    w.order * (omega - (shaft if w.race == "inner" else 0.0)),
+                    w.order * pitch,
+                    w.phase,
+                ]
+                for w in waves
+            ]
+        ).reshape(len(waves), 4),
+        crests=np.stack((np.cos(orders * sorted_angles), np.sin(orders * sorted_angles)), axis=1)
+        if waves
+        else np.zeros((0, 2, len(order))),
+        push=np.array([scene.unbalance * shaft * shaft, shaft, 0.0]),
+        direction=np.array([1.0, 0.0]),
+    )
+
+
+def _path_rate(defect: Defect | None, lines: Kinematics) -> float:
+    """Return the rate at which a ball moves over the damaged part, or a damaged ball spins, rad/s."""
+    if defect is None or defect.part == "outer":
+        return 2.0 * math.pi * lines.ftf
+    return 2.0 * math.pi * (lines.bsf if defect.part == "ball" else lines.ftf - lines.speed)
+
+
+@dataclass(frozen=True, eq=False)
+class _Meetings:
+    """When which ball is on which piece, each array of shape (meetings,); see the kernel's records."""
+
+    begin: NDArray[np.float64]
+    end: NDArray[np.float64]
+    row: NDArray[np.int64]
+    ball: NDArray[np.int64]
+    piece: NDArray[np.int64]
+    offset: NDArray[np.float64]
+
+
+def _meetings(scene: Scene, path: Pieces, along: float, duration: float, seed: int) -> _Meetings:
+    """Return all passages of balls over pieces within the run."""
+    defect, bearing = scene.defect, scene.bearing
+    rows = range(0) if defect is None else range(defect.first_row, defect.first_row + defect.rows)
+    balls = 1 if defect is not None and defect.part == "ball" else bearing.n_elements
+    start = element_angles(bearing).reshape(bearing.rows, bearing.n_elements)
+    sweep = sorted((0.0, along * duration))
+    passages = np.arange(math.floor(sweep[0] / (2.0 * math.pi)) - 1, math.ceil(sweep[1] / (2.0 * math.pi)) + 2)
+    row, ball, passage, piece = (
+        x.ravel()
+        for x in np.meshgrid(
+            np.array(rows, dtype=np.int64), np.arange(balls), passages, np.arange(len(path.start)), indexing="ij"
+        )
+    )
+    spot = defect is not None and defect.part == "ball"
+    offset = (0.0 if spot else 1.0) * start[row, ball] - 2.0 * math.pi * passage.astype(np.float64)
+    if scene.slip > 0.0:
+        drawn = np.random.default_rng(seed).standard_normal((bearing.rows, bearing.n_elements, len(passages)))
+        offset = offset + scene.slip * drawn[row, ball, passage - passages[0]]
+    times = np.sort(np.stack(((path.start[piece] - offset) / along, (path.end[piece] - offset) / along)), axis=0)
+    keep = (times[1] > 0.0) & (times[0] < duration)
+    return _Meetings(times[0][keep], times[1][keep], row[keep], ball[keep], piece[keep], offset[keep])
+
+
+def _intervals(
+    meetings: _Meetings, turn: float, duration: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return the kernel's ``bounds``, ``turns`` and ``first``, and meeting and interval of each of its records."""
+    times = np.concatenate((meetings.begin, meetings.end, turn * np.arange(1, math.ceil(duration / turn) + 1)))
+    times = np.sort(times[(times > 0.0) & (times < duration)])
+    times = np.concatenate(([0.0], times))
+    bounds = times[np.concatenate(([True], np.diff(times) > _SAME_TIME))]
+    turns = np.floor((bounds + _SAME_TIME) / turn).astype(np.int64)
+    low = np.searchsorted(bounds, np.maximum(meetings.begin, 0.0), side="right") - 1
+    high = np.searchsorted(bounds, meetings.end, side="right") - 1
+    high = np.where(meetings.end >= duration, len(bounds), high)
+    lengths = high - low
+    record = np.repeat(np.arange(len(lengths)), lengths)
+    interval = np.arange(len(record)) - np.repeat(np.cumsum(lengths) - lengths, lengths) + low[record]
+    by_time = np.argsort(interval, kind="stable")
+    first = np.concatenate(([0], np.cumsum(np.bincount(interval, minlength=len(bounds))))).astype(np.int64)
+    return np.append(bounds, duration + 1.0), turns, first, record[by_time], interval[by_time]
+
+
+def _parameters(scene: Scene, omega: float, along: float) -> NDArray[np.float64]:
+    """Return the kernel's ``parameter`` array."""
+    rig = scene.rig
+    weight = scene.gravity * (rig.m_o + rig.m_r)
+    force = (scene.load + weight * math.cos(scene.gravity_angle), weight * math.sin(scene.gravity_angle))
+    # The equilibrium is sought in a frame whose first axis lies along the force.
+    size, angle = math.hypot(*force), math.atan2(force[1], force[0])
+    u = static_equilibrium(element_angles(scene.bearing, -angle), size, rig.k_c, clearance=scene.clearance)
+    reduced = rig.m_o * rig.m_r / (rig.m_o + rig.m_r)
+    values = {
+        kernels.P_K_C: rig.k_c,
+        kernels.P_ALPHA: rig.alpha_c * rig.m_b,
+        kernels.P_BETA: rig.beta_c * rig.k_c,
+        kernels.P_CLEARANCE: scene.clearance,
+        kernels.P_OMEGA: omega,
+        kernels.P_PITCH: 2.0 * math.pi / scene.bearing.n_elements,
+        kernels.P_LOAD_1: force[0],
+        kernels.P_LOAD_2: force[1],
+        kernels.P_U_1: u[0] * math.cos(angle) - u[1] * math.sin(angle),
+        kernels.P_U_2: u[0] * math.sin(angle) + u[1] * math.cos(angle),
+        kernels.P_INV_M_I: 1.0 / rig.m_i,
+        kernels.P_INV_M: 1.0 / (rig.m_o + rig.m_r),
+        kernels.P_INV_M_O: 1.0 / rig.m_o,
+        kernels.P_INV_M_R: 1.0 / rig.m_r,
+        kernels.P_SHARE_R: rig.m_r / (rig.m_o + rig.m_r),
+        kernels.P_K_R: rig.k_r,
+        kernels.P_C_R: rig.c_r,
+        kernels.P_SQUARE_I: rig.k_i / rig.m_i,
+        kernels.P_DAMPING_I: rig.c_i / rig.m_i,
+        kernels.P_SQUARE_R: rig.k_r / reduced,
+        kernels.P_DAMPING_R: rig.c_r / reduced,
+        kernels.P_RATE: along,
+    }
+    parameter = np.zeros(kernels.PARAMETERS)
+    parameter[list(values)] = list(values.values())
+    return parameter

@@ -1,0 +1,76 @@
+"""Kernel of the lines of a period: Fourier sums over an uneven grid, by rotation from value to value."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.kernels.jit import kernel
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+@kernel
+def lines(
+    wave: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    time: NDArray[np.float64],
+    first: NDArray[np.int64],
+    duration: float,
+    count: int,
+) -> NDArray[np.float64]:
+    """Return the Fourier coefficients 0..count of both sensors, shape (2, 2, count + 1): sensor, real and imaginary.
+
+    The values of each segment are equally spaced, so that each line turns by the same angle from one to the next.
+    """
+    sums = np.zeros((2, 2, count + 1))
+    c, s, step_c, step_s = np.empty(count + 1), np.empty(count + 1), np.empty(count + 1), np.empty(count + 1)
+    for k in range(first.shape[0] - 1):
+        start, end = first[k] + k, first[k + 1] + k
+        angle = 2.0 * math.pi * time[start] / duration
+        step = 2.0 * math.pi * (time[end] - time[start]) / duration / (end - start)
+        for i in range(count + 1):
+            c[i], s[i] = math.cos(i * angle), math.sin(i * angle)
+            step_c[i], step_s[i] = math.cos(i * step), math.sin(i * step)
+        for n in range(start, end + 1):
+            a, b = weight[n] * wave[n, 0], weight[n] * wave[n, 1]
+            for i in range(count + 1):
+                sums[0, 0, i] += a * c[i]
+                sums[0, 1, i] -= a * s[i]
+                sums[1, 0, i] += b * c[i]
+                sums[1, 1, i] -= b * s[i]
+                turned = c[i] * step_c[i] - s[i] * step_s[i]
+                s[i] = s[i] * step_c[i] + c[i] * step_s[i]
+                c[i] = turned
+    return sums
+
+
+def fourier_coefficients(
+    waves: NDArray[np.float64],
+    time: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    first: NDArray[np.int64],
+    duration: float,
+    count: int,
+) -> NDArray[np.complex128]:
+    """Return the Fourier coefficients of periods given on a grid of equal steps within segments, (sensors, count + 1).
+
+    Args:
+        waves: shape (periods, values, 2); of several periods the powers are averaged, the last gives the phases.
+        time: time of the values within the period, s; the ends of neighbouring segments are both there.
+        weight: quadrature weights of a mean over the period.
+        first: first step of each segment, and the number of steps, shape (segments + 1,).
+        duration: the period, s.
+        count: highest multiple of 1 / duration.
+    """
+    parts = lines(waves[-1], weight, time, first, duration, count)
+    coefficients = parts[:, 0] + 1j * parts[:, 1]
+    if len(waves) > 1:
+        every = [lines(wave, weight, time, first, duration, count) for wave in waves]
+        power = np.mean([np.sum(part * part, axis=1) for part in every], axis=0)
+        size = np.abs(coefficients)
+        coefficients = np.sqrt(power) * np.where(size > 0.0, coefficients / np.where(size > 0.0, size, 1.0), 1.0)
+    return coefficients

@@ -1,0 +1,182 @@
+"""Kernel that finds the motion that repeats: Anderson acceleration of the period map (see models.dynamics.orbit)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.kernels.jit import kernel
+from models.kernels.six_dof import STATUS_OK, ball_period
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+PLAIN_FIRST = 2
+DEPTH = 5
+RESIDUAL_FLOOR = 1e-9
+# A vibration below this is none (m/s2); relative changes of it mean nothing.
+SILENCE = 1e-9
+# Differences of residuals that differ from those of later ones by less than this share add nothing but rounding.
+_DEPENDENT = 1e-8
+
+
+@kernel
+def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * b[i]
+    return total
+
+
+@kernel
+def anderson(xs: NDArray[np.float64], fs: NDArray[np.float64], count: int, x: NDArray[np.float64]) -> None:
+    """Write the next iterate, from the last ``count`` iterates (rows, oldest first) and their residuals, to ``x``.
+
+    Least squares by modified Gram-Schmidt on differences of residuals, the latest first; one that depends on later ones
+    is left out. (Loops are written out: they compile several times faster than operations on whole arrays.)
+    """
+    size, last = xs.shape[1], count - 1
+    rest, basis, images = np.empty(size), np.empty((DEPTH, size)), np.empty((DEPTH, size))
+    for j in range(size):
+        x[j], rest[j] = xs[last, j] + fs[last, j], fs[last, j]
+    kept = 0
+    for k in range(last, 0, -1):
+        # ``images`` are the same combinations of the differences of x + f as ``basis`` of those of f.
+        v, w = basis[kept], images[kept]
+        for j in range(size):
+            v[j] = fs[k, j] - fs[k - 1, j]
+            w[j] = v[j] + (xs[k, j] - xs[k - 1, j])
+        norm = math.sqrt(_dot(v, v))
+        for i in range(kept):
+            share = _dot(basis[i], v)
+            for j in range(size):
+                v[j] -= share * basis[i, j]
+                w[j] -= share * images[i, j]
+        left = math.sqrt(_dot(v, v))
+        if left <= _DEPENDENT * norm:
+            continue
+        share = _dot(v, rest) / left
+        for j in range(size):
+            v[j] /= left
+            w[j] /= left
+            rest[j] -= share * v[j]
+            x[j] -= share * w[j]
+        kept += 1
+
+
+@kernel
+def mean_square(wave: NDArray[np.float64], weight: NDArray[np.float64], sensor: int) -> float:
+    """Return the mean square of a recorded period."""
+    total = 0.0
+    for i in range(weight.shape[0]):
+        total += weight[i] * wave[i, sensor] * wave[i, sensor]
+    return max(total, 0.0)
+
+
+@kernel
+def settle(
+    begin: NDArray[np.float64],
+    state: NDArray[np.float64],
+    wave: NDArray[np.float64],
+    first: NDArray[np.int64],
+    flow: NDArray[np.float64],
+    part: NDArray[np.float64],
+    turn: NDArray[np.float64],
+    advance: NDArray[np.float64],
+    damaged: NDArray[np.float64],
+    plain: NDArray[np.float64],
+    near: int,
+    depth: NDArray[np.float64],
+    rate: NDArray[np.float64],
+    parameter: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    steering: NDArray[np.float64],
+    tolerance: float,
+    cap: int,
+) -> tuple[int, float, float, bool]:
+    """Iterate from ``begin`` until the RMS has settled or ``cap`` periods have been simulated.
+
+    ``state`` (2, 6) is written: the state at the start of the last period, whose accelerations ``wave`` holds.
+    ``scale`` (12) are the sizes of the state that count as one, ``steering`` (12, 12) what residuals are multiplied by.
+
+    Returns:
+        Periods simulated, relative change and value of the RMS of the last, and whether it has settled.
+    """
+    x, after = np.zeros(12), np.empty((2, 6))
+    xs, fs = np.empty((DEPTH + 1, 12)), np.empty((DEPTH + 1, 12))
+    for i in range(12):
+        x[i] = begin[i // 6, i % 6] / scale[i]
+    known, calm = 0, 0
+    change, rms = math.inf, math.nan
+    for period in range(1, cap + 1):
+        for i in range(12):
+            state[i // 6, i % 6] = x[i] * scale[i]
+        status = ball_period(
+            state, after, wave, first, flow, part, turn, advance, damaged, plain, near, depth, rate, parameter
+        )
+        if status != STATUS_OK:
+            # The extrapolation left the basin: begin again at rest, plainly.
+            for i in range(12):
+                x[i] = 0.0
+            known, calm, change, rms = 0, 0, math.inf, math.nan
+            continue
+        level = math.sqrt(mean_square(wave, weight, 0))
+        change = _change(level, rms)
+        calm = calm + 1 if change < tolerance else 0
+        rms = level
+        if calm >= 2:
+            return period, change, rms, True
+        known = _remember(xs, fs, known, x, after, scale, steering)
+        if period <= PLAIN_FIRST or _only_rounding(x, after, scale):
+            for i in range(12):
+                x[i] = after[i // 6, i % 6] / scale[i]
+        else:
+            anderson(xs, fs, known, x)
+    return cap, change, rms, False
+
+
+@kernel
+def _change(level: float, before: float) -> float:
+    """Return the relative change of a level, infinite where there was none before, zero between two silent ones."""
+    if level <= SILENCE and not before > SILENCE:
+        return 0.0
+    change = abs(level - before) / max(level, SILENCE)
+    return change if math.isfinite(change) else math.inf
+
+
+@kernel
+def _only_rounding(x: NDArray[np.float64], after: NDArray[np.float64], scale: NDArray[np.float64]) -> bool:
+    """Tell whether what a period changed is rounding, whose residuals point nowhere."""
+    moved, size = 0.0, 0.0
+    for i in range(12):
+        image = after[i // 6, i % 6] / scale[i]
+        moved, size = max(moved, abs(image - x[i])), max(size, abs(image))
+    return moved < RESIDUAL_FLOOR * size
+
+
+@kernel
+def _remember(
+    xs: NDArray[np.float64],
+    fs: NDArray[np.float64],
+    known: int,
+    x: NDArray[np.float64],
+    after: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    steering: NDArray[np.float64],
+) -> int:
+    """Append an iterate and its steered residual, drop the oldest where there is no room; return how many are known."""
+    if known == DEPTH + 1:
+        for k in range(DEPTH):
+            for i in range(12):
+                xs[k, i], fs[k, i] = xs[k + 1, i], fs[k + 1, i]
+        known = DEPTH
+    for i in range(12):
+        xs[known, i], fs[known, i] = x[i], 0.0
+    for j in range(12):
+        residual = after[j // 6, j % 6] / scale[j] - x[j]
+        for i in range(12):
+            fs[known, i] += steering[i, j] * residual
+    return known + 1

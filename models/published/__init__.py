@@ -1,0 +1,1 @@
+"""Static figures that the thesis prints, each beside what this program obtains."""

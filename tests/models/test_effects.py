@@ -1,0 +1,194 @@
+"""Each effect against an independent integration, and what it looks like to the monitor: envelope lines and names."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from models.bearing import from_catalogue
+from models.contour import part_paths
+from models.dynamics.time_domain import TimeResponse, simulate_time
+from models.dynamics.time_plan import prepare_plan
+from models.kernels import time_domain as kernels
+from models.scene import Defect, Part, Scene, Waviness
+from monitor.health.naming import bins_needed, name_fault
+from monitor.health.spectrum import get_transform
+from tests.effort import effort_count
+from tests.oracles.time_domain_oracle import Case, Oracle, edge_depth
+
+BASE = Scene(40.0, 4000.0)
+RATE = 25600.0
+# The contact modes ring in this band; above it stands the casing's resonance, which little damage excites alike.
+BAND = (500.0, 5000.0)
+
+CASES = {
+    "outer": (
+        Case(40.0, 4000.0, "outer", 0.1, 5e-4),
+        replace(BASE, defect=Defect(0.1, 5e-4)),
+    ),
+    "inner": (
+        Case(40.0, 4000.0, "inner", 0.1, 5e-4),
+        replace(BASE, defect=Defect(0.1, 5e-4, part="inner")),
+    ),
+    "inner, wide, second row": (
+        Case(40.0, 4000.0, "inner", 0.5, 2e-5, rows=(1,)),
+        replace(BASE, defect=Defect(0.5, 2e-5, part="inner", first_row=1)),
+    ),
+    "ball, both rows": (
+        Case(40.0, 4000.0, "ball", 0.3, 1e-3, rows=(0, 1)),
+        replace(BASE, defect=Defect(0.3, 1e-3, part="ball", rows=2)),
+    ),
+    "ball, with a floor": (
+        Case(40.0, 4000.0, "ball", 0.6, 1e-5),
+        replace(BASE, defect=Defect(0.6, 1e-5, part="ball")),
+    ),
+    "waviness of both races": (
+        Case(40.0, 4000.0, waves=((1e-6, 13, "outer", 0.3), (5e-7, 7, "inner", 1.0))),
+        replace(BASE, waviness=(Waviness(1e-6, 13, "outer", 0.3), Waviness(5e-7, 7, "inner", 1.0))),
+    ),
+    "unbalance": (
+        Case(40.0, 4000.0, unbalance=2e-3),
+        replace(BASE, unbalance=2e-3),
+    ),
+    "gravity and clearance": (
+        Case(40.0, 4000.0, gravity=9.81, gravity_angle=1.0, clearance=5e-6),
+        replace(BASE, gravity=9.81, gravity_angle=1.0, clearance=5e-6),
+    ),
+    "everything": (
+        Case(30.0, 2000.0, "inner", 0.2, 3e-5, (0,), ((3e-7, 5, "inner", 0.2),), 1e-4, 9.81, 0.5, 3e-6),
+        Scene(
+            30.0,
+            2000.0,
+            defect=Defect(0.2, 3e-5, part="inner"),
+            clearance=3e-6,
+            waviness=(Waviness(3e-7, 5, "inner", 0.2),),
+            unbalance=1e-4,
+            gravity=9.81,
+            gravity_angle=0.5,
+        ),
+    ),
+}
+
+
+def relative(found: NDArray[np.float64], truth: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean((found - truth) ** 2) / np.mean(truth**2)))
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def test_against_the_oracle(name: str) -> None:
+    """From rest, both sensors, both directions, at the default step: waveforms to 1e-3 of their RMS."""
+    case, scene = CASES[name]
+    h = 1.0 / 102400.0
+    samples = effort_count(quick=800, full=4000)
+    truth = Oracle(case).run(np.linspace(0.0, (samples - 1) * h, samples))
+    plan = prepare_plan(scene, samples * h)
+    run = kernels.runner(len(plan.waves) > 0 or len(plan.slot) > 0, bool(plan.push[0] != 0.0))
+    for k, direction in enumerate(((1.0, 0.0), (0.0, 1.0))):
+        wave, state = np.empty((samples, 2)), np.zeros((2, 6))
+        assert run(state, wave, h, plan._replace(direction=np.array(direction))) == kernels.STATUS_OK
+        assert relative(wave[:, 0], truth[:, 0, k]) < 1e-3
+        assert relative(wave[:, 1], truth[:, 1, k]) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("part", "contacts"), [("outer", ["outer"]), ("inner", ["inner"]), ("ball", ["spot_outer", "spot_inner"])]
+)
+def test_paths_are_the_geometry_of_points_and_circles(part: Part, contacts: list[str]) -> None:
+    half, h_d = 0.07, 15e-6
+    paths = part_paths(BASE.bearing, Defect(2.0 * half, h_d, part=part, position=0.4))
+    assert len(paths) == len(contacts)
+    for path, contact, centre in zip(paths, contacts, (0.4, 0.4 + math.pi), strict=False):
+        x = np.linspace(-half, half, 57)
+        depth, slope = path(x + centre)
+        truth = np.array([min(edge_depth(half - abs(a), contact), h_d) for a in x])
+        assert depth == pytest.approx(math.cos(BASE.bearing.contact_angle) * truth, abs=1e-13)
+        off_kinks = np.min(np.abs(x[:, None] + centre - path.kinks()), axis=1) > 1e-6
+        ahead, behind = path(x + centre + 1e-7)[0], path(x + centre - 1e-7)[0]
+        assert slope[off_kinks] == pytest.approx(((ahead - behind) / 2e-7)[off_kinks], abs=1e-6)
+
+
+def damaged(part: Part, designation: str, speed: float, duration: float) -> TimeResponse:
+    """Return one second or a few of a pit on one part, whose balls slip a little unless one of them is damaged."""
+    extent = math.radians(16.0 if part == "ball" else 4.0)
+    defect = Defect(extent, 5e-4, part=part)
+    slip = 0.0 if part == "ball" else 0.002
+    scene = Scene(speed, 3000.0, bearing=from_catalogue(designation), defect=defect, slip=slip)
+    return simulate_time(scene, duration, RATE, seed=2)
+
+
+def envelope(response: TimeResponse) -> tuple[NDArray[np.float32], float]:
+    """Return the envelope spectrum over the mean envelope of the signal in noise, and its resolution, Hz."""
+    signal = response.acceleration[0]
+    noisy = signal + np.random.default_rng(0).normal(0.0, 0.2 * float(np.std(signal)), signal.size)
+    (spectrum,) = get_transform(signal.size, RATE, (BAND,), raw_limit=0.0)(noisy.astype(np.float32)).envelopes
+    needed = bins_needed(response.kinematics, spectrum.resolution)
+    return (spectrum.amplitude[:needed] / spectrum.mean).astype(np.float32), spectrum.resolution
+
+
+@pytest.mark.parametrize(
+    ("designation", "speed", "duration"), [("1205 ETN9", 30.0, 2.0), ("6205", 40.0, 1.0), ("6205", 20.0, 5.0)]
+)
+@pytest.mark.parametrize("part", ["outer", "inner", "ball"])
+def test_the_monitor_names_the_damaged_part(part: Part, designation: str, speed: float, duration: float) -> None:
+    response = damaged(part, designation, speed, duration)
+    naming = name_fault(*envelope(response), response.kinematics)
+    assert naming.fault == part
+    assert naming.families[part].speed_factor == pytest.approx(1.0, abs=2e-3)
+
+
+def prominence(amplitude: NDArray[np.float32], resolution: float, frequency: float) -> float:
+    """Return a line's amplitude over the median around it (twenty bins to either side)."""
+    at = round(frequency / resolution)
+    return float(amplitude[at - 1 : at + 2].max() / np.median(amplitude[at - 20 : at + 21]))
+
+
+def test_lines_and_sidebands_of_each_part() -> None:
+    """BPFO alone; BPFI with sidebands of the shaft; twice BSF with sidebands of the cage."""
+    parts: tuple[Part, ...] = ("outer", "inner", "ball")
+    found = {part: damaged(part, "6205", 30.0, 4.0) for part in parts}
+    lines = found["outer"].kinematics
+    spectra = {part: envelope(response) for part, response in found.items()}
+    combs = {
+        "outer": [lines.bpfo, 2.0 * lines.bpfo],
+        "inner": [lines.bpfi, lines.bpfi - lines.speed, lines.bpfi + lines.speed],
+        "ball": [2.0 * lines.bsf, 2.0 * lines.bsf - lines.ftf, 2.0 * lines.bsf + lines.ftf],
+    }
+    for part, comb in combs.items():
+        for other, (amplitude, resolution) in spectra.items():
+            clear = [prominence(amplitude, resolution, f) for f in comb]
+            assert (min(clear) > 10.0) == (part == other), (part, other, clear)
+    for shift in (-lines.speed, lines.speed):
+        assert prominence(*spectra["outer"], lines.bpfo + shift) < 8.0
+
+
+def test_an_unbalance_is_a_line_of_the_shaft() -> None:
+    response = simulate_time(replace(BASE, unbalance=1e-3), 1.0, RATE)
+    heavier = simulate_time(replace(BASE, unbalance=2e-3), 1.0, RATE)
+    assert response.status == "not_periodic"
+    assert response.line(40.0) > 20.0 * max(response.line(55.0), response.line(25.0))
+    assert heavier.line(40.0) == pytest.approx(2.0 * response.line(40.0), rel=1e-2)
+
+
+def test_waviness_sounds_at_its_order() -> None:
+    """Waves of order n k of an outer race with n balls lift all balls of a row at once: lines at k BPFO."""
+    scene = replace(BASE, bearing=from_catalogue("6205"), waviness=(Waviness(5e-7, 9),))
+    response = simulate_time(scene, 1.0, RATE)
+    assert response.status == "converged"
+    healthy = simulate_time(replace(scene, waviness=()), 1.0, RATE)
+    assert response.line(response.kinematics.bpfo) > 1.5 * healthy.line(healthy.kinematics.bpfo)
+    inner = simulate_time(replace(scene, waviness=(Waviness(5e-7, 9, "inner"),)), 1.0, RATE)
+    assert inner.status == "not_periodic"
+    assert inner.line(inner.kinematics.bpfi) > 20.0 * healthy.line(inner.kinematics.bpfi)
+
+
+def test_gravity_along_the_load_is_more_load() -> None:
+    rig = BASE.rig
+    heavy = simulate_time(replace(BASE, gravity=100.0), 0.2, RATE)
+    loaded = simulate_time(replace(BASE, load=BASE.load + 100.0 * (rig.m_o + rig.m_r)), 0.2, RATE)
+    assert heavy.acceleration == pytest.approx(loaded.acceleration, abs=1e-9)
+    upwards = simulate_time(replace(BASE, gravity=100.0, gravity_angle=math.pi), 0.2, RATE)
+    assert upwards.rms < heavy.rms

@@ -1,0 +1,265 @@
+"""The model over a stretch of time: against the periodic solver, its order, its filter and its bookkeeping."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from models.bearing import from_catalogue, kinematics
+from models.dynamics.time_domain import SILENCE, anti_alias_filter, compile_kernels, simulate_time
+from models.dynamics.time_plan import prepare_plan
+from models.kernels import time_domain as kernels
+from models.scene import Defect, Floor, Part, Scene, Waviness
+from models.simulate import simulate
+from tests.effort import effort_count
+
+SPALL = Defect(math.radians(20.0), 20e-6)
+PIT = Defect(math.radians(4.0), 500e-6)
+SCENE = Scene(40.0, 4000.0, defect=SPALL)
+
+
+def waveform(scene: Scene, h: float, samples: int) -> NDArray[np.float64]:
+    """Return the casing's acceleration from rest at the kernel's own samples, m/s2."""
+    plan = prepare_plan(scene, samples * h)
+    wave, state = np.empty((samples, 2)), np.zeros((2, 6))
+    kernels.runner(len(plan.waves) > 0 or len(plan.slot) > 0, bool(plan.push[0] != 0.0))(state, wave, h, plan)
+    return wave[:, 0]
+
+
+def periodic_scenes(count: int) -> list[Scene]:
+    """Return scenes that the periodic solver answers for too."""
+    rng = np.random.default_rng(3)
+    scenes = [replace(SCENE, defect=None), SCENE, replace(SCENE, defect=PIT)]
+    for i in range(count - len(scenes)):
+        floor = Floor("rough" if i % 2 else "smooth", seed=i)
+        defect = Defect(math.radians(rng.uniform(1.0, 50.0)), rng.uniform(1.0, 32.0) * 1e-6, floor, rows=1 + i % 2)
+        scenes.append(
+            Scene(rng.uniform(15.0, 50.0), rng.uniform(1000.0, 5000.0), defect=defect, clearance=5e-6 * (i % 3 == 2))
+        )
+    return scenes
+
+
+@pytest.mark.parametrize("scene", periodic_scenes(effort_count(quick=6, full=30)))
+def test_without_effects_it_is_the_periodic_solver(scene: Scene) -> None:
+    periodic, found = simulate(scene), simulate_time(scene, 0.4, 51200.0)
+    assert found.status == "converged"
+    assert found.rms == pytest.approx(periodic.rms, rel=3e-3)
+    assert found.rms_resonator == pytest.approx(periodic.rms_resonator, rel=3e-3)
+
+
+@pytest.mark.parametrize(("step", "tolerance"), [(10e-6, 1.5e-2), (2e-6, 3e-3)])
+@pytest.mark.parametrize("scene", periodic_scenes(4))
+def test_waveform_without_effects(scene: Scene, step: float, tolerance: float) -> None:
+    """The force jumps where a ball leaves an edge; what the steps alias of that falls with the step."""
+    periodic = simulate(scene, tolerance=1e-8)
+    found = simulate_time(scene, 0.2, 51200.0, settle=0.25, step=step)
+    # Shift the periodic waveform by the time that was dropped.
+    expected = periodic.acceleration(51200.0, 0.2, 2.0 * math.pi * math.fmod(0.25 * periodic.bpfo, 1.0))
+    # Compared up to 10 kHz, where most of the signal is.
+    difference = np.abs(np.fft.rfft(found.acceleration[0] - expected)[: round(0.2 * 10e3)]) / len(expected)
+    assert np.sqrt(2.0 * np.sum(difference**2)) < tolerance * periodic.rms
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        replace(SCENE, defect=Defect(0.5, 2e-5, part="inner", position=0.3)),
+        replace(SCENE, defect=Defect(0.6, 1e-5, part="ball")),
+        replace(SCENE, defect=None, unbalance=1e-4, waviness=(Waviness(1e-6, 13), Waviness(5e-7, 7, "inner", 1.0))),
+    ],
+)
+def test_order_of_the_integrator(scene: Scene) -> None:
+    """The fourth order of Runge and Kutta, until the opening and closing of contacts shows."""
+    coarse, samples = 1.0 / 25600.0, 1280
+    exact = waveform(scene, coarse / 32, 32 * samples)[::32]
+    errors = [np.sqrt(np.mean((waveform(scene, coarse / n, n * samples)[::n] - exact) ** 2)) for n in (1, 2, 4)]
+    orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    assert orders[0] > 3.5
+    assert orders[1] > 2.0
+    assert errors[2] < 5e-4 * np.sqrt(np.mean(exact**2))
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        {"unbalance": 0.0},
+        {"gravity": 0.0, "gravity_angle": 1.0},
+        {"slip": 0.0},
+        {"waviness": (Waviness(0.0, 9, "inner"),)},
+        {"defect": replace(SPALL, first_row=0)},
+    ],
+)
+def test_an_effect_without_amplitude_is_none_bit_for_bit(effect: dict[str, Any]) -> None:
+    scene = replace(SCENE, **effect)
+    assert scene.effects == ()
+    assert np.array_equal(waveform(scene, 1e-5, 2000), waveform(SCENE, 1e-5, 2000))
+
+
+@pytest.mark.parametrize("part", ["inner", "ball"])
+def test_a_defect_without_size_is_none_bit_for_bit(part: Part) -> None:
+    healthy = waveform(replace(SCENE, defect=None), 1e-5, 2000)
+    for defect in (Defect(0.0, 1e-5), Defect(0.1, 0.0)):
+        scene = replace(SCENE, defect=replace(defect, part=part))
+        assert np.array_equal(waveform(scene, 1e-5, 2000), healthy)
+
+
+@pytest.mark.parametrize(
+    ("name", "small"),
+    [("unbalance", 1e-12), ("gravity", 1e-9), ("slip", 1e-12)],
+)
+def test_effects_set_in_continuously(name: str, small: float) -> None:
+    with_effect, without = waveform(replace(SCENE, **{name: small}), 1e-5, 4000), waveform(SCENE, 1e-5, 4000)
+    assert not np.array_equal(with_effect, without)
+    assert with_effect == pytest.approx(without, abs=1e-4)
+
+
+@given(st.floats(0.0, 1e10), st.floats(0.0, 1e5), st.floats(1e-9, 1e-4))
+def test_propagator_is_the_matrix_exponential(omega_squared: float, damping: float, h: float) -> None:
+    scale = np.diag([1.0, 1.0 / max(1.0, math.sqrt(omega_squared))])
+    exact = expm(np.array([[0.0, 1.0], [-omega_squared, -damping]]) * h)
+    ours = np.array(kernels.oscillator(omega_squared, damping, h)).reshape(2, 2)
+    inverse = np.diag(1.0 / np.diag(scale))
+    assert scale @ ours @ inverse == pytest.approx(scale @ exact @ inverse, abs=1e-9)
+
+
+@pytest.mark.parametrize("oversampling", [2, 3, 8])
+def test_the_filter_passes_what_a_recorder_passes(oversampling: int) -> None:
+    taps = anti_alias_filter(oversampling)
+    frequency = np.linspace(0.0, 1.0, 20001)
+    gain = np.abs(np.fft.rfft(taps, 40000))
+    assert len(taps) % 2 == 1
+    assert gain[frequency <= 0.9 / oversampling] == pytest.approx(1.0, abs=2e-4)
+    assert gain[frequency >= 1.0 / oversampling].max() < 2e-4
+
+
+@pytest.mark.parametrize("part", ["outer", "inner", "ball"])
+@pytest.mark.parametrize("slip", [0.0, 0.01])
+def test_balls_meet_the_defect_as_often_as_kinematics_say(part: Part, slip: float) -> None:
+    defect = replace(PIT, part=part)
+    scene = replace(SCENE, defect=defect, slip=0.0 if part == "ball" else slip)
+    duration = 2.0
+    plan = prepare_plan(scene, duration)
+    lines = kinematics(scene.bearing, scene.speed)
+    rate = {"outer": lines.bpfo, "inner": lines.bpfi, "ball": 2.0 * lines.bsf}[part]
+    # The first piece of every path belongs to one edge; a meeting is cut where the cage has turned by a pitch.
+    firsts = [0, int(np.searchsorted(plan.origin, plan.origin[0] + 3.0))] if part == "ball" else [0]
+    lengths = np.repeat(np.diff(plan.bounds), np.diff(plan.first))
+    inside = np.isin(plan.piece, firsts)
+    turns = sum(float(np.sum(lengths[inside & (plan.piece == p)])) for p in firsts) * abs(plan.parameter[21])
+    width = PIT.dphi_d / 2.0
+    assert turns / (width * duration) == pytest.approx(rate, rel=1e-2)
+    places = np.repeat(np.arange(len(plan.turns)), np.diff(plan.first))
+    pairs = list(zip(places.tolist(), plan.slot.tolist(), strict=True))
+    assert len(set(pairs)) == len(pairs)
+
+
+def test_the_sensor_has_a_direction() -> None:
+    scene = replace(SCENE, defect=replace(PIT, part="inner"))
+    along, across, oblique = (
+        simulate_time(scene, 0.1, 25600.0, direction=d).acceleration for d in ((1.0, 0.0), (0.0, 2.0), (-0.6, 0.8))
+    )
+    assert oblique == pytest.approx(-0.6 * along + 0.8 * across, abs=1e-9)
+    assert not np.allclose(along, across)
+
+
+def test_the_same_is_the_same_and_a_seed_is_a_slip() -> None:
+    scene = replace(SCENE, slip=0.01)
+    first, again, other = (simulate_time(scene, 0.1, 25600.0, seed=s).acceleration for s in (1, 1, 2))
+    assert np.array_equal(first, again)
+    assert not np.allclose(first, other)
+
+
+def test_levels_and_lines_are_those_of_the_signal() -> None:
+    response = simulate_time(SCENE, 1.0, 51200.0)
+    periodic = simulate(SCENE)
+    assert response.line(periodic.bpfo) == pytest.approx(periodic.harmonics[0], rel=2e-2)
+    level, peak = response.levels_in_band(0.0, 5000.0)
+    assert level == pytest.approx(periodic.rms_in_band(1.0, 5000.0), rel=1e-2)
+    assert peak > level
+    with pytest.raises(ValueError, match="band"):
+        response.levels_in_band(0.0, 25000.0)
+
+
+def test_standard_error_is_that_of_repeated_runs() -> None:
+    scene = replace(SCENE, defect=PIT, slip=0.02)
+    runs = [simulate_time(scene, 0.5, 25600.0, seed=s) for s in range(effort_count(quick=8, full=40))]
+    scatter = np.std([run.rms for run in runs], ddof=1)
+    stated = np.mean([run.rms_se for run in runs])
+    assert 0.3 * scatter < stated < 3.0 * scatter
+    assert all(run.status == "not_periodic" for run in runs)
+
+
+def test_a_silent_scene_is_silent() -> None:
+    response = simulate_time(Scene(40.0, 0.0), 0.05, 25600.0)
+    assert response.rms < SILENCE
+    assert response.status == "converged"
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"unbalance": -1.0}, "unbalance"),
+        ({"gravity": math.nan}, "gravity"),
+        ({"slip": -0.1}, "slip"),
+        ({"waviness": (Waviness(1e-6, 0),)}, "waviness"),
+        ({"defect": replace(PIT, first_row=2)}, "first_row"),
+        ({"defect": replace(PIT, first_row=1, rows=2)}, "defect.rows"),
+        ({"defect": replace(PIT, part="ball"), "slip": 0.01}, "slip"),
+        ({"defect": replace(PIT, part="ball", dphi_d=4.0)}, "dphi_d"),
+        ({"defect": replace(PIT, part="inner", h_d=-1.0)}, "h_d"),
+        ({"load": -1.0}, "load"),
+        ({"model": "none"}, "model"),
+        ({"bearing": from_catalogue("NU 202 ECP")}, "roller"),
+    ],
+)
+def test_what_the_model_cannot_describe_is_refused(change: dict[str, object], word: str) -> None:
+    with pytest.raises(ValueError, match=word):
+        simulate_time(replace(SCENE, **change), 0.1, 25600.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"duration": 0.0}, "duration"),
+        ({"rate": math.inf}, "rate"),
+        ({"settle": -1.0}, "settle"),
+        ({"direction": (0.0, 0.0)}, "direction"),
+        ({"step": 0.0}, "step"),
+    ],
+)
+def test_senseless_arguments_are_refused(change: dict[str, Any], word: str) -> None:
+    arguments: dict[str, Any] = {"duration": 0.1, "rate": 25600.0, **change}
+    with pytest.raises(ValueError, match=word):
+        simulate_time(SCENE, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"unbalance": 1e-3}, "unbalance"),
+        ({"gravity": 9.8}, "gravity"),
+        ({"slip": 0.01}, "slip"),
+        ({"waviness": (Waviness(1e-6, 7),)}, "waviness"),
+        ({"defect": replace(PIT, part="inner")}, "defect.part"),
+        ({"defect": replace(PIT, first_row=1)}, "defect.first_row"),
+    ],
+)
+def test_the_periodic_solver_refuses_what_it_would_leave_out(change: dict[str, Any], word: str) -> None:
+    scene = replace(SCENE, **change)
+    assert scene.effects == (word,)
+    with pytest.raises(ValueError, match=word):
+        simulate(scene)
+
+
+def test_every_machine_code_can_be_compiled_ahead() -> None:
+    kernels.runner.cache_clear()
+    compile_kernels()
+    assert kernels.runner.cache_info().misses == 4

@@ -1,0 +1,118 @@
+"""``spallwatch simulate`` with effects: keys, statuses, and what cannot be asked for."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from models.bearing import from_catalogue, kinematics
+from monitor.cli import main
+from monitor.commands.simulate import command
+
+PIT = ["--dphi-deg", "4", "--h-d-um", "500", "--duration-s", "0.3"]
+KEYS = {
+    "rms_g",
+    "rms_se_g",
+    "peak_g",
+    "rms_resonator_g",
+    "bpfo_hz",
+    "bpfi_hz",
+    "bsf_hz",
+    "ftf_hz",
+    "harmonics_g",
+    "periods",
+    "period_change",
+    "spread_g",
+    "model",
+    "status",
+}
+
+
+@pytest.fixture(autouse=True)
+def _empty_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def simulate(*options: str) -> dict[str, Any]:
+    result = CliRunner().invoke(command, [*options, "--json"], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    values: dict[str, Any] = json.loads(result.stdout)
+    assert set(values) >= KEYS
+    return values
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        [*PIT, "--fault", "inner"],
+        [*PIT, "--fault", "ball"],
+        [*PIT, "--slip-deg", "0.5"],
+        ["--unbalance-kg-m", "1e-3", "--duration-s", "0.3"],
+        ["--waviness-um", "1", "--waviness-order", "7", "--waviness-race", "inner", "--duration-s", "0.3"],
+    ],
+)
+def test_what_has_no_ball_period_has_a_spread(options: list[str]) -> None:
+    values = simulate(*options)
+    assert values["status"] == "not_periodic"
+    assert values["spread_g"] > 0.0
+    assert 0.0 < values["rms_se_g"] < values["rms_g"] <= values["peak_g"]
+    assert values["period_change"] is None
+    lines = kinematics(from_catalogue("1205 ETN9"), 40.0)
+    assert (values["bpfo_hz"], values["bpfi_hz"]) == pytest.approx((lines.bpfo, lines.bpfi))
+
+
+def test_what_has_one_agrees_with_the_periodic_solver() -> None:
+    periodic = simulate(*PIT)
+    assert periodic["rms_se_g"] is None
+    assert simulate(*PIT, "--first-row", "2")["rms_g"] == pytest.approx(periodic["rms_g"], rel=3e-3)
+    assert simulate(*PIT, "--direction-deg", "360")["rms_g"] == pytest.approx(periodic["rms_g"], rel=3e-3)
+    heavy = simulate(*PIT, "--gravity")
+    assert heavy["status"] == "converged"
+    assert heavy["rms_g"] == pytest.approx(periodic["rms_g"], rel=0.2)
+
+
+def test_a_band_and_a_sensor_apply_over_time_too() -> None:
+    options = [*PIT, "--fault", "inner"]
+    full, band = simulate(*options), simulate(*options, "--rms-band-hz", "10:3000")
+    assert band["rms_g"] < full["rms_g"]
+    resonator = simulate(*options, "--sensor", "mr")
+    assert resonator["rms_g"] == resonator["rms_resonator_g"] == full["rms_resonator_g"]
+
+
+def test_the_waveform_is_the_signal() -> None:
+    values = simulate(*PIT, "--fault", "ball", "--waveform", "signal.csv")
+    rows = np.loadtxt("signal.csv", delimiter=",", skiprows=1)
+    assert len(rows) == round(0.3 * 51200)
+    assert np.sqrt(np.mean(rows[:, 1] ** 2)) == pytest.approx(values["rms_g"], rel=5e-2)
+
+
+def test_people_read_the_lines_of_the_part() -> None:
+    result = CliRunner().invoke(command, [*PIT, "--fault", "inner"], catch_exceptions=False)
+    assert "not_periodic" in result.stdout
+    assert "standard error" in result.stdout
+    assert "BPFI 284.38 Hz" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (["--fault", "inner", "--plot", "scene.png"], "--waveform"),
+        (["--fault", "ball", "--slip-deg", "1"], "slip"),
+        (["--first-row", "3"], "first_row"),
+        (["--fault", "inner", "--rms-band-hz", "10:30000"], "band"),
+        (["--fault", "ball", "--dphi-deg", "200"], "dphi_d"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_words(
+    options: list[str], word: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["spallwatch", "simulate", *PIT, *options])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 2
+    assert word in capsys.readouterr().err

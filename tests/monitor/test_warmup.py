@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from monitor.commands.warmup import command
+
+CONFIG = """
+[[bearing]]
+name = "test"
+designation = "6205"
+[operating]
+speed_hz = 30
+[[source]]
+name = "recording"
+rate_hz = 12800
+block_s = {block}
+[[channel]]
+name = "de"
+source = "recording"
+column = 1
+unit = "g"
+bearing = "test"
+band_hz = [[2000, 6000]]
+"""
+
+
+@pytest.mark.parametrize(("block", "transforms"), [("1", 1), ('"file"', 0)])
+def test_says_how_long_compiling_and_planning_took(tmp_path: Path, block: str, transforms: int) -> None:
+    path = tmp_path / "machine.toml"
+    path.write_text(CONFIG.format(block=block))
+    result = CliRunner().invoke(command, ["--config", str(path), "--json"], catch_exceptions=False)
+    values = json.loads(result.stdout)
+    assert result.exit_code == 0
+    assert values["transforms"] == transforms
+    assert values["compile_seconds"] > 0.0
+    assert values["plan_seconds"] >= 0.0
+
+
+def test_without_a_configuration_the_model_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(command, [], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert "model: compiled or loaded" in result.stdout
+    assert "0 planned" in result.stdout
