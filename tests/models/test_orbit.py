@@ -46,7 +46,7 @@ def contraction(radius: float, seed: int = 0) -> NDArray[np.float64]:
 def test_finds_the_fixed_point_of_a_linear_map(radius: float, known: bool) -> None:
     matrix, offset = contraction(radius), np.arange(1.0, 13.0)
     period = LinearMap(matrix, offset)
-    steering = np.linalg.inv(np.eye(12) - matrix) if known else None
+    steering = np.linalg.inv(np.eye(12) - matrix).astype(np.float64) if known else None
     orbit = find_orbit(period, tolerance=1e-9, max_periods=200, steering=steering)
     exact = np.linalg.solve(np.eye(12) - matrix, offset)
     assert orbit.status == "converged"
@@ -57,7 +57,7 @@ def test_finds_the_fixed_point_of_a_linear_map(radius: float, known: bool) -> No
 
 def test_the_exact_jacobian_needs_hardly_more_than_the_first_periods() -> None:
     matrix = contraction(0.98)
-    exact = np.linalg.inv(np.eye(12) - matrix)
+    exact = np.linalg.inv(np.eye(12) - matrix).astype(np.float64)
     orbit = find_orbit(LinearMap(matrix, np.ones(12)), tolerance=1e-9, max_periods=200, steering=exact)
     assert orbit.periods <= 7
 
