@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from benchmarks import opponents as op
 from benchmarks.common import Row
-from benchmarks.speed_page import renew, time_to_reach
+from benchmarks.speed_page import reach_table, reference_table, renew, settled_table, time_to_reach
 from benchmarks.work_precision import (
     DT0,
     SCALE,
@@ -30,6 +30,7 @@ from benchmarks.work_precision import (
 from models.scene import Scene
 from tests.oracles import six_dof_oracle as oracle
 
+ROOT = Path(__file__).resolve().parents[2]
 SPAN = 0.6e-3
 STEPS = (48, 96, 192)
 
@@ -235,9 +236,22 @@ def test_time_to_reach_interpolates_and_ignores_luck() -> None:
     assert time_to_reach(rows((2.0, 1e-1), (4.0, 2e-2)), 1e-2) == "–"
 
 
+def stored() -> dict[str, list[Row]]:
+    return json.loads((ROOT / "benchmarks" / "results" / "integrators.json").read_text(encoding="utf-8"))
+
+
 def test_a_page_without_marks_is_refused(tmp_path: Path) -> None:
-    stored = Path(__file__).resolve().parents[2] / "benchmarks" / "results" / "integrators.json"
     page = tmp_path / "page.md"
     page.write_text("nothing\n", encoding="utf-8")
     with pytest.raises(ValueError, match="lacks the lines"):
-        renew(page, json.loads(stored.read_text(encoding="utf-8")))
+        renew(page, stored())
+
+
+def test_the_page_shows_the_stored_figures() -> None:
+    page, tables = (ROOT / "docs" / "speed-against-error.md").read_text(encoding="utf-8"), stored()
+    for table in (
+        reach_table(tables["runs"]),
+        reference_table(tables["references"]),
+        settled_table(tables["settled"]),
+    ):
+        assert table in page
