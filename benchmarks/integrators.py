@@ -30,7 +30,8 @@ from benchmarks.work_precision import (
     run_rk4,
     run_scipy,
 )
-from models.dynamics.six_dof import GRADES
+from models.dynamics.six_dof import GRADES, steps_for
+from models.simulate import simulate
 
 Attempt = tuple[str, str, Callable[[], Run], int]
 
@@ -71,9 +72,10 @@ def attempts(problem: Problem, quick: bool) -> Iterator[Attempt]:
 
 
 def measure(quick: bool) -> dict[str, list[Row]]:
-    """Return the tables: references beside DOP853, and every method on every scene."""
+    """Return the tables: references beside DOP853, every method on every scene, and what simulate() makes of them."""
     references: list[Row] = []
     rows: list[Row] = []
+    settled: list[Row] = []
     fft = calibration_kernel()
     for name, scene in list(SCENES.items())[1:3] if quick else SCENES.items():
         problem = Problem(scene)
@@ -89,20 +91,39 @@ def measure(quick: bool) -> dict[str, list[Row]]:
                 "calibration FFT ms": calibration,
             }
         )
-        for method, setting, work, rounds in attempts(problem, quick):
-            found = problem.judge(work, rounds)
-            rows.append(
-                {
-                    "scene": name,
-                    "method": method,
-                    "setting": setting,
-                    "RMS error": found.rms_error,
-                    "waveform error": found.wave_error,
-                    "evaluations a second": found.evaluations_per_s,
-                    "ms a second": found.ms_per_s,
-                }
-            )
-    return {"references": references, "runs": rows}
+        rows += runs_of(name, problem, quick)
+        settled += settled_of(name, problem)
+    return {"references": references, "runs": rows, "settled": settled}
+
+
+def runs_of(name: str, problem: Problem, quick: bool) -> list[Row]:
+    """Return every method and setting on one scene."""
+    rows: list[Row] = []
+    for method, setting, work, rounds in attempts(problem, quick):
+        found = problem.judge(work, rounds)
+        rows.append(
+            {
+                "scene": name,
+                "method": method,
+                "setting": setting,
+                "RMS error": found.rms_error,
+                "waveform error": found.wave_error,
+                "evaluations a second": found.evaluations_per_s,
+                "ms a second": found.ms_per_s,
+            }
+        )
+    return rows
+
+
+def settled_of(name: str, problem: Problem) -> list[Row]:
+    """Return the RMS that simulate() gives, quadrature over one period included, for every accuracy it offers."""
+    rows: list[Row] = []
+    for accuracy in GRADES:
+        found = simulate(problem.scene, accuracy=accuracy, tolerance=1e-8)
+        steps = steps_for(problem.scene, accuracy)
+        error = found.rms / problem.rms - 1.0
+        rows.append({"scene": name, "accuracy": accuracy, "steps a period": steps, "RMS error": error})
+    return rows
 
 
 def main() -> None:

@@ -118,6 +118,15 @@ def errors_table(runs: Sequence[Row], wanted: Sequence[tuple[str, str]]) -> str:
     return markdown(["error of RMS / waveform", "ms", *scenes], lines)
 
 
+def settled_table(settled: Sequence[Row]) -> str:
+    """Return the errors of the RMS that simulate() gives, one line for each accuracy."""
+    lines = []
+    for accuracy in dict.fromkeys(number(row, "accuracy") for row in settled):
+        found = [row for row in settled if row["accuracy"] == accuracy]
+        lines.append([f"{accuracy:g}", *(f"{number(row, 'RMS error'):+.1e}" for row in found)])
+    return markdown(["accuracy", *names(settled, "scene")], lines)
+
+
 def reference_table(references: Sequence[Row]) -> str:
     """Return the references beside DOP853."""
     lines = [
@@ -229,6 +238,7 @@ def renew(document: Path, tables: Mapping[str, Sequence[Row]]) -> None:
         "ingredients": errors_table(runs, [(name, INGREDIENTS_STEP) for name in ingredients]),
         "adaptive": errors_table(runs, [(name, MATLAB) for name in adaptive]),
         "steps": errors_table(runs, [("this project's kernel", step) for step in steps]),
+        "settled": settled_table(tables["settled"]),
         "speed": speed_table(),
     }
     text = document.read_text(encoding="utf-8")
