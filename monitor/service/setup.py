@@ -6,16 +6,13 @@ import math
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-from models.rms_map import MapError, RmsMap, load_map
+from models.rms_map import MapError, OutsideMapError, RmsMap, load_map
 from models.scene import Rig
 from monitor.config import ChannelSection, Config, ConfigError, SourceSection
 from monitor.health.edv import EdvSettings, EdvStatus, MapSlice
 from monitor.health.pipeline import ChannelSettings, MapAt
 from streams.block import STANDARD_GRAVITY
 from streams.source import ChannelSpec, Source, SourceError, SourceSpec, open_source
-
-_CONDITION_TOLERANCE = 0.01
-"""A map made for a single load or speed serves conditions within 1 % of it."""
 
 _GEOMETRY = ("n_elements", "rows", "element_diameter", "pitch_diameter", "contact_angle", "outer_race_radius")
 _PARAMETERS = tuple(field.name for field in fields(Rig) if field.name != "calibrated")
@@ -179,13 +176,16 @@ def map_lookup(rms_map: RmsMap) -> MapAt:
     slices: dict[tuple[float, float], MapSlice] = {}
 
     def at(load: float | None, speed: float | None) -> tuple[MapSlice | None, EdvStatus | None]:
-        if load is None or speed is None or not (_covers(rms_map.load, load) and _covers(rms_map.speed, speed)):
+        if load is None or speed is None:
             return None, EdvStatus.OUTSIDE_CONDITIONS
         key = (load, speed)
         if key not in slices:
             if len(slices) >= 64:
                 slices.clear()
-            slices[key] = to_slice(rms_map, load, speed)
+            try:
+                slices[key] = to_slice(rms_map, load, speed)
+            except OutsideMapError:
+                return None, EdvStatus.OUTSIDE_CONDITIONS
         return slices[key], None
 
     return at
@@ -195,9 +195,3 @@ def to_slice(rms_map: RmsMap, load: float, speed: float) -> MapSlice:
     """Return the map of one operating point as the tracker takes it, m/s2."""
     at = rms_map.slice_at(load, speed)
     return MapSlice(dphi_d=at.dphi_d, h_d=at.h_d, rms=at.rms, outer_race_radius=rms_map.outer_race_radius)
-
-
-def _covers(axis: object, value: float) -> bool:
-    values = [float(v) for v in axis]  # pyright: ignore[reportGeneralTypeIssues]
-    low, high = min(values), max(values)
-    return low * (1.0 - _CONDITION_TOLERANCE) <= value <= high * (1.0 + _CONDITION_TOLERANCE) and math.isfinite(value)

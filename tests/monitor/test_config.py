@@ -51,7 +51,7 @@ def test_the_minimal_configuration_has_the_documented_defaults():
 
 @pytest.mark.parametrize("path", [ROOT / "config.toml", *EXAMPLES], ids=lambda path: path.stem)
 def test_shipped_configurations_are_valid(path):
-    load_config(path)
+    assert load_config(path).channel
 
 
 def test_the_examples_of_the_interface_are_there():
