@@ -39,6 +39,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.kernels.jit import inlined, kernel
+from models.kernels.six_dof import propagate
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -140,18 +141,6 @@ def _propagators(p: NDArray[np.float64], h: float) -> Flow:
 
 
 @inlined
-def _flow(x: Axis, e: Flow) -> Axis:
-    return (
-        e[0] * x[0] + e[1] * x[1],
-        e[2] * x[0] + e[3] * x[1],
-        x[2] + e[4] * x[3],
-        x[3],
-        e[5] * x[4] + e[6] * x[5],
-        e[7] * x[4] + e[8] * x[5],
-    )
-
-
-@inlined
 def _kick(x: Axis, h: float, contact: float, shaft: float, p: NDArray[np.float64]) -> Axis:
     """Return the state after the contact force and a force on the shaft have acted for a time h."""
     return (
@@ -207,20 +196,20 @@ def _step(
     """Return both axes after one Lawson-RK4 step, the contact force at its start, and whether a contact changed."""
     p, f = plan.parameter, nodes.force
     a1, a2, mask = _contact(x1, x2, plan, nodes, 0, has_path)
-    y1, y2 = _flow(x1, e), _flow(x2, e)
+    y1, y2 = propagate(x1, e), propagate(x2, e)
     z1, z2 = _kick(x1, 0.5 * h, a1, f[0, 0], p), _kick(x2, 0.5 * h, a2, f[0, 1], p)
-    z1, z2 = _flow(z1, e), _flow(z2, e)
+    z1, z2 = propagate(z1, e), propagate(z2, e)
     x1, x2 = _kick(x1, h / 6.0, a1, f[0, 0], p), _kick(x2, h / 6.0, a2, f[0, 1], p)
-    x1, x2 = _flow(x1, e), _flow(x2, e)
+    x1, x2 = propagate(x1, e), propagate(x2, e)
     g1, g2, mask_2 = _contact(z1, z2, plan, nodes, 1, has_path)
     x1, x2 = _kick(x1, h / 3.0, g1, f[1, 0], p), _kick(x2, h / 3.0, g2, f[1, 1], p)
     z1, z2 = _kick(y1, 0.5 * h, g1, f[1, 0], p), _kick(y2, 0.5 * h, g2, f[1, 1], p)
     g1, g2, mask_3 = _contact(z1, z2, plan, nodes, 1, has_path)
     x1, x2 = _kick(x1, h / 3.0, g1, f[1, 0], p), _kick(x2, h / 3.0, g2, f[1, 1], p)
     z1, z2 = _kick(y1, h, g1, f[1, 0], p), _kick(y2, h, g2, f[1, 1], p)
-    z1, z2 = _flow(z1, e), _flow(z2, e)
+    z1, z2 = propagate(z1, e), propagate(z2, e)
     g1, g2, mask_4 = _contact(z1, z2, plan, nodes, 2, has_path)
-    x1, x2 = _flow(x1, e), _flow(x2, e)
+    x1, x2 = propagate(x1, e), propagate(x2, e)
     x1, x2 = _kick(x1, h / 6.0, g1, f[2, 0], p), _kick(x2, h / 6.0, g2, f[2, 1], p)
     return x1, x2, a1, a2, mask != mask_2 or mask != mask_3 or mask != mask_4
 

@@ -46,7 +46,6 @@ class Replay:
         store_path: the truth.
         spectra: by channel, frequency (Hz) and amplitude (g, or the channel's unknown unit) of an envelope spectrum
             worth drawing, the fundamentals of the families (Hz), and which block it is of.
-        setups: the channels that were watched.
     """
 
     summary: dict[str, Any]
@@ -54,7 +53,6 @@ class Replay:
     spectra: dict[str, tuple[NDArray[np.float64], NDArray[np.float64], dict[str, float], str]] = field(
         default_factory=dict
     )
-    setups: dict[str, ChannelSetup] = field(default_factory=dict)
 
 
 def replay(
@@ -101,7 +99,7 @@ def replay(
         seconds = time.perf_counter() - began
         files = publish(store, out / "records", config.machine.name)
         summary = _summary(store, watcher, len(source), taken, seconds, files) | {"reasons": reasons}
-    return Replay(summary, out / "state.db", spectra, setups)
+    return Replay(summary, out / "state.db", spectra)
 
 
 def _open_store(out: Path, config: Config, resume: bool) -> Store:
