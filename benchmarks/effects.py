@@ -22,7 +22,7 @@ from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms
 from models.dynamics.time_domain import DEFAULT_STEP, simulate_time
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
-from models.scene import Defect, Floor, Scene, Waviness
+from models.scene import Defect, Floor, Scene, Slip, Waviness
 from tests.oracles.time_domain_oracle import Case, Oracle
 
 RATE = 51200.0
@@ -37,7 +37,7 @@ SCENES = {
     "waviness, one race": replace(HEALTHY, waviness=(Waviness(1e-6, 13),)),
     "waviness, both races": replace(HEALTHY, waviness=(Waviness(1e-6, 13), Waviness(5e-7, 7, "inner"))),
     "outer, 4 deg pit": replace(HEALTHY, defect=PIT),
-    "outer, with slip": replace(HEALTHY, defect=PIT, slip=0.01),
+    "outer, with slip": replace(HEALTHY, defect=PIT, slip=Slip(0.0173)),
     "inner, 4 deg pit": replace(HEALTHY, defect=replace(PIT, part="inner")),
     "inner, 20 deg rough spall": replace(HEALTHY, defect=replace(SPALL, part="inner", floor=Floor("rough"))),
     "inner, both rows": replace(HEALTHY, defect=replace(PIT, part="inner", rows=2)),
@@ -45,7 +45,7 @@ SCENES = {
     "all of them": replace(
         HEALTHY,
         defect=replace(PIT, part="inner"),
-        slip=0.01,
+        slip=Slip(0.0173),
         unbalance=1e-3,
         gravity=9.80665,
         clearance=5e-6,

@@ -13,15 +13,15 @@ import time
 import numpy as np
 
 from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
-from models.dynamics.lanes import Slip
-from models.ensemble import build_ensemble_map, ensemble_options, step_error
+from models.ensemble import ensemble_options, step_error
+from models.map_build import build_map
 from models.map_data import MapPlan
-from models.scene import Floor
+from models.scene import Floor, Slip
 
 FLOORS = 100
 
 
-def plan_of(extents: int, depths: int, floors: int = FLOORS) -> MapPlan:
+def plan_of(extents: int, depths: int, slip: Slip | None = None, floors: int = FLOORS) -> MapPlan:
     """Return the plan of the map for 4 kN and 40 Hz."""
     return MapPlan(
         load=(4000.0,),
@@ -31,17 +31,18 @@ def plan_of(extents: int, depths: int, floors: int = FLOORS) -> MapPlan:
         floor=Floor("rough"),
         floors=floors,
         rms_band=(0.0, 9500.0),
+        slip=slip,
     )
 
 
-def map_row(plan: MapPlan, slip: Slip | None) -> Row:
+def map_row(plan: MapPlan) -> Row:
     """Return the time of a map, what its means are worth, and the speed of the machine in the same minute."""
     start, cpu = time.perf_counter(), time.process_time()
-    built = build_ensemble_map(plan, slip=slip)
+    built = build_map(plan)
     seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
     damaged = (built.h_d[:, None] > 0.0) & (built.dphi_d > 0.0)
     relative = (built.rms_se / built.rms)[0, 0][damaged]
-    scenes = built.rms.size * plan.floors
+    scenes, slip = built.rms.size * plan.floors, plan.slip
     return {
         "slip": "none" if slip is None else f"{slip.rule}, {slip.phi_slip} rad",
         "nodes": built.rms.size,
@@ -60,9 +61,10 @@ def map_row(plan: MapPlan, slip: Slip | None) -> Row:
 def main() -> None:
     """Print the table and write the JSON file if one was asked for."""
     options = arguments("Ensemble maps: time and standard error.")
-    build_ensemble_map(plan_of(2, 2, 2), slip=Slip(0.01))
-    plan = plan_of(6, 5) if options.quick else plan_of(51, 33)
-    rows = [map_row(plan, slip) for slip in (None, Slip(0.01))]
+    build_map(plan_of(2, 2, Slip(0.01), 2))
+    size = (6, 5) if options.quick else (51, 33)
+    rows = [map_row(plan_of(*size, slip)) for slip in (None, Slip(0.01))]
+    plan = plan_of(*size)
     print_table(f"Map over {math.degrees(plan.dphi_d[-1]):.0f} degrees and {plan.h_d[-1] * 1e6:.0f} um", rows)
     print(f"\nTargets refer to a machine whose calibration FFT takes {REFERENCE_MS} ms.")
     write_json(options.json, {"maps": rows})

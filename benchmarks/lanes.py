@@ -26,8 +26,8 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
-from models.dynamics.lanes import LANES, LaneOptions, LaneRunner, Slip, simulate_lanes
-from models.scene import Defect, Floor, Scene
+from models.dynamics.lanes import LANES, LaneOptions, LaneRunner, simulate_lanes
+from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
 from tests.oracles.six_dof_oracle import Case, simulate_oracle
 
@@ -145,11 +145,11 @@ def slip_rows(blocks: int) -> list[Row]:
     rules: tuple[Literal["per_passage", "mean_force"], ...] = ("per_passage", "mean_force")
     for rule in rules:
         for angle in (0.0, 0.005, 0.01, 0.02):
-            options = LaneOptions(slip=Slip(angle, rule), slip_blocks=blocks)
+            options = LaneOptions(slip_blocks=blocks)
             row: dict[str, float | int | str | None] = {"rule": rule, "phi_slip rad": angle}
             cost = []
             for name, (degrees, load, speed) in LOCALISED.items():
-                scene = Scene(speed, load, defect=Defect(math.radians(degrees), 500e-6))
+                scene = Scene(speed, load, defect=Defect(math.radians(degrees), 500e-6), slip=Slip(angle, rule))
                 start = time.thread_time()
                 found = simulate_lanes([scene] * LANES, options)
                 cost.append(1e3 * (time.thread_time() - start) / (LANES * float(found.periods[0]) / found.bpfo))
@@ -219,7 +219,7 @@ def main() -> None:
     """Print the tables and write the JSON file if one was asked for."""
     options = arguments("Many scenes at once: error against time.")
     simulate(Scene(40.0, 4000.0))
-    simulate_lanes(map_points(2), replace(LaneOptions(), slip=Slip(0.01)))
+    simulate_lanes([replace(scene, slip=Slip(0.01)) for scene in map_points(2)])
     tables: dict[str, list[Row]] = {
         "reference": reference_rows(1 if options.quick else 4),
         "errors": error_rows(64 if options.quick else 256),

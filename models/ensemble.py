@@ -12,17 +12,17 @@ shortness of the record is part of the spread over floors, and so of the standar
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from models.bearing import kinematics
 from models.dynamics.lane_group import block_steps
-from models.dynamics.lanes import LANES, PERIODS, LaneOptions, LaneRunner, Slip, in_processes, simulate_lanes
-from models.map_build import Progress, _attributes, scene_at
-from models.map_data import HARMONICS, MapError, MapPlan, RmsMap
+from models.dynamics.lanes import LANES, PERIODS, LaneOptions, LaneRunner, in_processes, simulate_lanes
+from models.map_nodes import Nodes, Progress, scene_at
+from models.map_plan import HARMONICS, MapPlan
 from models.scene import Scene
 
 if TYPE_CHECKING:
@@ -53,11 +53,10 @@ class _Task:
     end: int
 
 
-def ensemble_options(plan: MapPlan, slip: Slip | None = None) -> LaneOptions:
+def ensemble_options(plan: MapPlan) -> LaneOptions:
     """Return how the scenes of a plan are simulated."""
     bpfo = kinematics(plan.bearing, min(plan.speed)).bpfo
     return LaneOptions(
-        slip=slip,
         steps_per_period=plan.steps_per_period or max(ENSEMBLE_MIN_STEPS, math.ceil(1.0 / (bpfo * ENSEMBLE_STEP))),
         tolerance=ENSEMBLE_TOLERANCE,
         slip_blocks=ENSEMBLE_SLIP_BLOCKS,
@@ -65,33 +64,18 @@ def ensemble_options(plan: MapPlan, slip: Slip | None = None) -> LaneOptions:
     )
 
 
-def build_ensemble_map(
-    plan: MapPlan,
-    *,
-    slip: Slip | None = None,
-    options: LaneOptions | None = None,
-    workers: int = 1,
-    progress: Progress | None = None,
-) -> RmsMap:
-    """Return the map of a plan averaged over its floors.
+def ensemble_nodes(plan: MapPlan, *, workers: int = 1, progress: Progress | None = None) -> Nodes:
+    """Return the nodes of a plan averaged over its floors.
 
     Args:
-        plan: what to build; ``plan.floors`` rough floors, at least 2.
-        slip: slip of the balls, or None.
-        options: how scenes are simulated; by default ``ensemble_options(plan, slip)``. Its slip and band must be those
-            of the other arguments.
-        workers: processes to share the scenes between; 0 means one a core. The map is the same bit for bit.
+        plan: what to build.
+        workers: processes to share the scenes between; 0 means one a core. The result is the same bit for bit.
         progress: called with the scenes done and their total, from this process.
 
     Raises:
-        MapError: if the plan has one floor only, or the options contradict the other arguments.
         ValueError: if a scene is outside what the model describes.
     """
-    if plan.floors < 2:
-        raise MapError(f"an ensemble map needs at least 2 floors, got {plan.floors!r}")
-    options = ensemble_options(plan, slip) if options is None else options
-    if options.slip != slip or options.band != plan.rms_band:
-        raise MapError("the options of an ensemble map must have the slip that was asked for and the band of the plan")
+    options = ensemble_options(plan)
     tasks = list(_tasks(plan, options))
     values = np.empty((len(plan.speed), _nodes(plan), plan.floors, _COLUMNS))
     total, done = values[..., 0].size, 0
@@ -101,7 +85,31 @@ def build_ensemble_map(
         done += task.end - task.begin
         if progress is not None:
             progress(done, total)
-    return _map(plan, options, values)
+    return _statistics(plan, options, values)
+
+
+def ensemble_rms(
+    plan: MapPlan, points: Sequence[tuple[float, float, float, float]], factor: int
+) -> NDArray[np.float64]:
+    """Return the RMS at any points (load, speed, h_d, dphi_d), averaged over the plan's floors, m/s2.
+
+    Args:
+        plan: what the map is made from.
+        points: inside or outside its axes.
+        factor: how many times the steps of the map's nodes.
+    """
+    options = ensemble_options(plan)
+    assert options.steps_per_period is not None
+    options = replace(options, steps_per_period=factor * options.steps_per_period)
+    runner, found = LaneRunner(options), []
+    for number, point in enumerate(points):
+        levels = []
+        for first in range(0, plan.floors, LANES):
+            seeds = range(first, min(first + LANES, plan.floors))
+            scenes = [scene_at(plan, *point, seed) for seed in seeds]
+            levels.append(runner.run(scenes, number * plan.floors + first).rms)
+        found.append(float(np.mean(np.concatenate(levels))))
+    return np.array(found)
 
 
 def _nodes(plan: MapPlan) -> int:
@@ -148,28 +156,26 @@ def _simulate(task: _Task) -> NDArray[np.float64]:
     return np.concatenate(rows)
 
 
-def _map(plan: MapPlan, options: LaneOptions, values: NDArray[np.float64]) -> RmsMap:
-    """Return the map from the scenes' figures, shape (speeds, nodes, floors, _COLUMNS)."""
+def _statistics(plan: MapPlan, options: LaneOptions, values: NDArray[np.float64]) -> Nodes:
+    """Return the nodes from the scenes' figures, shape (speeds, nodes, floors, _COLUMNS)."""
     shape = (len(plan.speed), len(plan.load), len(plan.dphi_d), len(plan.h_d), plan.floors, _COLUMNS)
     values = values.reshape(shape).transpose(1, 0, 3, 2, 4, 5)
     rms, harmonics = values[..., 0], values[..., 3:]
     mean = rms.mean(axis=-1)
-    spread = rms.std(axis=-1, ddof=1)
+    several = plan.floors > 1
+    spread = rms.std(axis=-1, ddof=1) if several else np.zeros_like(mean)
     # A settled scene is off by less than the last change between blocks; slip has no settled motion to be off from.
-    settling = np.zeros_like(mean) if options.redraws else values[..., 1].max(axis=-1)
-    return RmsMap(
-        load=np.array(plan.load),
-        speed=np.array(plan.speed),
-        h_d=np.array(plan.h_d),
-        dphi_d=np.array(plan.dphi_d),
+    random = plan.slip is not None and plan.slip.redraws
+    settling = np.zeros_like(mean) if random else values[..., 1].max(axis=-1)
+    return Nodes(
         rms=mean,
         rms_std=spread,
         rms_se=spread / np.sqrt(plan.floors),
         rms_error=(settling + step_error(plan, options)) * mean,
         harmonic_amplitude=harmonics.mean(axis=-2),
-        harmonic_std=harmonics.std(axis=-2, ddof=1),
+        harmonic_std=harmonics.std(axis=-2, ddof=1) if several else np.zeros_like(harmonics[..., 0, :]),
         status=values[..., 2].max(axis=-1).astype(np.int8),
-        attributes=_all_attributes(plan, options.slip),
+        solver="lanes",
     )
 
 
@@ -182,28 +188,17 @@ def step_error(plan: MapPlan, options: LaneOptions, count: int = LANES) -> float
         count: how many scenes are compared.
     """
     rng = np.random.default_rng(_ERROR_SEED)
+    floors = 1 if plan.floor.kind == "smooth" else plan.floors
     depths = [h for h in plan.h_d if h > 0.0] or [plan.h_d[0]]
     extents = [x for x in plan.dphi_d if x > 0.0] or [plan.dphi_d[0]]
     speed = plan.speed[-1]
+    plan, still = replace(plan, slip=None, floors=floors), replace(options, tolerance=1e-5)
     scenes = [
         scene_at(plan, float(rng.choice(plan.load)), speed, float(rng.choice(depths)), float(rng.choice(extents)), seed)
         for seed in rng.integers(0, plan.floors, count).tolist()
     ]
-    still = replace(options, slip=None, tolerance=1e-5)
     coarse = simulate_lanes(scenes, still).rms
     steps = block_steps(kinematics(plan.bearing, speed).bpfo, options.steps_per_period) // PERIODS
     fine = simulate_lanes(scenes, replace(still, steps_per_period=2 * steps)).rms
     error = np.where(fine > 0.0, coarse / np.where(fine > 0.0, fine, 1.0) - 1.0, 0.0)
     return float(np.sqrt(np.mean(error * error)))
-
-
-def _all_attributes(plan: MapPlan, slip: Slip | None) -> dict[str, object]:
-    """Return what a map carries; its plan and hash do not know of slip, so these attributes alone tell it."""
-    attributes = _attributes(plan)
-    attributes["solver"] = "lanes"
-    if slip is not None:
-        attributes |= {f"slip_{name}": value for name, value in asdict(slip).items()}
-    return attributes
-
-
-__all__ = ["build_ensemble_map", "ensemble_options", "step_error"]

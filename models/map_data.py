@@ -1,124 +1,37 @@
-"""RMS maps as data: what a map is made from, what it holds, and how it is read between its nodes. No numba here."""
+"""RMS maps as data: what a map holds, and how it is read between its nodes. No numba here."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
-from dataclasses import asdict, dataclass, field
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.bearing import Bearing, from_catalogue
 from models.defect import race_radius
-from models.scene import Floor, Rig
+from models.map_plan import AXES, HARMONICS, MODEL_VERSION, SCHEMA_VERSION, STATUSES, MapError, MapPlan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-# Raise it whenever the model's figures change: maps made before are then built anew.
-MODEL_VERSION = 2
-SCHEMA_VERSION = 1
-HARMONICS = 6
-STATUSES = ("converged", "not_periodic", "not_converged")
-AXES = ("load", "speed", "h_d", "dphi_d")
+__all__ = [
+    "AXES",
+    "HARMONICS",
+    "MODEL_VERSION",
+    "SCHEMA_VERSION",
+    "STATUSES",
+    "MapError",
+    "MapPlan",
+    "MapSlice",
+    "OutsideMapError",
+    "RmsMap",
+]
+
 # Loads and speeds this close to the end of their axis count as on it.
 _CONDITION_TOLERANCE = 0.01
 
 
-class MapError(ValueError):
-    """A map or a plan of one is unusable; the message names the file or field and what is wrong."""
-
-
 class OutsideMapError(MapError):
     """A map was asked for a load or a speed outside its axes."""
-
-
-@dataclass(frozen=True)
-class MapPlan:
-    """Everything that makes a map, SI units and radians; two equal plans give the same map.
-
-    Attributes:
-        load: axis of radial loads, N, ascending.
-        speed: axis of shaft speeds, Hz, ascending.
-        h_d: axis of depths, m, ascending.
-        dphi_d: axis of extents, rad, ascending.
-        bearing: the bearing.
-        rig: lumped parameters around it.
-        clearance: radial clearance, m.
-        floor: the bottom of the defect; of several floors, the first.
-        floors: how many rough floors are averaged (seeds floor.seed, floor.seed + 1, ...).
-        rows: how many rows the defect spans.
-        position: angle of the defect's centre from the load direction, rad.
-        rms_band: band in which RMS is taken, Hz, or None for the full bandwidth.
-        steps_per_period: steps of the integration per ball period, or None for the model's choice.
-        model: the model.
-    """
-
-    load: tuple[float, ...]
-    speed: tuple[float, ...]
-    h_d: tuple[float, ...]
-    dphi_d: tuple[float, ...]
-    bearing: Bearing = field(default_factory=lambda: from_catalogue("1205 ETN9"))
-    rig: Rig = field(default_factory=Rig)
-    clearance: float = 0.0
-    floor: Floor = field(default_factory=Floor)
-    floors: int = 1
-    rows: int = 1
-    position: float = 0.0
-    rms_band: tuple[float, float] | None = None
-    steps_per_period: int | None = None
-    model: str = "six_dof"
-
-    def __post_init__(self) -> None:
-        """Refuse axes that are none.
-
-        Raises:
-            MapError: naming the axis and what is wrong with it.
-        """
-        for name in AXES:
-            values = getattr(self, name)
-            if len(values) == 0 or not all(math.isfinite(v) and v >= 0.0 for v in values):
-                raise MapError(f"map axis {name} needs finite values that are not negative, got {values!r}")
-            if any(b <= a for a, b in pairwise(values)):
-                raise MapError(f"map axis {name} must ascend, got {values!r}")
-        if self.speed[0] <= 0.0:
-            raise MapError(f"map axis speed must be positive, got {self.speed!r}")
-        if self.floors < 1 or (self.floors > 1 and self.floor.kind == "smooth"):
-            raise MapError(f"floors must be 1 for a smooth floor and at least 1 for a rough one, got {self.floors!r}")
-
-    @property
-    def shape(self) -> tuple[int, int, int, int]:
-        """Number of nodes along load, speed, h_d and dphi_d."""
-        return len(self.load), len(self.speed), len(self.h_d), len(self.dphi_d)
-
-    def as_json(self) -> str:
-        """Return the plan as canonical JSON; ``from_json`` reads it back exactly."""
-        return json.dumps(asdict(self), sort_keys=True)
-
-    @classmethod
-    def from_json(cls, text: str) -> MapPlan:
-        """Return the plan that ``as_json`` wrote.
-
-        Raises:
-            MapError: if it is not one.
-        """
-        try:
-            data: dict[str, Any] = json.loads(text)
-            for name in AXES:
-                data[name] = tuple(data[name])
-            data["rms_band"] = None if data["rms_band"] is None else tuple(data["rms_band"])
-            for name, kind in (("bearing", Bearing), ("rig", Rig), ("floor", Floor)):
-                data[name] = kind(**data[name])
-            return cls(**data)
-        except (TypeError, KeyError, json.JSONDecodeError) as error:
-            raise MapError(f"the parameters of the map are not those of this version: {error}") from error
-
-    def hash(self) -> str:
-        """Return a hash of the plan and the model's version: equal hashes, equal maps."""
-        return hashlib.sha256(f"{self.model} {MODEL_VERSION} {self.as_json()}".encode()).hexdigest()
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +47,11 @@ class MapSlice:
         rms_error: estimated numerical error of ``rms``, m/s2, shape (H, D).
         harmonic_amplitude: lines 1..6 of BPFO, m/s2, shape (H, D, 6).
         rms_band: band of the RMS, Hz, or None for the full bandwidth.
+        rms_std: standard deviation of ``rms`` over floors, m/s2, shape (H, D); zero for one floor that repeats.
+        harmonic_std: of ``harmonic_amplitude``, m/s2, shape (H, D, 6).
+        rms_rig_std: standard deviation of ``rms`` over rig parameters as uncertain as the plan says, m/s2, shape
+            (H, D); zero where the plan draws no rigs.
+        harmonic_rig_std: of ``harmonic_amplitude``, m/s2, shape (H, D, 6).
     """
 
     load: float
@@ -144,6 +62,10 @@ class MapSlice:
     rms_error: NDArray[np.float64]
     harmonic_amplitude: NDArray[np.float64]
     rms_band: tuple[float, float] | None
+    rms_std: NDArray[np.float64]
+    harmonic_std: NDArray[np.float64]
+    rms_rig_std: NDArray[np.float64]
+    harmonic_rig_std: NDArray[np.float64]
 
     def inside(self, dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.bool_]:
         """Say where points lie on the map."""
@@ -205,6 +127,8 @@ class RmsMap:
         rms_error: estimated numerical error of ``rms``, m/s2 (steps and settling, not interpolation).
         harmonic_amplitude: mean single-sided amplitudes of lines 1..6 of BPFO, m/s2, shape (L, S, H, D, 6).
         harmonic_std: standard deviation of them over the floors, m/s2.
+        rms_rig_std: standard deviation of the RMS over the plan's draws of the rig, m/s2; zero where it has none.
+        harmonic_rig_std: standard deviation of the lines over these draws, m/s2.
         status: index into STATUSES, int8, the worst of all floors.
         attributes: everything that made it: flat parameters in SI units, software version, hash.
     """
@@ -219,6 +143,8 @@ class RmsMap:
     rms_error: NDArray[np.float64]
     harmonic_amplitude: NDArray[np.float64]
     harmonic_std: NDArray[np.float64]
+    rms_rig_std: NDArray[np.float64]
+    harmonic_rig_std: NDArray[np.float64]
     status: NDArray[np.int8]
     attributes: dict[str, Any]
 
@@ -266,6 +192,10 @@ class RmsMap:
             at(self.rms_error),
             at(self.harmonic_amplitude),
             self.rms_band,
+            at(self.rms_std),
+            at(self.harmonic_std),
+            at(self.rms_rig_std),
+            at(self.harmonic_rig_std),
         )
 
 

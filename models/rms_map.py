@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from platformdirs import user_cache_dir
 
-from models.map_build import MapCheck, Progress, build_map, check_map
+from models.map_build import Progress, build_map
+from models.map_check import MapCheck, check_map
 from models.map_data import (
     AXES,
     HARMONICS,
@@ -60,9 +61,11 @@ _LONG_NAMES = {
     "rms_error": "estimated numerical error of the RMS",
     "harmonic_amplitude": "single-sided amplitude of the lines at multiples of BPFO",
     "harmonic_std": "standard deviation of these amplitudes over floors",
+    "rms_rig_std": "standard deviation of the RMS over uncertain parameters of the rig",
+    "harmonic_rig_std": "standard deviation of these amplitudes over uncertain parameters of the rig",
 }
-_VALUES = ("rms", "rms_std", "rms_se", "rms_error")
-_LINES = ("harmonic_amplitude", "harmonic_std")
+_VALUES = ("rms", "rms_std", "rms_se", "rms_error", "rms_rig_std")
+_LINES = ("harmonic_amplitude", "harmonic_std", "harmonic_rig_std")
 
 
 def save_map(rms_map: RmsMap, path: Path | str) -> None:
@@ -143,7 +146,8 @@ def _read(dataset: Dataset) -> RmsMap:
     attributes = {name: _plain(dataset.getncattr(name)) for name in dataset.ncattrs()}
     if attributes.get("schema_version") != SCHEMA_VERSION:
         found = attributes.get("schema_version", "none")
-        raise MapError(f"schema_version is {found}, expected {SCHEMA_VERSION}: not an RMS map of this version")
+        what = "not an RMS map" if found == "none" else "a map of another version, build it anew"
+        raise MapError(f"schema_version is {found}, expected {SCHEMA_VERSION}: {what}")
     missing = [n for n in (*AXES, *_VALUES, *_LINES, "status") if n not in dataset.variables]
     if missing:
         raise MapError(f"variables missing: {', '.join(missing)}")

@@ -109,6 +109,42 @@ class Waviness:
 
 
 @dataclass(frozen=True)
+class Slip:
+    """How balls stand off from their place in the cage (Eq. 82): sigma is uniform between -phi_slip and phi_slip.
+
+    As printed, sigma is white noise and the result depends on how often it is redrawn, so the rule is a choice. Sigma
+    is never differentiated.
+
+    Attributes:
+        phi_slip: largest angle, rad; the standard deviation is phi_slip / sqrt(3).
+        rule: "per_passage": every ball keeps one sigma for one passage of the loaded zone. "mean_force": the limit of
+            sigma redrawn ever faster, in which only the mean of the contact force over sigma acts; deterministic and
+            periodic, for comparison with Figs. 49 to 51 of the thesis.
+        seed: seed of the draws.
+    """
+
+    phi_slip: float
+    rule: Literal["per_passage", "mean_force"] = "per_passage"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no slip.
+
+        Raises:
+            ValueError: naming the field.
+        """
+        if not 0.0 <= self.phi_slip < 0.5:
+            raise ValueError(f"slip.phi_slip must lie between 0 and 0.5 rad, got {self.phi_slip!r}")
+        if self.rule not in ("per_passage", "mean_force"):
+            raise ValueError(f"slip.rule must be 'per_passage' or 'mean_force', got {self.rule!r}")
+
+    @property
+    def redraws(self) -> bool:
+        """Whether it makes the motion random."""
+        return self.rule == "per_passage" and self.phi_slip > 0.0
+
+
+@dataclass(frozen=True)
 class Scene:
     """One bearing at one operating point with one state of damage.
 
@@ -124,8 +160,7 @@ class Scene:
         unbalance: unbalance of the shaft, kg m (mass times eccentricity), turning with it from the load direction.
         gravity: acceleration of gravity that acts on the masses, m/s2.
         gravity_angle: its direction from that in which the load pulls the outer ring, rad.
-        slip: standard deviation of the angle by which a ball is off its place in the cage when it meets the defect,
-            rad, drawn once for every passage (Eq. 82).
+        slip: how balls stand off from their place in the cage (Eq. 82), or None.
     """
 
     speed: float
@@ -139,12 +174,12 @@ class Scene:
     unbalance: float = 0.0
     gravity: float = 0.0
     gravity_angle: float = 0.0
-    slip: float = 0.0
+    slip: Slip | None = None
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Names of the effects that only ``models.dynamics.time_domain`` models; without any, the motion is periodic
-        with the ball passage and ``models.simulate.simulate`` answers.
+        """Names of the effects that ``models.dynamics.time_domain`` models (of slip, ``models.dynamics.lanes`` too);
+        without any, the motion is periodic with the ball passage and ``models.simulate.simulate`` answers.
         """
         named = {
             "waviness": any(w.amplitude != 0.0 for w in self.waviness),
@@ -152,7 +187,7 @@ class Scene:
             "gravity": self.gravity != 0.0,
         }
         if self.defect is not None:
-            named["slip"] = self.slip != 0.0
+            named["slip"] = self.slip is not None and self.slip.phi_slip != 0.0
             named["defect.part"] = self.defect.part != "outer"
             named["defect.first_row"] = self.defect.first_row != 0
         return tuple(name for name, is_named in named.items() if is_named)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.bearing import Bearing
-    from models.scene import Rig, Scene
+    from models.scene import Rig, Scene, Slip
 
 PERIODS = 7
 # Default step, s, and least steps a period; benchmarks/lanes.py prints the error that they leave.
@@ -33,35 +33,6 @@ _MEAN_FORCE_POINTS = 24
 _REACH = 1.0 - 1e-9
 # Numbers in a cache line.
 _LINE = 8
-
-
-@dataclass(frozen=True)
-class Slip:
-    """How balls stand off from their place in the cage (Eq. 82): sigma is uniform between -phi_slip and phi_slip.
-
-    Attributes:
-        phi_slip: largest angle, rad.
-        rule: "per_passage": every ball keeps one sigma from the moment it passes the point opposite to the load until
-            it is there again, so one for each passage of the loaded zone. "mean_force": the limit of sigma redrawn
-            ever faster, in which only the mean of the contact force over sigma acts; deterministic and periodic, for
-            comparison with Figs. 49 to 51 of the thesis.
-        seed: seed of the draws.
-    """
-
-    phi_slip: float
-    rule: Literal["per_passage", "mean_force"] = "per_passage"
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        """Refuse what is no slip.
-
-        Raises:
-            ValueError: naming the field.
-        """
-        if not 0.0 <= self.phi_slip < 0.5:
-            raise ValueError(f"slip.phi_slip must lie between 0 and 0.5 rad, got {self.phi_slip!r}")
-        if self.rule not in ("per_passage", "mean_force"):
-            raise ValueError(f"slip.rule must be 'per_passage' or 'mean_force', got {self.rule!r}")
 
 
 @dataclass(frozen=True, eq=False)

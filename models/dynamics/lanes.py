@@ -7,8 +7,8 @@ of the steps average out. Without slip, blocks are simulated until the RMS no lo
 slip, whose motion never repeats, a fixed number of blocks is simulated and the scatter of their means gives a standard
 error.
 
-Slip (Eq. 82) adds an angle sigma to the position of each ball. As printed, sigma is white noise and the result depends
-on how often it is redrawn, so the rule is a choice (see ``Slip``). Sigma is never differentiated.
+Slip per passage (``models.scene.Slip``): every ball keeps one sigma from the moment it passes the point opposite to the
+load until it is there again.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from models.dynamics.lane_group import PERIODS, Grid, Group, Slip, Workspace, grid_of
+from models.dynamics.lane_group import PERIODS, Grid, Group, Workspace, grid_of
 from models.dynamics.six_dof import check_scene
 from models.kernels.lanes import LANES, mean_squares
 from models.response import HARMONICS, Status, check_band
@@ -30,9 +30,9 @@ from models.response import HARMONICS, Status, check_band
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.scene import Scene
+    from models.scene import Scene, Slip
 
-__all__ = ["LANES", "PERIODS", "STATUSES", "LaneOptions", "LaneResponse", "LaneRunner", "Slip", "simulate_lanes"]
+__all__ = ["LANES", "PERIODS", "STATUSES", "LaneOptions", "LaneResponse", "LaneRunner", "simulate_lanes"]
 
 DEFAULT_TOLERANCE = 1e-3
 _T = TypeVar("_T")
@@ -50,7 +50,6 @@ class LaneOptions:
     """How a batch is simulated.
 
     Attributes:
-        slip: the slip of the balls, or None.
         steps_per_period: steps of a ball period at least; by default so many that a step is 20 us at most, and 256.
         tolerance: relative change of the RMS from block to block that counts as none.
         max_blocks: blocks to simulate at most where the motion repeats, at least 3.
@@ -58,7 +57,6 @@ class LaneOptions:
         band: frequencies (lo, hi), Hz, in which the RMS is taken; None is the full bandwidth.
     """
 
-    slip: Slip | None = None
     steps_per_period: int | None = None
     tolerance: float = DEFAULT_TOLERANCE
     max_blocks: int = 40
@@ -81,11 +79,6 @@ class LaneOptions:
             )
         if self.band is not None:
             check_band(self.band)
-
-    @property
-    def redraws(self) -> bool:
-        """Whether the motion is random."""
-        return self.slip is not None and self.slip.rule == "per_passage" and self.slip.phi_slip > 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +146,7 @@ class LaneRunner:
         """Return the vibration of up to LANES scenes.
 
         Args:
-            scenes: they share bearing, rig, clearance, speed and the number of damaged rows.
+            scenes: they share bearing, rig, clearance, speed, slip and the number of damaged rows.
             number: number of the group; with slip, groups of different numbers draw different angles.
 
         Raises:
@@ -164,9 +157,13 @@ class LaneRunner:
         grid = _shared_grid(scenes, self.options)
         # Lanes that nobody needs repeat the last scene.
         padded = [*scenes, *[scenes[-1]] * (LANES - len(scenes))]
-        group = Group(grid, padded, self.options.slip, self._workspace)
-        blocks = self._random(group, number) if self.options.redraws else self._periodic(group)
-        return _response(blocks, grid, self.options, len(scenes), settled=not self.options.redraws)
+        slip = scenes[0].slip
+        group = Group(grid, padded, slip, self._workspace)
+        if slip is not None and slip.redraws:
+            blocks, settled = self._random(group, slip, number), False
+        else:
+            blocks, settled = self._periodic(group), True
+        return _response(blocks, grid, self.options, len(scenes), settled=settled)
 
     def _periodic(self, group: Group) -> list[_Block]:
         """Return blocks until none of the lanes changes any more; what they passed through is left out."""
@@ -178,9 +175,7 @@ class LaneRunner:
                 break
         return blocks
 
-    def _random(self, group: Group, number: int) -> list[_Block]:
-        slip = self.options.slip
-        assert slip is not None
+    def _random(self, group: Group, slip: Slip, number: int) -> list[_Block]:
         rng = np.random.default_rng([slip.seed, number])
         shape = (PERIODS, int(group.grid.row.max()) + 1, LANES)
         blocks: list[_Block] = []
@@ -232,17 +227,17 @@ def _shared_grid(scenes: Sequence[Scene], options: LaneOptions) -> Grid:
         ValueError: naming what they do not share, or what the lanes do not model.
     """
     first = scenes[0]
-    check_scene(first)
     for scene in scenes:
-        if scene.effects:
-            raise ValueError(f"lanes do not model {', '.join(scene.effects)}; use models.dynamics.time_domain")
-        for name in ("bearing", "rig", "clearance", "speed"):
+        others = [name for name in scene.effects if name != "slip"]
+        if others:
+            raise ValueError(f"lanes do not model {', '.join(others)}; use models.dynamics.time_domain")
+        for name in ("bearing", "rig", "clearance", "speed", "slip"):
             if getattr(scene, name) != getattr(first, name):
                 raise ValueError(
                     f"scenes side by side must share {name}, got {getattr(first, name)!r} and {getattr(scene, name)!r}"
                 )
     for load in {scene.load for scene in scenes}:
-        check_scene(replace(first, load=load))
+        check_scene(replace(first, load=load, slip=None))
     grid = grid_of(first.bearing, first.rig, first.clearance, first.speed, options.steps_per_period)
     nyquist = 0.5 / grid.step
     if options.band is not None and options.band[1] > nyquist:
@@ -259,7 +254,7 @@ def _run(task: _Task) -> LaneResponse:
 
 
 def simulate_lanes(scenes: Sequence[Scene], options: LaneOptions | None = None, *, workers: int = 1) -> LaneResponse:
-    """Return the vibration of any number of scenes of one bearing, rig, clearance and speed.
+    """Return the vibration of any number of scenes of one bearing, rig, clearance, speed and slip.
 
     Args:
         scenes: at least one; they may differ in load and defect. Scenes of similar extent beside each other are

@@ -119,7 +119,6 @@ def simulate_time(
     settle: float | None = None,
     direction: tuple[float, float] = (1.0, 0.0),
     step: float = DEFAULT_STEP,
-    seed: int = 0,
 ) -> TimeResponse:
     """Return the vibration of a scene with whatever effects it names, over some time.
 
@@ -130,7 +129,6 @@ def simulate_time(
         settle: time that is simulated before and dropped, s; by default 40 ball periods, and 0.2 s at least.
         direction: of the sensor, along the load and across it; made a unit vector.
         step: longest step of the integration, s; taken so that a sample has a whole number of steps, at least 2.
-        seed: seed of the slip.
 
     Raises:
         ValueError: if the scene or an argument is outside what the model describes; the message names it.
@@ -146,7 +144,7 @@ def simulate_time(
     margin = len(taps) // 2
     begin = max(margin, math.ceil(settle * rate) * oversampling)
     wave = np.empty((begin + samples * oversampling + margin, 2))
-    plan = prepare_plan(scene, len(wave) * h, seed)._replace(direction=unit)
+    plan = prepare_plan(scene, len(wave) * h)._replace(direction=unit)
     run = kernels.runner(len(plan.waves) > 0 or len(plan.slot) > 0, bool(plan.push[0] != 0.0))
     status = run(np.zeros((2, 6)), wave, h, plan)
     settled = wave[begin : begin + samples * oversampling]
@@ -176,7 +174,7 @@ def _repeats(scene: Scene) -> bool:
     """Tell whether nothing in the scene keeps the motion from repeating with the ball passage."""
     return (
         scene.unbalance == 0.0
-        and scene.slip == 0.0
+        and (scene.slip is None or scene.slip.phi_slip == 0.0)
         and all(w.race == "outer" or w.amplitude == 0.0 for w in scene.waviness)
         and (scene.defect is None or scene.defect.part == "outer")
     )
@@ -270,8 +268,8 @@ def _check(scene: Scene) -> None:
     """
     if scene.model != "six_dof":
         raise ValueError(f"unknown model {scene.model!r}; known are: six_dof")
-    check_scene(replace(scene, defect=None, waviness=(), unbalance=0.0, gravity=0.0, slip=0.0))
-    for name in ("unbalance", "gravity", "slip"):
+    check_scene(replace(scene, defect=None, waviness=(), unbalance=0.0, gravity=0.0, slip=None))
+    for name in ("unbalance", "gravity"):
         value = getattr(scene, name)
         if not (math.isfinite(value) and value >= 0.0):
             raise ValueError(f"{name} must be finite and not negative, got {value!r}")
@@ -286,5 +284,9 @@ def _check(scene: Scene) -> None:
         raise ValueError(
             f"defect.rows {defect.rows!r} from defect.first_row {defect.first_row!r} exceed the bearing's {rows} rows"
         )
-    if defect.part == "ball" and scene.slip != 0.0:
+    if scene.slip is None or scene.slip.phi_slip == 0.0:
+        return
+    if scene.slip.rule != "per_passage":
+        raise ValueError(f"slip.rule {scene.slip.rule!r}: models.dynamics.lanes models this, on the outer race")
+    if defect.part == "ball":
         raise ValueError("slip moves a ball to or from a defect of a race; the defect is of a ball")

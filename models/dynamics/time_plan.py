@@ -28,13 +28,12 @@ _SAME_TIME = 1e-10
 _NEAR_ANGLE = math.pi / 2.0 + math.atan(kernels.NEAR_SLOPE)
 
 
-def prepare_plan(scene: Scene, duration: float, seed: int = 0) -> kernels.Plan:
+def prepare_plan(scene: Scene, duration: float) -> kernels.Plan:
     """Return everything the kernel needs for a run of ``duration`` seconds (the sensor lies along the load).
 
     Args:
         scene: a scene that was checked.
         duration: length of the run, s.
-        seed: seed of the slip.
     """
     bearing, lines = scene.bearing, kinematics(scene.bearing, scene.speed)
     omega, shaft = 2.0 * math.pi * lines.ftf, 2.0 * math.pi * scene.speed
@@ -48,7 +47,7 @@ def prepare_plan(scene: Scene, duration: float, seed: int = 0) -> kernels.Plan:
     orders = np.array([float(w.order) for w in waves])[:, None]
     along = _path_rate(scene.defect, lines)
     path = pieces(part_paths(bearing, scene.defect))
-    meetings = _meetings(scene, path, along, duration, seed)
+    meetings = _meetings(scene, path, along, duration)
     bounds, turns, first, record, interval = _intervals(meetings, pitch / omega, duration)
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
@@ -106,7 +105,7 @@ class _Meetings:
     offset: NDArray[np.float64]
 
 
-def _meetings(scene: Scene, path: Pieces, along: float, duration: float, seed: int) -> _Meetings:
+def _meetings(scene: Scene, path: Pieces, along: float, duration: float) -> _Meetings:
     """Return all passages of balls over pieces within the run."""
     defect, bearing = scene.defect, scene.bearing
     rows = range(0) if defect is None else range(defect.first_row, defect.first_row + defect.rows)
@@ -122,9 +121,10 @@ def _meetings(scene: Scene, path: Pieces, along: float, duration: float, seed: i
     )
     spot = defect is not None and defect.part == "ball"
     offset = (0.0 if spot else 1.0) * start[row, ball] - 2.0 * math.pi * passage.astype(np.float64)
-    if scene.slip > 0.0:
-        drawn = np.random.default_rng(seed).standard_normal((bearing.rows, bearing.n_elements, len(passages)))
-        offset = offset + scene.slip * drawn[row, ball, passage - passages[0]]
+    if scene.slip is not None:
+        shape = (bearing.rows, bearing.n_elements, len(passages))
+        drawn = np.random.default_rng(scene.slip.seed).uniform(-1.0, 1.0, shape)
+        offset = offset + scene.slip.phi_slip * drawn[row, ball, passage - passages[0]]
     times = np.sort(np.stack(((path.start[piece] - offset) / along, (path.end[piece] - offset) / along)), axis=0)
     keep = (times[1] > 0.0) & (times[0] < duration)
     return _Meetings(times[0][keep], times[1][keep], row[keep], ball[keep], piece[keep], offset[keep])

@@ -12,7 +12,7 @@ import numpy as np
 
 from models.bearing import Bearing, kinematics
 from models.response import Response, Sensor
-from models.scene import Defect, Floor, Rig, Scene, Waviness
+from models.scene import Defect, Floor, Rig, Scene, Slip, Waviness
 from monitor.commands.bearing import find_bearing
 from monitor.commands.common import BandHz, InputError, config_option, emit, output_options, read_machine
 from streams.block import STANDARD_GRAVITY
@@ -29,7 +29,7 @@ _WAVEFORM_RATE = 51200.0
 @click.option("--h-d-um", type=click.FloatRange(min=0), default=0.0, show_default=True, help="Depth of the defect.")
 @click.option("--clearance-um", type=click.FloatRange(min=0), help="Radial clearance.")
 @click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth", show_default=True)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of a rough floor.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of rough floor and slip.")
 @click.option("--rows", type=click.Choice(["1", "2"]), default="1", show_default=True, help="Rows that are damaged.")
 @click.option("--first-row", type=click.IntRange(1), default=1, show_default=True, help="The first damaged row.")
 @click.option("--sensor", type=click.Choice(["mo", "mr"]), default="mo", show_default=True, help="Casing or resonator.")
@@ -42,7 +42,7 @@ _WAVEFORM_RATE = 51200.0
 @click.option("--waviness-order", type=click.IntRange(1), default=12, show_default=True, help="Waves around the race.")
 @click.option("--waviness-race", type=click.Choice(["outer", "inner"]), default="outer", show_default=True)
 @click.option("--gravity/--no-gravity", default=False, help="Let gravity act on the masses, along the load.")
-@click.option("--slip-deg", type=click.FloatRange(min=0), default=0.0, help="Standard deviation, redrawn each passage.")
+@click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip, drawn for each passage.")
 @click.option(
     "--duration-s", type=click.FloatRange(0.01, 60.0), default=1.0, show_default=True, help="Where simulated."
 )
@@ -116,7 +116,6 @@ def _over_time(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
         options["duration_s"],
         _WAVEFORM_RATE,
         direction=(math.cos(angle), math.sin(angle)),
-        seed=options["seed"],
     )
     casing = sensor == "mo"
     rms, peak = response.rms if casing else response.rms_resonator, response.peak if casing else response.peak_resonator
@@ -162,7 +161,7 @@ def _scene(options: dict[str, Any], bearing: Bearing, rig: Rig, clearance: float
         waviness=waves if options["waviness_um"] > 0.0 else (),
         unbalance=options["unbalance_kg_m"],
         gravity=STANDARD_GRAVITY if options["gravity"] else 0.0,
-        slip=math.radians(options["slip_deg"]),
+        slip=Slip(math.radians(options["slip_deg"]), seed=options["seed"]) if options["slip_deg"] > 0.0 else None,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,9 @@ from scipy.linalg import expm
 
 from models.bearing import from_catalogue
 from models.defect import ball_path
-from models.dynamics.lanes import LaneOptions, Slip, simulate_lanes
+from models.dynamics.lanes import LaneOptions, simulate_lanes
 from models.dynamics.six_dof import prepare
-from models.scene import Defect, Floor, Scene
+from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
 from tests.effort import effort_count
 
@@ -116,11 +117,11 @@ def test_edges_one_ball_spacing_apart_are_a_resonance_and_kept() -> None:
 @pytest.mark.parametrize("slip", [1e-3, 0.02])
 def test_the_rule_of_slip_is_explicit_and_finite(slip: float) -> None:
     """Slip redrawn per passage needs a standard error, the mean force does not; neither differentiates the slip."""
-    scenes = [Scene(40.0, 1000.0, defect=Defect(2.362 * DEG, 500e-6))]
+    scene = Scene(40.0, 1000.0, defect=Defect(2.362 * DEG, 500e-6))
     blocks = effort_count(quick=4, full=20)
-    drawn = simulate_lanes(scenes, LaneOptions(slip=Slip(slip, "per_passage"), slip_blocks=blocks))
-    mean = simulate_lanes(scenes, LaneOptions(slip=Slip(slip, "mean_force")))
-    none = simulate_lanes(scenes)
+    drawn = simulate_lanes([replace(scene, slip=Slip(slip))], LaneOptions(slip_blocks=blocks))
+    mean = simulate_lanes([replace(scene, slip=Slip(slip, "mean_force"))])
+    none = simulate_lanes([scene])
     assert drawn.rms[0] == pytest.approx(none.rms[0], rel=0.4)
     assert 0.0 < mean.rms[0] < none.rms[0]
 

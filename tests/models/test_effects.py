@@ -14,7 +14,7 @@ from models.contour import part_paths
 from models.dynamics.time_domain import TimeResponse, simulate_time
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
-from models.scene import Defect, Part, Scene, Waviness
+from models.scene import Defect, Part, Scene, Slip, Waviness
 from monitor.health.naming import bins_needed, name_fault
 from monitor.health.spectrum import get_transform
 from tests.effort import effort_count
@@ -115,9 +115,9 @@ def damaged(part: Part, designation: str, speed: float, duration: float) -> Time
     """Return one second or a few of a pit on one part, whose balls slip a little unless one of them is damaged."""
     extent = math.radians(16.0 if part == "ball" else 4.0)
     defect = Defect(extent, 5e-4, part=part)
-    slip = 0.0 if part == "ball" else 0.002
+    slip = None if part == "ball" else Slip(0.0035, seed=2)
     scene = Scene(speed, 3000.0, bearing=from_catalogue(designation), defect=defect, slip=slip)
-    return simulate_time(scene, duration, RATE, seed=2)
+    return simulate_time(scene, duration, RATE)
 
 
 def envelope(response: TimeResponse) -> tuple[NDArray[np.float32], float]:

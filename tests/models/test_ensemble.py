@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from models.dynamics.lanes import LaneOptions, Slip
-from models.ensemble import build_ensemble_map, ensemble_options, step_error
-from models.map_build import scene_at
+from models.dynamics.lanes import simulate_lanes
+from models.ensemble import ensemble_nodes, ensemble_options, ensemble_rms, step_error
+from models.map_build import LANE_FLOORS, build_map, solver_of
 from models.map_data import STATUSES, MapError, MapPlan
+from models.map_nodes import scene_at
 from models.rms_map import load_map, save_map
-from models.scene import Floor
+from models.scene import Floor, Slip
 from models.simulate import simulate
 
 PLAN = MapPlan(
@@ -26,10 +27,11 @@ PLAN = MapPlan(
     floors=3,
     rms_band=(0.0, 9500.0),
 )
+COARSE = replace(PLAN, load=(4000.0,), steps_per_period=32, rms_band=None)
 
 
 def test_mean_and_spread_are_those_of_the_floors() -> None:
-    built = build_ensemble_map(PLAN)
+    built = ensemble_nodes(PLAN)
     assert built.rms.shape == PLAN.shape
     assert built.harmonic_amplitude.shape == (*PLAN.shape, 6)
     for load, depth, extent in ((0, 1, 2), (1, 2, 1), (1, 0, 2), (1, 2, 0)):
@@ -52,20 +54,30 @@ def test_mean_and_spread_are_those_of_the_floors() -> None:
     assert np.all(built.rms_std[:, :, 0, :] < 1e-9)
 
 
+def test_many_floors_and_slip_are_simulated_in_lanes() -> None:
+    plan = replace(COARSE, h_d=(8e-6, 24e-6), dphi_d=(0.1, 0.5), floors=LANE_FLOORS)
+    assert solver_of(PLAN) == "rows"
+    assert solver_of(plan) == solver_of(replace(PLAN, slip=Slip(0.01))) == "lanes"
+    seen: list[tuple[int, int]] = []
+    built = build_map(plan, progress=lambda done, total: seen.append((done, total)))
+    assert built.attributes["solver"] == "lanes"
+    assert np.array_equal(built.rms, ensemble_nodes(plan).rms)
+    assert seen[-1] == (4 * LANE_FLOORS, 4 * LANE_FLOORS)
+
+
 def test_floors_beyond_one_group_and_processes_change_nothing() -> None:
-    plan = replace(PLAN, load=(4000.0,), floors=34, steps_per_period=32, rms_band=None)
-    slip = Slip(0.01, seed=2)
-    one, two = (build_ensemble_map(plan, slip=slip, workers=n) for n in (1, 2))
+    plan = replace(COARSE, floors=34, slip=Slip(0.01, seed=2))
+    one, two = (ensemble_nodes(plan, workers=n) for n in (1, 2))
     assert np.array_equal(one.rms, two.rms)
     assert np.array_equal(one.harmonic_std, two.harmonic_std)
     assert np.all(one.status == STATUSES.index("not_periodic"))
 
 
-def test_slip_is_told_from_none_by_the_map_itself(tmp_path: Any) -> None:
-    plan = replace(PLAN, load=(4000.0,), floors=2, steps_per_period=32, rms_band=None)
-    none, slipping = build_ensemble_map(plan), build_ensemble_map(plan, slip=Slip(0.02))
-    assert not any(name.startswith("slip_") for name in none.attributes)
-    assert not np.array_equal(none.rms, slipping.rms)
+def test_slip_is_part_of_the_plan_its_hash_and_the_file(tmp_path: Path) -> None:
+    plan = replace(COARSE, floors=2, slip=Slip(0.02))
+    assert plan.hash() != replace(plan, slip=None).hash() != replace(plan, slip=Slip(0.01)).hash()
+    slipping = build_map(plan)
+    assert not np.array_equal(slipping.rms, ensemble_nodes(replace(plan, slip=None)).rms)
     save_map(slipping, tmp_path / "map.nc")
     read = load_map(tmp_path / "map.nc")
     assert read.attributes["slip_phi_slip"] == 0.02
@@ -74,29 +86,28 @@ def test_slip_is_told_from_none_by_the_map_itself(tmp_path: Any) -> None:
     assert np.array_equal(read.rms_se, slipping.rms_se)
 
 
-def test_progress_counts_every_scene() -> None:
-    seen: list[tuple[int, int]] = []
-    build_ensemble_map(
-        replace(PLAN, floors=2, steps_per_period=32, rms_band=None),
-        progress=lambda done, total: seen.append((done, total)),
-    )
-    assert seen[-1] == (36, 36)
+def test_a_smooth_floor_under_slip_is_averaged_over_records() -> None:
+    plan = replace(COARSE, floor=Floor(), floors=4, slip=Slip(0.01), h_d=(24e-6,), dphi_d=(0.1, 0.5))
+    built = build_map(plan)
+    assert np.all(built.rms_std > 0.0)
+    with pytest.raises(MapError, match="floors"):
+        replace(plan, floors=1)
+    mean_force = build_map(replace(plan, floors=1, slip=Slip(0.01, "mean_force")))
+    assert np.all(mean_force.rms_std == 0.0)
+    assert np.all(mean_force.status == STATUSES.index("converged"))
+
+
+def test_any_point_is_the_mean_of_its_floors() -> None:
+    plan = replace(PLAN, floors=18, rms_band=None)
+    found = ensemble_rms(plan, [(3000.0, 35.0, 5e-6, 0.3)], 2)
+    options = ensemble_options(plan)
+    assert options.steps_per_period is not None
+    finer = replace(options, steps_per_period=2 * options.steps_per_period)
+    scenes = [scene_at(plan, 3000.0, 35.0, 5e-6, 0.3, seed) for seed in range(18)]
+    assert found[0] == pytest.approx(simulate_lanes(scenes, finer).rms.mean(), rel=1e-3)
 
 
 def test_step_error_falls_with_the_step() -> None:
     options = ensemble_options(PLAN)
     coarse = step_error(PLAN, replace(options, steps_per_period=108))
     assert step_error(PLAN, options) < 0.3 * coarse
-
-
-@pytest.mark.parametrize(
-    ("change", "options"),
-    [
-        ({"floors": 1}, None),
-        ({}, LaneOptions(band=(0.0, 100.0))),
-        ({}, LaneOptions(slip=Slip(0.1), band=(0.0, 9500.0))),
-    ],
-)
-def test_contradictions_are_refused(change: dict[str, Any], options: LaneOptions | None) -> None:
-    with pytest.raises(MapError, match="ensemble map"):
-        build_ensemble_map(replace(PLAN, **change), options=options)

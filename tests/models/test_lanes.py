@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 
 from models.defect import ball_path
 from models.dynamics.lane_group import Group, Workspace, block_steps, grid_of
-from models.dynamics.lanes import LANES, PERIODS, STATUSES, LaneOptions, LaneRunner, Slip, simulate_lanes
+from models.dynamics.lanes import LANES, PERIODS, STATUSES, LaneOptions, LaneRunner, simulate_lanes
 from models.kernels.lanes import advance
-from models.scene import Defect, Floor, Scene
+from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
 from tests.effort import effort_count
 from tests.oracles.lanes_oracle import SlipOracle
@@ -189,8 +189,8 @@ def test_band_limits_the_rms() -> None:
 
 
 def test_processes_give_the_same_bits() -> None:
-    scenes = map_scenes(2 * LANES)
-    options = LaneOptions(slip=Slip(0.01), steps_per_period=32, slip_blocks=2)
+    scenes = [replace(s, slip=Slip(0.01)) for s in map_scenes(2 * LANES)]
+    options = LaneOptions(steps_per_period=32, slip_blocks=2)
     one, two = (simulate_lanes(scenes, options, workers=n) for n in (1, 2))
     assert np.array_equal(one.rms, two.rms)
     assert np.array_equal(one.harmonics, two.harmonics)
@@ -213,22 +213,24 @@ def test_slip_against_the_oracle() -> None:
 def test_slip_that_vanishes_is_none() -> None:
     scenes = map_scenes(4)
     none = simulate_lanes(scenes).rms
-    tiny = simulate_lanes(scenes, LaneOptions(slip=Slip(1e-9), slip_blocks=2))
+    tiny = simulate_lanes([replace(s, slip=Slip(1e-9)) for s in scenes], LaneOptions(slip_blocks=2))
     assert tiny.rms == pytest.approx(none, rel=2e-3)
     for rule in ("per_passage", "mean_force"):
-        assert simulate_lanes(scenes, LaneOptions(slip=Slip(0.0, rule))).rms == pytest.approx(none, rel=1e-9)
+        still = simulate_lanes([replace(s, slip=Slip(0.0, rule)) for s in scenes])
+        assert still.rms == pytest.approx(none, rel=1e-9)
 
 
 def test_slip_per_passage_is_random_and_says_how_much() -> None:
-    options = LaneOptions(slip=Slip(0.02, seed=3), slip_blocks=effort_count(quick=12, full=60))
-    copies = simulate_lanes([SCENE] * LANES, options)
+    scene = replace(SCENE, slip=Slip(0.02, seed=3))
+    options = LaneOptions(slip_blocks=effort_count(quick=12, full=60))
+    copies = simulate_lanes([scene] * LANES, options)
     assert np.all(copies.status == STATUSES.index("not_periodic"))
     assert np.unique(copies.rms).size == LANES
     # The scatter between independent records is what each of them says of itself.
     assert np.std(copies.rms) == pytest.approx(np.sqrt(np.mean(copies.rms_se**2)), rel=0.5)
-    again = simulate_lanes([SCENE] * LANES, options)
+    again = simulate_lanes([scene] * LANES, options)
     assert np.array_equal(copies.rms, again.rms)
-    other = simulate_lanes([SCENE], replace(options, slip=Slip(0.02, seed=4)))
+    other = simulate_lanes([replace(SCENE, slip=Slip(0.02, seed=4))], options)
     assert other.rms[0] != copies.rms[0]
 
 
@@ -237,7 +239,8 @@ def test_mean_force_lowers_the_rms_most_where_slip_is_large_and_the_defect_small
     ratios = {}
     for name, degrees, load, speed in (("D1", 2.362, 1000.0, 40.0), ("D3", 6.366, 2000.0, 40.0)):
         scene = Scene(speed, load, defect=Defect(math.radians(degrees), 500e-6))
-        rms = [simulate_lanes([scene], LaneOptions(slip=Slip(p, "mean_force"))).rms[0] for p in (0.0, 0.005, 0.02)]
+        slips = [Slip(p, "mean_force") for p in (0.0, 0.005, 0.02)]
+        rms = [simulate_lanes([replace(scene, slip=slip)]).rms[0] for slip in slips]
         assert rms[0] > rms[1] > rms[2]
         ratios[name] = rms[2] / rms[0]
     assert ratios["D1"] < ratios["D3"]
@@ -257,6 +260,7 @@ def test_steps_of_a_block_dither() -> None:
         ({"clearance": 1e-6}, "clearance"),
         ({"load": -1.0}, "load"),
         ({"gravity": 9.81}, "gravity"),
+        ({"slip": Slip(0.01)}, "slip"),
         ({"defect": Defect(0.1, 1e-5, rows=2)}, "rows"),
     ],
 )

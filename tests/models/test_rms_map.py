@@ -14,8 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from netCDF4 import Dataset
 
-from models.map_build import MAP_ACCURACY, scene_at
 from models.map_data import HARMONICS, STATUSES
+from models.map_nodes import MAP_ACCURACY, scene_at
+from models.map_rig import drawn_rig
 from models.rms_map import (
     MapError,
     MapPlan,
@@ -29,7 +30,7 @@ from models.rms_map import (
     load_map,
     save_map,
 )
-from models.scene import Floor
+from models.scene import Floor, Slip
 from models.simulate import simulate
 
 PLAN = MapPlan(
@@ -59,6 +60,7 @@ def test_nodes_are_the_simulation() -> None:
 
 def test_shapes_and_healthy_edges() -> None:
     m = built()
+    assert 0.0 < m.attributes["interpolation_error"] < m.attributes["interpolation_error_max"]
     assert m.rms.shape == m.rms_std.shape == m.rms_se.shape == m.rms_error.shape == m.status.shape == PLAN.shape
     assert m.harmonic_amplitude.shape == m.harmonic_std.shape == (*PLAN.shape, HARMONICS)
     healthy = m.rms[:, :, 0, 0]
@@ -86,6 +88,41 @@ def test_several_floors_have_mean_spread_and_standard_error() -> None:
     assert m.attributes["floor_seed"] == 7
 
 
+def test_the_spread_over_rigs_is_that_of_their_draws() -> None:
+    plan = replace(SMALL, rig_draws=4, rig_seed=3)
+    m = build_map(plan)
+    assert np.array_equal(m.rms, build_map(SMALL).rms)
+    assert np.all(m.rms_std == 0.0)
+    rigs = [drawn_rig(plan, n) for n in range(4)]
+    assert len({rig.k_c for rig in rigs}) == 4
+    assert all(rig.m_i == plan.rig.m_i and abs(rig.k_r / plan.rig.k_r - 1.0) < 0.06 for rig in rigs)
+    responses = [
+        simulate(
+            scene_at(replace(plan, rig=rig), 4000.0, 40.0, plan.h_d[1], plan.dphi_d[0]),
+            band=plan.rms_band,
+            accuracy=MAP_ACCURACY,
+        )
+        for rig in rigs
+    ]
+    spread = np.std([r.rms for r in responses], ddof=1)
+    assert spread > 0.0
+    assert m.rms_rig_std[0, 0, 1, 0] == pytest.approx(spread)
+    lines = np.std([r.harmonics for r in responses], axis=0, ddof=1)
+    assert m.harmonic_rig_std[0, 0, 1, 0] == pytest.approx(lines)
+    at = m.slice_at(4000.0, 40.0)
+    assert np.array_equal(at.rms_rig_std, m.rms_rig_std[0, 0])
+    assert np.array_equal(at.harmonic_rig_std, m.harmonic_rig_std[0, 0])
+    none = build_map(replace(plan, rig_spread=0.0, rig_spread_k_r=0.0))
+    assert np.all(none.rms_rig_std == 0.0)
+
+
+def test_rigs_and_floors_are_told_apart() -> None:
+    plan = replace(SMALL, floor=Floor("rough", seed=7), floors=2, rig_draws=3, rig_spread=1e-9, rig_spread_k_r=1e-9)
+    m = build_map(plan, workers=2)
+    assert np.all(m.rms_std > 1e-3 * m.rms)
+    assert np.all(m.rms_rig_std < 1e-3 * m.rms_std)
+
+
 def test_progress_counts_every_node() -> None:
     seen: list[tuple[int, int]] = []
     build_map(SMALL, progress=lambda done, total: seen.append((done, total)))
@@ -102,7 +139,7 @@ def test_saved_and_loaded_is_the_same(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "map.nc"
     save_map(built(), path)
     loaded = load_map(path)
-    for name in ("load", "speed", "h_d", "dphi_d", "rms", "rms_std", "rms_se", "rms_error", "status"):
+    for name in ("load", "speed", "h_d", "dphi_d", "rms", "rms_std", "rms_se", "rms_error", "rms_rig_std", "status"):
         assert np.array_equal(getattr(loaded, name), getattr(built(), name)), name
     assert np.array_equal(loaded.harmonic_amplitude, built().harmonic_amplitude)
     assert loaded.plan == PLAN
@@ -161,6 +198,7 @@ def _poke(name: str, value: float) -> Callable[[Dataset], None]:
     [
         (_set("hash", "0"), "hash"),
         (_set("schema_version", 99), "schema_version is 99"),
+        (_set("schema_version", 1), "another version, build it anew"),
         (_set("parameters", "{}"), "parameters"),
         (_set("parameters", "nonsense"), "parameters"),
         (_poke("rms", -1.0), "rms holds values"),
@@ -235,6 +273,11 @@ def test_every_parameter_is_in_the_hash() -> None:
         replace(SMALL, rig=replace(SMALL.rig, m_o=6.0)),
         replace(SMALL, bearing=replace(SMALL.bearing, n_elements=13)),
         replace(SMALL, steps_per_period=1000),
+        replace(SMALL, slip=Slip(0.01), floors=2),
+        replace(SMALL, slip=Slip(0.01, "mean_force")),
+        replace(SMALL, rig_draws=2),
+        replace(SMALL, rig_draws=2, rig_seed=1),
+        replace(SMALL, rig_draws=2, rig_spread=0.01),
     ]
     hashes = {plan.hash() for plan in [SMALL, *others]}
     assert len(hashes) == len(others) + 1
@@ -251,6 +294,9 @@ def test_every_parameter_is_in_the_hash() -> None:
         ({"speed": (0.0, 1.0)}, "speed"),
         ({"floors": 0}, "floors"),
         ({"floors": 2}, "floors"),
+        ({"slip": Slip(0.01)}, "floors"),
+        ({"rig_draws": 1}, "rig_draws"),
+        ({"rig_draws": 2, "rig_spread": -0.1}, "rig_spread"),
     ],
 )
 def test_impossible_plans_are_refused(change: dict[str, object], word: str) -> None:
@@ -285,7 +331,18 @@ def test_conditions_between_and_beside_the_nodes() -> None:
 
 def test_a_slice_of_one_node_interpolates_nothing() -> None:
     one = MapSlice(
-        1.0, 1.0, np.array([1e-6]), np.array([0.1]), np.ones((1, 1)), np.zeros((1, 1)), np.ones((1, 1, 6)), None
+        load=1.0,
+        speed=1.0,
+        h_d=np.array([1e-6]),
+        dphi_d=np.array([0.1]),
+        rms=np.ones((1, 1)),
+        rms_error=np.zeros((1, 1)),
+        harmonic_amplitude=np.ones((1, 1, 6)),
+        rms_band=None,
+        rms_std=np.zeros((1, 1)),
+        harmonic_std=np.zeros((1, 1, 6)),
+        rms_rig_std=np.zeros((1, 1)),
+        harmonic_rig_std=np.zeros((1, 1, 6)),
     )
     assert float(one.interpolate(0.1, 1e-6)) == 1.0
     assert math.isnan(float(one.interpolate(0.2, 1e-6)))
@@ -294,9 +351,13 @@ def test_a_slice_of_one_node_interpolates_nothing() -> None:
 def test_check_measures_the_error() -> None:
     seen: list[int] = []
     check = check_map(built(), 6, progress=lambda done, _total: seen.append(done))
-    assert seen == list(range(1, 7))
+    assert seen == [1, 2, 3, 4, 5, 6, 12, 18]
     assert 0.0 < check.error_rms <= check.error_max < 3e-3
     assert check.interpolation_max >= check.interpolation_rms > check.error_rms
+    assert check.condition_rms is not None
+    assert check.condition_max is not None
+    assert check.condition_max >= check.condition_rms > check.error_rms
+    assert check_map(build_map(SMALL), 2).condition_rms is None
     wrong = replace(built(), rms=1.1 * built().rms)
     assert check_map(wrong, 6).error_rms == pytest.approx(0.1, rel=0.05)
     with pytest.raises(ValueError, match="points"):

@@ -17,7 +17,7 @@ from models.bearing import from_catalogue, kinematics
 from models.dynamics.time_domain import SILENCE, anti_alias_filter, compile_kernels, simulate_time
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
-from models.scene import Defect, Floor, Part, Scene, Waviness
+from models.scene import Defect, Floor, Part, Scene, Slip, Waviness
 from models.simulate import simulate
 from tests.effort import effort_count
 
@@ -92,7 +92,7 @@ def test_order_of_the_integrator(scene: Scene) -> None:
     [
         {"unbalance": 0.0},
         {"gravity": 0.0, "gravity_angle": 1.0},
-        {"slip": 0.0},
+        {"slip": Slip(0.0)},
         {"waviness": (Waviness(0.0, 9, "inner"),)},
         {"defect": replace(SPALL, first_row=0)},
     ],
@@ -113,9 +113,9 @@ def test_a_defect_without_size_is_none_bit_for_bit(part: Part) -> None:
 
 @pytest.mark.parametrize(
     ("name", "small"),
-    [("unbalance", 1e-12), ("gravity", 1e-9), ("slip", 1e-12)],
+    [("unbalance", 1e-12), ("gravity", 1e-9), ("slip", Slip(1e-12))],
 )
-def test_effects_set_in_continuously(name: str, small: float) -> None:
+def test_effects_set_in_continuously(name: str, small: object) -> None:
     with_effect, without = waveform(replace(SCENE, **{name: small}), 1e-5, 4000), waveform(SCENE, 1e-5, 4000)
     assert not np.array_equal(with_effect, without)
     assert with_effect == pytest.approx(without, abs=1e-4)
@@ -141,10 +141,10 @@ def test_the_filter_passes_what_a_recorder_passes(oversampling: int) -> None:
 
 
 @pytest.mark.parametrize("part", ["outer", "inner", "ball"])
-@pytest.mark.parametrize("slip", [0.0, 0.01])
-def test_balls_meet_the_defect_as_often_as_kinematics_say(part: Part, slip: float) -> None:
+@pytest.mark.parametrize("slip", [None, Slip(0.01)])
+def test_balls_meet_the_defect_as_often_as_kinematics_say(part: Part, slip: Slip | None) -> None:
     defect = replace(PIT, part=part)
-    scene = replace(SCENE, defect=defect, slip=0.0 if part == "ball" else slip)
+    scene = replace(SCENE, defect=defect, slip=None if part == "ball" else slip)
     duration = 2.0
     plan = prepare_plan(scene, duration)
     lines = kinematics(scene.bearing, scene.speed)
@@ -171,8 +171,8 @@ def test_the_sensor_has_a_direction() -> None:
 
 
 def test_the_same_is_the_same_and_a_seed_is_a_slip() -> None:
-    scene = replace(SCENE, slip=0.01)
-    first, again, other = (simulate_time(scene, 0.1, 25600.0, seed=s).acceleration for s in (1, 1, 2))
+    scenes = [replace(SCENE, slip=Slip(0.01, seed=s)) for s in (1, 1, 2)]
+    first, again, other = (simulate_time(scene, 0.1, 25600.0).acceleration for scene in scenes)
     assert np.array_equal(first, again)
     assert not np.allclose(first, other)
 
@@ -189,8 +189,9 @@ def test_levels_and_lines_are_those_of_the_signal() -> None:
 
 
 def test_standard_error_is_that_of_repeated_runs() -> None:
-    scene = replace(SCENE, defect=PIT, slip=0.02)
-    runs = [simulate_time(scene, 0.5, 25600.0, seed=s) for s in range(effort_count(quick=8, full=40))]
+    scene = replace(SCENE, defect=PIT)
+    count = effort_count(quick=8, full=40)
+    runs = [simulate_time(replace(scene, slip=Slip(0.03, seed=s)), 0.5, 25600.0) for s in range(count)]
     scatter = np.std([run.rms for run in runs], ddof=1)
     stated = np.mean([run.rms_se for run in runs])
     assert 0.3 * scatter < stated < 3.0 * scatter
@@ -208,11 +209,11 @@ def test_a_silent_scene_is_silent() -> None:
     [
         ({"unbalance": -1.0}, "unbalance"),
         ({"gravity": math.nan}, "gravity"),
-        ({"slip": -0.1}, "slip"),
+        ({"slip": Slip(0.01, "mean_force")}, "slip.rule"),
         ({"waviness": (Waviness(1e-6, 0),)}, "waviness"),
         ({"defect": replace(PIT, first_row=2)}, "first_row"),
         ({"defect": replace(PIT, first_row=1, rows=2)}, "defect.rows"),
-        ({"defect": replace(PIT, part="ball"), "slip": 0.01}, "slip"),
+        ({"defect": replace(PIT, part="ball"), "slip": Slip(0.01)}, "slip"),
         ({"defect": replace(PIT, part="ball", dphi_d=4.0)}, "dphi_d"),
         ({"defect": replace(PIT, part="inner", h_d=-1.0)}, "h_d"),
         ({"load": -1.0}, "load"),
@@ -246,7 +247,7 @@ def test_senseless_arguments_are_refused(change: dict[str, Any], word: str) -> N
     [
         ({"unbalance": 1e-3}, "unbalance"),
         ({"gravity": 9.8}, "gravity"),
-        ({"slip": 0.01}, "slip"),
+        ({"slip": Slip(0.01)}, "slip"),
         ({"waviness": (Waviness(1e-6, 7),)}, "waviness"),
         ({"defect": replace(PIT, part="inner")}, "defect.part"),
         ({"defect": replace(PIT, first_row=1)}, "defect.first_row"),

@@ -1,0 +1,134 @@
+"""What an RMS map is made from. No numba here."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from typing import Any
+
+from models.bearing import Bearing, from_catalogue
+from models.scene import Floor, Rig, Slip
+
+# Raise it whenever the model's figures change: maps made before are then built anew.
+MODEL_VERSION = 3
+SCHEMA_VERSION = 2
+HARMONICS = 6
+STATUSES = ("converged", "not_periodic", "not_converged")
+AXES = ("load", "speed", "h_d", "dphi_d")
+
+
+class MapError(ValueError):
+    """A map or a plan of one is unusable; the message names the file or field and what is wrong."""
+
+
+@dataclass(frozen=True)
+class MapPlan:
+    """Everything that makes a map, SI units and radians; two equal plans give the same map.
+
+    Attributes:
+        load: axis of radial loads, N, ascending.
+        speed: axis of shaft speeds, Hz, ascending.
+        h_d: axis of depths, m, ascending.
+        dphi_d: axis of extents, rad, ascending.
+        bearing: the bearing.
+        rig: lumped parameters around it.
+        clearance: radial clearance, m.
+        floor: the bottom of the defect; of several floors, the first.
+        floors: how many floors are averaged (seeds floor.seed, floor.seed + 1, ...); with slip that is redrawn, each is
+            a record of its own too, so that a smooth floor can have several.
+        rows: how many rows the defect spans.
+        position: angle of the defect's centre from the load direction, rad.
+        rms_band: band in which RMS is taken, Hz, or None for the full bandwidth.
+        steps_per_period: steps of the integration per ball period, or None for the model's choice.
+        model: the model.
+        slip: how balls stand off from their place in the cage, or None.
+        rig_draws: how many rigs are drawn around ``rig``, for the spread over its uncertain parameters; 0 for none.
+        rig_spread: relative standard deviation of m_r, k_c, c_i, c_r, alpha_c and beta_c between draws.
+        rig_spread_k_r: relative standard deviation of k_r, which a resonance peak tells better than the others.
+        rig_seed: seed of the draws.
+    """
+
+    load: tuple[float, ...]
+    speed: tuple[float, ...]
+    h_d: tuple[float, ...]
+    dphi_d: tuple[float, ...]
+    bearing: Bearing = field(default_factory=lambda: from_catalogue("1205 ETN9"))
+    rig: Rig = field(default_factory=Rig)
+    clearance: float = 0.0
+    floor: Floor = field(default_factory=Floor)
+    floors: int = 1
+    rows: int = 1
+    position: float = 0.0
+    rms_band: tuple[float, float] | None = None
+    steps_per_period: int | None = None
+    model: str = "six_dof"
+    slip: Slip | None = None
+    rig_draws: int = 0
+    rig_spread: float = 0.035
+    rig_spread_k_r: float = 0.014
+    rig_seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse axes that are none.
+
+        Raises:
+            MapError: naming the axis and what is wrong with it.
+        """
+        for name in AXES:
+            values = getattr(self, name)
+            if len(values) == 0 or not all(math.isfinite(v) and v >= 0.0 for v in values):
+                raise MapError(f"map axis {name} needs finite values that are not negative, got {values!r}")
+            if any(b <= a for a, b in pairwise(values)):
+                raise MapError(f"map axis {name} must ascend, got {values!r}")
+        if self.speed[0] <= 0.0:
+            raise MapError(f"map axis speed must be positive, got {self.speed!r}")
+        redraws = self.slip is not None and self.slip.redraws
+        if self.floors < 1 or (self.floors > 1 and self.floor.kind == "smooth" and not redraws):
+            raise MapError(f"floors must be 1 for a smooth floor and at least 1 for a rough one, got {self.floors!r}")
+        if self.floors < 2 and redraws:
+            raise MapError(f"slip that is redrawn needs floors of 2 or more for a standard error, got {self.floors!r}")
+        self._check_rig_draws()
+
+    def _check_rig_draws(self) -> None:
+        if self.rig_draws < 0 or self.rig_draws == 1:
+            raise MapError(f"rig_draws must be 0 or at least 2, got {self.rig_draws!r}")
+        for name in ("rig_spread", "rig_spread_k_r"):
+            if not 0.0 <= getattr(self, name) <= 0.5:
+                raise MapError(f"{name} must lie between 0 and 0.5, got {getattr(self, name)!r}")
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """Number of nodes along load, speed, h_d and dphi_d."""
+        return len(self.load), len(self.speed), len(self.h_d), len(self.dphi_d)
+
+    def as_json(self) -> str:
+        """Return the plan as canonical JSON; ``from_json`` reads it back exactly."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+    @classmethod
+    def from_json(cls, text: str) -> MapPlan:
+        """Return the plan that ``as_json`` wrote.
+
+        Raises:
+            MapError: if it is not one.
+        """
+        try:
+            data: dict[str, Any] = json.loads(text)
+            for name in AXES:
+                data[name] = tuple(data[name])
+            data["rms_band"] = None if data["rms_band"] is None else tuple(data["rms_band"])
+            for name, kind in (("bearing", Bearing), ("rig", Rig), ("floor", Floor)):
+                data[name] = kind(**data[name])
+            data["slip"] = None if data["slip"] is None else Slip(**data["slip"])
+            return cls(**data)
+        except MapError:
+            raise
+        except (TypeError, KeyError, ValueError) as error:
+            raise MapError(f"the parameters of the map are not those of this version: {error}") from error
+
+    def hash(self) -> str:
+        """Return a hash of the plan and the model's version: equal hashes, equal maps."""
+        return hashlib.sha256(f"{self.model} {MODEL_VERSION} {self.as_json()}".encode()).hexdigest()
