@@ -1,0 +1,162 @@
+"""Growth laws of damage: the volume per width V_eq over the time since the onset, as drawn for simulated lives.
+
+A law is a curve W(u) of the share u = t / T of the nominal life T, with W(0) = 0 at the onset and W(1) = 1 where V_eq
+would reach the population's threshold if the growth were smooth; V_eq = V_0 + (V_th - V_0) W. It is rough instead: the
+increments of V_eq are those of the law times gamma-distributed factors of mean one, independent of each other, so that
+V_eq never falls and the crossing of the threshold comes a little before or after T.
+
+Laws: "quadratic" as in the thesis (Table 22: the quadratic term takes 0.56 to 0.98 of the growth); "exponential" (the
+rate is in proportion to V_eq); "power" (u to the power of 1.2 to 4); "linear_then_fast" (a line that bends up once);
+"stall_then_jump" (growth, a stall, a jump, and growth again).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Curve = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
+
+PATH_STEP = 60.0
+"""Spacing of the points between which a path is straight, s."""
+ROUGHNESS_STEP = 300.0
+"""Time to which the roughness of a path refers, s."""
+# Nominal lives within which every law is taken to reach what is asked for.
+_LONGEST = 8.0
+# A path goes on for so many times as long as its law takes: blocks are simulated beyond the crossing.
+_BEYOND = 2.0
+# Share of the law's mean rate at which a stalled damage still grows.
+_STALLED = 0.03
+
+
+def _quadratic(rng: np.random.Generator, ratio: float) -> Curve:
+    del ratio
+    curved = rng.uniform(0.56, 0.98)
+    return lambda u: curved * u * u + (1.0 - curved) * u
+
+
+def _exponential(rng: np.random.Generator, ratio: float) -> Curve:
+    del rng
+    return lambda u: np.expm1(u * np.log(ratio)) / (ratio - 1.0)
+
+
+def _power(rng: np.random.Generator, ratio: float) -> Curve:
+    del ratio
+    exponent = rng.uniform(1.2, 4.0)
+    return lambda u: u**exponent
+
+
+def _linear_then_fast(rng: np.random.Generator, ratio: float) -> Curve:
+    del ratio
+    bend, level = rng.uniform(0.5, 0.8), rng.uniform(0.1, 0.35)
+    rate = level / bend
+    curvature = (1.0 - level - rate * (1.0 - bend)) / (1.0 - bend) ** 2
+    return lambda u: rate * u + curvature * np.maximum(u - bend, 0.0) ** 2
+
+
+def _stall_then_jump(rng: np.random.Generator, ratio: float) -> Curve:
+    del ratio
+    stall = rng.uniform(0.15, 0.45)
+    jump = stall + rng.uniform(0.2, 0.45)
+    landing = jump + rng.uniform(0.01, 0.05)
+    level = rng.uniform(0.08, 0.35)
+    height = rng.uniform(0.2, 0.5)
+    before = level + _STALLED * (jump - stall)
+    after = before + height
+    rate = (1.0 - after) / (1.0 - landing)
+    places = np.array([0.0, stall, jump, landing, 1.0])
+    levels = np.array([0.0, level, before, after, 1.0])
+    return lambda u: np.where(u <= 1.0, np.interp(u, places, levels), 1.0 + rate * (u - 1.0))
+
+
+_LAWS: dict[str, Callable[[np.random.Generator, float], Curve]] = {
+    "quadratic": _quadratic,
+    "exponential": _exponential,
+    "power": _power,
+    "linear_then_fast": _linear_then_fast,
+    "stall_then_jump": _stall_then_jump,
+}
+LAWS = tuple(_LAWS)
+
+
+def draw_law(law: str, rng: np.random.Generator, ratio: float) -> Curve:
+    """Return a curve W(u) of a law, continued beyond u = 1, with parameters drawn.
+
+    Args:
+        law: one of ``LAWS``.
+        rng: what draws.
+        ratio: V_th / V_0, more than one.
+
+    Raises:
+        ValueError: if there is no such law.
+    """
+    if law not in _LAWS:
+        raise ValueError(f"law must be one of {', '.join(LAWS)}, got {law!r}")
+    return _LAWS[law](rng, ratio)
+
+
+@dataclass(frozen=True, eq=False)
+class GrowthPath:
+    """V_eq over time, straight between its points.
+
+    Attributes:
+        t: s since the onset, ascending from zero, shape (m,).
+        v_eq: m2, never falling, shape (m,).
+    """
+
+    t: NDArray[np.float64]
+    v_eq: NDArray[np.float64]
+
+    def at(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return V_eq at times within the path, m2."""
+        return np.interp(t, self.t, self.v_eq)
+
+    def crossing(self, threshold: float) -> float:
+        """Return when V_eq first reaches a threshold, s since the onset; infinity where it does not on this path."""
+        if threshold <= self.v_eq[0]:
+            return 0.0
+        i = int(np.searchsorted(self.v_eq, threshold, side="left"))
+        if i == self.v_eq.size:
+            return float("inf")
+        share = (threshold - self.v_eq[i - 1]) / (self.v_eq[i] - self.v_eq[i - 1])
+        return float(self.t[i - 1] + share * (self.t[i] - self.t[i - 1]))
+
+
+def grow(
+    curve: Curve,
+    rng: np.random.Generator,
+    *,
+    duration: float,
+    v_0: float,
+    threshold: float,
+    until: float,
+    roughness: float,
+) -> GrowthPath:
+    """Return a path along a law with gamma-distributed increments.
+
+    Args:
+        curve: W(u) of ``draw_law``.
+        rng: what draws the increments.
+        duration: nominal life T, s.
+        v_0: V_eq at the onset, m2.
+        threshold: V_eq at u = 1, m2.
+        until: V_eq up to which lives are wanted, m2; the path goes on for twice as long as its law takes to get there,
+            but for eight nominal lives at most.
+        roughness: standard deviation of the factor on the growth within ``ROUGHNESS_STEP``; 0 is a smooth path.
+    """
+    steps = int(np.ceil(_LONGEST * duration / PATH_STEP))
+    t = PATH_STEP * np.arange(steps + 1, dtype=np.float64)
+    growth = np.diff((threshold - v_0) * curve(t / duration))
+    needed = int(_BEYOND * (np.searchsorted(np.cumsum(growth), until - v_0) + 1))
+    growth = growth[:needed]
+    if roughness > 0.0:
+        shape = PATH_STEP / (ROUGHNESS_STEP * roughness**2)
+        growth = growth * rng.gamma(shape, 1.0 / shape, growth.size)
+    v_eq = v_0 + np.concatenate(([0.0], np.cumsum(growth)))
+    return GrowthPath(t[: growth.size + 1], np.asarray(v_eq, dtype=np.float64))
