@@ -66,7 +66,7 @@ def _map_problems(config: Config, channel: ChannelSection, path: Path) -> Iterat
     except ConfigError as error:
         yield str(error)
         return
-    at = setup.settings.map_at
+    at = None if setup.settings.damage is None else setup.settings.damage.map_at
     if at is not None and at(config.operating.load_newton, config.operating.speed_hz)[0] is None:
         yield f"channel {channel.name!r}: its map does not cover the configured load and speed"
 

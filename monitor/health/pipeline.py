@@ -6,14 +6,13 @@ reads no clock and no file, so that the same blocks give the same records.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing, Kinematics, kinematics
-from monitor.health import detect, edv, forecast
+from monitor.health import damage, detect
 from monitor.health.bands import candidate_bands
 from monitor.health.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.naming import Naming, bins_needed, name_fault
@@ -21,9 +20,6 @@ from monitor.health.quality import Verdict, check_samples
 from monitor.health.spectrum import Band
 from monitor.health.state import ChannelState, Named, Spectra
 from monitor.health.votes import BandVotes
-
-MapAt = Callable[[float | None, float | None], "tuple[edv.MapSlice | None, edv.EdvStatus | None]"]
-"""Gives the map at a load (N) and speed (Hz), or the status that says why there is none."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +38,7 @@ class ChannelSettings:
         speed: shaft speed where the block does not say it, Hz, or None where unknown.
         load: radial load where the block does not say it, N, or None where unknown.
         detect: settings of the onset detector.
-        track: whether V_eq is tracked.
-        map_at: the RMS map by load and speed, or None where there is none.
-        edv: settings of the tracker.
-        forecast: settings of the forecast.
-        thresholds: of V_eq, m2, ascending.
+        damage: how V_eq and TT are found, or None where they are not.
     """
 
     name: str
@@ -60,15 +52,7 @@ class ChannelSettings:
     speed: float | None = None
     load: float | None = None
     detect: detect.DetectSettings = field(default_factory=detect.DetectSettings)
-    track: bool = False
-    map_at: MapAt | None = None
-    edv: edv.EdvSettings = field(default_factory=edv.EdvSettings)
-    forecast: forecast.ForecastSettings = field(default_factory=forecast.ForecastSettings)
-    thresholds: tuple[float, ...] = (0.05e-6,)
-
-
-_MOST_PENDING = 2000
-"""Blocks that a tracker may lag behind: an onset so slow that it takes more to become known loses its first part."""
+    damage: damage.DamageSettings | None = None
 
 
 @dataclass(frozen=True)
@@ -107,7 +91,7 @@ class ChannelOutput:
         features: of the block.
         naming: of the damaged part, from the averaged envelope spectrum.
         detection: score and alarms.
-        edv: equivalent damaged volume.
+        damage: equivalent damaged volume, or None where the channel is not tracked.
         forecasts: one for each threshold.
     """
 
@@ -121,8 +105,8 @@ class ChannelOutput:
     features: BlockFeatures | None = None
     naming: Naming | None = None
     detection: detect.DetectOutput | None = None
-    edv: edv.EdvResult | None = None
-    forecasts: tuple[forecast.ForecastResult, ...] = ()
+    damage: damage.Damage | None = None
+    forecasts: tuple[damage.Remaining, ...] = ()
 
 
 def judge(samples: NDArray[np.floating], state: ChannelState, settings: ChannelSettings) -> Verdict:
@@ -172,7 +156,7 @@ def step(
     state, detection = _detect(state, features, info, verdict, settings, settled=band_source != "provisional")
     if verdict.for_baseline and band_source == "provisional":
         state = _vote(state, samples, info.rate, lines)
-    state, damage, forecasts = _track(state, features, verdict, settings, load, speed)
+    state, found, forecasts = _damage(state, features, verdict, settings, load, speed)
     state = _latch_name(state, naming, info.sequence)
     return state, ChannelOutput(
         verdict=verdict,
@@ -185,7 +169,7 @@ def step(
         features=features,
         naming=naming,
         detection=detection,
-        edv=damage,
+        damage=found,
         forecasts=forecasts,
     )
 
@@ -285,55 +269,33 @@ def _detect(
     return replace(state, detect=detector), output
 
 
-def _pending(state: ChannelState, rms: float, verdict: Verdict) -> tuple[tuple[float, float], ...]:
-    """Keep the RMS since the score rose: the tracker begins at t_fs (thesis: t(1) = t_fs), known only later."""
-    if state.detect.elevated is None:
-        return ()
-    return (*state.pending, (state.running_time, rms))[-_MOST_PENDING:] if verdict.for_tracker else state.pending
-
-
-def _track(
+def _damage(
     state: ChannelState,
     features: BlockFeatures,
     verdict: Verdict,
     settings: ChannelSettings,
     load: float | None,
     speed: float,
-) -> tuple[ChannelState, edv.EdvResult | None, tuple[forecast.ForecastResult, ...]]:
-    """Invert the map and forecast, where the channel is tracked and the final stage has begun."""
-    if not settings.track:
+) -> tuple[ChannelState, damage.Damage | None, tuple[damage.Remaining, ...]]:
+    """Track and forecast, where the channel is tracked."""
+    if settings.damage is None:
         return state, None, ()
-    map_slice, gate = None, None
-    if not settings.absolute:
-        gate = edv.EdvStatus.NO_ABSOLUTE_LEVEL
-    elif settings.map_at is None:
-        gate = edv.EdvStatus.NO_MAP
-    elif state.detect.t_fs is None:
-        gate = edv.EdvStatus.NOT_FINAL_STAGE
-    elif not verdict.for_tracker:
-        gate = edv.EdvStatus.BAD_BLOCK
-    else:
-        map_slice, gate = settings.map_at(load, speed)
-    # Once t_fs is known, the blocks since t_fs go first.
-    history = (*(state.pending if gate is None else ()), (state.running_time, features.rms))
-    tracker, forecaster = state.edv, state.forecast
-    damage: edv.EdvResult | None = None
-    forecasts: tuple[forecast.ForecastResult, ...] = ()
-    for time, rms in history:
-        tracker, damage = edv.step(tracker, rms, map_slice=map_slice, settings=settings.edv, gate=gate)
-        forecaster, forecasts = forecast.step(
-            forecaster,
-            time,
-            damage.v_eq,
-            thresholds=settings.thresholds,
-            settings=settings.forecast,
-            final_stage=state.detect.t_fs is not None,
-        )
-    if gate is None:
-        state = replace(state, pending=())
-    elif state.detect.t_fs is None:
-        state = replace(state, pending=_pending(state, features.rms, verdict))
-    return replace(state, edv=tracker, forecast=forecaster), damage, forecasts
+    resolved = bool(np.all(features.bpfo_resolved))
+    reading = damage.Reading(
+        time=state.running_time,
+        rms=features.rms,
+        harmonics=tuple(float(value) for value in features.bpfo_amplitude) if resolved else None,
+        load=load,
+        speed=speed,
+    )
+    stage = damage.Stage(
+        final=state.detect.t_fs is not None,
+        raised=state.detect.elevated is not None,
+        usable=verdict.for_tracker,
+        absolute=settings.absolute,
+    )
+    after, found, forecasts = damage.step(state.damage, reading, stage, settings.damage)
+    return replace(state, damage=after), found, forecasts
 
 
 def _latch_name(state: ChannelState, naming: Naming | None, sequence: int) -> ChannelState:

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.damage import DamageState
 from monitor.health.detect import DetectState
-from monitor.health.edv import EdvState
-from monitor.health.forecast import ForecastState
 from monitor.health.spectrum import Band
 from monitor.health.votes import BandVotes
 
-STATE_VERSION = 1
+STATE_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -115,10 +114,7 @@ class ChannelState:
         running_time: seconds that the machine has run, the time axis of the damage.
         last_time: time of the latest block that was in order, s, or None.
         was_running: whether the machine ran then.
-        pending: running time (s) and RMS of the blocks since the detector's score first rose, for a tracker that
-            begins at t_fs although t_fs is known only later.
-        edv: the tracker.
-        forecast: the forecast.
+        damage: the trackers and forecasts.
         named: what the fault is called, or None.
     """
 
@@ -130,9 +126,7 @@ class ChannelState:
     running_time: float = 0.0
     last_time: float | None = None
     was_running: bool = False
-    pending: tuple[tuple[float, float], ...] = ()
-    edv: EdvState = field(default_factory=EdvState)
-    forecast: ForecastState = field(default_factory=ForecastState)
+    damage: DamageState = field(default_factory=DamageState)
     named: Named | None = None
     version: int = STATE_VERSION
 
@@ -148,9 +142,7 @@ class ChannelState:
             "running_time": self.running_time,
             "last_time": self.last_time,
             "was_running": self.was_running,
-            "pending": [list(row) for row in self.pending],
-            "edv": self.edv.to_dict(),
-            "forecast": self.forecast.to_dict(),
+            "damage": self.damage.to_dict(),
             "named": None if self.named is None else asdict(self.named),
         }
 
@@ -161,8 +153,9 @@ class ChannelState:
         Raises:
             ValueError: if it was written in a layout that this version does not know.
         """
-        if stored.get("version") != STATE_VERSION:
-            raise ValueError(f"channel state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
+        version = stored.get("version")
+        if version not in (1, STATE_VERSION):
+            raise ValueError(f"channel state: version {STATE_VERSION} expected, got {version!r}")
         return cls(
             detect=DetectState.from_dict(stored["detect"]),
             bands=tuple((float(low), float(high)) for low, high in stored["bands"]),
@@ -172,8 +165,15 @@ class ChannelState:
             running_time=stored["running_time"],
             last_time=stored["last_time"],
             was_running=stored["was_running"],
-            pending=tuple((float(time), float(rms)) for time, rms in stored["pending"]),
-            edv=EdvState.from_dict(stored["edv"]),
-            forecast=ForecastState.from_dict(stored["forecast"]),
+            damage=DamageState.from_dict(stored["damage"] if version > 1 else _damage_of_version_1(stored)),
             named=None if stored["named"] is None else Named(**stored["named"]),
         )
+
+
+def _damage_of_version_1(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the damage of a state that kept its parts side by side, and of a waiting block its time and RMS only."""
+    return {
+        "pending": [[time, rms, None, None, None] for time, rms in stored["pending"]],
+        "edv": stored["edv"],
+        "forecast": stored["forecast"],
+    }

@@ -14,6 +14,9 @@ from monitor.health.state import ChannelState
 from monitor.records.record import Record, plain
 from streams.block import Block, Rejected
 
+_DAMAGE = ("rms_smoothed", "dphi_d", "h_d", "v_eq", "v_eq_lower", "v_eq_upper")
+_REMAINING = ("tt", "tt_lower", "tt_upper", "p_threshold")
+
 
 def rejected_record(item: Rejected) -> Record:
     """Return the record of a block that could not be made."""
@@ -48,7 +51,7 @@ def block_record(
     values = {name: channel_values(state, output) for name, (state, output) in channels.items()}
     if truth:
         for name, (_, output) in channels.items():
-            if output.edv is not None:
+            if output.damage is not None:
                 values[name] |= plain(truth)
     return Record(
         source=block.source,
@@ -95,9 +98,9 @@ def channel_values(state: ChannelState, output: ChannelOutput) -> dict[str, Any]
             "fault_depth": evidence.depth,
             "fault_score": evidence.score,
         }
-    if output.edv is not None:
-        values |= {name: getattr(output.edv, name) for name in ("rms_smoothed", "dphi_d", "h_d", "v_eq")}
-        values["edv_status"] = str(output.edv.status)
+    if output.damage is not None:
+        values |= {name: getattr(output.damage, name) for name in _DAMAGE}
+        values["edv_status"] = output.damage.status
     if output.forecasts:
         values |= _forecast_values(output)
     return {name: plain(value) for name, value in values.items()}
@@ -145,8 +148,8 @@ def _forecast_values(output: ChannelOutput) -> dict[str, Any]:
     results = output.forecasts
     return {
         "v_th": tuple(result.threshold for result in results),
-        "tt": tuple(result.tt for result in results),
-        "tt_status": tuple(str(result.status) for result in results),
+        **{name: tuple(getattr(result, name) for result in results) for name in _REMAINING},
+        "tt_status": tuple(result.status for result in results),
         "tt_coefficients": tuple(result.coefficients for result in results),
         "r_squared": tuple(result.r_squared for result in results),
     }

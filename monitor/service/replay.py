@@ -175,7 +175,7 @@ def _run(
     if progress is not None:
         items = progress(items, total)
     truth_of = getattr(source, "truth", None)
-    thresholds = next(iter(watcher.channels.values())).settings.thresholds
+    thresholds = watcher.thresholds
     batch: list[tuple[Record, dict[str, Any]]] = []
     spectra: dict[str, Any] = {}
     standing: dict[str, float] = {}
@@ -274,7 +274,10 @@ def _channel_summary(watcher: Watcher, name: str) -> dict[str, Any]:
     def first(value: Any) -> Any:
         return value[0] if isinstance(value, tuple) else value
 
-    v_eq = values.get("v_eq")
+    def in_mm2(key: str) -> float | None:
+        value = values.get(key)
+        return None if value is None else value * 1e6
+
     return {
         "stage": detector.stage,
         "t_fs_block": detector.t_fs and detector.t_fs.sequence,
@@ -283,15 +286,15 @@ def _channel_summary(watcher: Watcher, name: str) -> dict[str, Any]:
         "t_eol_block": detector.t_eol and detector.t_eol.sequence,
         "fault": named and named.fault,
         "fault_snr": named and named.snr,
-        "v_eq_mm2": None if v_eq is None else v_eq * 1e6,
-        "v_eq_lower_mm2": None,
-        "v_eq_upper_mm2": None,
+        "v_eq_mm2": in_mm2("v_eq"),
+        "v_eq_lower_mm2": in_mm2("v_eq_lower"),
+        "v_eq_upper_mm2": in_mm2("v_eq_upper"),
         "edv_status": values.get("edv_status"),
         "tt_s": first(values.get("tt")),
-        "tt_lower_s": None,
-        "tt_upper_s": None,
+        "tt_lower_s": first(values.get("tt_lower")),
+        "tt_upper_s": first(values.get("tt_upper")),
         "tt_status": first(values.get("tt_status")),
-        "p_threshold": None,
+        "p_threshold": first(values.get("p_threshold")),
     }
 
 

@@ -9,8 +9,9 @@ from pathlib import Path
 from models.rms_map import MapError, OutsideMapError, RmsMap, load_map
 from models.scene import Rig
 from monitor.config import ChannelSection, Config, ConfigError, SourceSection
+from monitor.health.damage import DamageSettings, MapAt
 from monitor.health.edv import EdvSettings, EdvStatus, MapSlice
-from monitor.health.pipeline import ChannelSettings, MapAt
+from monitor.health.pipeline import ChannelSettings
 from streams.block import STANDARD_GRAVITY
 from streams.source import ChannelSpec, Source, SourceError, SourceSpec, open_source
 
@@ -164,7 +165,14 @@ def _settings(
         speed=config.operating.speed_hz,
         load=config.operating.load_newton,
         detect=config.detect.to_settings(),
-        track=channel.track,
+        damage=_damage_settings(config, channel, rms_map) if channel.track else None,
+    )
+
+
+def _damage_settings(config: Config, channel: ChannelSection, rms_map: RmsMap | None) -> DamageSettings:
+    return DamageSettings(
+        track_method=config.track.method or "thesis",
+        forecast_method=config.forecast.method or "thesis",
         map_at=None if rms_map is None else map_lookup(rms_map),
         edv=EdvSettings(smoothing_blocks=config.track.smoothing_blocks),
         thresholds=config.forecast.thresholds,

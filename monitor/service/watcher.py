@@ -77,6 +77,12 @@ class Watcher:
         states = {self._channel_key(name): state.to_dict() for name, state in self._states.items()}
         return {self._order_key: self._order.to_dict(), **states}
 
+    @property
+    def thresholds(self) -> tuple[float, ...]:
+        """Thresholds of V_eq that the tracked channels are forecast to, m2; () where none is tracked."""
+        tracked = (setup.settings.damage for setup in self.channels.values())
+        return next((damage.thresholds for damage in tracked if damage is not None), ())
+
     def channel(self, name: str) -> ChannelState:
         """Return the state of one channel."""
         return self._states[name]

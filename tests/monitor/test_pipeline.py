@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from monitor.health import edv, forecast
+from monitor.health.damage import DamageSettings
 from monitor.health.detect import DetectSettings
 from monitor.health.pipeline import (
     BlockInfo,
@@ -86,7 +87,8 @@ def record_of(i: int, state: ChannelState, output: ChannelOutput) -> Record:
     return block_record(block, "ok", (), "", {"one": (state, output)})
 
 
-TRACKED = base(track=True, map_at=lambda load, speed: (map_slice(), None))
+DAMAGE = DamageSettings(map_at=lambda load, speed: (map_slice(), None))
+TRACKED = base(damage=DAMAGE)
 
 
 def test_a_life_goes_through_its_stages_and_gets_its_name() -> None:
@@ -139,21 +141,29 @@ def test_the_tracker_begins_at_t_fs_though_it_is_known_later() -> None:
     for i in range(begin - 1, len(outputs)):
         features = outputs[i].features
         assert features is not None
-        tracker, result = edv.step(tracker, features.rms, map_slice=map_slice(), settings=TRACKED.edv, gate=None)
+        tracker, result = edv.step(tracker, features.rms, map_slice=map_slice(), settings=DAMAGE.edv, gate=None)
         forecaster, forecasts = forecast.step(
             forecaster,
             10.0 * i,
             result.v_eq,
-            thresholds=TRACKED.thresholds,
-            settings=TRACKED.forecast,
+            thresholds=DAMAGE.thresholds,
+            settings=DAMAGE.forecast,
             final_stage=True,
         )
-    assert state.edv == tracker
-    assert state.forecast == forecaster
-    assert outputs[-1].edv == result
-    assert repr(outputs[-1].forecasts) == repr(forecasts)
-    assert {str(o.edv.status) for o in outputs[: known - 1] if o.edv is not None} == {"not_final_stage"}
-    assert state.pending == ()
+    assert state.damage.edv == tracker
+    assert state.damage.forecast == forecaster
+    found = outputs[-1].damage
+    assert found is not None
+    assert result is not None
+    for name in ("v_eq", "dphi_d", "h_d", "rms_smoothed", "status"):
+        assert getattr(found, name) == getattr(result, name)
+    for issued, expected in zip(outputs[-1].forecasts, forecasts, strict=True):
+        for name in ("threshold", "tt", "t_threshold", "coefficients", "r_squared", "status"):
+            assert repr(getattr(issued, name)) == repr(
+                getattr(expected, name) if name != "status" else str(expected.status)
+            )
+    assert {str(o.damage.status) for o in outputs[: known - 1] if o.damage is not None} == {"not_final_stage"}
+    assert state.damage.pending == ()
 
 
 def test_stopped_blocks_do_not_advance_the_running_time() -> None:
@@ -193,27 +203,27 @@ def test_without_a_unit_there_is_no_absolute_level() -> None:
     assert state.detect.t_fs is not None
     assert state.named is not None
     assert state.named.fault == "outer"
-    assert {str(o.edv.status) for o in outputs if o.edv is not None} == {"no_absolute_level"}
-    assert all(np.isnan(o.edv.v_eq) for o in outputs if o.edv is not None)
+    assert {str(o.damage.status) for o in outputs if o.damage is not None} == {"no_absolute_level"}
+    assert all(np.isnan(o.damage.v_eq) for o in outputs if o.damage is not None)
 
 
 def test_without_a_map_the_status_says_so() -> None:
-    _, outputs = run(life(), base(track=True))
-    assert {str(o.edv.status) for o in outputs if o.edv is not None} == {"no_map"}
-    assert len([o for o in outputs if o.edv is not None]) == len(outputs)
+    _, outputs = run(life(), base(damage=DamageSettings()))
+    assert {str(o.damage.status) for o in outputs if o.damage is not None} == {"no_map"}
+    assert len([o for o in outputs if o.damage is not None]) == len(outputs)
 
 
 def test_outside_the_conditions_of_the_map_the_status_says_so() -> None:
-    settings = base(track=True, map_at=lambda load, speed: (None, edv.EdvStatus.OUTSIDE_CONDITIONS))
+    settings = base(damage=DamageSettings(map_at=lambda load, speed: (None, edv.EdvStatus.OUTSIDE_CONDITIONS)))
     state, outputs = run(life(), settings)
-    assert outputs[-1].edv is not None
-    assert str(outputs[-1].edv.status) == "outside_conditions"
-    assert state.edv == edv.EdvState()
+    assert outputs[-1].damage is not None
+    assert str(outputs[-1].damage.status) == "outside_conditions"
+    assert state.damage.edv == edv.EdvState()
 
 
 def test_a_channel_that_is_not_tracked_has_no_volume() -> None:
     _, outputs = run(life(), base())
-    assert all(o.edv is None and o.forecasts == () for o in outputs)
+    assert all(o.damage is None and o.forecasts == () for o in outputs)
 
 
 def test_clipped_blocks_are_not_inverted_but_count_for_the_end_of_life() -> None:
@@ -224,7 +234,7 @@ def test_clipped_blocks_are_not_inverted_but_count_for_the_end_of_life() -> None
         blocks[i][100:104] = 300.0
     state, outputs = run(blocks, settings)
     assert [outputs[i].verdict.status for i in range(76, 79)] == ["clipped"] * 3
-    damage = [output.edv for output in outputs[76:79]]
+    damage = [output.damage for output in outputs[76:79]]
     assert [result and str(result.status) for result in damage] == ["bad_block"] * 3
     assert state.detect.t_eol is not None
     assert state.detect.t_eol.sequence == 77
@@ -303,5 +313,17 @@ def test_spectra_of_another_length_start_anew() -> None:
 
 
 def test_a_state_of_another_version_is_refused() -> None:
-    with pytest.raises(ValueError, match="version 1 expected, got 99"):
+    with pytest.raises(ValueError, match="version 2 expected, got 99"):
         ChannelState.from_dict({**ChannelState().to_dict(), "version": 99})
+
+
+def test_a_state_of_version_1_is_read() -> None:
+    """It kept tracker, forecast and waiting blocks side by side, the latter by time and RMS only."""
+    state, _ = run(life(), TRACKED)
+    new = state.to_dict()
+    damage = new.pop("damage")
+    old = {**new, "version": 1, "edv": damage["edv"], "forecast": damage["forecast"], "pending": [[5.0, 0.25]]}
+    read = ChannelState.from_dict(json.loads(json.dumps(old)))
+    assert read.damage.edv == state.damage.edv
+    assert read.damage.forecast == state.damage.forecast
+    assert [(item.time, item.rms, item.harmonics) for item in read.damage.pending] == [(5.0, 0.25, None)]

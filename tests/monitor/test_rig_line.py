@@ -184,7 +184,7 @@ def test_restarts_in_the_middle_change_no_bit(
         if not resume:
             with Store.open(parts.store_path, read_only=True) as store:
                 state = store.load_states()[f"channel:rig:{TESTED}"]
-            assert len(state["pending"]) == 47 - summary["t_fs_block"] + 1
+            assert len(state["damage"]["pending"]) == 47 - summary["t_fs_block"] + 1
 
     assert read(parts.store_path) == read(whole.store_path)
     assert parts.summary["channels"] == whole.summary["channels"]

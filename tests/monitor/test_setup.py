@@ -56,7 +56,8 @@ def test_settings_are_si(small_map):
     assert setup.settings.signal_range == pytest.approx(50 * 9.80665)
     assert setup.settings.samples == 128000
     assert setup.settings.detect.end_of_life_peak == pytest.approx(196.133)
-    assert setup.settings.thresholds == (0.05e-6,)
+    assert setup.settings.damage is not None
+    assert setup.settings.damage.thresholds == (0.05e-6,)
     spec = source_spec(c, c.source[0], "other.npy")
     assert spec.url == "other.npy"
     assert spec.channels[0].unit == "g"
@@ -64,7 +65,9 @@ def test_settings_are_si(small_map):
 
 def test_the_map_is_given_where_it_holds(small_map):
     c = config()
-    at = channel_setups(c, c.source[0], {"c": small_map})["c"].settings.map_at
+    damage = channel_setups(c, c.source[0], {"c": small_map})["c"].settings.damage
+    assert damage is not None
+    at = damage.map_at
     assert at is not None
     found, gate = at(4000.0, 40.0)
     assert gate is None

@@ -1,0 +1,261 @@
+"""From the features of a block to V_eq and TT, by the methods that are configured.
+
+The tracker begins at t_fs, which becomes known only later: readings since the detector's score rose wait here, and go
+first when the final stage is known. Each reading is judged at its own load and speed. Time is damage time: the hours in
+which the machine stood still are no part of it, and the caller does not count them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from monitor.health import edv, forecast
+
+MapAt = Callable[[float | None, float | None], "tuple[edv.MapSlice | None, edv.EdvStatus | None]"]
+"""Gives the map at a load (N) and speed (Hz), or the status that says why there is none."""
+
+TrackMethod = Literal["thesis", "filter", "library"]
+ForecastMethod = Literal["thesis", "library"]
+
+_MOST_PENDING = 2000
+"""Readings that a tracker may lag behind: an onset so slow that it takes more to become known loses its first part."""
+_NONE = (math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the trackers take of one block.
+
+    Attributes:
+        time: damage time, s.
+        rms: in the band of the map, m/s2.
+        harmonics: amplitudes of the first six BPFO lines, m/s2, or None where the block resolves none.
+        load: N, or None where unknown.
+        speed: Hz.
+    """
+
+    time: float
+    rms: float
+    harmonics: tuple[float, ...] | None
+    load: float | None
+    speed: float | None
+
+
+@dataclass(frozen=True)
+class DamageSettings:
+    """How damage is tracked and forecast on a channel.
+
+    Attributes:
+        track_method: what gives V_eq.
+        forecast_method: what gives TT.
+        map_at: the RMS map by load and speed, or None where there is none.
+        edv: settings of the thesis' tracker.
+        forecast: settings of the thesis' forecast.
+        thresholds: of V_eq, m2, ascending.
+    """
+
+    track_method: TrackMethod = "thesis"
+    forecast_method: ForecastMethod = "thesis"
+    map_at: MapAt | None = None
+    edv: edv.EdvSettings = field(default_factory=edv.EdvSettings)
+    forecast: forecast.ForecastSettings = field(default_factory=forecast.ForecastSettings)
+    thresholds: tuple[float, ...] = (0.05e-6,)
+
+
+@dataclass(frozen=True)
+class DamageState:
+    """All that the trackers and forecasts of a channel remember.
+
+    Attributes:
+        pending: readings since the detector's score first rose, while t_fs is not known.
+        edv: the thesis' tracker.
+        forecast: the thesis' forecast.
+    """
+
+    pending: tuple[Reading, ...] = ()
+    edv: edv.EdvState = field(default_factory=edv.EdvState)
+    forecast: forecast.ForecastState = field(default_factory=forecast.ForecastState)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the state as plain values for JSON; floats come back as they were."""
+        return {
+            "pending": [[r.time, r.rms, r.harmonics, r.load, r.speed] for r in self.pending],
+            "edv": self.edv.to_dict(),
+            "forecast": self.forecast.to_dict(),
+        }
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> DamageState:
+        """Return the state that :meth:`to_dict` gave."""
+        return cls(
+            pending=tuple(
+                Reading(time, rms, None if harmonics is None else tuple(harmonics), load, speed)
+                for time, rms, harmonics, load, speed in stored["pending"]
+            ),
+            edv=edv.EdvState.from_dict(stored["edv"]),
+            forecast=forecast.ForecastState.from_dict(stored["forecast"]),
+        )
+
+
+@dataclass(frozen=True)
+class Damage:
+    """V_eq after one block; NaN wherever ``status`` says that there is no value, and what a method does not give.
+
+    Attributes:
+        status: as in ``monitor.records.schema.EDV_STATUSES``.
+        v_eq: equivalent damaged volume per width, m2; the median where there is an interval.
+        v_eq_lower: lower end of its interval, m2.
+        v_eq_upper: upper end, m2.
+        dphi_d: extent of the equivalent defect, rad.
+        h_d: its depth, m.
+        rms_smoothed: trailing mean of the RMS (thesis), m/s2.
+    """
+
+    status: str
+    v_eq: float = math.nan
+    v_eq_lower: float = math.nan
+    v_eq_upper: float = math.nan
+    dphi_d: float = math.nan
+    h_d: float = math.nan
+    rms_smoothed: float = math.nan
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """One forecast for one threshold; NaN wherever ``status`` says that there is no value.
+
+    Attributes:
+        threshold: V_th, m2.
+        status: as in ``monitor.records.schema.TT_STATUSES``.
+        tt: time to threshold, s of damage time; the median where there is an interval.
+        tt_lower: lower end of its interval, s.
+        tt_upper: upper end, s.
+        t_threshold: when the threshold is reached, s of the readings' clock.
+        p_threshold: probability that it is reached within the maintenance window, or by now where there is none.
+        coefficients: of the thesis' quadratic, SI.
+        r_squared: of that fit.
+        quantiles: (probability, TT in s) pairs, for the archive.
+    """
+
+    threshold: float
+    status: str
+    tt: float = math.nan
+    tt_lower: float = math.nan
+    tt_upper: float = math.nan
+    t_threshold: float = math.nan
+    p_threshold: float = math.nan
+    coefficients: tuple[float, float, float] = _NONE
+    r_squared: float = math.nan
+    quantiles: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What earlier stages say of the block.
+
+    Attributes:
+        final: whether the bearing is known to be in the final stage.
+        raised: whether the detector's score is raised while the final stage is not known yet.
+        usable: whether the quality of the block lets it be inverted.
+        absolute: whether the channel's unit is known, so that levels mean something.
+    """
+
+    final: bool = True
+    raised: bool = False
+    usable: bool = True
+    absolute: bool = True
+
+
+def step(
+    state: DamageState, reading: Reading, stage: Stage, settings: DamageSettings
+) -> tuple[DamageState, Damage, tuple[Remaining, ...]]:
+    """Track and forecast one block.
+
+    Args:
+        state: what is remembered.
+        reading: of the block.
+        stage: what earlier stages say of it.
+        settings: how.
+
+    Returns:
+        The next state, V_eq and one forecast a threshold.
+    """
+    gate = _gate(stage, settings)
+    # Once t_fs is known, the readings since t_fs go first.
+    history = (*(state.pending if gate is None else ()), reading)
+    damage, forecasts = Damage(str(edv.EdvStatus.NOT_FINAL_STAGE)), ()
+    for item in history:
+        state, damage, forecasts = _one(state, item, gate, stage, settings)
+    if gate is None:
+        return replace(state, pending=()), damage, forecasts
+    if not stage.final:
+        return replace(state, pending=_pending(state, reading, stage)), damage, forecasts
+    return state, damage, forecasts
+
+
+def _gate(stage: Stage, settings: DamageSettings) -> edv.EdvStatus | None:
+    """Return what keeps the block out of every method, or None."""
+    if not stage.absolute:
+        return edv.EdvStatus.NO_ABSOLUTE_LEVEL
+    if settings.track_method == "thesis" and settings.map_at is None:
+        return edv.EdvStatus.NO_MAP
+    if not stage.final:
+        return edv.EdvStatus.NOT_FINAL_STAGE
+    return None if stage.usable else edv.EdvStatus.BAD_BLOCK
+
+
+def _pending(state: DamageState, reading: Reading, stage: Stage) -> tuple[Reading, ...]:
+    """Keep the readings since the score rose: the tracker begins at t_fs (thesis: t(1) = t_fs), known only later."""
+    if not stage.raised:
+        return ()
+    return (*state.pending, reading)[-_MOST_PENDING:] if stage.usable else state.pending
+
+
+def _one(
+    state: DamageState, reading: Reading, gate: edv.EdvStatus | None, stage: Stage, settings: DamageSettings
+) -> tuple[DamageState, Damage, tuple[Remaining, ...]]:
+    """Take one reading through the configured methods."""
+    state, damage = _thesis_volume(state, reading, gate, settings)
+    state, forecasts = _thesis_forecast(state, reading, damage.v_eq, stage, settings)
+    return state, damage, forecasts
+
+
+def _thesis_volume(
+    state: DamageState, reading: Reading, gate: edv.EdvStatus | None, settings: DamageSettings
+) -> tuple[DamageState, Damage]:
+    map_slice = None
+    if gate is None and settings.map_at is not None:
+        map_slice, gate = settings.map_at(reading.load, reading.speed)
+    tracker, found = edv.step(state.edv, reading.rms, map_slice=map_slice, settings=settings.edv, gate=gate)
+    damage = Damage(
+        str(found.status), v_eq=found.v_eq, dphi_d=found.dphi_d, h_d=found.h_d, rms_smoothed=found.rms_smoothed
+    )
+    return replace(state, edv=tracker), damage
+
+
+def _thesis_forecast(
+    state: DamageState, reading: Reading, v_eq: float, stage: Stage, settings: DamageSettings
+) -> tuple[DamageState, tuple[Remaining, ...]]:
+    forecaster, results = forecast.step(
+        state.forecast,
+        reading.time,
+        v_eq,
+        thresholds=settings.thresholds,
+        settings=settings.forecast,
+        final_stage=stage.final,
+    )
+    remaining = tuple(
+        Remaining(
+            threshold=result.threshold,
+            status=str(result.status),
+            tt=result.tt,
+            t_threshold=result.t_threshold,
+            coefficients=result.coefficients,
+            r_squared=result.r_squared,
+        )
+        for result in results
+    )
+    return replace(state, forecast=forecaster), remaining
