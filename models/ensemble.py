@@ -1,4 +1,4 @@
-"""RMS maps averaged over many rough floors, with or without slip of the balls, computed by the lane kernels.
+"""Nodes of RMS maps averaged over many floors, with or without slip of the balls, computed by the lane kernels.
 
 A map of one rough floor shows the accidents of that floor. The ensemble map holds the mean over floors at every node,
 their standard deviation, and the standard error of the mean, for the RMS and for the lines of BPFO. Floors are common

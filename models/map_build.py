@@ -26,9 +26,6 @@ Solver = Literal["rows", "lanes"]
 _T = TypeVar("_T")
 _R = TypeVar("_R")
 
-# From so many floors on, the lane kernel simulates a scene in less time than the rows do, and the standard error of the
-# mean is larger than what its steps leave (docs/maps.md).
-LANE_FLOORS = 16
 # Random points at which a build measures the error between its nodes; of maps of many floors fewer, for each point is
 # simulated on all of them.
 _POINTS = 200
@@ -39,16 +36,17 @@ _COLUMNS = 5 + 2 * HARMONICS
 
 
 def solver_of(plan: MapPlan) -> Solver:
-    """Return which solver a plan's floors are simulated with: rows that settle, or lanes in time."""
-    slips = plan.slip is not None and plan.slip.phi_slip > 0.0
-    return "lanes" if slips or plan.floors >= LANE_FLOORS else "rows"
+    """Return which solver a plan's floors are simulated with: rows that settle, or where balls slip lanes in time.
+
+    Without slip the lanes are no quicker a scene, and less accurate (benchmarks/ensemble.py).
+    """
+    return "lanes" if plan.slip is not None and plan.slip.phi_slip > 0.0 else "rows"
 
 
 def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = None) -> RmsMap:
     """Return the map of a plan.
 
-    Smooth floors and few rough ones are solved row by row; many floors, and slip, by the lane kernels
-    (``models.ensemble``).
+    Floors are solved row by row, scenes with slip by the lane kernels (``models.ensemble``).
 
     Args:
         plan: what to build.
@@ -209,4 +207,4 @@ def map_attributes(plan: MapPlan) -> dict[str, Any]:
     return flat
 
 
-__all__ = ["LANE_FLOORS", "MAP_ACCURACY", "Progress", "build_map", "map_attributes", "scene_at", "solver_of"]
+__all__ = ["MAP_ACCURACY", "Progress", "build_map", "map_attributes", "scene_at", "solver_of"]

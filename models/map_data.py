@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -167,6 +167,22 @@ class RmsMap:
     def hash(self) -> str:
         """Hash of the plan and the model's version."""
         return str(self.attributes["hash"])
+
+    def falling(self, axis: Literal["h_d", "dphi_d"]) -> NDArray[np.bool_]:
+        """Say at which nodes the map is not monotone: the RMS falls to the next node along an axis of the damage.
+
+        A fall counts where it exceeds the numerical error of both nodes together and, of means over floors, twice the
+        standard error of the difference. The last node of the axis has no next one, shape (L, S, H, D).
+        """
+        place = AXES.index(axis)
+        step = np.diff(self.rms, axis=place, append=np.take(self.rms, [-1], axis=place))
+        here = (slice(None),) * place + (slice(None, -1),)
+        there = (slice(None),) * place + (slice(1, None),)
+        doubt = np.zeros_like(step)
+        doubt[here] = (
+            self.rms_error[here] + self.rms_error[there] + 2.0 * np.hypot(self.rms_se[here], self.rms_se[there])
+        )
+        return step < -doubt
 
     def slice_at(self, load: float, speed: float) -> MapSlice:
         """Return the map at one load and speed, linear between the nodes of these axes.

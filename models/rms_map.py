@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from platformdirs import user_cache_dir
@@ -64,6 +64,7 @@ _LONG_NAMES = {
     "rms_rig_std": "standard deviation of the RMS over uncertain parameters of the rig",
     "harmonic_rig_std": "standard deviation of these amplitudes over uncertain parameters of the rig",
 }
+_MARKED: tuple[Literal["h_d", "dphi_d"], ...] = ("h_d", "dphi_d")
 _VALUES = ("rms", "rms_std", "rms_se", "rms_error", "rms_rig_std")
 _LINES = ("harmonic_amplitude", "harmonic_std", "harmonic_rig_std")
 
@@ -108,6 +109,17 @@ def _write(dataset: Dataset, rms_map: RmsMap) -> None:
     status.flag_values = np.arange(len(STATUSES), dtype=np.int8)
     status.flag_meanings = " ".join(STATUSES)
     status[...] = rms_map.status
+    _write_marks(dataset, rms_map)
+
+
+def _write_marks(dataset: Dataset, rms_map: RmsMap) -> None:
+    """Write where the map is not monotone; readers of this package derive it anew."""
+    for axis in _MARKED:
+        marks = dataset.createVariable(f"not_monotone_{axis}", "i1", AXES)
+        marks.long_name = f"whether the RMS falls to the next node along {axis}, beyond its errors"
+        marks.flag_values = np.arange(2, dtype=np.int8)
+        marks.flag_meanings = "not_falling falling"
+        marks[...] = rms_map.falling(axis).astype(np.int8)
 
 
 def _variable(dataset: Dataset, name: str, kind: Any, dims: tuple[str, ...], values: NDArray[Any], units: str) -> None:

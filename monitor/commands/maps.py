@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import resource
 import time
 from collections.abc import Iterator, Mapping
@@ -11,9 +12,10 @@ from typing import Any
 import click
 import numpy as np
 
-from models.map_data import MapPlan
+from models.map_data import STATUSES, MapPlan
+from models.map_refine import MOST_NODES, build_refined_map
 from models.rms_map import RmsMap, build_map, check_map, load_map, save_map
-from models.scene import Floor
+from models.scene import Floor, Slip
 from monitor.commands.bearing import find_bearing
 from monitor.commands.common import (
     Axis,
@@ -42,18 +44,47 @@ def command() -> None:
 @click.option("--dphi-deg", type=Axis(), default="0:50:51", show_default=True, help="Extents.")
 @click.option("--h-d-um", type=Axis(), default="0:32:33", show_default=True, help="Depths.")
 @click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth", show_default=True)
-@click.option("--floors", type=click.IntRange(min=1), default=1, show_default=True, help="Rough floors to average.")
+@click.option("--floors", type=click.IntRange(min=1), default=1, show_default=True, help="Floors to average.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the first rough floor.")
+@click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip angle of the balls.")
+@click.option(
+    "--slip-rule", type=click.Choice(["per_passage", "mean_force"]), default="per_passage", help="How slip is drawn."
+)
+@click.option("--slip-seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the slip.")
+@click.option("--rig-draws", type=click.IntRange(min=0), default=0, help="Rigs drawn for the spread over parameters.")
+@click.option(
+    "--rig-spread", type=click.FloatRange(0, 0.5), default=0.035, show_default=True, help="Relative sd of parameters."
+)
+@click.option(
+    "--rig-spread-k-r", type=click.FloatRange(0, 0.5), default=0.014, show_default=True, help="Relative sd of k_r."
+)
+@click.option("--rig-seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the rigs.")
+@click.option(
+    "--interpolation-tolerance",
+    type=click.FloatRange(0, 1, min_open=True),
+    help="Refine the axes until the error between nodes (rms, over the largest RMS) is below this.",
+)
+@click.option(
+    "--most-nodes", type=click.IntRange(min=1), default=MOST_NODES, show_default=True, help="Refine no further."
+)
 @click.option("--rms-band-hz", type=BandHz(), help="Band of the RMS, the same as of the recordings.")
-@click.option("--workers", type=click.IntRange(min=0), default=0, show_default=True, help="Threads; 0: one a core.")
+@click.option(
+    "--workers", type=click.IntRange(min=0), default=0, show_default=True, help="Threads or processes; 0: one a core."
+)
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The map (netCDF).")
 @output_options
 def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, quiet: bool, **options: Any) -> None:
     """Simulate a map and write it with all that made it."""
-    plan = _plan(config_path, name, options)
+    tolerance, note = options["interpolation_tolerance"], counter("map", quiet=quiet)
     began, began_cpu = time.perf_counter(), _cpu_seconds()
     try:
-        rms_map = build_map(plan, workers=options["workers"], progress=counter("map", quiet=quiet))
+        plan = _plan(config_path, name, options)
+        if tolerance is None:
+            rms_map = build_map(plan, workers=options["workers"], progress=note)
+        else:
+            rms_map = build_refined_map(
+                plan, tolerance, most_nodes=options["most_nodes"], workers=options["workers"], progress=note
+            )
     except ValueError as error:
         raise InputError(f"map build: {error}") from None
     try:
@@ -61,17 +92,34 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
     except OSError as error:
         raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
     values = {
-        "points": int(np.prod(plan.shape)),
+        "points": int(rms_map.rms.size),
         "seconds": time.perf_counter() - began,
         "cpu_seconds": _cpu_seconds() - began_cpu,
         "out": str(out),
-        "error_rms": _finite(np.sqrt(np.nanmean(np.square(_relative_error(rms_map))))),
-        "error_max": _finite(np.nanmax(_relative_error(rms_map))),
-        "status": _status_counts(rms_map),
+        **_quality(rms_map),
+        "interpolation_tolerance": tolerance,
         "hash": rms_map.hash,
     }
     say(f"map: {out}", quiet=quiet)
     emit(values, _build_lines(values), as_json=as_json)
+
+
+def _quality(rms_map: RmsMap) -> dict[str, Any]:
+    """Return what a map says of itself."""
+    return {
+        "error_rms": _finite(np.sqrt(np.nanmean(np.square(_relative_error(rms_map))))),
+        "error_max": _finite(np.nanmax(_relative_error(rms_map))),
+        "interpolation_error": rms_map.attributes["interpolation_error"],
+        "interpolation_error_max": rms_map.attributes["interpolation_error_max"],
+        "shape": list(rms_map.plan.shape),
+        "solver": rms_map.attributes["solver"],
+        "spread_floors": _relative(rms_map, rms_map.rms_std),
+        "spread_rig": _relative(rms_map, rms_map.rms_rig_std),
+        "standard_error": _relative(rms_map, rms_map.rms_se),
+        "not_monotone_h_d": int(np.count_nonzero(rms_map.falling("h_d"))),
+        "not_monotone_dphi_d": int(np.count_nonzero(rms_map.falling("dphi_d"))),
+        "status": _status_counts(rms_map),
+    }
 
 
 def _cpu_seconds() -> float:
@@ -100,7 +148,18 @@ def _plan(config_path: Path | None, name: str | None, options: Mapping[str, Any]
         floor=Floor(kind=options["floor"], seed=options["seed"]),
         floors=options["floors"],
         rms_band=options["rms_band_hz"],
+        slip=_slip(options),
+        rig_draws=options["rig_draws"],
+        rig_spread=options["rig_spread"],
+        rig_spread_k_r=options["rig_spread_k_r"],
+        rig_seed=options["rig_seed"],
     )
+
+
+def _slip(options: Mapping[str, Any]) -> Slip | None:
+    if options["slip_deg"] == 0.0:
+        return None
+    return Slip(math.radians(options["slip_deg"]), options["slip_rule"], options["slip_seed"])
 
 
 def _configured(value: float | None, option: str) -> tuple[float, ...]:
@@ -115,21 +174,39 @@ def _relative_error(rms_map: RmsMap) -> np.ndarray:
         return np.where(rms_map.rms > 0.0, rms_map.rms_error / rms_map.rms, np.nan)
 
 
+def _relative(rms_map: RmsMap, spread: np.ndarray) -> float | None:
+    """Return the median of a spread over the RMS where there is damage, or None where there is no spread."""
+    damaged = (rms_map.rms > 0.0) & (rms_map.h_d[:, None] > 0.0) & (rms_map.dphi_d > 0.0)
+    if not np.any(damaged) or not np.any(spread):
+        return None
+    return float(np.median(spread[damaged] / rms_map.rms[damaged]))
+
+
 def _finite(value: Any) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
 def _status_counts(rms_map: RmsMap) -> dict[str, int]:
-    from models.map_data import STATUSES
-
     return {name: int(np.count_nonzero(rms_map.status == code)) for code, name in enumerate(STATUSES)}
 
 
 def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
-    yield f"{values['points']} points in {values['seconds']:.1f} s"
+    shape = " x ".join(str(count) for count in values["shape"])
+    yield f"{values['points']} points ({shape}: loads, speeds, depths, extents) in {values['seconds']:.1f} s"
     if values["error_rms"] is not None:
         error, most = 100 * values["error_rms"], 100 * values["error_max"]
         yield f"estimated numerical error {error:.2g} % rms, {most:.2g} % at most"
+    between, most = 100 * values["interpolation_error"], 100 * values["interpolation_error_max"]
+    yield f"between nodes, over the largest RMS: {between:.2g} % rms, {most:.2g} % at most"
+    tolerance = values["interpolation_tolerance"]
+    if tolerance is not None and values["interpolation_error"] > tolerance:
+        yield f"the tolerance of {100 * tolerance:.2g} % is not met with the nodes allowed: raise --most-nodes"
+    for name, what in (("spread_floors", "floors"), ("spread_rig", "rig parameters")):
+        if values[name] is not None:
+            yield f"spread over {what}: {100 * values[name]:.2g} % (median over damaged nodes)"
+    yield (
+        f"RMS falls with depth at {values['not_monotone_h_d']} nodes, with extent at {values['not_monotone_dphi_d']}"
+    )
     yield ", ".join(f"{number} {name}" for name, number in values["status"].items() if number)
     yield f"hash {values['hash'][:16]}"
 
@@ -179,6 +256,8 @@ def check(path: Path, points: int, seed: int, as_json: bool, quiet: bool) -> Non
         "error_max": found.error_max,
         "interpolation_rms": found.interpolation_rms,
         "interpolation_max": found.interpolation_max,
+        "condition_rms": found.condition_rms,
+        "condition_max": found.condition_max,
         "hash": rms_map.hash,
     }
     lines = [
@@ -187,4 +266,9 @@ def check(path: Path, points: int, seed: int, as_json: bool, quiet: bool) -> Non
         f"between nodes, over the largest RMS of the map: {100 * found.interpolation_rms:.2g} % rms, "
         f"{100 * found.interpolation_max:.2g} % at most",
     ]
+    if found.condition_rms is not None and found.condition_max is not None:
+        lines.append(
+            f"between loads and speeds, likewise: {100 * found.condition_rms:.2g} % rms, "
+            f"{100 * found.condition_max:.2g} % at most"
+        )
     emit(values, lines, as_json=as_json)

@@ -9,7 +9,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from models.rms_map import RmsMap
 from streams.block import STANDARD_GRAVITY
@@ -41,6 +43,7 @@ def draw_map(rms_map: RmsMap, path: Path) -> None:
     for axes, (i, j) in zip(panels.flat, shown, strict=False):
         mesh = axes.pcolormesh(extent, depth, rms[i, j], shading="gouraud", cmap="viridis", vmin=0.0, vmax=highest)
         _volumes(axes, rms_map, extent, depth)
+        _falls(axes, rms_map.falling("h_d")[i, j], extent, depth)
         axes.set(
             title=f"{rms_map.load[i]:g} N, {rms_map.speed[j]:g} Hz",
             xlabel="extent of the defect [deg]",
@@ -68,16 +71,27 @@ def _volumes(axes: Axes, rms_map: RmsMap, extent: np.ndarray, depth: np.ndarray)
         axes.plot(span[inside], h[inside], color="white", lw=0.9, ls="--")
         # Where the line leaves the middle of the panel, so that labels of neighbouring lines stand apart.
         place = np.flatnonzero(inside & (h >= min(depth[-1], 0.12 * (depth[-1] - depth[0]) + depth[0])))[-1]
+        right = bool(span[place] > 0.25 * extent[-1])
         axes.annotate(
             f"{volume:g} mm³/mm",
             (span[place], h[place]),
-            xytext=(-4, 4),
+            xytext=(-4, 4) if right else (4, 4),
             textcoords="offset points",
             color="white",
             fontsize=7,
-            ha="right",
+            ha="right" if right else "left",
             va="bottom",
         )
+
+
+def _falls(axes: Axes, falling: np.ndarray, extent: np.ndarray, depth: np.ndarray) -> None:
+    """Make pale the steps of depth along which the RMS falls, so that a level does not tell one depth."""
+    edges = np.concatenate(([extent[0]], 0.5 * (extent[1:] + extent[:-1]), [extent[-1]]))
+    boxes = [
+        Rectangle((edges[d], depth[h]), edges[d + 1] - edges[d], depth[h + 1] - depth[h])
+        for h, d in np.argwhere(falling).tolist()
+    ]
+    axes.add_collection(PatchCollection(boxes, facecolor=(1.0, 1.0, 1.0, 0.35), edgecolor="none"))
 
 
 def _caption(rms_map: RmsMap, left_out: int) -> str:
@@ -86,4 +100,8 @@ def _caption(rms_map: RmsMap, left_out: int) -> str:
     floors = "" if plan.floors == 1 else f", mean of {plan.floors}"
     more = "" if left_out == 0 else f"; {left_out} more conditions not shown"
     calibrated = "calibrated" if plan.rig.calibrated else "parameters not calibrated on this machine"
-    return f"{plan.bearing.designation}, {plan.floor.kind} floor{floors}, RMS in {band}; {calibrated}{more}"
+    slip = "" if plan.slip is None else f", slip up to {math.degrees(plan.slip.phi_slip):.2g} deg"
+    return (
+        f"{plan.bearing.designation}, {plan.floor.kind} floor{floors}{slip}, RMS in {band}; {calibrated}{more}\n"
+        "pale: RMS falls with depth; dashed: equal volume"
+    )

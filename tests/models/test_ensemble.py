@@ -11,7 +11,7 @@ import pytest
 
 from models.dynamics.lanes import simulate_lanes
 from models.ensemble import ensemble_nodes, ensemble_options, ensemble_rms, step_error
-from models.map_build import LANE_FLOORS, build_map, solver_of
+from models.map_build import build_map, solver_of
 from models.map_data import STATUSES, MapError, MapPlan
 from models.map_nodes import scene_at
 from models.rms_map import load_map, save_map
@@ -54,15 +54,14 @@ def test_mean_and_spread_are_those_of_the_floors() -> None:
     assert np.all(built.rms_std[:, :, 0, :] < 1e-9)
 
 
-def test_many_floors_and_slip_are_simulated_in_lanes() -> None:
-    plan = replace(COARSE, h_d=(8e-6, 24e-6), dphi_d=(0.1, 0.5), floors=LANE_FLOORS)
-    assert solver_of(PLAN) == "rows"
-    assert solver_of(plan) == solver_of(replace(PLAN, slip=Slip(0.01))) == "lanes"
+def test_slip_is_simulated_in_lanes() -> None:
+    plan = replace(COARSE, h_d=(8e-6, 24e-6), dphi_d=(0.1, 0.5), floors=16, slip=Slip(0.01))
+    assert solver_of(replace(plan, slip=None)) == solver_of(replace(plan, slip=Slip(0.0))) == "rows"
     seen: list[tuple[int, int]] = []
     built = build_map(plan, progress=lambda done, total: seen.append((done, total)))
     assert built.attributes["solver"] == "lanes"
     assert np.array_equal(built.rms, ensemble_nodes(plan).rms)
-    assert seen[-1] == (4 * LANE_FLOORS, 4 * LANE_FLOORS)
+    assert seen[-1] == (64, 64)
 
 
 def test_floors_beyond_one_group_and_processes_change_nothing() -> None:

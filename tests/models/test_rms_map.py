@@ -123,6 +123,21 @@ def test_rigs_and_floors_are_told_apart() -> None:
     assert np.all(m.rms_rig_std < 1e-3 * m.rms_std)
 
 
+def test_falls_count_beyond_the_errors_only() -> None:
+    rms = np.array([[1.0, 2.0, 1.9], [1.5, 1.0, 1.0]])[None, None]
+    small = replace(
+        built(),
+        rms=rms,
+        rms_error=np.full(rms.shape, 0.02),
+        rms_se=np.zeros(rms.shape),
+    )
+    assert small.falling("dphi_d")[0, 0].tolist() == [[False, True, False], [True, False, False]]
+    assert small.falling("h_d")[0, 0].tolist() == [[False, True, True], [False, False, False]]
+    doubtful = replace(small, rms_se=np.full(rms.shape, 0.03))
+    assert doubtful.falling("dphi_d")[0, 0].tolist() == [[False, False, False], [True, False, False]]
+    assert not replace(small, rms_error=rms).falling("h_d").any()
+
+
 def test_progress_counts_every_node() -> None:
     seen: list[tuple[int, int]] = []
     build_map(SMALL, progress=lambda done, total: seen.append((done, total)))
