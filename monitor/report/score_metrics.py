@@ -1,0 +1,355 @@
+"""How good forecasts were, once the end is known: pure functions on the arrays of one run.
+
+Notation: r is the forecast time to the end and r* = end - t the true one, both times-to-event. An accuracy on absolute
+times would depend on where the clock begins, and with UTC it is always near one. All times are seconds, on any clock.
+
+A forecast is a row of quantiles at common levels. Its distribution function is straight between them, and what lies
+beyond the outermost lies at them, so that one quantile at the level 0.5 is a point forecast. A missing answer is a row
+of NaN; what becomes of it each function says.
+
+One run is one sample: forecasts of one run are strongly correlated, and nothing here pools runs.
+:func:`mean_over_runs` takes one figure a run and gives the mean with its standard error.
+
+Sources: relative accuracy, alpha-lambda, prognostic horizon and convergence are those of Saxena, Celaya, Saha, Saha and
+Goebel, International Journal of Prognostics and Health Management 1(1), 2010; the continuous ranked probability score
+(CRPS) that of Gneiting and Raftery, Journal of the American Statistical Association 102, 2007, Eqs. 20-21.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class AlphaLambda:
+    """Whether the forecast was good enough at a given share of the final stage.
+
+    Attributes:
+        t: moment of the forecast that stood then, s; NaN where none had been issued.
+        mass: probability that it gave to (1 - alpha) r* .. (1 + alpha) r*; 0 where it gave no answer.
+        passed: whether that is at least beta; None where no forecast had been issued.
+    """
+
+    t: float
+    mass: float
+    passed: bool | None
+
+
+@dataclass(frozen=True)
+class Mean:
+    """One figure over several runs.
+
+    Attributes:
+        mean: NaN where no run has the figure.
+        standard_error: of the mean, over runs; NaN with fewer than two.
+        runs: how many runs have the figure.
+    """
+
+    mean: float
+    standard_error: float
+    runs: int
+
+
+def relative_accuracy(predicted: ArrayLike, true: ArrayLike) -> Floats:
+    """Return RA = 1 - |r - r*| / r* of each forecast (Saxena et al. 2010, section 4.3).
+
+    1 is exact, 0 is an error as large as the true time, and there is no lower bound.
+
+    Args:
+        predicted: r, shape (n,), s.
+        true: r*, shape (n,), s.
+
+    Returns:
+        Shape (n,), NaN where there is no answer or r* is not positive.
+    """
+    r, r_true = np.asarray(predicted, dtype=np.float64), np.asarray(true, dtype=np.float64)
+    ahead = r_true > 0
+    return np.where(ahead, 1.0 - np.abs(r - r_true) / np.where(ahead, r_true, 1.0), np.nan)
+
+
+def cumulative_relative_accuracy(predicted: ArrayLike, true: ArrayLike, weights: ArrayLike | None = None) -> float:
+    """Return CRA, the weighted mean of the relative accuracy over the answers (Saxena et al. 2010, section 4.3).
+
+    Args:
+        predicted: r, shape (n,), s; NaN where there is no answer, and these are left out.
+        true: r*, shape (n,), s; moments at and after the end are left out.
+        weights: of each moment, shape (n,), or None for equal ones.
+
+    Returns:
+        At most 1; NaN where nothing is left.
+    """
+    accuracy = relative_accuracy(predicted, true)
+    kept = np.isfinite(accuracy)
+    w = np.ones(accuracy.shape) if weights is None else np.asarray(weights, dtype=np.float64)
+    total = float(w[kept].sum())
+    return float((w[kept] * accuracy[kept]).sum() / total) if total > 0 else math.nan
+
+
+def probability_within(levels: ArrayLike, quantiles: ArrayLike, low: ArrayLike, high: ArrayLike) -> Floats:
+    """Return the probability that each forecast gives to low <= r <= high.
+
+    Args:
+        levels: of the quantiles, shape (q,), rising within (0, 1).
+        quantiles: shape (n, q), not falling along q.
+        low: shape (n,) or one number.
+        high: shape (n,) or one number.
+
+    Returns:
+        Shape (n,), NaN where there is no answer.
+
+    Raises:
+        ValueError: levels or quantiles that are none.
+    """
+    p, rows = _checked(levels, quantiles)
+    low, high = np.broadcast_to(low, rows.shape[:1]), np.broadcast_to(high, rows.shape[:1])
+    mass = [
+        _probability_up_to(p, row, float(b), "right") - _probability_up_to(p, row, float(a), "left")
+        for row, a, b in zip(rows, low, high, strict=True)
+    ]
+    return np.array(mass, dtype=np.float64)
+
+
+def _probability_up_to(p: Floats, row: Floats, x: float, side: Literal["left", "right"]) -> float:
+    """Return P(r <= x), or with side "left" P(r < x), of one row of quantiles."""
+    if not np.isfinite(row).all():
+        return math.nan
+    k = int(np.searchsorted(row, x, side=side))
+    if k in (0, row.size):
+        return float(k == row.size)
+    share = (x - row[k - 1]) / (row[k] - row[k - 1])
+    return float(p[k - 1] + share * (p[k] - p[k - 1]))
+
+
+def alpha_lambda(
+    t: ArrayLike,
+    end: float,
+    levels: ArrayLike,
+    quantiles: ArrayLike,
+    *,
+    alpha: float = 0.2,
+    lam: float = 0.5,
+    beta: float = 0.5,
+) -> AlphaLambda:
+    """Judge the forecast that stood at t_P + lambda (end - t_P), t_P being the first moment (Saxena et al. 2010, 4.2).
+
+    Args:
+        t: moments of the forecasts, shape (n,), rising, s.
+        end: when the end came, s on the same clock.
+        levels: of the quantiles, shape (q,).
+        quantiles: of r, shape (n, q), s.
+        alpha: half the width of the band, as a share of r*.
+        lam: share of the time from the first forecast to the end; no time itself.
+        beta: probability that must lie in the band.
+    """
+    moments = np.asarray(t, dtype=np.float64)
+    _, rows = _checked(levels, quantiles)
+    if not moments.size or moments[0] >= end:
+        return AlphaLambda(math.nan, 0.0, None)
+    place = int(np.searchsorted(moments, moments[0] + lam * (end - moments[0]), side="right")) - 1
+    left = end - float(moments[place])
+    mass = float(probability_within(levels, rows[place : place + 1], (1 - alpha) * left, (1 + alpha) * left)[0])
+    mass = mass if math.isfinite(mass) else 0.0
+    return AlphaLambda(float(moments[place]), mass, mass >= beta)
+
+
+def prognostic_horizon(
+    t: ArrayLike, end: float, levels: ArrayLike, quantiles: ArrayLike, *, alpha: float = 0.2, beta: float = 0.5
+) -> float:
+    """Return how long before the end the forecasts became good and stayed so until the end.
+
+    Good is P[|r - r*| <= alpha (end - t_P)] >= beta (Saxena et al. 2010, section 4.1), with the width of the band
+    relative to the time from the first forecast t_P, as the age of the machine says nothing of the final stage. The
+    first good forecast of the paper is not enough: all later ones must be good as well, and a missing answer is not.
+
+    Args:
+        t: moments of the forecasts before the end, shape (n,), rising, s.
+        end: when the end came, s on the same clock.
+        levels: of the quantiles, shape (q,).
+        quantiles: of r, shape (n, q), s.
+        alpha: half the width of the band, as a share of the time from the first forecast to the end.
+        beta: probability that must lie in the band.
+
+    Returns:
+        Seconds; 0 where the last forecast is not good; NaN where there is no forecast before the end.
+    """
+    moments = np.asarray(t, dtype=np.float64)
+    _, rows = _checked(levels, quantiles)
+    rows, moments = rows[moments < end], moments[moments < end]
+    if not moments.size:
+        return math.nan
+    half = alpha * (end - moments[0])
+    good = probability_within(levels, rows, end - moments - half, end - moments + half) >= beta
+    bad = np.flatnonzero(~good)
+    first = 0 if not bad.size else int(bad[-1]) + 1
+    return float(end - moments[first]) if first < moments.size else 0.0
+
+
+def convergence(t: ArrayLike, error: ArrayLike, end: float) -> float:
+    """Return the distance from (t_P, 0) to the centroid of the area under the error curve; smaller is faster.
+
+    Saxena et al. 2010, section 4.4: M is constant from each answer to the next, the last one holding to the end; both
+    coordinates of the centroid are seconds.
+
+    Args:
+        t: moments of the forecasts, shape (n,), rising, s; the first is t_P.
+        error: M = |r - r*| or any other error that is not negative, shape (n,); NaN is left out.
+        end: when the end came, s on the same clock.
+
+    Returns:
+        Seconds; 0 where there is no error at all; NaN where nothing was answered before the end.
+    """
+    moments, m = np.asarray(t, dtype=np.float64), np.asarray(error, dtype=np.float64)
+    kept = np.isfinite(m) & (moments < end)
+    if not kept.any():
+        return math.nan
+    begin = moments[kept] - moments[0]
+    m = m[kept]
+    steps = np.diff(begin, append=end - moments[0])
+    area = float((steps * m).sum())
+    if area == 0:
+        return 0.0
+    x = 0.5 * float(((steps + 2 * begin) * steps * m).sum()) / area
+    y = 0.5 * float((steps * m**2).sum()) / area
+    return math.hypot(x, y)
+
+
+def crps_from_quantiles(levels: ArrayLike, quantiles: ArrayLike, true: ArrayLike) -> Floats:
+    """Return the CRPS of each forecast, the integral of (F(x) - 1[x >= y])^2 over x, exact for the F of this module.
+
+    For a point forecast it is the absolute error. With few quantiles it differs from that of the full distribution;
+    compare methods at the same levels.
+
+    Args:
+        levels: of the quantiles, shape (q,), rising within (0, 1).
+        quantiles: shape (n, q), not falling along q, s.
+        true: y, shape (n,), s.
+
+    Returns:
+        Shape (n,), s; NaN where there is no answer.
+
+    Raises:
+        ValueError: levels or quantiles that are none.
+    """
+    p, rows = _checked(levels, quantiles)
+    y = np.broadcast_to(np.asarray(true, dtype=np.float64), rows.shape[:1])
+    score = np.maximum(rows[:, 0] - y, 0.0) + np.maximum(y - rows[:, -1], 0.0)
+    for i in range(p.size - 1):
+        a, b = rows[:, i], rows[:, i + 1]
+        width = b - a
+        m = np.clip(y, a, b)
+        p_m = p[i] + (p[i + 1] - p[i]) * np.where(width > 0, (m - a) / np.where(width > 0, width, 1.0), 0.0)
+        score = score + (m - a) * _mean_square(p[i], p_m) + (b - m) * _mean_square(p_m - 1.0, p[i + 1] - 1.0)
+    return score
+
+
+def _mean_square(a: Floats | float, b: Floats | float) -> Floats | float:
+    """Return the mean of the square of what goes straight from a to b."""
+    return (a * a + a * b + b * b) / 3.0
+
+
+def crps_from_sample(sample: ArrayLike, true: ArrayLike, weights: ArrayLike | None = None) -> Floats:
+    """Return the CRPS of forecasts given as samples, E|X - y| - E|X - X'| / 2.
+
+    Args:
+        sample: shape (..., m), s.
+        true: y, shape (...), s.
+        weights: of the members, same shape as ``sample`` or (m,), not negative; None for equal ones.
+
+    Returns:
+        Shape (...), s; NaN where a sample holds NaN.
+
+    Raises:
+        ValueError: weights that are negative or all zero.
+    """
+    x, y = np.asarray(sample, dtype=np.float64), np.asarray(true, dtype=np.float64)
+    w = np.broadcast_to(1.0 if weights is None else np.asarray(weights, dtype=np.float64), x.shape)
+    total = w.sum(axis=-1, keepdims=True)
+    if not x.shape[-1] or (w < 0).any() or (total <= 0).any():
+        raise ValueError("weights must not be negative, and some of each sample must be positive")
+    order = np.argsort(x, axis=-1)
+    x, w = np.take_along_axis(x, order, axis=-1), np.take_along_axis(w / total, order, axis=-1)
+    half_spread = (w * x * (2.0 * np.cumsum(w, axis=-1) - w - 1.0)).sum(axis=-1)
+    return (w * np.abs(x - y[..., np.newaxis])).sum(axis=-1) - half_spread
+
+
+def coverage(lower: ArrayLike, upper: ArrayLike, true: ArrayLike) -> float:
+    """Return the share of intervals that held the truth; intervals that were not given are left out.
+
+    Within one run it is all or nothing more often than not, so that only its mean over runs says much.
+
+    Args:
+        lower: lower ends, shape (n,).
+        upper: upper ends, shape (n,).
+        true: shape (n,).
+    """
+    low, high, y = (np.asarray(values, dtype=np.float64) for values in (lower, upper, true))
+    given = np.isfinite(low) & np.isfinite(high) & np.isfinite(y)
+    return float(((low <= y) & (y <= high))[given].mean()) if given.any() else math.nan
+
+
+def mean_width(lower: ArrayLike, upper: ArrayLike) -> float:
+    """Return the mean width of the intervals that were given, NaN where none was."""
+    width = np.asarray(upper, dtype=np.float64) - np.asarray(lower, dtype=np.float64)
+    width = width[np.isfinite(width)]
+    return float(width.mean()) if width.size else math.nan
+
+
+def onset_delay(known: float, onset: float) -> float:
+    """Return how long after the onset it was known, s.
+
+    Args:
+        known: when it was said, s; NaN where it never was.
+        onset: when it was, s on the same clock.
+
+    Returns:
+        NaN where it was never said, or said before the onset: the one is a miss, the other a false alarm.
+    """
+    return known - onset if known >= onset else math.nan
+
+
+def false_alarms_per_1000(alarms: ArrayLike, healthy: int, onset: float) -> float:
+    """Return the alarms before the onset for every 1000 blocks that were judged before it.
+
+    Args:
+        alarms: moments of the alarms, shape (n,), s.
+        healthy: blocks before the onset that the detector could have raised an alarm on.
+        onset: when damage began, s on the same clock.
+
+    Returns:
+        NaN where no block was judged before the onset.
+    """
+    early = int((np.asarray(alarms, dtype=np.float64) < onset).sum())
+    return 1000.0 * early / healthy if healthy > 0 else math.nan
+
+
+def mean_over_runs(values: Sequence[float]) -> Mean:
+    """Return the mean of one figure a run and its standard error, runs without the figure (NaN) left out."""
+    kept = np.array([value for value in values if math.isfinite(value)], dtype=np.float64)
+    if not kept.size:
+        return Mean(math.nan, math.nan, 0)
+    error = float(kept.std(ddof=1) / math.sqrt(kept.size)) if kept.size > 1 else math.nan
+    return Mean(float(kept.mean()), error, int(kept.size))
+
+
+def _checked(levels: ArrayLike, quantiles: ArrayLike) -> tuple[Floats, Floats]:
+    """Return levels and quantiles as arrays.
+
+    Raises:
+        ValueError: they do not fit together, levels do not rise within (0, 1), or quantiles fall along them.
+    """
+    p, rows = np.asarray(levels, dtype=np.float64), np.asarray(quantiles, dtype=np.float64)
+    if p.ndim != 1 or not p.size or p[0] <= 0 or p[-1] >= 1 or (np.diff(p) <= 0).any():
+        raise ValueError(f"levels must rise within (0, 1), got {p.tolist()}")
+    if rows.ndim != 2 or rows.shape[1] != p.size:
+        raise ValueError(f"quantiles must have the shape (n, {p.size}), got {rows.shape}")
+    if (np.diff(rows, axis=1) < 0).any():
+        raise ValueError("quantiles must not fall along their levels")
+    return p, rows
