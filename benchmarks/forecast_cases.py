@@ -6,8 +6,7 @@ one life, one floor and one set of gains.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from benchmarks.forecast_population import FRACTIONS, THRESHOLD
 from models.lives import LifeHistory
+from monitor.report.score_metrics import Mean, crps_from_quantiles, mean_over_runs
 
 Floats = NDArray[np.float64]
 
@@ -94,19 +94,15 @@ def only_volume(v_eq: Floats, v_lower: Floats, v_upper: Floats) -> Answers:
 
 
 def crps(quantiles: Floats, truth: Floats) -> Floats:
-    """Return the continuous ranked probability score of forecasts, in the unit of the truth.
-
-    Twice the mean over levels of the quantile (pinball) loss, which is the score up to the spacing of the levels
-    (Gneiting and Raftery, 2007). Of a single number it is the absolute error.
+    """Return the continuous ranked probability score of forecasts; of a single number it is the absolute error.
 
     Args:
-        quantiles: at ``LEVELS``, shape (..., levels), or (..., 1) for a forecast of one number.
-        truth: shape (...).
+        quantiles: at ``LEVELS``, shape (runs, moments, levels), or (runs, moments, 1) for a forecast of one number.
+        truth: shape (runs, moments).
     """
-    miss = truth[..., None] - quantiles
-    if quantiles.shape[-1] == 1:
-        return np.abs(miss[..., 0])
-    return 2.0 * np.mean(np.where(miss >= 0.0, LEVELS * miss, (LEVELS - 1.0) * miss), axis=-1)
+    count = quantiles.shape[-1]
+    levels = [0.5] if count == 1 else LEVELS
+    return crps_from_quantiles(levels, quantiles.reshape(-1, count), truth.ravel()).reshape(truth.shape)
 
 
 def quantiles_of(sample: Floats) -> Floats:
@@ -148,7 +144,6 @@ def score(cases: Cases, answers: Answers, constant: Answers) -> Scores:
     missing = np.isnan(answers.tt).any(axis=-1)
     tail = 0.5 * (1.0 - LEVEL)
     lower, upper = _at(answers.tt, tail), _at(answers.tt, 1.0 - tail)
-    # A number beyond what anybody waits for counts as wrong by so much.
     error = np.where(missing, crps(constant.tt, cases.tt), crps(answers.tt, cases.tt))
     v_missing = ~(answers.v_eq > 0.0)
     v_said = np.where(v_missing, constant.v_eq, answers.v_eq)
@@ -178,17 +173,7 @@ def _inside(truth: Floats, lower: Floats, upper: Floats) -> Floats:
     return np.where(np.isnan(lower) | np.isnan(upper), np.nan, found)
 
 
-def mean_over_runs(values: Floats, chosen: NDArray[np.bool_] | None = None) -> list[float | None]:
-    """Return the mean at each moment over (chosen) runs that have a value; None where none has."""
-    return _each(values, chosen, lambda x: float(np.mean(x)))
-
-
-def rms_over_runs(values: Floats, chosen: NDArray[np.bool_] | None = None) -> list[float | None]:
-    """Return the root mean square at each moment over (chosen) runs that have a value; None where none has."""
-    return _each(values, chosen, lambda x: math.sqrt(float(np.mean(np.square(x)))))
-
-
-def _each(values: Floats, chosen: NDArray[np.bool_] | None, figure: Callable[[Floats], float]) -> list[float | None]:
+def means(values: Floats, chosen: NDArray[np.bool_] | None = None) -> list[Mean]:
+    """Return the mean over (chosen) runs that have a value, and its standard error, at each moment."""
     rows = values if chosen is None else values[chosen]
-    columns = [column[np.isfinite(column)] for column in rows.T]
-    return [figure(column) if column.size else None for column in columns]
+    return [mean_over_runs(column.tolist()) for column in rows.T]
