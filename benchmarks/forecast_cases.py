@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from benchmarks.forecast_population import FRACTIONS, THRESHOLD
 from models.lives import LifeHistory
+from monitor.health.library import QUANTILES
 from monitor.report.score_metrics import Mean, crps_from_quantiles, mean_over_runs
 
 Floats = NDArray[np.float64]
 
 LEVEL = 0.8
 """Level of the intervals."""
-LEVELS = np.linspace(0.005, 0.995, 100)
-"""Levels at which forecasts with a distribution give quantiles."""
+LEVELS = np.array(QUANTILES)
+"""Levels of the quantiles by which forecasts are scored, those of the archive."""
 WORST = 1500.0 * 60.0
 """Errors of TT count as this at most, s, so that one wild root does not make the mean of a method."""
 

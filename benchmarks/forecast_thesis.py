@@ -14,9 +14,8 @@ import numpy as np
 from benchmarks.forecast_cases import Answers, Cases, Floats, no_volume
 from benchmarks.forecast_population import THRESHOLD
 from models.lives import LifeHistory
-from models.map_build import build_map
 from models.map_data import MapPlan, RmsMap
-from models.rms_map import cached_map
+from models.rms_map import build_map, cached_map
 from models.scene import Floor
 from monitor.health import edv, forecast
 from monitor.health.edv import EdvState, MapSlice
@@ -29,13 +28,14 @@ _DEPTHS = tuple(1e-6 * i for i in range(33))
 SliceOf = Callable[[LifeHistory], MapSlice]
 
 
-def map_plan(floor: Floor | None = None) -> MapPlan:
+def map_plan(floor: Floor | None = None, *, coarse: bool = False) -> MapPlan:
     """Return the plan of a map over all loads and speeds of the lives, by default of a smooth floor."""
+    every = 2 if coarse else 1
     return MapPlan(
         load=(3000.0, 4000.0, 5000.0),
-        speed=tuple(20.0 + 2.5 * i for i in range(11)),
-        h_d=_DEPTHS,
-        dphi_d=_EXTENTS,
+        speed=tuple(20.0 + 2.5 * i for i in range(0, 11, every)),
+        h_d=_DEPTHS[::every],
+        dphi_d=_EXTENTS[::every],
         floor=Floor() if floor is None else floor,
         rms_band=(0.0, 9500.0),
     )
@@ -51,9 +51,9 @@ def on_map(rms_map: RmsMap) -> SliceOf:
     return slice_of
 
 
-def smooth_map() -> SliceOf:
+def smooth_map(*, coarse: bool = False) -> SliceOf:
     """Return the map of a smooth floor, on which the method is at its best."""
-    return on_map(cached_map(map_plan()))
+    return on_map(cached_map(map_plan(coarse=coarse)))
 
 
 def rough_map() -> SliceOf:

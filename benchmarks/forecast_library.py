@@ -1,0 +1,77 @@
+"""The library forecaster on the cases of ``benchmarks.forecast``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from benchmarks.forecast_cases import LEVEL, LEVELS, Answers, Cases
+from benchmarks.forecast_population import LIBRARY, THRESHOLD
+from models.lives import LifeHistory
+from monitor.health.library import LibraryInput, LibrarySettings, LibraryState, step
+from monitor.health.library_fit import fit_library
+from monitor.health.library_model import Library, levels_of
+from monitor.health.summaries import History
+
+
+def fitted(lives: Sequence[LifeHistory]) -> Library:
+    """Return the forecaster as it is fitted on lives by ``spallwatch library build``, for the one threshold."""
+    return fit_library(
+        lives,
+        thresholds=(THRESHOLD,),
+        interval=LIBRARY.interval,
+        prior="the library of the benchmark",
+        made_of={"population": LIBRARY.hash()},
+    )
+
+
+def without_law(lives: Sequence[LifeHistory], law: str) -> list[LifeHistory]:
+    """Return the lives that grow by other laws."""
+    return [life for life in lives if life.law != law]
+
+
+def ask(library: Library, cases: Cases, features: str) -> Answers:
+    """Return what the library answers.
+
+    Args:
+        library: fitted.
+        cases: the cases.
+        features: "rms", "rms+harmonics", or "v_eq": the true V_eq, which bounds what any tracker could give.
+    """
+    shape = cases.t.shape
+    v_eq, v_lower, v_upper = np.full((3, *shape), np.nan)
+    tt = np.full((*shape, LEVELS.size), np.nan)
+    settings = LibrarySettings(features=features, interval=LEVEL)
+    for r, life in enumerate(cases.runs):
+        for m, state in enumerate(_states(library, life, features, cases.blocks[r].tolist())):
+            _, result = step(
+                state, _block(life, int(cases.blocks[r, m]) - 1), library, settings, thresholds=[THRESHOLD]
+            )
+            v_eq[r, m], v_lower[r, m], v_upper[r, m] = result.v_eq, result.v_eq_lower, result.v_eq_upper
+            if result.forecasts[0].quantiles:
+                tt[r, m] = result.forecasts[0].quantiles
+    return Answers(v_eq, v_lower, v_upper, tt)
+
+
+def _block(life: LifeHistory, k: int) -> LibraryInput:
+    return LibraryInput(
+        t=float(life.t[k]),
+        rms=float(life.rms[k]),
+        harmonics=tuple(life.harmonics[k].tolist()),
+        load=float(life.load[k]),
+        speed=float(life.speed[k]),
+        v_eq=float(life.v_eq[k]),
+    )
+
+
+def _states(library: Library, life: LifeHistory, features: str, blocks: Sequence[int]) -> list[LibraryState]:
+    """Return the state before the last of so many blocks: what ``step`` makes of them, without its answers."""
+    fit = library.fit_for(features)
+    levels = levels_of(features, life.rms, life.harmonics, life.v_eq)
+    relative = fit.relative_levels(levels, life.load, life.speed)
+    history, found = History.empty(fit.channels), []
+    for k in range(max(blocks)):
+        found.append(LibraryState(library.hash, features, history if history.count else None))
+        history = history.add(float(life.t[k]), fit.bounded(relative[k])[0])
+    return [found[known - 1] for known in blocks]
