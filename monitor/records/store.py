@@ -11,6 +11,7 @@ import fcntl
 import json
 import os
 import sqlite3
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,12 +19,13 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 from monitor import __version__
+from monitor.records.archive import ARCHIVE_QUERY, Archived, archived_of, insert_forecasts
 from monitor.records.filing import STORED_QUERY, Filing, Stored, file_record
 from monitor.records.packing import pack
 from monitor.records.record import Record
 from monitor.records.tables import StoreError, connect, refuse_unsuitable
 
-__all__ = ["Commit", "Filing", "Store", "StoreError", "Stored"]
+__all__ = ["Archived", "Commit", "Filing", "Store", "StoreError", "Stored"]
 
 Commit = Literal["committed", "duplicate", "changed"]
 _CHUNK = 500
@@ -43,6 +45,7 @@ class Store:
         self._connection = connection
         self._lock = lock
         self._run: int | None = None
+        self._made_with: Mapping[str, Any] = {}
         self._layouts: dict[str, int] = {}
 
     @classmethod
@@ -99,10 +102,12 @@ class Store:
         """Say what the blocks committed from now on are made with; published files carry it.
 
         Args:
-            attributes: plain values by name: ``config_hash``, ``map_hash``, ``rms_band_hz``, ``interval_level``,
-                ``calibrated`` ("yes", "no"), ... The software version is added.
+            attributes: plain values by name: ``config_hash``, ``map_hash``, ``library_hash``, ``rms_band_hz``,
+                ``interval_level``, ``calibrated`` ("yes", "no"), ... Where channels differ, "NAME: VALUE; NAME: VALUE".
+                The software version is added.
         """
         full = {"software_version": __version__, **attributes}
+        self._made_with = full
         text = json.dumps(full, sort_keys=True, allow_nan=False)
         with self.transaction() as connection:
             last = connection.execute("SELECT id, attributes FROM runs ORDER BY id DESC LIMIT 1").fetchone()
@@ -188,9 +193,11 @@ class Store:
         block = cursor.lastrowid or 0
         layout, row = pack(record.channels)
         connection.execute("INSERT INTO records VALUES (?, ?, ?)", (block, self._layout_id(connection, layout), row))
-        for table, bodies in (("forecasts", record.forecasts), ("events", record.events)):
-            for item in bodies:
-                connection.execute(f"INSERT INTO {table} (block, body) VALUES (?, ?)", (block, json.dumps(item)))
+        insert_forecasts(
+            *(connection, block, record.forecasts, self._made_with), data_until=filing.time, issued_utc=time.time()
+        )
+        for item in record.events:
+            connection.execute("INSERT INTO events (block, body) VALUES (?, ?)", (block, json.dumps(item)))
         return "committed", block
 
     def _layout_id(self, connection: sqlite3.Connection, layout: str) -> int:
@@ -261,6 +268,23 @@ class Store:
         """Return all events in the order of commitment, each with the ``source`` and ``block`` it came with."""
         query = "SELECT source, sequence, body FROM events JOIN blocks ON blocks.id = block ORDER BY events.id"
         return [{"source": source, "block": block, **json.loads(body)} for source, block, body in self.rows(query)]
+
+    def forecasts(self) -> Iterator[Archived]:
+        """Yield all forecasts as they were issued, in the order of commitment.
+
+        Raises:
+            StoreError: the store is of version 1, whose forecasts do not say what they leaned on; opening it once for
+                writing completes them.
+        """
+        if self.meta()["schema_version"] == "1":
+            raise StoreError(
+                f"{self.path}: its forecasts do not say what they leaned on (schema version 1); "
+                "open the store once for writing to complete them, such as with: spallwatch replay --resume"
+            )
+        last = 0
+        while rows := self.rows(ARCHIVE_QUERY, last):
+            yield from archived_of(rows)
+            last = rows[-1][0]
 
     def check(self) -> list[str]:
         """Read the whole database and return what is wrong with it, nothing where all is well."""

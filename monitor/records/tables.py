@@ -5,18 +5,21 @@ from __future__ import annotations
 import sqlite3
 from pathlib import Path
 
+from monitor.records.archive import COLUMNS, complete_archive
 from monitor.records.filesystem import NETWORK_FILE_SYSTEMS, file_system_type, sync_folder
-from monitor.records.schema import SCHEMA_VERSION
 
 APPLICATION_ID = 0x53504C57
 """The bytes "SPLW" in the header of the database: it is ours."""
+
+STORE_VERSION = 2
+"""Version of the tables, the ``schema_version`` of the table ``meta``. 2: forecasts with all that they leaned on."""
 
 _MAGIC = b"SQLite format 3\x00"
 
 # A record is its row of blocks, the values in records (see packing), and its forecasts and events.
 # blocks.id grows with every commit, so "newer than what was published" is one comparison. day and axis_time say where a
 # block is filed (see store.Filing); blocks_by_day lets the publisher see in one look whether a day has changed.
-_SCHEMA = """
+_SCHEMA = f"""
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE runs (id INTEGER PRIMARY KEY, attributes TEXT NOT NULL);
 CREATE TABLE blocks (
@@ -40,7 +43,8 @@ CREATE TABLE records (
 );
 CREATE TABLE stage_states (name TEXT PRIMARY KEY, block INTEGER NOT NULL, state TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE forecasts (
-    id INTEGER PRIMARY KEY, block INTEGER NOT NULL REFERENCES blocks (id), body TEXT NOT NULL
+    id INTEGER PRIMARY KEY, block INTEGER NOT NULL REFERENCES blocks (id), body TEXT NOT NULL,
+    {", ".join(f"{name} {kind}" for name, kind in COLUMNS.items())}
 );
 CREATE INDEX forecasts_by_block ON forecasts (block);
 CREATE TABLE events (id INTEGER PRIMARY KEY, block INTEGER NOT NULL REFERENCES blocks (id), body TEXT NOT NULL);
@@ -96,6 +100,8 @@ def refuse_unsuitable(path: Path, *, create: bool) -> bool:
 def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
     """Open the database, make its tables if it is new, and check that it is a store of a version known here.
 
+    A store of an older version is brought to the present one by its writer; a reader takes it as it is.
+
     Raises:
         StoreError: naming the file and the cause.
     """
@@ -117,7 +123,9 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
         if new or not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
             _create(connection)
             sync_folder(path.parent)
-        _check_version(connection, path)
+        found = _check_version(connection, path)
+        if found < STORE_VERSION and not read_only:
+            _migrate(connection)
     except sqlite3.Error as error:
         connection.close()
         raise StoreError(f"{path}: {error}") from error
@@ -133,18 +141,31 @@ def _create(connection: sqlite3.Connection) -> None:
     for statement in _SCHEMA.split(";"):
         if statement.strip():
             connection.execute(statement)
-    connection.execute("INSERT INTO meta VALUES ('schema_version', ?)", (str(SCHEMA_VERSION),))
+    connection.execute("INSERT INTO meta VALUES ('schema_version', ?)", (str(STORE_VERSION),))
     connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
     connection.execute("COMMIT")
 
 
-def _check_version(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse a database of another program, and a store of a newer version than this program knows."""
+def _migrate(connection: sqlite3.Connection) -> None:
+    """Bring the tables of version 1 to the present version, all or nothing."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        complete_archive(connection)
+        connection.execute("UPDATE meta SET value = ? WHERE key = 'schema_version'", (str(STORE_VERSION),))
+        connection.execute("COMMIT")
+    finally:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+
+
+def _check_version(connection: sqlite3.Connection, path: Path) -> int:
+    """Return the version of the tables; refuse a database of another program, and a store of a newer version."""
     if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
         raise StoreError(f"{path}: is a database of another program, not a store of records")
     row = connection.execute("SELECT value FROM meta WHERE key = 'schema_version'").fetchone()
     found = row[0] if row else None
-    if found is None or not found.isdigit() or int(found) > SCHEMA_VERSION:
+    if found is None or not found.isdigit() or int(found) > STORE_VERSION:
         raise StoreError(
-            f"{path}: was written with schema version {found}; this program knows versions up to {SCHEMA_VERSION}"
+            f"{path}: was written with schema version {found}; this program knows versions up to {STORE_VERSION}"
         )
+    return int(found)

@@ -95,6 +95,23 @@ def test_the_outer_race_is_named_and_nothing_before_the_onset(line: Line) -> Non
     assert {line.tested(sequence)["fault"] for sequence in range(1, ONSET)} == {None}
 
 
+def test_the_archive_of_forecasts_is_what_the_records_say(line: Line, rms_map: RmsMap) -> None:
+    with Store.open(line.result.store_path, read_only=True) as store:
+        archive, config_hash = list(store.forecasts()), store.meta()["config_hash"]
+    said = [(record.sequence, body) for record in line.records for body in record.forecasts]
+    assert [(f.block, f.channel, f.method, f.status) for f in archive] == [
+        (sequence, body["channel"], body["method"], body["status"]) for sequence, body in said
+    ]
+    assert archive[0].block == line.result.summary["channels"][TESTED]["t_fs_known_block"]
+    for found in archive:
+        record = line.records[found.block - 1]
+        values = record.channels[TESTED]
+        assert (found.threshold_mm2, found.status) == (pytest.approx(0.05), values["tt_status"][0])
+        assert found.tt_s == (None if values["tt"] is None else values["tt"][0])
+        assert found.data_until == record.elapsed
+        assert (found.map_hash, found.config_hash) == (rms_map.hash, config_hash)
+
+
 @pytest.mark.parametrize("channel", SUPPORTS)
 def test_the_support_bearings_raise_no_alarm(line: Line, channel: str) -> None:
     summary = line.result.summary["channels"][channel]

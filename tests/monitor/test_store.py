@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from monitor.records.filesystem import file_system_type
 from monitor.records.record import Record
-from monitor.records.schema import SCHEMA_VERSION
 from monitor.records.store import Store, StoreError
+from monitor.records.tables import STORE_VERSION
 from tests.effort import effort_count
 from tests.oracles.records_oracle import records
 
@@ -150,7 +150,7 @@ def test_another_machine_is_refused(store: Store, path: Path) -> None:
 def test_meta_tells_versions_and_the_latest_run(store: Store) -> None:
     store.describe({"config_hash": "c2"})
     meta = store.meta()
-    assert meta["schema_version"] == str(SCHEMA_VERSION)
+    assert meta["schema_version"] == str(STORE_VERSION)
     assert meta["config_hash"] == "c2"
     assert meta["machine"] == "m"
     assert meta["software_version"]
@@ -163,7 +163,7 @@ def test_a_newer_schema_is_refused(store: Store, path: Path) -> None:
     with sqlite3.connect(path) as connection:
         connection.execute("UPDATE meta SET value = '99' WHERE key = 'schema_version'")
     connection.close()
-    with pytest.raises(StoreError, match=r"state\.db: was written with schema version 99; .* up to 1"):
+    with pytest.raises(StoreError, match=r"state\.db: was written with schema version 99; .* up to 2"):
         Store.open(path, machine="m")
 
 

@@ -1,0 +1,203 @@
+"""The archive of forecasts: every one as it was issued, so that it can be scored once the end is known.
+
+A forecast is committed with the record that it came with and is never changed. Its body is what the record says of it,
+word for word; the columns beside it say when it was committed, up to when it knew data, and what it leaned on.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+COLUMNS = {
+    "channel": "TEXT",
+    "method": "TEXT",
+    "threshold_mm2": "REAL",
+    "status": "TEXT",
+    "issued_utc": "REAL",
+    "data_until": "REAL",
+    "tt_s": "REAL",
+    "interval_level": "REAL",
+    "quantiles": "TEXT",
+    "library_hash": "TEXT",
+    "map_hash": "TEXT",
+    "config_hash": "TEXT",
+}
+"""Columns of the table ``forecasts`` beside ``id``, ``block`` and ``body``, with their types."""
+
+_HASHES = ("library_hash", "map_hash", "config_hash")
+_MEDIAN = 0.5
+_CHUNK = 500
+
+
+@dataclass(frozen=True)
+class Archived:
+    """One forecast as it was issued.
+
+    Attributes:
+        source: source of the block that it came with.
+        block: number of that block.
+        dated: whether ``data_until`` is UTC seconds since 1970 rather than seconds from the first block.
+        channel: that it is about.
+        method: "thesis", "library", ...
+        threshold_mm2: V_th, mm3 per mm.
+        status: as in ``monitor.records.schema.TT_STATUSES``.
+        issued_utc: when it was committed, UTC seconds since 1970, which for a replay is when it was replayed; None
+            where a store of an older version did not keep it.
+        data_until: time of the latest block that it knew.
+        tt_s: time to threshold (the median where there is a distribution), s, or None.
+        interval_level: probability of its interval, or None for a single number.
+        quantiles: seconds by level, rising; empty without a value.
+        library_hash: of the library it leaned on, or None.
+        map_hash: of the RMS map, or None.
+        config_hash: of the configuration, or None.
+    """
+
+    source: str
+    block: int
+    dated: bool
+    channel: str | None
+    method: str | None
+    threshold_mm2: float | None
+    status: str | None
+    issued_utc: float | None
+    data_until: float
+    tt_s: float | None
+    interval_level: float | None
+    quantiles: Mapping[float, float]
+    library_hash: str | None
+    map_hash: str | None
+    config_hash: str | None
+
+
+def forecast_values(
+    body: Mapping[str, Any], run: Mapping[str, Any], data_until: float, issued_utc: float | None
+) -> tuple[Any, ...]:
+    """Return what stands in the ``COLUMNS`` for one forecast.
+
+    Args:
+        body: as in :class:`monitor.records.record.Record`. Keys known here: ``channel``, ``method``,
+            ``threshold_mm2``, ``status``, ``tt_s``, ``tt_lower_s``, ``tt_upper_s``, ``interval``, ``quantiles_s``
+            (an object of seconds by level), ``library_hash``, ``map_hash``.
+        run: attributes of the run that commits it (:meth:`monitor.records.store.Store.describe`), for what the body
+            does not say: ``interval_level``, ``library_hash``, ``map_hash``, ``config_hash``; each one value, or values
+            by channel as "NAME: VALUE; NAME: VALUE".
+        data_until: time of the latest block that it knew, s.
+        issued_utc: when it was committed, UTC seconds since 1970, or None where unknown.
+    """
+    channel = body.get("channel")
+    level = _level(body.get("interval"), _of_channel(run.get("interval_level"), channel))
+    quantiles = _quantiles(body, level)
+    hashes = (body.get(name) or _of_channel(run.get(name), channel) for name in _HASHES)
+    return (
+        *(channel, body.get("method"), body.get("threshold_mm2"), body.get("status")),
+        *(issued_utc, data_until, body.get("tt_s"), level if len(quantiles) > 1 else None),
+        json.dumps({str(p): quantiles[p] for p in sorted(quantiles)}) if quantiles else None,
+        *hashes,
+    )
+
+
+def insert_forecasts(
+    connection: sqlite3.Connection,
+    block: int,
+    bodies: Sequence[Mapping[str, Any]],
+    run: Mapping[str, Any],
+    *,
+    data_until: float,
+    issued_utc: float,
+) -> None:
+    """Archive the forecasts of one block, within the transaction that commits it.
+
+    Args:
+        connection: of the store, inside a transaction.
+        block: number in the ledger.
+        bodies: the forecasts, as the record has them.
+        run: attributes of the run.
+        data_until: time of the block on its axis, s.
+        issued_utc: now, UTC seconds since 1970.
+    """
+    marks = ", ".join("?" for _ in range(2 + len(COLUMNS)))
+    connection.executemany(
+        f"INSERT INTO forecasts (block, body, {', '.join(COLUMNS)}) VALUES ({marks})",
+        [(block, json.dumps(body), *forecast_values(body, run, data_until, issued_utc)) for body in bodies],
+    )
+
+
+def complete_archive(connection: sqlite3.Connection) -> None:
+    """Give a table of forecasts without the ``COLUMNS`` what can be known of them later, within a transaction.
+
+    When they were committed was not kept and stays unknown. What they leaned on is known from the run of their block.
+    """
+    for name, kind in COLUMNS.items():
+        connection.execute(f"ALTER TABLE forecasts ADD COLUMN {name} {kind}")
+    runs = {row[0]: json.loads(row[1]) for row in connection.execute("SELECT id, attributes FROM runs")}
+    changes = ", ".join(f"{name} = ?" for name in COLUMNS)
+    last = 0
+    while rows := connection.execute(
+        "SELECT forecasts.id, body, run, axis_time FROM forecasts JOIN blocks ON blocks.id = block"
+        " WHERE forecasts.id > ? ORDER BY forecasts.id LIMIT ?",
+        (last, _CHUNK),
+    ).fetchall():
+        last = rows[-1][0]
+        connection.executemany(
+            f"UPDATE forecasts SET {changes} WHERE id = ?",
+            [(*forecast_values(json.loads(body), runs[run], time, None), key) for key, body, run, time in rows],
+        )
+
+
+_NAMES = ", ".join(field.name for field in fields(Archived) if field.name in COLUMNS)
+ARCHIVE_QUERY = f"""
+SELECT forecasts.id, source, sequence, day IS NOT NULL, {_NAMES.replace("status", "forecasts.status")}
+FROM forecasts JOIN blocks ON blocks.id = block WHERE forecasts.id > ? ORDER BY forecasts.id LIMIT {_CHUNK}
+"""
+"""Forecasts after a number, a chunk at a time, in the order in which they were committed."""
+
+
+def archived_of(rows: Sequence[Sequence[Any]]) -> Iterator[Archived]:
+    """Yield the forecasts that the rows of :data:`ARCHIVE_QUERY` stand for."""
+    names = [field.name for field in fields(Archived)]
+    for row in rows:
+        values = dict(zip(names, row[1:], strict=True))
+        found = json.loads(values["quantiles"] or "{}")
+        yield Archived(
+            **{**values, "dated": bool(values["dated"]), "quantiles": {float(p): found[p] for p in found}},
+        )
+
+
+def _of_channel(value: Any, channel: str | None) -> Any:
+    """Return the value of one channel where an attribute of the run lists one a channel, or the value itself."""
+    if not isinstance(value, str):
+        return value
+    parts = [part.partition(": ") for part in value.split("; ")]
+    if not all(separator for _, separator, _ in parts):
+        return value or None
+    return next((text for name, _, text in parts if name == channel), None)
+
+
+def _level(*candidates: Any) -> float | None:
+    """Return the first of the candidates that is a probability."""
+    for candidate in candidates:
+        try:
+            level = float(candidate)
+        except (TypeError, ValueError):
+            continue
+        if 0.0 < level < 1.0:
+            return level
+    return None
+
+
+def _quantiles(body: Mapping[str, Any], level: float | None) -> dict[float, float]:
+    """Return seconds by level: as the body lists them, or from its middle and the ends of its interval."""
+    listed = body.get("quantiles_s")
+    if isinstance(listed, Mapping):
+        return {float(p): float(value) for p, value in listed.items()}
+    ends = (body.get("tt_lower_s"), body.get("tt_upper_s"))
+    middle = body.get("tt_s")
+    found = {} if middle is None else {_MEDIAN: float(middle)}
+    if level is not None and ends[0] is not None and ends[1] is not None:
+        tail = round((1.0 - level) / 2.0, 12)
+        found |= {tail: float(ends[0]), round(1.0 - tail, 12): float(ends[1])}
+    return found
