@@ -22,6 +22,7 @@ _COMMANDS = {
     "bearing": ("monitor.commands.bearing", "Fault frequencies, stiffness, natural frequencies and life."),
     "simulate": ("monitor.commands.simulate", "One scene of the bearing model."),
     "map": ("monitor.commands.maps", "RMS maps: build, show, check."),
+    "library": ("monitor.commands.library", "Libraries of simulated lives: build."),
     "track": ("monitor.commands.track", "V_eq from an RMS history and a map."),
     "warmup": ("monitor.commands.warmup", "Compile the bearing model and plan transforms ahead."),
     "forecast": ("monitor.commands.forecast", "Time to threshold from a V_eq history."),

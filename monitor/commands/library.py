@@ -1,0 +1,163 @@
+"""``spallwatch library``: simulate a population of lives for a rig and fit the forecaster on it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from models.lives import Population
+from monitor.commands.bearing import find_bearing
+from monitor.commands.common import InputError, config_option, counter, emit, output_options, read_machine, say
+from monitor.config import Config
+from monitor.health.library_model import Library
+from monitor.records.library_file import save_library
+from monitor.service.library_build import build_library
+
+_AROUND = 0.1
+"""A configured load or speed is widened by this share either way where no range is asked for."""
+
+
+class _Span(click.ParamType):
+    """LO:HI, a range of positive numbers; one number is a range without width."""
+
+    name = "LO:HI"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return (lo, hi)."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            ends = [float(part) for part in str(value).split(":")]
+        except ValueError:
+            self.fail(f"{value!r} is not LO:HI, such as 20:45", param, ctx)
+        if len(ends) > 2 or not 0.0 < ends[0] <= ends[-1] < float("inf"):
+            self.fail(f"{value!r}: expected 0 < LO <= HI", param, ctx)
+        return ends[0], ends[-1]
+
+
+@click.group("library")
+def command() -> None:
+    """Libraries of simulated lives, from which V_eq and the time to threshold are told with intervals."""
+
+
+@command.command("build")
+@config_option()
+@click.option("--bearing", "name", help="A bearing of the configuration or of the catalogue.")
+@click.option("--runs", type=click.IntRange(min=20), default=1000, show_default=True, help="Lives to simulate.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of all that is drawn.")
+@click.option(
+    "--threshold-mm2",
+    type=click.FloatRange(min=0.01, max=1.0),
+    multiple=True,
+    default=(0.05,),
+    show_default=True,
+    help="Threshold of V_eq, mm3 per mm of width; may be given several times.",
+)
+@click.option("--load-newton", type=_Span(), help="Range of loads; by default 10 % around the configured one.")
+@click.option("--speed-hz", type=_Span(), help="Range of speeds; by default 10 % around the configured one.")
+@click.option("--duration-min", type=_Span(), default="150:900", show_default=True, help="Onset to threshold.")
+@click.option(
+    "--interval-s",
+    type=click.FloatRange(min=0, min_open=True),
+    default=300.0,
+    show_default=True,
+    help="Between blocks.",
+)
+@click.option("--rms-band-hz", type=_Span(), help="Band of the RMS; by default 0 to 9500 Hz.")
+@click.option("--workers", type=click.IntRange(min=0), default=0, show_default=True, help="Threads; 0: one a core.")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The library (.npz).")
+@output_options
+def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, quiet: bool, **options: Any) -> None:
+    """Simulate lives of bearings on the configured rig, fit the forecaster, and write it with all that made it."""
+    if out.suffix.lower() != ".npz":
+        raise InputError(f"--out {out}: expected a name that ends in .npz")
+    thresholds = [value * 1e-6 for value in options["threshold_mm2"]]
+    try:
+        population = _population(read_machine(config_path), name, thresholds, options)
+    except ValueError as error:
+        raise InputError(f"library build: {error}") from None
+    try:
+        # Before the work, not after it.
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
+    began = time.perf_counter()
+    try:
+        library = build_library(
+            population,
+            runs=options["runs"],
+            thresholds=thresholds,
+            workers=options["workers"],
+            progress=counter("lives", quiet=quiet),
+        )
+    except ValueError as error:
+        raise InputError(f"library build: {error}") from None
+    try:
+        save_library(library, out)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
+    say(f"library: {out}", quiet=quiet)
+    values = _values(library, options["runs"], time.perf_counter() - began, out)
+    emit(values, _lines(values), as_json=as_json)
+
+
+def _population(config: Config, name: str | None, thresholds: list[float], options: Mapping[str, Any]) -> Population:
+    bearing, clearance = find_bearing(config, name)
+    nominal = Population()
+    low, high = options["duration_min"]
+    return replace(
+        nominal,
+        bearing=bearing,
+        rig=config.rig.to_rig(),
+        clearance=clearance,
+        load=options["load_newton"] or _around(config.operating.load_newton, nominal.load),
+        speed=options["speed_hz"] or _around(config.operating.speed_hz, nominal.speed),
+        durations=(60.0 * low, 60.0 * high),
+        until=max(nominal.threshold, *thresholds),
+        rms_band=options["rms_band_hz"] or nominal.rms_band,
+        interval=options["interval_s"],
+        seed=options["seed"],
+    )
+
+
+def _around(value: float | None, otherwise: tuple[float, float]) -> tuple[float, float]:
+    return otherwise if not value else ((1.0 - _AROUND) * value, (1.0 + _AROUND) * value)
+
+
+def _values(library: Library, runs: int, seconds: float, out: Path) -> dict[str, Any]:
+    """What was built; the two figures at the top are of RMS and harmonics, least threshold, half of the time."""
+    first = next(iter(library.scores["rms+harmonics"].values()))["0.5"]
+    return {
+        "runs": runs,
+        "lives_used": library.made_of["lives"],
+        "seconds": seconds,
+        "out": str(out),
+        "hash": library.hash,
+        "coverage": first["coverage"],
+        "crps_s": first["crps_s"],
+        "scores": library.scores,
+        "prior": library.prior,
+    }
+
+
+def _lines(values: Mapping[str, Any]) -> Iterator[str]:
+    yield f"{values['lives_used']} lives in {values['seconds']:.1f} s; unseen lives, nominal 80 % intervals:"
+    yield f"{'':28}{'V_eq':>16}{'':8}{'TT':>6}"
+    header = ("threshold", "of time", "coverage", "rms ln", "coverage", "CRPS", "climatology")
+    yield f"{'features':16}" + "".join(f"{word:>12}" for word in header)
+    for features, thresholds in values["scores"].items():
+        if features == "climatology":
+            continue
+        for threshold, shares in thresholds.items():
+            for share, score in shares.items():
+                naive = values["scores"]["climatology"][threshold][share]["crps_s"]
+                figures = (score["v_eq_coverage"], score["v_eq_rms_ln_error"], score["coverage"])
+                cells = "".join(f"{figure:12.2f}" for figure in figures)
+                cells += f"{score['crps_s'] / 60:8.1f} min{naive / 60:8.1f} min"
+                yield f"{features:16}{threshold:>12}{share:>12}{cells}"
+    yield f"hash {values['hash'][:16]}; prior: {values['prior']}"

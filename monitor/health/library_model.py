@@ -1,0 +1,287 @@
+"""What a library of simulated lives knows, as arrays: regressions, and the errors that they made on unseen lives.
+
+numpy only; how it is fitted is in ``library_fit.py``, how it is stored in ``monitor.records.library_file``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from monitor.health.summaries import History, summarise
+
+Array = NDArray[np.float64]
+
+LINES = {"rms": 0, "rms+harmonics": 3, "v_eq": 0}
+"""The sets of features, and how many lines of BPFO each looks at."""
+
+LEAST_LEVEL = 1e-3
+"""Levels below this, m/s2, count as this: no machine is so quiet, and the logarithm exists."""
+OFFSET = 6.0
+"""Intervals that are added to a time to threshold before its logarithm is taken."""
+_MARGIN = math.log(1.5)
+"""How far beyond the levels of the lives a level may lie."""
+_INTERVAL_FACTOR = 3.0
+"""How far the time between blocks may be from the library's, either way."""
+_CONDITION_TOLERANCE = 0.02
+"""How far load and speed may lie outside the library's range, as a share of it."""
+_ELAPSED_WEIGHT = 0.15
+"""What a difference in the logarithm of the elapsed time counts against one in the prediction, among alike moments."""
+_ALIKE_SHARE, _LEAST_ALIKE = 30, 60
+_LOAD, _SPEED = 4000.0, 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """A ridge regression on inputs and on random Fourier features of them (Rahimi and Recht, 2007).
+
+    Attributes:
+        centre: mean of each input, shape (d,).
+        scale: standard deviation of each input, shape (d,).
+        weights: frequencies of the random features, shape (d, c).
+        phases: their phases, shape (c,).
+        coefficients: shape (1 + d + c, targets).
+    """
+
+    centre: Array
+    scale: Array
+    weights: Array
+    phases: Array
+    coefficients: Array
+
+    def design(self, x: Array) -> Array:
+        """Return the regressors of inputs (n, d), shape (n, 1 + d + c); beyond three standard deviations they end."""
+        z = np.clip((x - self.centre) / self.scale, -3.0, 3.0)
+        return np.concatenate((np.ones((len(z), 1)), z, np.cos(z @ self.weights + self.phases)), axis=1)
+
+    def predict(self, x: Array) -> Array:
+        """Return the targets of inputs (n, d), shape (n, targets)."""
+        return self.design(x) @ self.coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureFit:
+    """All that is fitted for one set of features; targets are ln V_eq and, for each threshold, ln(TT + offset).
+
+    Attributes:
+        features: name of the set.
+        interval: usual time between two blocks of the lives, s.
+        reference: what load and speed alone make of each level, coefficients of ``conditions_row``, shape (6, K).
+        lowest: least level less reference in any life, shape (K,).
+        highest: largest, shape (K,).
+        longest: longest time that any life was followed, s.
+        regression: from the summary of a history to the targets.
+        said: what fits without the life in question said of each moment, shape (m, targets).
+        error: what was true less that, shape (m, targets).
+        crossed: whether each threshold had been reached, shape (m, targets - 1).
+        ln_elapsed: logarithm of the elapsed time plus six intervals, in intervals, of each moment, shape (m,).
+        life: number of the life of each moment, shape (m,).
+        shift: what recorded runs add to each prediction, shape (targets,).
+        stretch: what they make the errors times, shape (targets,).
+    """
+
+    features: str
+    interval: float
+    reference: Array
+    lowest: Array
+    highest: Array
+    longest: float
+    regression: Regression
+    said: Array
+    error: Array
+    crossed: NDArray[np.bool_]
+    ln_elapsed: Array
+    life: NDArray[np.int64]
+    shift: Array
+    stretch: Array
+
+    @property
+    def channels(self) -> int:
+        """Number of levels that are followed."""
+        return self.reference.shape[1]
+
+    def relative_levels(self, levels: Array, load: Array, speed: Array) -> Array:
+        """Return levels (n, K) less what load and speed make of them; those of V_eq as they are."""
+        return levels if self.features == "v_eq" else levels - conditions_row(load, speed) @ self.reference
+
+    def bounded(self, relative: Array) -> tuple[Array, bool]:
+        """Return relative levels (K,) no further than the margin from those of the lives, and whether they were."""
+        bounded = np.clip(relative, self.lowest - _MARGIN, self.highest + _MARGIN)
+        return bounded, bool(np.array_equal(bounded, relative))
+
+    def knows_pace(self, history: History) -> bool:
+        """Say whether the elapsed time and the time between blocks are those of the library's lives."""
+        if history.elapsed > self.longest:
+            return False
+        gaps = np.diff(history.recent[:, 0])
+        gaps = gaps[gaps > 0.0]
+        if not len(gaps):
+            return True
+        usual = float(np.sort(gaps)[len(gaps) // 2]) / self.interval
+        return 1.0 / _INTERVAL_FACTOR <= usual <= _INTERVAL_FACTOR
+
+    def inputs(self, history: History, load: float, speed: float) -> Array:
+        """Return the inputs of the regression, shape (d,)."""
+        summary = summarise(history, self.interval)
+        return summary if self.features == "v_eq" else np.append(summary, (math.log(load), math.log(speed)))
+
+    def alike(
+        self, target: int, said: float, ln_elapsed: float, count: int, without: int | None = None
+    ) -> NDArray[np.int64]:
+        """Return the ``count`` moments of the library of which most nearly the same was said, after as long.
+
+        Args:
+            target: 0 for V_eq, 1 and up for the thresholds.
+            said: prediction.
+            ln_elapsed: as the attribute of that name.
+            count: how many; one in thirty of all where that is fewer (but 60, or all): alike must not mean any.
+            without: a life that is left out, for scores out of fold.
+        """
+        distance = np.abs(self.said[:, target] - said)
+        if target:
+            distance += _ELAPSED_WEIGHT * np.abs(self.ln_elapsed - ln_elapsed)
+        if without is not None:
+            distance[self.life == without] = np.inf
+        count = min(count, max(len(distance) // _ALIKE_SHARE, _LEAST_ALIKE), len(distance))
+        return np.argpartition(distance, count - 1)[:count]
+
+    def sample_v_eq(self, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:
+        """Return an ascending sample of V_eq, m2."""
+        error = self.error[self.alike(0, said, ln_elapsed, count, without), 0]
+        return np.sort(np.exp(said + self.shift[0] + self.stretch[0] * error))
+
+    def sample_tt(self, target: int, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:
+        """Return an ascending sample of the time to the threshold of a target, s; zero where it had been reached."""
+        moments = self.alike(target, said, ln_elapsed, count, without)
+        ln_tt = said + self.shift[target] + self.stretch[target] * self.error[moments, target]
+        tt = np.maximum(np.exp(ln_tt) - OFFSET, 0.0) * self.interval
+        return np.sort(np.where(self.crossed[moments, target - 1], 0.0, tt))
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """A library of simulated lives, fitted.
+
+    Attributes:
+        thresholds: V_th that it forecasts, m2, ascending.
+        load: range of the loads of its lives, N.
+        speed: range of their speeds, Hz.
+        prior: in words, what its answers lean on.
+        made_of: all that made it, as JSON can hold it.
+        scores: what it is worth on lives that it has not seen, see ``library_fit.score_out_of_fold``.
+        fits: one a set of features.
+        calibration: what recorded runs changed, in words and numbers; empty where there were none.
+    """
+
+    thresholds: tuple[float, ...]
+    load: tuple[float, float]
+    speed: tuple[float, float]
+    prior: str
+    made_of: dict[str, Any]
+    scores: dict[str, Any]
+    fits: dict[str, FeatureFit]
+    calibration: dict[str, Any]
+
+    @cached_property
+    def hash(self) -> str:
+        """Hash of all that is in it: equal hashes, equal answers."""
+        return _hash(self)
+
+    def knows_conditions(self, load: float, speed: float) -> bool:
+        """Say whether lives at this load and speed are within the library."""
+        slack = _CONDITION_TOLERANCE
+        return all(
+            low * (1.0 - slack) <= value <= high * (1.0 + slack)
+            for value, (low, high) in ((load, self.load), (speed, self.speed))
+        )
+
+    def target(self, threshold: float) -> int:
+        """Return the target that belongs to a threshold (m2).
+
+        Raises:
+            ValueError: if the library was not fitted for it.
+        """
+        for number, known in enumerate(self.thresholds, 1):
+            if math.isclose(known, threshold, rel_tol=1e-6):
+                return number
+        known_mm2 = ", ".join(f"{value * 1e6:g}" for value in self.thresholds)
+        raise ValueError(f"threshold_mm2 {threshold * 1e6:g} is not in the library, which was fitted for {known_mm2}")
+
+    def fit_for(self, features: str) -> FeatureFit:
+        """Return the fit for a set of features.
+
+        Raises:
+            ValueError: if there is none.
+        """
+        if features not in self.fits:
+            raise ValueError(f"features must be one of {', '.join(self.fits)} in this library, got {features!r}")
+        return self.fits[features]
+
+
+def conditions_row(load: Array, speed: Array) -> Array:
+    """Return 1, a, b, a2, b2 and ab of the logarithms of load and speed, shape (n, 6)."""
+    a, b = np.log(load / _LOAD), np.log(speed / _SPEED)
+    return np.stack((np.ones_like(a), a, b, a * a, b * b, a * b), axis=1)
+
+
+def levels_of(features: str, rms: Array, harmonics: Array, v_eq: Array) -> Array:
+    """Return the logarithms of the levels that a set of features looks at, shape (n, K).
+
+    Args:
+        features: name of the set.
+        rms: m/s2, shape (n,).
+        harmonics: m/s2, shape (n, 6) or as many as the set looks at.
+        v_eq: m2, shape (n,).
+    """
+    if features == "v_eq":
+        return np.log(v_eq)[:, None]
+    levels = np.concatenate((rms[:, None], harmonics[:, : LINES[features]]), axis=1)
+    return np.log(np.maximum(levels, LEAST_LEVEL))
+
+
+def quantiles_of(sample: Array, levels: Sequence[float]) -> Array:
+    """Return quantiles of an ascending sample, linear between its values."""
+    return np.interp(levels, np.linspace(0.0, 1.0, len(sample)), sample)
+
+
+def arrays_of(fit: FeatureFit) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a fit by name, those of its regression with a prefix."""
+    found: dict[str, NDArray[Any]] = {}
+    for field in fields(fit):
+        value = getattr(fit, field.name)
+        if isinstance(value, Regression):
+            found |= {f"regression.{part.name}": getattr(value, part.name) for part in fields(value)}
+        elif isinstance(value, np.ndarray):
+            found[field.name] = value
+    return found
+
+
+def header_of(library: Library) -> dict[str, Any]:
+    """Return all of a library but its arrays, as JSON can hold it."""
+    return {
+        "thresholds": list(library.thresholds),
+        "load": list(library.load),
+        "speed": list(library.speed),
+        "prior": library.prior,
+        "made_of": library.made_of,
+        "scores": library.scores,
+        "calibration": library.calibration,
+        "fits": {name: {"interval": fit.interval, "longest": fit.longest} for name, fit in library.fits.items()},
+    }
+
+
+def _hash(library: Library) -> str:
+    digest = hashlib.sha256(json.dumps(header_of(library), sort_keys=True).encode())
+    for name in sorted(library.fits):
+        for key, value in sorted(arrays_of(library.fits[name]).items()):
+            digest.update(f"{name} {key} {value.dtype.str} {value.shape}".encode())
+            digest.update(np.ascontiguousarray(value).tobytes())
+    return digest.hexdigest()

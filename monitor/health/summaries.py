@@ -1,0 +1,227 @@
+"""A history of any length in a few numbers: what the library forecaster remembers, and what it looks at.
+
+A history is a sequence of rows (time, one value a channel), where a channel is the logarithm of a feature or something
+made from it. Points are kept at three grains: the first few, the latest few dozen, and every n-th of all, n doubled
+whenever there are too many; what cannot be had from those (extremes, turning points) is counted on the way. Training
+and live use run through :meth:`History.add` and :func:`summarise` alike, so that a forecaster sees in service what it
+has been fitted on.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+RECENT = 48
+FIRST = 6
+WHOLE = 64
+"""Points kept of the latest, of the first, and (at most) of all."""
+
+SHARES = (0.2, 0.4, 0.6, 0.8)
+"""Shares of the elapsed time at which the values are looked up."""
+SLOPES = (6, 12, 24, 48)
+"""Latest points over which straight lines are laid."""
+_SMOOTH = 5
+"""Points in the mean whose turning points are counted."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """What is remembered of a history; of bounded size however long it was.
+
+    Attributes:
+        t_first: time of the first point on the caller's clock, s; NaN before it.
+        count: how many points there were.
+        recent: the latest points, oldest first: time since the first point in s, then the channels; shape (n, 1 + K).
+        first: the first points, shape (n, 1 + K).
+        whole: every ``stride``-th point from the first on, shape (n, 1 + K).
+        stride: see ``whole``.
+        most: largest value of each channel, shape (K,).
+        least: smallest value of each channel, shape (K,).
+        smooth: mean of the latest five points, shape (K,).
+        heading: 1.0 where that mean rose last, -1.0 where it fell, 0.0 at first, shape (K,).
+        variation: sum of the changes of that mean, without sign, shape (K,).
+        turns: how often it changed its heading, shape (K,).
+    """
+
+    t_first: float
+    count: int
+    recent: Array
+    first: Array
+    whole: Array
+    stride: int
+    most: Array
+    least: Array
+    smooth: Array
+    heading: Array
+    variation: Array
+    turns: Array
+
+    @classmethod
+    def empty(cls, channels: int) -> History:
+        """Return the history of ``channels`` channels before its first point."""
+        rows, zeros = np.zeros((0, 1 + channels)), np.zeros(channels)
+        high, low = np.full(channels, -np.inf), np.full(channels, np.inf)
+        return cls(math.nan, 0, rows, rows, rows, 1, high, low, zeros, zeros, zeros, zeros)
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return self.recent.shape[1] - 1
+
+    @property
+    def elapsed(self) -> float:
+        """Time from the first point to the latest, s; 0 before the first."""
+        return float(self.recent[-1, 0]) if self.count else 0.0
+
+    def add(self, t: float, values: Array) -> History:
+        """Return the history with one more point.
+
+        Args:
+            t: time of the point, s; not before the latest.
+            values: one finite value a channel, shape (K,).
+
+        Raises:
+            ValueError: a time that goes back, values that are not finite or too many or too few.
+        """
+        if values.shape != (self.channels,) or not np.all(np.isfinite(values)):
+            raise ValueError(f"values must be {self.channels} finite numbers, got {values!r}")
+        t_first = t if self.count == 0 else self.t_first
+        since = t - t_first
+        if not (math.isfinite(t) and since >= self.elapsed):
+            raise ValueError(f"t must be finite and not before the latest point, got {t} s; that was {self.elapsed} s after the first")
+        row = np.empty((1, 1 + self.channels))
+        row[0, 0], row[0, 1:] = since, values
+        recent = np.concatenate((self.recent[-(RECENT - 1) :], row))
+        first = self.first if len(self.first) == FIRST else np.concatenate((self.first, row))
+        whole, stride = self._thinned(row)
+        smooth = recent[-_SMOOTH:, 1:].mean(axis=0)
+        step = smooth - self.smooth if self.count else np.zeros(self.channels)
+        heading = np.where(step == 0.0, self.heading, np.sign(step))
+        return History(
+            t_first=t_first,
+            count=self.count + 1,
+            recent=recent,
+            first=first,
+            whole=whole,
+            stride=stride,
+            most=np.maximum(self.most, values),
+            least=np.minimum(self.least, values),
+            smooth=smooth,
+            heading=heading,
+            variation=self.variation + np.abs(step),
+            turns=self.turns + (heading * self.heading < 0.0),
+        )
+
+    def _thinned(self, row: Array) -> tuple[Array, int]:
+        if self.count % self.stride:
+            return self.whole, self.stride
+        whole = np.concatenate((self.whole, row))
+        return (whole, self.stride) if len(whole) <= WHOLE else (whole[::2], 2 * self.stride)
+
+    def __eq__(self, other: object) -> bool:
+        """Equal where all is equal bit for bit."""
+        if not isinstance(other, History):
+            return NotImplemented
+        return all(
+            np.array_equal(getattr(self, f.name), getattr(other, f.name), equal_nan=True) for f in fields(History)
+        )
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType]  # holds arrays: equal, but not hashable
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the history as JSON can hold it; every bit is kept."""
+        stored: dict[str, Any] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                text = base64.b64encode(np.ascontiguousarray(value, dtype="<f8").tobytes()).decode("ascii")
+                value = {"shape": list(value.shape), "float64": text}
+            stored[field.name] = value
+        stored["t_first"] = None if math.isnan(self.t_first) else self.t_first
+        return stored
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> History:
+        """Return the history that :meth:`to_dict` wrote."""
+        values: dict[str, Any] = {}
+        for field in fields(cls):
+            value = stored[field.name]
+            if isinstance(value, Mapping):
+                value = np.frombuffer(base64.b64decode(value["float64"]), dtype="<f8").reshape(value["shape"])
+            values[field.name] = value
+        values["t_first"] = math.nan if values["t_first"] is None else values["t_first"]
+        return cls(**values)
+
+
+def summary_names(channels: tuple[str, ...]) -> tuple[str, ...]:
+    """Return what the numbers of :func:`summarise` are, in their order."""
+    kinds = ("last_6", "last_3", "first_6", "most", "least", "middle", "scatter_6", "roughness", "variation", "turns")
+    kinds += tuple(f"slope_{n}" for n in SLOPES) + tuple(f"at_{share:g}" for share in SHARES)
+    return ("ln_elapsed", *(f"{channel}:{kind}" for kind in kinds for channel in channels))
+
+
+def summarise(history: History, interval: float) -> Array:
+    """Return the summary of a history up to its latest point.
+
+    All times enter as multiples of ``interval``, so that a rig that is looked at every ten seconds and wears out in
+    hours is the same to a library as one that is looked at every five minutes and wears out in days.
+
+    Args:
+        history: of at least one point.
+        interval: usual time between two blocks, s.
+
+    Returns:
+        The numbers that :func:`summary_names` names, shape (1 + 18 K,).
+    """
+    recent = history.recent[:, 1:]
+    time = history.recent[:, 0] / interval
+    elapsed = history.elapsed / interval
+    whole_time, whole = history.whole[:, 0] / interval, history.whole[:, 1:]
+    middle = whole[(whole_time >= 0.2 * elapsed) & (whole_time <= 0.8 * elapsed)]
+    changes = np.diff(recent, axis=0)
+    parts = [
+        np.array([math.log(elapsed + 6.0)]),
+        recent[-6:].mean(axis=0),
+        recent[-3:].mean(axis=0),
+        history.first[:, 1:].mean(axis=0),
+        history.most,
+        history.least,
+        middle.mean(axis=0) if len(middle) else recent.mean(axis=0),
+        recent[-6:].std(axis=0),
+        changes.std(axis=0) if len(changes) else np.zeros(history.channels),
+        np.log1p(history.variation),
+        np.log1p(history.turns),
+        *(_slope(time[-n:], recent[-n:]) for n in SLOPES),
+        *_values_at(whole_time, whole, [share * elapsed for share in SHARES]),
+    ]
+    return np.concatenate(parts)
+
+
+def _slope(time: Array, values: Array) -> Array:
+    """Return the slope of the straight line through points, per interval; 0 where all times are one."""
+    centred = time - time.mean()
+    spread = float(centred @ centred)
+    return centred @ values / spread if spread > 0.0 else np.zeros(values.shape[1])
+
+
+def _values_at(time: Array, values: Array, wanted: list[float]) -> list[Array]:
+    """Return the values at some times, linear between the points and constant beyond them."""
+    after = np.clip(np.searchsorted(time, wanted, side="right"), 1, max(len(time) - 1, 1))
+    found = []
+    for moment, index in zip(wanted, after, strict=True):
+        if len(time) == 1:
+            found.append(values[0])
+            continue
+        before, gap = index - 1, time[index] - time[index - 1]
+        share = min(max((moment - time[before]) / gap, 0.0), 1.0) if gap > 0.0 else 1.0
+        found.append(values[before] + share * (values[index] - values[before]))
+    return found

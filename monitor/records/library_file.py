@@ -1,0 +1,106 @@
+"""Libraries of simulated lives as files: ``.npz`` of plain arrays, no pickles, with a JSON header of what made it."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import zipfile
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor.health.library_model import LINES, FeatureFit, Library, Regression, arrays_of, header_of
+
+SCHEMA_VERSION = 1
+_KIND = "spallwatch library"
+_REGRESSION = "regression."
+
+
+class LibraryError(ValueError):
+    """A library file cannot be used; the message names it and what is wrong."""
+
+
+def save_library(library: Library, path: Path | str) -> None:
+    """Write a library; whoever reads ``path`` meanwhile sees the old file or the whole new one.
+
+    Raises:
+        OSError: if the folder cannot be written to.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    header = {"kind": _KIND, "schema_version": SCHEMA_VERSION, "hash": library.hash, **header_of(library)}
+    arrays: dict[str, Any] = {"header": np.array(json.dumps(header, sort_keys=True, allow_nan=False))}
+    for name, fit in library.fits.items():
+        arrays |= {f"{name}/{key}": value for key, value in arrays_of(fit).items()}
+    handle, part = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+    temporary = Path(part)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            np.savez_compressed(stream, allow_pickle=False, **arrays)
+        # mkstemp makes files that only their owner can read.
+        temporary.chmod(0o644)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def load_library(path: Path | str) -> Library:
+    """Return the library in a file.
+
+    Raises:
+        LibraryError: if there is no such file, or it is none of this version, or its content is not what was written.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise LibraryError(f"{path}: no such library; make one with: spallwatch library build --out {path}")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise LibraryError(f"{path}: not a readable .npz of plain arrays: {error}") from error
+    except AttributeError:
+        raise LibraryError(f"{path}: a single array, expected an .npz archive") from None
+    try:
+        header = json.loads(str(arrays.pop("header")))
+        kind, version = header["kind"], header["schema_version"]
+    except (KeyError, TypeError, ValueError):
+        raise LibraryError(f"{path}: has no header, so it is no library of simulated lives") from None
+    if (kind, version) != (_KIND, SCHEMA_VERSION):
+        raise LibraryError(f"{path}: {_KIND} of version {SCHEMA_VERSION} expected, got {kind!r} of version {version!r}")
+    try:
+        library = _library(header, arrays)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise LibraryError(f"{path}: not a usable library: {type(error).__name__}: {error}") from error
+    if library.hash != header["hash"]:
+        raise LibraryError(
+            f"{path}: its content is not what was written: hash {header['hash'][:16]} expected, "
+            f"found {library.hash[:16]}; build it anew"
+        )
+    return library
+
+
+def _library(header: dict[str, Any], arrays: dict[str, Any]) -> Library:
+    fits = {name: _fit(name, header["fits"][name], arrays) for name in LINES if name in header["fits"]}
+    low_load, high_load = header["load"]
+    low_speed, high_speed = header["speed"]
+    return Library(
+        thresholds=tuple(header["thresholds"]),
+        load=(low_load, high_load),
+        speed=(low_speed, high_speed),
+        prior=header["prior"],
+        made_of=header["made_of"],
+        scores=header["scores"],
+        fits=fits,
+        calibration=header["calibration"],
+    )
+
+
+def _fit(name: str, header: dict[str, Any], arrays: dict[str, Any]) -> FeatureFit:
+    own = {key.removeprefix(f"{name}/"): value for key, value in arrays.items() if key.startswith(f"{name}/")}
+    regression = Regression(**{field.name: own.pop(_REGRESSION + field.name) for field in fields(Regression)})
+    return FeatureFit(
+        features=name, interval=header["interval"], longest=header["longest"], regression=regression, **own
+    )

@@ -1,0 +1,89 @@
+"""``spallwatch library build`` from end to end, small."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from models.lives import Population
+from monitor.cli import spallwatch
+from monitor.commands.common import InputError
+from monitor.health.library import LibraryInput, LibraryState, step
+from monitor.records.library_file import load_library
+from monitor.service.library_build import build_library, prior_words
+
+
+def build(*arguments: str) -> dict[str, object]:
+    run = CliRunner().invoke(spallwatch, ["library", "build", "--json", *arguments], catch_exceptions=False)
+    return json.loads(run.stdout)
+
+
+def test_a_small_library_is_built_said_and_usable(tmp_path: Path) -> None:
+    out = tmp_path / "lives.npz"
+    options = ("--runs", "24", "--seed", "5", "--duration-min", "60:120", "--threshold-mm2", "0.05", "--workers")
+    found = build(*options, "1", "--out", str(out))
+    assert {"runs", "seconds", "out", "hash", "coverage", "crps_s"} <= set(found)
+    library = load_library(out)
+    assert library.hash == found["hash"]
+    assert library.load == pytest.approx((3600.0, 4400.0), rel=0.1)
+    assert library.made_of["population"]["seed"] == 5
+    assert "24 simulated lives" in library.prior
+    block = LibraryInput(0.0, 5.0, (1.0, 1.0, 1.0), 4000.0, 40.0)
+    _, result = step(LibraryState(), block, library, thresholds=[5e-8])
+    assert result.prior == library.prior
+    again = build(*options, "2", "--out", str(tmp_path / "again.npz"))
+    assert again["hash"] == found["hash"]
+
+
+def test_people_get_a_table(tmp_path: Path) -> None:
+    options = ["library", "build", "--runs", "20", "--duration-min", "60", "--out", str(tmp_path / "lives.npz")]
+    run = CliRunner().invoke(spallwatch, options, catch_exceptions=False)
+    assert "rms+harmonics" in run.stdout
+    assert "climatology" in run.stdout
+    assert "prior: 20 simulated lives" in run.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--out", "lives.nc"), r"--out lives\.nc: expected a name that ends in \.npz"),
+        (("--out", "no/../lives.npz", "--config", "absent.toml"), r"absent\.toml"),
+        (("--out", "lives.npz", "--bearing", "nobody"), "nobody"),
+    ],
+)
+def test_wrong_options_are_named(
+    arguments: tuple[str, ...], message: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(Exception, match=message):
+        CliRunner().invoke(spallwatch, ["library", "build", "--runs", "20", *arguments], catch_exceptions=False)
+
+
+def test_ranges_are_checked() -> None:
+    for wrong in ("5:1", "0:3", "a", "1:2:3"):
+        run = CliRunner().invoke(spallwatch, ["library", "build", "--speed-hz", wrong, "--out", "x.npz"])
+        assert run.exit_code == 2
+        assert wrong in run.output
+
+
+def test_lives_must_go_on_until_the_largest_threshold() -> None:
+    with pytest.raises(ValueError, match=r"thresholds up to 0\.1 mm2 need lives that go on until there"):
+        build_library(Population(), runs=20, thresholds=[1e-7])
+
+
+def test_the_prior_is_said_in_words() -> None:
+    words = prior_words(Population(load=(3000.0, 5000.0)), 250)
+    assert "250 simulated lives" in words
+    assert "4 to 20 um deep and 6 to 31 deg wide" in words
+    assert "3000 to 5000 N" in words
+
+
+def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    options = ["library", "build", "--runs", "20", "--duration-min", "60", "--out", str(blocked / "lives.npz")]
+    with pytest.raises(InputError, match="cannot be written"):
+        CliRunner().invoke(spallwatch, options, catch_exceptions=False)
