@@ -1,5 +1,8 @@
 """The RMS map of 51 x 33 nodes averaged over a hundred rough floors, on one core, with and without slip.
 
+A first table has both solvers that could make a map without slip: rows that settle, which ``build_map`` takes, and
+lanes.
+
 Run as ``python -m benchmarks.ensemble [--quick] [--json FILE]`` (quick: 6 x 5 nodes). Each row prints the CPU time of
 the map, the standard error of its means (median, 99th percentile and maximum over the damaged nodes, relative), and the
 error that the steps leave in the RMS of one floor.
@@ -9,13 +12,16 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
-from models.ensemble import ensemble_options, step_error
+from models.ensemble import ensemble_nodes, ensemble_options, step_error
 from models.map_build import build_map
 from models.map_data import MapPlan
+from models.map_nodes import scene_at, simulate_node_row, steps_of
 from models.scene import Floor, Slip
 
 FLOORS = 100
@@ -44,6 +50,7 @@ def map_row(plan: MapPlan) -> Row:
     relative = (built.rms_se / built.rms)[0, 0][damaged]
     scenes, slip = built.rms.size * plan.floors, plan.slip
     return {
+        "solver": built.attributes["solver"],
         "slip": "none" if slip is None else f"{slip.rule}, {slip.phi_slip} rad",
         "nodes": built.rms.size,
         "floors": plan.floors,
@@ -58,6 +65,27 @@ def map_row(plan: MapPlan) -> Row:
     }
 
 
+def solver_rows(plan: MapPlan) -> list[Row]:
+    """Return what a scene costs either solver, and how far each is from rows of four times as many steps (rms)."""
+    extents, seeds = np.array(plan.dphi_d), range(plan.floors)
+
+    def rows_of(asked: MapPlan) -> NDArray[np.float64]:
+        rows = [[simulate_node_row(asked, 4000.0, 40.0, h, extents, seed).rms for seed in seeds] for h in asked.h_d[1:]]
+        return np.asarray(np.mean(rows, axis=1), dtype=np.float64)
+
+    steps = steps_of(plan, scene_at(plan, 4000.0, 40.0, plan.h_d[-1], plan.dphi_d[-1]))
+    true = rows_of(replace(plan, steps_per_period=4 * steps))
+    damaged = replace(plan, h_d=plan.h_d[1:])
+    rows: list[Row] = []
+    for name, make in (("rows", lambda: rows_of(plan)), ("lanes", lambda: ensemble_nodes(damaged).rms[0, 0])):
+        start = time.process_time()
+        found = make()
+        seconds = time.process_time() - start
+        error = float(np.sqrt(np.mean((found[:, 1:] / true[:, 1:] - 1.0) ** 2)))
+        rows.append({"solver": name, "ms a scene": 1e3 * seconds / (found.size * plan.floors), "error, rms": error})
+    return rows
+
+
 def main() -> None:
     """Print the table and write the JSON file if one was asked for."""
     options = arguments("Ensemble maps: time and standard error.")
@@ -65,9 +93,11 @@ def main() -> None:
     size = (6, 5) if options.quick else (51, 33)
     rows = [map_row(plan_of(*size, slip)) for slip in (None, Slip(0.01))]
     plan = plan_of(*size)
+    solvers = solver_rows(plan_of(11 if options.quick else 51, 5, floors=4 if options.quick else 32))
+    print_table("Solvers without slip, means over floors", solvers)
     print_table(f"Map over {math.degrees(plan.dphi_d[-1]):.0f} degrees and {plan.h_d[-1] * 1e6:.0f} um", rows)
     print(f"\nTargets refer to a machine whose calibration FFT takes {REFERENCE_MS} ms.")
-    write_json(options.json, {"maps": rows})
+    write_json(options.json, {"solvers": solvers, "maps": rows})
 
 
 if __name__ == "__main__":
