@@ -77,9 +77,18 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     writer = csv.DictWriter(buffer, fieldnames=list(rows[0]))
     writer.writeheader()
     writer.writerows(rows)
+    write_whole(path, buffer.getvalue())
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file, replacing it in one step.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
     part = path.with_name(path.name + ".part")
     try:
-        part.write_text(buffer.getvalue(), encoding="utf-8")
+        part.write_text(text, encoding="utf-8")
         part.replace(path)
     except OSError as error:
         raise InputError(f"--out {path}: cannot be written: {error.strerror or error}") from None

@@ -13,6 +13,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from monitor.health import edv, forecast
+from monitor.health.library import QUANTILES, LibraryInput, LibrarySettings, LibraryState, ThresholdResult
+from monitor.health.library import step as ask_library
+from monitor.health.library_model import Library
 
 MapAt = Callable[[float | None, float | None], "tuple[edv.MapSlice | None, edv.EdvStatus | None]"]
 """Gives the map at a load (N) and speed (Hz), or the status that says why there is none."""
@@ -55,6 +58,8 @@ class DamageSettings:
         edv: settings of the thesis' tracker.
         forecast: settings of the thesis' forecast.
         thresholds: of V_eq, m2, ascending.
+        library: the library of simulated lives, or None where there is none.
+        asking: how the library is asked.
     """
 
     track_method: TrackMethod = "thesis"
@@ -63,6 +68,13 @@ class DamageSettings:
     edv: edv.EdvSettings = field(default_factory=edv.EdvSettings)
     forecast: forecast.ForecastSettings = field(default_factory=forecast.ForecastSettings)
     thresholds: tuple[float, ...] = (0.05e-6,)
+    library: Library | None = None
+    asking: LibrarySettings = field(default_factory=LibrarySettings)
+
+    @property
+    def asks_library(self) -> bool:
+        """Whether V_eq or TT come from the library."""
+        return "library" in (self.track_method, self.forecast_method)
 
 
 @dataclass(frozen=True)
@@ -73,11 +85,13 @@ class DamageState:
         pending: readings since the detector's score first rose, while t_fs is not known.
         edv: the thesis' tracker.
         forecast: the thesis' forecast.
+        library: the history as the library looks at it.
     """
 
     pending: tuple[Reading, ...] = ()
     edv: edv.EdvState = field(default_factory=edv.EdvState)
     forecast: forecast.ForecastState = field(default_factory=forecast.ForecastState)
+    library: LibraryState = field(default_factory=LibraryState)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the state as plain values for JSON; floats come back as they were."""
@@ -85,6 +99,7 @@ class DamageState:
             "pending": [[r.time, r.rms, r.harmonics, r.load, r.speed] for r in self.pending],
             "edv": self.edv.to_dict(),
             "forecast": self.forecast.to_dict(),
+            "library": self.library.to_dict(),
         }
 
     @classmethod
@@ -97,6 +112,7 @@ class DamageState:
             ),
             edv=edv.EdvState.from_dict(stored["edv"]),
             forecast=forecast.ForecastState.from_dict(stored["forecast"]),
+            library=LibraryState.from_dict(stored["library"]),
         )
 
 
@@ -134,7 +150,7 @@ class Remaining:
         tt_lower: lower end of its interval, s.
         tt_upper: upper end, s.
         t_threshold: when the threshold is reached, s of the readings' clock.
-        p_threshold: probability that it is reached within the maintenance window, or by now where there is none.
+        p_threshold: probability that it is reached within the maintenance window; NaN without a window.
         coefficients: of the thesis' quadratic, SI.
         r_squared: of that fit.
         quantiles: (probability, TT in s) pairs, for the archive.
@@ -150,6 +166,32 @@ class Remaining:
     coefficients: tuple[float, float, float] = _NONE
     r_squared: float = math.nan
     quantiles: tuple[tuple[float, float], ...] = ()
+
+    @classmethod
+    def of_thesis(cls, result: forecast.ForecastResult) -> Remaining:
+        """Return what the thesis' forecast said."""
+        return cls(
+            threshold=result.threshold,
+            status=str(result.status),
+            tt=result.tt,
+            t_threshold=result.t_threshold,
+            coefficients=result.coefficients,
+            r_squared=result.r_squared,
+        )
+
+    @classmethod
+    def of_library(cls, result: ThresholdResult) -> Remaining:
+        """Return what the library said."""
+        return cls(
+            threshold=result.threshold,
+            status=str(result.status),
+            tt=result.tt,
+            tt_lower=result.tt_lower,
+            tt_upper=result.tt_upper,
+            t_threshold=result.t_threshold,
+            p_threshold=result.p_threshold,
+            quantiles=tuple(zip(QUANTILES, result.quantiles, strict=False)),
+        )
 
 
 @dataclass(frozen=True)
@@ -183,7 +225,7 @@ def step(
     Returns:
         The next state, V_eq and one forecast a threshold.
     """
-    gate = _gate(stage, settings)
+    gate = _gate(stage)
     # Once t_fs is known, the readings since t_fs go first.
     history = (*(state.pending if gate is None else ()), reading)
     damage, forecasts = Damage(str(edv.EdvStatus.NOT_FINAL_STAGE)), ()
@@ -196,12 +238,10 @@ def step(
     return state, damage, forecasts
 
 
-def _gate(stage: Stage, settings: DamageSettings) -> edv.EdvStatus | None:
+def _gate(stage: Stage) -> edv.EdvStatus | None:
     """Return what keeps the block out of every method, or None."""
     if not stage.absolute:
         return edv.EdvStatus.NO_ABSOLUTE_LEVEL
-    if settings.track_method == "thesis" and settings.map_at is None:
-        return edv.EdvStatus.NO_MAP
     if not stage.final:
         return edv.EdvStatus.NOT_FINAL_STAGE
     return None if stage.usable else edv.EdvStatus.BAD_BLOCK
@@ -218,16 +258,48 @@ def _one(
     state: DamageState, reading: Reading, gate: edv.EdvStatus | None, stage: Stage, settings: DamageSettings
 ) -> tuple[DamageState, Damage, tuple[Remaining, ...]]:
     """Take one reading through the configured methods."""
-    state, damage = _thesis_volume(state, reading, gate, settings)
-    state, forecasts = _thesis_forecast(state, reading, damage.v_eq, stage, settings)
+    damage, forecasts = Damage(str(edv.EdvStatus.NO_MAP)), ()
+    if settings.asks_library:
+        state, damage, forecasts = _ask_library(state, reading, gate, stage, settings)
+    if settings.track_method == "thesis":
+        state, damage = _thesis_volume(state, reading, gate, settings)
+    if settings.forecast_method == "thesis":
+        state, forecasts = _thesis_forecast(state, reading, damage.v_eq, stage, settings)
     return state, damage, forecasts
+
+
+def _ask_library(
+    state: DamageState, reading: Reading, gate: edv.EdvStatus | None, stage: Stage, settings: DamageSettings
+) -> tuple[DamageState, Damage, tuple[Remaining, ...]]:
+    """Let the library say V_eq and TT; a block that is kept out of a final stage leaves its history as it is."""
+    if gate is not None and (stage.final or not stage.absolute) and settings.library is not None:
+        status = "cannot_tell" if stage.final else "not_final_stage"
+        return state, Damage(str(gate)), tuple(Remaining(threshold, status) for threshold in settings.thresholds)
+    before, known = state.library, settings.library
+    if known is not None and before.history is not None and before.library != known.hash:
+        # Another library was configured since: its histories are put together otherwise, so a new one begins.
+        before = LibraryState()
+    block = LibraryInput(
+        t=reading.time,
+        rms=reading.rms,
+        harmonics=reading.harmonics,
+        load=math.nan if reading.load is None else reading.load,
+        speed=math.nan if reading.speed is None else reading.speed,
+    )
+    after, found = ask_library(
+        before, block, known, settings.asking, thresholds=settings.thresholds, final_stage=stage.final
+    )
+    damage = Damage(str(found.edv_status), found.v_eq, found.v_eq_lower, found.v_eq_upper)
+    return replace(state, library=after), damage, tuple(Remaining.of_library(result) for result in found.forecasts)
 
 
 def _thesis_volume(
     state: DamageState, reading: Reading, gate: edv.EdvStatus | None, settings: DamageSettings
 ) -> tuple[DamageState, Damage]:
     map_slice = None
-    if gate is None and settings.map_at is not None:
+    if settings.map_at is None and gate is not edv.EdvStatus.NO_ABSOLUTE_LEVEL:
+        gate = edv.EdvStatus.NO_MAP
+    elif settings.map_at is not None and gate is None:
         map_slice, gate = settings.map_at(reading.load, reading.speed)
     tracker, found = edv.step(state.edv, reading.rms, map_slice=map_slice, settings=settings.edv, gate=gate)
     damage = Damage(
@@ -247,15 +319,4 @@ def _thesis_forecast(
         settings=settings.forecast,
         final_stage=stage.final,
     )
-    remaining = tuple(
-        Remaining(
-            threshold=result.threshold,
-            status=str(result.status),
-            tt=result.tt,
-            t_threshold=result.t_threshold,
-            coefficients=result.coefficients,
-            r_squared=result.r_squared,
-        )
-        for result in results
-    )
-    return replace(state, forecast=forecaster), remaining
+    return replace(state, forecast=forecaster), tuple(Remaining.of_thesis(result) for result in results)

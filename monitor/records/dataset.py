@@ -65,7 +65,7 @@ def to_dataset(items: Iterable[Stored], *, dated: bool, attributes: Mapping[str,
         ):
             continue
         dims, values = _column(variable, groups, len(rows), channels)
-        dataset[variable.name] = (("time", "channel", *dims), values, _attributes(variable, time_units))
+        dataset[variable.name] = (("time", "channel", *dims), values, attributes_of(variable, time_units))
     dataset.attrs = {key: _attribute(value) for key, value in attributes.items()}
     dataset.attrs.update({"schema_version": SCHEMA_VERSION, "dated": "yes" if dated else "no"})
     return dataset
@@ -202,8 +202,8 @@ def _typed(variable: Variable, values: NDArray[np.float64]) -> NDArray[Any]:
     return np.nan_to_num(values, nan=INT_FILL).astype(_INT_DTYPE)
 
 
-def _attributes(variable: Variable, time_units: str) -> dict[str, Any]:
-    """Return the CF attributes of a variable."""
+def attributes_of(variable: Variable, time_units: str) -> dict[str, Any]:
+    """Return the CF attributes of a variable; ``time_units`` are the units of moments on the time axis."""
     attributes: dict[str, Any] = {"long_name": variable.long_name}
     if variable.units is not None:
         attributes["units"] = time_units if variable.units == "time" else variable.units
