@@ -61,22 +61,16 @@ ORACLE_CASES = {
 }
 
 
-def uses(plan: kernels.Plan) -> tuple[bool, bool]:
-    """Tell whether a plan needs the machine code with a path and with a turning force."""
-    return len(plan.waves) > 0 or len(plan.slot) > 0, bool(plan.push[0] != 0.0)
-
-
 def cost_rows(seconds: float, rounds: int) -> list[Row]:
     """Return times of the kernel alone and of setting a run up, ms per simulated second."""
     samples = round(seconds / DEFAULT_STEP)
     wave = np.empty((samples, 2))
     plans = {name: prepare_plan(scene, samples * DEFAULT_STEP) for name, scene in SCENES.items()}
 
-    def run(plan: kernels.Plan, variant: tuple[bool, bool]) -> None:
-        kernels.runner(*variant)(np.zeros((2, 6)), wave, DEFAULT_STEP, plan)
+    def run(plan: kernels.Plan) -> None:
+        kernels.run(np.zeros((2, 6)), wave, DEFAULT_STEP, plan)
 
-    calls: dict[str, Callable[[], object]] = {name: partial(run, plan, uses(plan)) for name, plan in plans.items()}
-    calls["healthy, nothing left out"] = partial(run, plans["healthy"], (True, True))
+    calls: dict[str, Callable[[], object]] = {name: partial(run, plan) for name, plan in plans.items()}
     times = interleaved_ms({"calibration": calibration_kernel(), **calls}, rounds)
     set_up = interleaved_ms({name: partial(prepare_plan, scene, seconds) for name, scene in SCENES.items()}, rounds)
     calibration = times.pop("calibration")
@@ -142,7 +136,7 @@ def oracle_rows(seconds: float) -> list[Row]:
         for k, direction in enumerate(((1.0, 0.0), (0.0, 1.0))):
             wave = np.empty((samples, 2))
             plan = plan._replace(direction=np.array(direction))
-            kernels.runner(*uses(plan))(np.zeros((2, 6)), wave, DEFAULT_STEP, plan)
+            kernels.run(np.zeros((2, 6)), wave, DEFAULT_STEP, plan)
             errors.append(relative(wave[:, 0], truth[:, 0, k]))
         rows.append({"scene": name, "a_o along the load": errors[0], "a_o across": errors[1]})
     return rows

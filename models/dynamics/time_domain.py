@@ -25,7 +25,7 @@ from models.dynamics.six_dof import check_scene
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.response import PASSBAND, Status, check_band
-from models.scene import Scene, Waviness
+from models.scene import Scene
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -145,8 +145,7 @@ def simulate_time(
     begin = max(margin, math.ceil(settle * rate) * oversampling)
     wave = np.empty((begin + samples * oversampling + margin, 2))
     plan = prepare_plan(scene, len(wave) * h)._replace(direction=unit)
-    run = kernels.runner(len(plan.waves) > 0 or len(plan.slot) > 0, bool(plan.push[0] != 0.0))
-    status = run(np.zeros((2, 6)), wave, h, plan)
+    status = kernels.run(np.zeros((2, 6)), wave, h, plan)
     settled = wave[begin : begin + samples * oversampling]
     window = wave[begin - margin : begin + (samples - 1) * oversampling + margin + 1]
     signals = [oaconvolve(window[:, k], taps, mode="valid")[::oversampling] for k in (0, 1)]
@@ -242,12 +241,8 @@ def _status(scene: Scene, levels: _Levels, *, finite: bool) -> Status:
 
 
 def compile_kernels() -> None:
-    """Compile, or load, the four machine codes by running each for a few milliseconds."""
-    healthy = Scene(40.0, 1000.0)
-    for unbalance in (0.0, 1e-3):
-        for waviness in ((), (Waviness(1e-6, 7),)):
-            scene = replace(healthy, unbalance=unbalance, waviness=waviness)
-            simulate_time(scene, 0.005, 25600.0, settle=0.0)
+    """Compile the kernel, or load it, by running it for a few milliseconds."""
+    simulate_time(Scene(40.0, 1000.0), 0.005, 25600.0, settle=0.0)
 
 
 def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:

@@ -9,18 +9,30 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
+from numba.core.event import Event, Listener, install_listener
+
+# An integer of a kernel. To numba a literal argument is a type of its own, for which the function is compiled once
+# more; constants are therefore passed as np.int64.
+Index = int | np.int64
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 # Sums may be reordered (so that loops over balls use vector instructions) and products fused; NaN and infinity keep
-# their meaning, because a diverged state must be seen.
-_FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
+# their meaning, because a diverged state must be seen. Nobody calls kernels from C.
+_OPTIONS: dict[str, Any] = {
+    "nogil": True,
+    "fastmath": {"reassoc", "contract", "nsz", "arcp"},
+    "no_cfunc_wrapper": True,
+}
 _IMPORT = re.compile(r"^ *from models\.kernels\.(\w+) import", re.MULTILINE)
 
 
@@ -30,20 +42,55 @@ def kernel(function: _F) -> _F:
     A read-only package without a writable home has no place for numba's cache; then it compiles without one.
     """
     try:
-        compiled = numba.njit(cache=True, nogil=True, fastmath=_FASTMATH)(function)
+        compiled = numba.njit(cache=True, **_OPTIONS)(function)
     except RuntimeError:
-        compiled = numba.njit(cache=False, nogil=True, fastmath=_FASTMATH)(function)
+        compiled = numba.njit(cache=False, **_OPTIONS)(function)
     else:
         _stamp(compiled, function)
     return cast("_F", compiled)
 
 
 def inlined(function: _F) -> _F:
-    """Compile a function that is pasted into every kernel that calls it.
+    """Compile a function that LLVM pastes into every kernel that calls it.
 
     A call with arrays costs more than a small kernel's body: ball_period is three times as fast with its parts inlined.
+    Numba's own pasting (inline="always") gives the same code but types and lowers every copy anew, which is most of
+    what compiling costs.
     """
-    return cast("_F", numba.njit(nogil=True, fastmath=_FASTMATH, inline="always")(function))
+    return cast("_F", numba.njit(forceinline=True, **_OPTIONS)(function))
+
+
+@contextmanager
+def compiling() -> Iterator[dict[str, float]]:
+    """Give a dictionary that is filled with what is compiled meanwhile: the seconds of each function by its name.
+
+    Seconds of a function do not contain those of the functions that it calls. What is loaded from the cache is not
+    compiled.
+    """
+    listener = _Stopwatch()
+    with install_listener("numba:compile", listener):
+        yield listener.seconds
+
+
+class _Stopwatch(Listener):
+    """Adds up the time between the events of numba's compiler, which nest."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._open: list[float] = []
+
+    def on_start(self, event: Event) -> None:
+        self._open.append(time.perf_counter())
+
+    def on_end(self, event: Event) -> None:
+        took = time.perf_counter() - self._open.pop()
+        data: Any = event.data
+        function = data["dispatcher"].py_func
+        name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
+        self.seconds[name] = self.seconds.get(name, 0.0) + took
+        if self._open:
+            # The caller's clock stood still meanwhile.
+            self._open[-1] += took
 
 
 def _stamp(compiled: Any, function: Callable[..., Any]) -> None:

@@ -60,6 +60,7 @@ from models.kernels.six_dof import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.kernels.jit import Index
     from models.kernels.six_dof import Axis, Flow
 
     # Scale of displacements, share of the resonator in the mass, cage speed; 1 / m_i, 1 / (m_o + m_r), 1 / m_o.
@@ -111,7 +112,7 @@ def _kick(x: Axis, impulse: float, b_i: float, b_m: float, b_o: float) -> Axis:
 def _contact(
     w: NDArray[np.float64],
     n: int,
-    node: int,
+    node: Index,
     near: NDArray[np.int64],
     damaged: NDArray[np.float64],
     plain: NDArray[np.float64],
@@ -323,13 +324,13 @@ def advance(
         ce, se = turn[n, 2, 0], turn[n, 2, 1]
         for i in range(LANES):
             _approach(w, i, _load(w, _X, i), _load(w, _X + 6 * LANES, i), c, s, relative)
-        _contact(w, n, 0, near, damaged, plain, depth, rate, scale, gap, alpha, beta)
+        _contact(w, n, np.int64(0), near, damaged, plain, depth, rate, scale, gap, alpha, beta)
         _start(w, wave, n, c, s, cm, sm, h, e, inverse, spring, relative)
-        _contact(w, n, 1, near, damaged, plain, depth, rate, scale, gap, alpha, beta)
+        _contact(w, n, np.int64(1), near, damaged, plain, depth, rate, scale, gap, alpha, beta)
         _middle(w, cm, sm, h, inverse, relative)
-        _contact(w, n, 1, near, damaged, plain, depth, rate, scale, gap, alpha, beta)
+        _contact(w, n, np.int64(1), near, damaged, plain, depth, rate, scale, gap, alpha, beta)
         _end(w, cm, sm, ce, se, h, e, inverse, relative)
-        _contact(w, n, 2, near, damaged, plain, depth, rate, scale, gap, alpha, beta)
+        _contact(w, n, np.int64(2), near, damaged, plain, depth, rate, scale, gap, alpha, beta)
         for i in range(LANES):
             g1, g2 = _force(w, i, ce, se)
             _store(w, _X, i, _kick(_load(w, _X, i), h / 6.0 * g1, inverse[0], inverse[1], inverse[2]))

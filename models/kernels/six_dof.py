@@ -47,6 +47,8 @@ from models.kernels.jit import inlined, kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.kernels.jit import Index
+
     Axis = tuple[float, float, float, float, float, float]
     Flow = tuple[float, float, float, float, float, float, float, float, float]
     Contact = tuple[float, float, float, float, float, float]
@@ -104,8 +106,8 @@ def _contact(
     turn: NDArray[np.float64],
     depth: NDArray[np.float64],
     rate: NDArray[np.float64],
-    n: int,
-    node: int,
+    n: Index,
+    node: Index,
     damaged: NDArray[np.float64],
     plain: NDArray[np.float64],
     near: int,
@@ -168,7 +170,7 @@ def _step(
     turn: NDArray[np.float64],
     depth: NDArray[np.float64],
     rate: NDArray[np.float64],
-    n: int,
+    n: Index,
     damaged: NDArray[np.float64],
     plain: NDArray[np.float64],
     near: int,
@@ -178,20 +180,20 @@ def _step(
     ``n`` is its row in ``turn``, ``depth`` and ``rate``; ``e`` carries half of it.
     """
     b_i, b_m, b_o = parameter[P_INV_M_I], parameter[P_INV_M], parameter[P_INV_M_O]
-    start, g2, mask = _contact(x1, x2, parameter, turn, depth, rate, n, 0, damaged, plain, near)
+    start, g2, mask = _contact(x1, x2, parameter, turn, depth, rate, n, np.int64(0), damaged, plain, near)
     y1, y2 = propagate(x1, e), propagate(x2, e)
     z1, z2 = _kick(x1, 0.5 * h * start, b_i, b_m, b_o), _kick(x2, 0.5 * h * g2, b_i, b_m, b_o)
     z1, z2 = propagate(z1, e), propagate(z2, e)
     x1, x2 = _kick(x1, h / 6.0 * start, b_i, b_m, b_o), _kick(x2, h / 6.0 * g2, b_i, b_m, b_o)
     x1, x2 = propagate(x1, e), propagate(x2, e)
-    g1, g2, mask_2 = _contact(z1, z2, parameter, turn, depth, rate, n, 1, damaged, plain, near)
+    g1, g2, mask_2 = _contact(z1, z2, parameter, turn, depth, rate, n, np.int64(1), damaged, plain, near)
     x1, x2 = _kick(x1, h / 3.0 * g1, b_i, b_m, b_o), _kick(x2, h / 3.0 * g2, b_i, b_m, b_o)
     z1, z2 = _kick(y1, 0.5 * h * g1, b_i, b_m, b_o), _kick(y2, 0.5 * h * g2, b_i, b_m, b_o)
-    g1, g2, mask_3 = _contact(z1, z2, parameter, turn, depth, rate, n, 1, damaged, plain, near)
+    g1, g2, mask_3 = _contact(z1, z2, parameter, turn, depth, rate, n, np.int64(1), damaged, plain, near)
     x1, x2 = _kick(x1, h / 3.0 * g1, b_i, b_m, b_o), _kick(x2, h / 3.0 * g2, b_i, b_m, b_o)
     z1, z2 = _kick(y1, h * g1, b_i, b_m, b_o), _kick(y2, h * g2, b_i, b_m, b_o)
     z1, z2 = propagate(z1, e), propagate(z2, e)
-    g1, g2, mask_4 = _contact(z1, z2, parameter, turn, depth, rate, n, 2, damaged, plain, near)
+    g1, g2, mask_4 = _contact(z1, z2, parameter, turn, depth, rate, n, np.int64(2), damaged, plain, near)
     x1, x2 = propagate(x1, e), propagate(x2, e)
     x1, x2 = _kick(x1, h / 6.0 * g1, b_i, b_m, b_o), _kick(x2, h / 6.0 * g2, b_i, b_m, b_o)
     return x1, x2, start, mask != mask_2 or mask != mask_3 or mask != mask_4
@@ -270,7 +272,9 @@ def _refined_step(
             within[0, node, 0] = turn[n, 0, 0] * c - turn[n, 0, 1] * s
             within[0, node, 1] = turn[n, 0, 1] * c + turn[n, 0, 0] * s
             _path_within(index, node, h, depth, rate, n, sub_depth, sub_rate)
-        x1, x2, _, _ = _step(x1, x2, h / SUBSTEPS, e, parameter, within, sub_depth, sub_rate, 0, damaged, plain, near)
+        x1, x2, _, _ = _step(
+            x1, x2, h / SUBSTEPS, e, parameter, within, sub_depth, sub_rate, np.int64(0), damaged, plain, near
+        )
     return x1, x2
 
 
@@ -306,7 +310,7 @@ def ball_period(
                 )
             x1, x2 = y1, y2
         last = first[segment + 1] - 1
-        g1, _, _ = _contact(x1, x2, parameter, turn, depth, rate, last, 2, damaged, plain, near)
+        g1, _, _ = _contact(x1, x2, parameter, turn, depth, rate, last, np.int64(2), damaged, plain, near)
         _record(wave, last + segment + 1, x1, g1, parameter)
     bad = False
     for k in range(6):

@@ -9,7 +9,7 @@ Coordinates, scheme (Lawson-RK4) and contact law are those of ``models.kernels.s
   which piece is listed beforehand, so that the loop over time decides nothing.
 * A step in which a ball meets or leaves its contact is taken again in SUBSTEPS parts.
 
-What a scene does not have is not compiled: ``runner`` returns one of four machine codes.
+What a scene does not have is left out: whether it has a path and a push is decided outside of the loops over balls.
 
 Arguments, float64 and C-contiguous unless said, S slots, I intervals between events:
 
@@ -32,8 +32,6 @@ Arguments, float64 and C-contiguous unless said, S slots, I intervals between ev
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -44,8 +42,12 @@ from models.kernels.six_dof import propagate
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.kernels.jit import Index
+
     Axis = tuple[float, float, float, float, float, float]
     Flow = tuple[float, float, float, float, float, float, float, float, float]
+    # Whether the scene has a path, and a push.
+    Uses = tuple[bool, bool]
 
 NEAR_SLOPE = math.tan(math.radians(15.0))
 SUBSTEPS = 8
@@ -154,7 +156,7 @@ def _kick(x: Axis, h: float, contact: float, shaft: float, p: NDArray[np.float64
 
 
 @inlined
-def _contact(x1: Axis, x2: Axis, plan: Plan, nodes: Nodes, node: int, has_path: bool) -> tuple[float, float, float]:
+def _contact(x1: Axis, x2: Axis, plan: Plan, nodes: Nodes, node: Index, uses: Uses) -> tuple[float, float, float]:
     """Return the contact force on the outer ring minus the static one, N, along and across the load (Eqs. 35-48), and
     the sum of the powers of two of all balls in contact.
     """
@@ -176,7 +178,7 @@ def _contact(x1: Axis, x2: Axis, plan: Plan, nodes: Nodes, node: int, has_path: 
     for j in range(count):
         delta = p1 * slots[0, j] + p2 * slots[1, j] - clearance
         speed = q1 * slots[0, j] + q2 * slots[1, j]
-        if has_path:
+        if uses[0]:
             delta -= depth[node, j]
             speed -= rate[node, j]
         touching = 1.0 if delta > 0.0 else 0.0
@@ -191,24 +193,24 @@ def _contact(x1: Axis, x2: Axis, plan: Plan, nodes: Nodes, node: int, has_path: 
 
 @inlined
 def _step(
-    x1: Axis, x2: Axis, h: float, e: Flow, plan: Plan, nodes: Nodes, has_path: bool
+    x1: Axis, x2: Axis, h: float, e: Flow, plan: Plan, nodes: Nodes, uses: Uses
 ) -> tuple[Axis, Axis, float, float, bool]:
     """Return both axes after one Lawson-RK4 step, the contact force at its start, and whether a contact changed."""
     p, f = plan.parameter, nodes.force
-    a1, a2, mask = _contact(x1, x2, plan, nodes, 0, has_path)
+    a1, a2, mask = _contact(x1, x2, plan, nodes, np.int64(0), uses)
     y1, y2 = propagate(x1, e), propagate(x2, e)
     z1, z2 = _kick(x1, 0.5 * h, a1, f[0, 0], p), _kick(x2, 0.5 * h, a2, f[0, 1], p)
     z1, z2 = propagate(z1, e), propagate(z2, e)
     x1, x2 = _kick(x1, h / 6.0, a1, f[0, 0], p), _kick(x2, h / 6.0, a2, f[0, 1], p)
     x1, x2 = propagate(x1, e), propagate(x2, e)
-    g1, g2, mask_2 = _contact(z1, z2, plan, nodes, 1, has_path)
+    g1, g2, mask_2 = _contact(z1, z2, plan, nodes, np.int64(1), uses)
     x1, x2 = _kick(x1, h / 3.0, g1, f[1, 0], p), _kick(x2, h / 3.0, g2, f[1, 1], p)
     z1, z2 = _kick(y1, 0.5 * h, g1, f[1, 0], p), _kick(y2, 0.5 * h, g2, f[1, 1], p)
-    g1, g2, mask_3 = _contact(z1, z2, plan, nodes, 1, has_path)
+    g1, g2, mask_3 = _contact(z1, z2, plan, nodes, np.int64(1), uses)
     x1, x2 = _kick(x1, h / 3.0, g1, f[1, 0], p), _kick(x2, h / 3.0, g2, f[1, 1], p)
     z1, z2 = _kick(y1, h, g1, f[1, 0], p), _kick(y2, h, g2, f[1, 1], p)
     z1, z2 = propagate(z1, e), propagate(z2, e)
-    g1, g2, mask_4 = _contact(z1, z2, plan, nodes, 2, has_path)
+    g1, g2, mask_4 = _contact(z1, z2, plan, nodes, np.int64(2), uses)
     x1, x2 = propagate(x1, e), propagate(x2, e)
     x1, x2 = _kick(x1, h / 6.0, g1, f[2, 0], p), _kick(x2, h / 6.0, g2, f[2, 1], p)
     return x1, x2, a1, a2, mask != mask_2 or mask != mask_3 or mask != mask_4
@@ -261,9 +263,19 @@ def _fill_push(t: float, h: float, plan: Plan, nodes: Nodes) -> None:
         nodes.force[node, 1] = plan.push[0] * math.sin(angle)
 
 
+@inlined
+def _fill(t: float, h: float, half: tuple[float, float], interval: int, plan: Plan, nodes: Nodes, uses: Uses) -> None:
+    """Write all that is known beforehand of a step of length h that begins at t."""
+    _fill_turn(t, half, plan.turns[interval], plan, nodes)
+    if uses[0]:
+        _fill_path(t, h, interval, plan, nodes)
+    if uses[1]:
+        _fill_push(t, h, plan, nodes)
+
+
 @kernel
 def _parts(
-    x1: Axis, x2: Axis, t: float, length: float, parts: int, interval: int, plan: Plan, nodes: Nodes, pushed: bool
+    x1: Axis, x2: Axis, t: float, length: float, parts: Index, interval: int, plan: Plan, nodes: Nodes, uses: Uses
 ) -> tuple[Axis, Axis, float, float, bool]:
     """Return what ``_step`` does, for a stretch of any length taken in some parts."""
     h = length / parts
@@ -273,11 +285,8 @@ def _parts(
     f1, f2, changed = 0.0, 0.0, False
     for part in range(parts):
         here = t + part * h
-        _fill_turn(here, half, plan.turns[interval], plan, nodes)
-        _fill_path(here, h, interval, plan, nodes)
-        if pushed:
-            _fill_push(here, h, plan, nodes)
-        x1, x2, g1, g2, change = _step(x1, x2, h, e, plan, nodes, True)
+        _fill(here, h, half, interval, plan, nodes, uses)
+        x1, x2, g1, g2, change = _step(x1, x2, h, e, plan, nodes, uses)
         if part == 0:
             f1, f2 = g1, g2
         changed = changed or change
@@ -293,55 +302,9 @@ def _record(wave: NDArray[np.float64], n: int, x1: Axis, x2: Axis, force: tuple[
     wave[n, 1] = spring * p[P_INV_M_R]
 
 
-@cache
-def runner(has_path: bool, has_push: bool) -> Callable[[NDArray[np.float64], NDArray[np.float64], float, Plan], int]:
-    """Return the kernel ``run(state, wave, h, plan)`` for scenes with or without a path and a turning force.
-
-    It carries ``state`` (2, 6), which it overwrites, from the static equilibrium's coordinates at t = 0 over as many
-    steps of ``h`` seconds as ``wave`` has rows, and returns a STATUS_ number.
-    """
-
-    @kernel
-    def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, plan: Plan) -> int:
-        x1 = (state[0, 0], state[0, 1], state[0, 2], state[0, 3], state[0, 4], state[0, 5])
-        x2 = (state[1, 0], state[1, 1], state[1, 2], state[1, 3], state[1, 4], state[1, 5])
-        size = plan.slots.shape[1]
-        nodes = Nodes(np.empty((3, 2)), np.zeros((3, size)), np.zeros((3, size)), np.zeros((3, 2)))
-        e = _propagators(plan.parameter, h)
-        angle = 0.5 * h * plan.parameter[P_OMEGA]
-        half = (math.cos(angle), math.sin(angle))
-        i = 0
-        for n in range(wave.shape[0]):
-            t, end = n * h, (n + 1) * h
-            while plan.bounds[i + 1] <= t + TINY:
-                i += 1
-            whole = plan.bounds[i + 1] >= end - TINY
-            g1, g2, y1, y2, changed = 0.0, 0.0, x1, x2, True
-            if whole:
-                _fill_turn(t, half, plan.turns[i], plan, nodes)
-                if has_path:
-                    _fill_path(t, h, i, plan, nodes)
-                if has_push:
-                    _fill_push(t, h, plan, nodes)
-                y1, y2, g1, g2, changed = _step(x1, x2, h, e, plan, nodes, has_path)
-            if whole and changed:
-                y1, y2, g1, g2, _ = _parts(x1, x2, t, h, SUBSTEPS, i, plan, nodes, has_push)
-            if not whole:
-                y1, y2, g1, g2, i = _broken_step(x1, x2, t, end, i, plan, nodes, has_push)
-            _record(wave, n, x1, x2, (g1, g2), plan)
-            x1, x2 = y1, y2
-        bad = False
-        for k in range(6):
-            state[0, k], state[1, k] = x1[k], x2[k]
-            bad = bad or not math.isfinite(x1[k]) or not math.isfinite(x2[k])
-        return STATUS_NOT_FINITE if bad else STATUS_OK
-
-    return run
-
-
 @kernel
 def _broken_step(
-    x1: Axis, x2: Axis, t: float, end: float, i: int, plan: Plan, nodes: Nodes, pushed: bool
+    x1: Axis, x2: Axis, t: float, end: float, i: int, plan: Plan, nodes: Nodes, uses: Uses
 ) -> tuple[Axis, Axis, float, float, int]:
     """Return both axes at ``end``, the contact force at ``t`` and the interval at ``end``: events lie between."""
     f1, f2, at_start = 0.0, 0.0, True
@@ -349,10 +312,47 @@ def _broken_step(
         while plan.bounds[i + 1] <= t + TINY:
             i += 1
         stop = min(end, plan.bounds[i + 1])
-        y1, y2, g1, g2, changed = _parts(x1, x2, t, stop - t, 1, i, plan, nodes, pushed)
+        y1, y2, g1, g2, changed = _parts(x1, x2, t, stop - t, np.int64(1), i, plan, nodes, uses)
         if changed:
-            y1, y2, g1, g2, changed = _parts(x1, x2, t, stop - t, SUBSTEPS, i, plan, nodes, pushed)
+            y1, y2, g1, g2, changed = _parts(x1, x2, t, stop - t, np.int64(SUBSTEPS), i, plan, nodes, uses)
         if at_start:
             f1, f2, at_start = g1, g2, False
         x1, x2, t = y1, y2, stop
     return x1, x2, f1, f2, i
+
+
+@kernel
+def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, plan: Plan) -> int:
+    """Carry ``state`` (2, 6), deviations from the static equilibrium at t = 0, over the samples of ``wave``.
+
+    They are ``h`` seconds apart. ``state`` is overwritten; a STATUS_ number is returned.
+    """
+    x1 = (state[0, 0], state[0, 1], state[0, 2], state[0, 3], state[0, 4], state[0, 5])
+    x2 = (state[1, 0], state[1, 1], state[1, 2], state[1, 3], state[1, 4], state[1, 5])
+    uses = (plan.waves.shape[0] > 0 or plan.slot.shape[0] > 0, plan.push[0] != 0.0)
+    size = plan.slots.shape[1]
+    nodes = Nodes(np.empty((3, 2)), np.zeros((3, size)), np.zeros((3, size)), np.zeros((3, 2)))
+    e = _propagators(plan.parameter, h)
+    angle = 0.5 * h * plan.parameter[P_OMEGA]
+    half = (math.cos(angle), math.sin(angle))
+    i = 0
+    for n in range(wave.shape[0]):
+        t, end = n * h, (n + 1) * h
+        while plan.bounds[i + 1] <= t + TINY:
+            i += 1
+        whole = plan.bounds[i + 1] >= end - TINY
+        g1, g2, y1, y2, changed = 0.0, 0.0, x1, x2, True
+        if whole:
+            _fill(t, h, half, i, plan, nodes, uses)
+            y1, y2, g1, g2, changed = _step(x1, x2, h, e, plan, nodes, uses)
+        if whole and changed:
+            y1, y2, g1, g2, _ = _parts(x1, x2, t, h, np.int64(SUBSTEPS), i, plan, nodes, uses)
+        if not whole:
+            y1, y2, g1, g2, i = _broken_step(x1, x2, t, end, i, plan, nodes, uses)
+        _record(wave, n, x1, x2, (g1, g2), plan)
+        x1, x2 = y1, y2
+    bad = False
+    for k in range(6):
+        state[0, k], state[1, k] = x1[k], x2[k]
+        bad = bad or not math.isfinite(x1[k]) or not math.isfinite(x2[k])
+    return STATUS_NOT_FINITE if bad else STATUS_OK

@@ -86,10 +86,9 @@ def test_against_the_oracle(name: str) -> None:
     samples = effort_count(quick=800, full=4000)
     truth = Oracle(case).run(np.linspace(0.0, (samples - 1) * h, samples))
     plan = prepare_plan(scene, samples * h)
-    run = kernels.runner(len(plan.waves) > 0 or len(plan.slot) > 0, bool(plan.push[0] != 0.0))
     for k, direction in enumerate(((1.0, 0.0), (0.0, 1.0))):
         wave, state = np.empty((samples, 2)), np.zeros((2, 6))
-        assert run(state, wave, h, plan._replace(direction=np.array(direction))) == kernels.STATUS_OK
+        assert kernels.run(state, wave, h, plan._replace(direction=np.array(direction))) == kernels.STATUS_OK
         assert relative(wave[:, 0], truth[:, 0, k]) < 1e-3
         assert relative(wave[:, 1], truth[:, 1, k]) < 1e-3
 
