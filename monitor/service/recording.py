@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -37,6 +36,7 @@ def block_record(
     reason: str,
     channels: Mapping[str, tuple[ChannelState, ChannelOutput]],
     truth: Mapping[str, Any] | None = None,
+    methods: Mapping[str, str] | None = None,
 ) -> Record:
     """Return the record of a block.
 
@@ -47,6 +47,7 @@ def block_record(
         reason: one sentence where the status is not "ok".
         channels: state after the block and output, by channel.
         truth: what a simulated rig knows (``v_eq_true``, ``tt_true``), for its tracked channels.
+        methods: by which method each channel is forecast, for the archive; the thesis' where it does not say.
     """
     values = {name: channel_values(state, output) for name, (state, output) in channels.items()}
     if truth:
@@ -64,7 +65,11 @@ def block_record(
         time=block.start,
         elapsed=block.elapsed,
         channels=values,
-        forecasts=tuple(row for name, (_, output) in channels.items() for row in _forecast_rows(name, output)),
+        forecasts=tuple(
+            row
+            for name, (_, output) in channels.items()
+            for row in _forecast_rows(name, output, (methods or {}).get(name, "thesis"))
+        ),
         events=tuple(event for name, (state, output) in channels.items() for event in _events(name, state, output)),
     )
 
@@ -155,18 +160,20 @@ def _forecast_values(output: ChannelOutput) -> dict[str, Any]:
     }
 
 
-def _forecast_rows(channel: str, output: ChannelOutput) -> list[dict[str, Any]]:
-    """Return the forecasts as issued, units at the edge."""
+def _forecast_rows(channel: str, output: ChannelOutput, method: str) -> list[dict[str, Any]]:
+    """Return the forecasts as issued, units at the edge; keys as ``monitor.records.archive`` knows them."""
     return [
         {
             "channel": channel,
-            "method": "thesis",
+            "method": method,
             "threshold_mm2": result.threshold * 1e6,
-            "tt_s": result.tt if math.isfinite(result.tt) else None,
-            "status": str(result.status),
+            "status": result.status,
+            **{f"{name}_s": plain(getattr(result, name)) for name in ("tt", "tt_lower", "tt_upper")},
+            "p_threshold": plain(result.p_threshold),
+            "quantiles_s": {str(level): value for level, value in result.quantiles} or None,
         }
         for result in output.forecasts
-        if str(result.status) != "not_final_stage"
+        if result.status != "not_final_stage"
     ]
 
 

@@ -19,6 +19,7 @@ from monitor.config import Config, ConfigError
 from monitor.health.bands import find_band
 from monitor.health.detect import Mark
 from monitor.health.features import fundamentals
+from monitor.health.library_model import Library
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.votes import ENOUGH_VOTES
 from monitor.records.publish import publish
@@ -63,7 +64,8 @@ def replay(
     pace: float | None = None,
     limit: int | None = None,
     resume: bool = False,
-    maps: dict[str, RmsMap] | None = None,
+    maps: Mapping[str, RmsMap] | None = None,
+    libraries: Mapping[str, Library] | None = None,
     progress: Callable[[Iterable[Any], int], Iterable[Any]] | None = None,
 ) -> Replay:
     """Replay a recording into a store and records under ``out``.
@@ -76,6 +78,7 @@ def replay(
         limit: most blocks to take.
         resume: continue the store under ``out`` after its last block.
         maps: RMS maps by channel that take the place of the configured files.
+        libraries: libraries of simulated lives by channel, likewise.
         progress: wraps the iteration over so many blocks, to show it.
 
     Raises:
@@ -84,7 +87,7 @@ def replay(
     if len(config.source) != 1:
         raise ConfigError(f"replay takes a configuration with one [[source]], this one has {len(config.source)}")
     section = config.source[0]
-    setups = channel_setups(config, section, maps)
+    setups = channel_setups(config, section, maps, libraries)
     source = open_configured(config, section, path)
     watcher = Watcher(section.name, setups, section.rate_hz)
     store = _open_store(out, config, resume)
@@ -121,19 +124,33 @@ def _last_record(store: Store, source: str) -> Record | None:
 
 
 def _attributes(config: Config, setups: Mapping[str, ChannelSetup]) -> dict[str, Any]:
-    """Return what the records say of how they were made."""
-    maps = {name: setup.map.hash for name, setup in setups.items() if setup.map is not None}
+    """Return what the records say of how they were made, by channel where channels differ."""
     bands = {name: setup.settings.rms_band for name, setup in setups.items()}
-    return {
+    damage = {name: s.settings.damage for name, s in setups.items() if s.settings.damage is not None}
+    libraries = {name: s.library for name, s in setups.items() if name in damage and damage[name].asks_library}
+
+    def listed(values: Mapping[str, Any]) -> str:
+        return "; ".join(f"{name}: {value}" for name, value in values.items())
+
+    attributes = {
         "software_version": __version__,
         "config_hash": config.hash,
-        "map_hash": "; ".join(f"{name}: {value}" for name, value in maps.items()),
+        "map_hash": listed({name: setup.map.hash for name, setup in setups.items() if setup.map is not None}),
         "calibrated": "yes" if config.rig.calibrated else "no",
-        "rms_band_hz": "; ".join(
-            f"{name}: {'full bandwidth' if band is None else f'{band[0]:g} to {band[1]:g}'}"
-            for name, band in bands.items()
+        "rms_band_hz": listed(
+            {name: "full bandwidth" if band is None else f"{band[0]:g} to {band[1]:g}" for name, band in bands.items()}
         ),
+        "track_method": listed({name: settings.track_method for name, settings in damage.items()}),
+        "forecast_method": listed({name: settings.forecast_method for name, settings in damage.items()}),
     }
+    if libraries:
+        known = {name: library for name, library in libraries.items() if library is not None}
+        attributes |= {
+            "interval_level": config.forecast.interval,
+            "library_hash": listed({name: library.hash for name, library in known.items()}),
+            "prior": listed({name: library.prior for name, library in known.items()}),
+        }
+    return attributes
 
 
 def _settle_short(source: Source, watcher: Watcher, setups: Mapping[str, ChannelSetup]) -> None:

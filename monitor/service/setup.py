@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+from models.bearing import Bearing
+from models.population import Population
 from models.rms_map import MapError, OutsideMapError, RmsMap, load_map
 from models.scene import Rig
 from monitor.config import ChannelSection, Config, ConfigError, SourceSection
 from monitor.health.damage import DamageSettings, MapAt
 from monitor.health.edv import EdvSettings, EdvStatus, MapSlice
+from monitor.health.library import LibrarySettings
+from monitor.health.library_model import Library
 from monitor.health.pipeline import ChannelSettings
+from monitor.records.library_file import LibraryError, load_library
 from streams.block import STANDARD_GRAVITY
 from streams.source import ChannelSpec, Source, SourceError, SourceSpec, open_source
 
@@ -27,11 +34,13 @@ class ChannelSetup:
         section: as configured.
         settings: for the health stages.
         map: the RMS map it is tracked on, or None.
+        library: the library of simulated lives that it is compared with, or None.
     """
 
     section: ChannelSection
     settings: ChannelSettings
     map: RmsMap | None
+    library: Library | None = None
 
 
 def source_spec(config: Config, source: SourceSection, path: str | None = None) -> SourceSpec:
@@ -81,17 +90,21 @@ def open_configured(config: Config, source: SourceSection, path: str | None = No
 
 
 def channel_setups(
-    config: Config, source: SourceSection, maps: dict[str, RmsMap] | None = None
+    config: Config,
+    source: SourceSection,
+    maps: Mapping[str, RmsMap] | None = None,
+    libraries: Mapping[str, Library] | None = None,
 ) -> dict[str, ChannelSetup]:
-    """Return the channels of a source by name, their maps loaded.
+    """Return the channels of a source by name, their maps and libraries loaded.
 
     Args:
         config: the configuration.
         source: one of its sources.
         maps: maps by channel name that take the place of the configured files.
+        libraries: libraries of simulated lives by channel name, likewise.
 
     Raises:
-        ConfigError: a map cannot be read or does not fit the channel.
+        ConfigError: a map or a library cannot be read or does not fit the channel.
     """
     setups = {}
     for channel in config.channel:
@@ -101,9 +114,16 @@ def channel_setups(
         if rms_map is None and channel.track and channel.map is not None:
             rms_map = _load(channel, channel.map)
         if rms_map is not None:
-            _check_band(channel, rms_map)
-            _check_origin(config, channel, rms_map)
-        setups[channel.name] = ChannelSetup(channel, _settings(config, source, channel, rms_map), rms_map)
+            plan = rms_map.plan
+            _check_band(channel, rms_map.rms_band, "map")
+            _check_origin(config, channel, "map", (plan.bearing, plan.rig, plan.clearance))
+        library = (libraries or {}).get(channel.name)
+        if library is None and channel.track and channel.library is not None:
+            library = _load_library(channel, channel.library)
+        if library is not None:
+            _check_library(config, channel, library)
+        settings = _settings(config, source, channel, rms_map, library)
+        setups[channel.name] = ChannelSetup(channel, settings, rms_map, library)
     return setups
 
 
@@ -115,29 +135,51 @@ def _load(channel: ChannelSection, path: Path) -> RmsMap:
         raise ConfigError(f"channel {channel.name!r}: map: {error}{hint}") from None
 
 
-def _check_band(channel: ChannelSection, rms_map: RmsMap) -> None:
-    """Refuse a map whose RMS was taken in another band than the recording's will be."""
-    band = None if rms_map.rms_band is None else tuple(rms_map.rms_band)
+def _load_library(channel: ChannelSection, path: Path) -> Library:
+    try:
+        return load_library(path)
+    except LibraryError as error:
+        raise ConfigError(f"channel {channel.name!r}: library: {error}") from None
+
+
+def _check_library(config: Config, channel: ChannelSection, library: Library) -> None:
+    """Refuse a library that cannot answer what is asked, or whose lives are those of another machine."""
+    features = "+".join(config.track.features)
+    try:
+        library.fit_for(features)
+        for threshold in config.forecast.thresholds:
+            library.target(threshold)
+    except ValueError as error:
+        raise ConfigError(f"channel {channel.name!r}: library: {error}") from None
+    if "population" in library.made_of:
+        population = Population.from_json(json.dumps(library.made_of["population"]))
+        _check_band(channel, population.rms_band, "library")
+        _check_origin(config, channel, "library", (population.bearing, population.rig, population.clearance))
+
+
+def _check_band(channel: ChannelSection, made_for: tuple[float, float] | None, kind: str) -> None:
+    """Refuse a map or library whose RMS was taken in another band than the recording's will be."""
+    band = None if made_for is None else tuple(made_for)
     if band != channel.rms_band_hz:
         raise ConfigError(
-            f"channel {channel.name!r}: rms_band_hz = {_words(channel.rms_band_hz)}, but its map was made for "
+            f"channel {channel.name!r}: rms_band_hz = {_words(channel.rms_band_hz)}, but its {kind} was made for "
             f"{_words(band)}; both must be the same"
         )
 
 
-def _check_origin(config: Config, channel: ChannelSection, rms_map: RmsMap) -> None:
-    """Refuse a map that was made for another bearing or another rig: it would give volumes all the same."""
-    plan, bearing = rms_map.plan, config.bearing_of(channel)
+def _check_origin(config: Config, channel: ChannelSection, kind: str, made_for: tuple[Bearing, Rig, float]) -> None:
+    """Refuse a map or library made for another bearing or another rig: it would give volumes all the same."""
+    of_bearing, of_rig, of_clearance = made_for
+    bearing, rig = config.bearing_of(channel), config.rig.to_rig()
     clearance = next(b.clearance_um for b in config.bearing if b.name == channel.bearing) * 1e-6
-    pairs = [(f"bearing {name}", getattr(plan.bearing, name), getattr(bearing, name)) for name in _GEOMETRY]
-    rig = config.rig.to_rig()
-    pairs += [(f"rig {name}", getattr(plan.rig, name), getattr(rig, name)) for name in _PARAMETERS]
-    pairs.append(("clearance", plan.clearance, clearance))
-    for name, of_map, configured in pairs:
-        if of_map != configured and not math.isclose(of_map or 0.0, configured or 0.0, rel_tol=1e-6, abs_tol=1e-12):
+    pairs = [(f"bearing {name}", getattr(of_bearing, name), getattr(bearing, name)) for name in _GEOMETRY]
+    pairs += [(f"rig {name}", getattr(of_rig, name), getattr(rig, name)) for name in _PARAMETERS]
+    pairs.append(("clearance", of_clearance, clearance))
+    for name, made, configured in pairs:
+        if made != configured and not math.isclose(made or 0.0, configured or 0.0, rel_tol=1e-6, abs_tol=1e-12):
             raise ConfigError(
-                f"channel {channel.name!r}: its map was made for {name} = {of_map!r}, "
-                f"configured is {configured!r} (SI); build it again with: spallwatch map build --config FILE"
+                f"channel {channel.name!r}: its {kind} was made for {name} = {made!r}, "
+                f"configured is {configured!r} (SI); build it again with: spallwatch {kind} build --config FILE"
             )
 
 
@@ -146,7 +188,7 @@ def _words(band: tuple[float, ...] | None) -> str:
 
 
 def _settings(
-    config: Config, source: SourceSection, channel: ChannelSection, rms_map: RmsMap | None
+    config: Config, source: SourceSection, channel: ChannelSection, rms_map: RmsMap | None, library: Library | None
 ) -> ChannelSettings:
     absolute = channel.unit != "unknown"
     bearing = config.bearing_of(channel)
@@ -165,17 +207,26 @@ def _settings(
         speed=config.operating.speed_hz,
         load=config.operating.load_newton,
         detect=config.detect.to_settings(),
-        damage=_damage_settings(config, channel, rms_map) if channel.track else None,
+        damage=_damage_settings(config, rms_map, library) if channel.track else None,
     )
 
 
-def _damage_settings(config: Config, channel: ChannelSection, rms_map: RmsMap | None) -> DamageSettings:
+def _damage_settings(config: Config, rms_map: RmsMap | None, library: Library | None) -> DamageSettings:
+    """Return how damage is tracked; without a configured method, by the library where there is one."""
+    best = "thesis" if library is None else "library"
+    window = config.forecast.window_hours
     return DamageSettings(
-        track_method=config.track.method or "thesis",
-        forecast_method=config.forecast.method or "thesis",
+        track_method=config.track.method or best,
+        forecast_method=config.forecast.method or best,
         map_at=None if rms_map is None else map_lookup(rms_map),
         edv=EdvSettings(smoothing_blocks=config.track.smoothing_blocks),
         thresholds=config.forecast.thresholds,
+        library=library,
+        asking=LibrarySettings(
+            features="+".join(config.track.features),
+            interval=config.forecast.interval,
+            window=None if window is None else window * 3600.0,
+        ),
     )
 
 

@@ -46,6 +46,8 @@ class Watcher:
         self._rate = rate
         self._order = OrderState()
         self._states = {name: ChannelState() for name in channels}
+        tracked = ((name, setup.settings.damage) for name, setup in channels.items())
+        self._methods = {name: damage.forecast_method for name, damage in tracked if damage is not None}
         self._checked_rates: set[float] = set()
         self.outputs: dict[str, ChannelOutput] = {}
         """What the latest block said of each channel, for whoever draws it."""
@@ -117,7 +119,7 @@ class Watcher:
         status, flags, reason = _block_verdict({name: output.verdict for name, output in outputs.items()}, flags)
         self.outputs = outputs
         channels = {name: (self._states[name], output) for name, output in outputs.items()}
-        record = block_record(item, status, flags, reason, channels, truth)
+        record = block_record(item, status, flags, reason, channels, truth, self._methods)
         self._remember(record)
         return record
 
