@@ -60,7 +60,7 @@ def map_row(plan: MapPlan) -> Row:
         "standard error median": float(np.median(relative)),
         "p99": float(np.quantile(relative, 0.99)),
         "max": float(relative.max()),
-        "step error of one floor, rms": step_error(plan, ensemble_options(plan), 256),
+        "step error of one floor, rms": step_error(plan, ensemble_options(plan), 256).rms,
         "calibration FFT ms": interleaved_ms({"fft": calibration_kernel()}, 51)["fft"],
     }
 

@@ -21,7 +21,7 @@ import numpy as np
 from models.bearing import kinematics
 from models.dynamics.lane_group import block_steps
 from models.dynamics.lanes import LANES, PERIODS, LaneOptions, LaneRunner, in_processes, simulate_lanes
-from models.map_nodes import Nodes, Progress, scene_at
+from models.map_nodes import Nodes, Progress, StepError, compare_steps, scene_at
 from models.map_plan import HARMONICS, MapPlan
 from models.scene import Scene
 
@@ -166,21 +166,25 @@ def _statistics(plan: MapPlan, options: LaneOptions, values: NDArray[np.float64]
     spread = rms.std(axis=-1, ddof=1) if several else np.zeros_like(mean)
     # A settled scene is off by less than the last change between blocks; slip has no settled motion to be off from.
     random = plan.slip is not None and plan.slip.redraws
-    settling = np.zeros_like(mean) if random else values[..., 1].max(axis=-1)
+    settling = np.zeros_like(mean) if random else values[..., 1].max(axis=-1) * mean
+    steps = step_error(plan, options)
+    harmonic_std = harmonics.std(axis=-2, ddof=1) if several else np.zeros_like(harmonics[..., 0, :])
     return Nodes(
         rms=mean,
         rms_std=spread,
         rms_se=spread / np.sqrt(plan.floors),
-        rms_error=(settling + step_error(plan, options)) * mean,
+        rms_error=settling + steps.rms * mean,
         harmonic_amplitude=harmonics.mean(axis=-2),
-        harmonic_std=harmonics.std(axis=-2, ddof=1) if several else np.zeros_like(harmonics[..., 0, :]),
+        harmonic_std=harmonic_std,
+        harmonic_se=harmonic_std / np.sqrt(plan.floors),
+        harmonic_error=settling[..., None] + steps.lines * mean[..., None],
         status=values[..., 2].max(axis=-1).astype(np.int8),
         solver="lanes",
     )
 
 
-def step_error(plan: MapPlan, options: LaneOptions, count: int = LANES) -> float:
-    """Return the RMS relative error of the steps without slip, at random nodes and floors against twice as many steps.
+def step_error(plan: MapPlan, options: LaneOptions, count: int = LANES) -> StepError:
+    """Return the error of the steps without slip, at random nodes and floors against twice as many steps.
 
     Args:
         plan: the map.
@@ -197,8 +201,7 @@ def step_error(plan: MapPlan, options: LaneOptions, count: int = LANES) -> float
         scene_at(plan, float(rng.choice(plan.load)), speed, float(rng.choice(depths)), float(rng.choice(extents)), seed)
         for seed in rng.integers(0, plan.floors, count).tolist()
     ]
-    coarse = simulate_lanes(scenes, still).rms
+    coarse = simulate_lanes(scenes, still)
     steps = block_steps(kinematics(plan.bearing, speed).bpfo, options.steps_per_period) // PERIODS
-    fine = simulate_lanes(scenes, replace(still, steps_per_period=2 * steps)).rms
-    error = np.where(fine > 0.0, coarse / np.where(fine > 0.0, fine, 1.0) - 1.0, 0.0)
-    return float(np.sqrt(np.mean(error * error)))
+    fine = simulate_lanes(scenes, replace(still, steps_per_period=2 * steps))
+    return compare_steps((coarse.rms, coarse.harmonics), (fine.rms, fine.harmonics))

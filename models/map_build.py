@@ -82,6 +82,8 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
         rms_error=nodes.rms_error,
         harmonic_amplitude=nodes.harmonic_amplitude,
         harmonic_std=nodes.harmonic_std,
+        harmonic_se=nodes.harmonic_se,
+        harmonic_error=nodes.harmonic_error,
         rms_rig_std=rms_rig,
         harmonic_rig_std=harmonic_rig,
         status=nodes.status,
@@ -105,14 +107,18 @@ def _row_nodes(plan: MapPlan, workers: int, progress: Progress) -> Nodes:
         values[i, j, k] = row
         done += plan.shape[3] * plan.floors
         progress(done, 0)
-    rms = values[..., 0]
+    rms, steps = values[..., 0], step_error(plan)
+    harmonic_std = values[..., 5 + HARMONICS :]
+    settling = (values[..., 3] * rms)[..., None]
     return Nodes(
         rms=rms,
         rms_std=values[..., 1],
         rms_se=values[..., 2],
-        rms_error=(values[..., 3] + step_error(plan)) * rms,
+        rms_error=(values[..., 3] + steps.rms) * rms,
         harmonic_amplitude=values[..., 5 : 5 + HARMONICS],
-        harmonic_std=values[..., 5 + HARMONICS :],
+        harmonic_std=harmonic_std,
+        harmonic_se=harmonic_std / math.sqrt(plan.floors),
+        harmonic_error=settling + steps.lines * rms[..., None],
         status=values[..., 4].astype(np.int8),
         solver="rows",
     )

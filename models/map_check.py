@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.map_nodes import Progress, nodes_at_random, scene_at, simulate_node_row, simulate_point
+from models.map_nodes import (
+    Progress,
+    StepError,
+    compare_steps,
+    nodes_at_random,
+    scene_at,
+    simulate_node_row,
+    simulate_point,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,7 +45,8 @@ def mean_rms(plan: MapPlan, points: Sequence[Point], factor: int = 1) -> NDArray
         from models.ensemble import ensemble_rms
 
         return ensemble_rms(plan, points, factor)
-    return np.array([np.mean([_rms_at(plan, point, seed, factor) for seed in range(plan.floors)]) for point in points])
+    found = [[_rms_at(plan, point, seed, factor) for seed in range(plan.floors)] for point in points]
+    return np.array([sum(levels) / plan.floors for levels in found], dtype=np.float64)
 
 
 def _rms_at(plan: MapPlan, point: Point, seed: int, factor: int) -> float:
@@ -47,14 +56,12 @@ def _rms_at(plan: MapPlan, point: Point, seed: int, factor: int) -> float:
     return float(simulate_node_row(plan, *point[:3], np.array([point[3]]), seed).rms[0])
 
 
-def step_error(plan: MapPlan) -> float:
-    """Return the RMS relative error of the plan's steps, measured at some nodes of its first floor."""
-    errors = []
-    for load, speed, h_d, dphi_d in nodes_at_random(plan, _ERROR_NODES, _ERROR_SEED):
-        scene = scene_at(plan, load, speed, h_d, dphi_d)
-        coarse, fine = (simulate_point(plan, scene, factor).rms for factor in (1, 2))
-        errors.append(0.0 if fine == 0.0 else coarse / fine - 1.0)
-    return float(np.sqrt(np.mean(np.square(errors))))
+def step_error(plan: MapPlan) -> StepError:
+    """Return the error of the plan's steps at some nodes of its first floor, against twice as many."""
+    scenes = [scene_at(plan, *node) for node in nodes_at_random(plan, _ERROR_NODES, _ERROR_SEED)]
+    found = [[simulate_point(plan, scene, factor) for scene in scenes] for factor in (1, 2)]
+    coarse, fine = ((np.array([r.rms for r in rs]), np.array([r.harmonics for r in rs])) for rs in found)
+    return compare_steps(coarse, fine)
 
 
 def interpolation_errors(rms_map: RmsMap, points: int, seed: int) -> NDArray[np.float64]:

@@ -127,6 +127,8 @@ class RmsMap:
         rms_error: estimated numerical error of ``rms``, m/s2 (steps and settling, not interpolation).
         harmonic_amplitude: mean single-sided amplitudes of lines 1..6 of BPFO, m/s2, shape (L, S, H, D, 6).
         harmonic_std: standard deviation of them over the floors, m/s2.
+        harmonic_se: standard error of them as means over floors, m/s2; zero for one floor.
+        harmonic_error: estimated numerical error of them, m/s2.
         rms_rig_std: standard deviation of the RMS over the plan's draws of the rig, m/s2; zero where it has none.
         harmonic_rig_std: standard deviation of the lines over these draws, m/s2.
         status: index into STATUSES, int8, the worst of all floors.
@@ -143,6 +145,8 @@ class RmsMap:
     rms_error: NDArray[np.float64]
     harmonic_amplitude: NDArray[np.float64]
     harmonic_std: NDArray[np.float64]
+    harmonic_se: NDArray[np.float64]
+    harmonic_error: NDArray[np.float64]
     rms_rig_std: NDArray[np.float64]
     harmonic_rig_std: NDArray[np.float64]
     status: NDArray[np.int8]

@@ -22,6 +22,8 @@ Progress = Callable[[int, int], None]
 
 # What the steps of a map may leave of error (see models.dynamics.six_dof.steps_for); the map says what they did leave.
 MAP_ACCURACY = 1e-3
+# A vibration below this is none, m/s2.
+_SILENCE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +36,33 @@ class Nodes:
     rms_error: NDArray[np.float64]
     harmonic_amplitude: NDArray[np.float64]
     harmonic_std: NDArray[np.float64]
+    harmonic_se: NDArray[np.float64]
+    harmonic_error: NDArray[np.float64]
     status: NDArray[np.int8]
     solver: str
+
+
+@dataclass(frozen=True, eq=False)
+class StepError:
+    """What the steps of a map leave of error, measured at some of its nodes, as shares of the RMS there.
+
+    Attributes:
+        rms: of the RMS.
+        lines: of the lines 1..6 of BPFO, shape (6,).
+    """
+
+    rms: float
+    lines: NDArray[np.float64]
+
+
+def compare_steps(
+    coarse: tuple[NDArray[np.float64], NDArray[np.float64]], fine: tuple[NDArray[np.float64], NDArray[np.float64]]
+) -> StepError:
+    """Return the RMS over nodes of what finer steps change in RMS, shape (n,), and lines, shape (n, 6)."""
+    level = np.maximum(fine[0], _SILENCE)
+    rms = np.where(fine[0] > _SILENCE, coarse[0] / level - 1.0, 0.0)
+    lines = np.where(fine[0][:, None] > _SILENCE, (coarse[1] - fine[1]) / level[:, None], 0.0)
+    return StepError(float(np.sqrt(np.mean(rms**2))), np.sqrt(np.mean(lines**2, axis=0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +156,8 @@ __all__ = [
     "NodeRow",
     "Nodes",
     "Progress",
+    "StepError",
+    "compare_steps",
     "nodes_at_random",
     "scene_at",
     "simulate_node_row",

@@ -61,12 +61,14 @@ _LONG_NAMES = {
     "rms_error": "estimated numerical error of the RMS",
     "harmonic_amplitude": "single-sided amplitude of the lines at multiples of BPFO",
     "harmonic_std": "standard deviation of these amplitudes over floors",
+    "harmonic_se": "standard error of these amplitudes as means over floors",
+    "harmonic_error": "estimated numerical error of these amplitudes",
     "rms_rig_std": "standard deviation of the RMS over uncertain parameters of the rig",
     "harmonic_rig_std": "standard deviation of these amplitudes over uncertain parameters of the rig",
 }
 _MARKED: tuple[Literal["h_d", "dphi_d"], ...] = ("h_d", "dphi_d")
 _VALUES = ("rms", "rms_std", "rms_se", "rms_error", "rms_rig_std")
-_LINES = ("harmonic_amplitude", "harmonic_std", "harmonic_rig_std")
+_LINES = ("harmonic_amplitude", "harmonic_std", "harmonic_se", "harmonic_error", "harmonic_rig_std")
 
 
 def save_map(rms_map: RmsMap, path: Path | str) -> None:

@@ -67,6 +67,9 @@ def test_shapes_and_healthy_edges() -> None:
     assert m.rms[:, :, 0, :] == pytest.approx(np.broadcast_to(healthy[..., None], m.rms[:, :, 0, :].shape), rel=1e-6)
     assert m.rms[:, :, :, 0] == pytest.approx(np.broadcast_to(healthy[..., None], m.rms[:, :, :, 0].shape), rel=1e-6)
     assert np.all(m.rms_error < 3e-3 * m.rms)
+    assert m.harmonic_error.shape == m.harmonic_se.shape == m.harmonic_amplitude.shape
+    assert np.all((m.harmonic_error > 0.0) & (m.harmonic_error < 3e-3 * m.rms[..., None]))
+    assert np.all(m.harmonic_se == 0.0)
     assert np.all(m.rms_std == 0.0)
 
 
@@ -85,6 +88,7 @@ def test_several_floors_have_mean_spread_and_standard_error() -> None:
     assert m.rms_std[0, 0, 0, 1] == pytest.approx(np.std(levels, ddof=1))
     assert m.rms_se[0, 0, 0, 1] == pytest.approx(np.std(levels, ddof=1) / math.sqrt(3))
     assert np.all(m.harmonic_std > 0.0)
+    assert m.harmonic_se == pytest.approx(m.harmonic_std / math.sqrt(3))
     assert m.attributes["floor_seed"] == 7
 
 

@@ -14,6 +14,9 @@ from netCDF4 import Dataset
 from models.rms_map import load_map
 from monitor.commands.common import InputError
 from monitor.commands.maps import command
+from monitor.health.level_set import least_volume
+from monitor.service.setup import to_slice
+from tests.oracles.edv_oracle import scan_least_volume
 
 SMALL = ["--load-newton", "4000", "--speed-hz", "40", "--dphi-deg", "0:6:4", "--h-d-um", "0:10:3", "--workers", "1"]
 
@@ -86,3 +89,21 @@ def test_show_draws_and_check_measures(tmp_path: Path) -> None:
 def test_contradictions_are_refused(tmp_path: Path, more: list[str], word: str) -> None:
     with pytest.raises(InputError, match=word):
         CliRunner().invoke(command, ["build", *SMALL, *more, "--out", str(tmp_path / "x.nc")], catch_exceptions=False)
+
+
+def test_uneven_axes_are_tracked_like_even_ones(tmp_path: Path) -> None:
+    """The closed form on a refined map, whose extents are not evenly spaced, against a scan of the same surface."""
+    _, out = build(tmp_path, "--interpolation-tolerance", "0.02")
+    rms_map = load_map(out)
+    assert np.ptp(np.diff(rms_map.dphi_d)) > 1e-3
+    surface = to_slice(rms_map, 4000.0, 40.0)
+    radius = rms_map.outer_race_radius
+    for share in (0.2, 0.5, 0.8):
+        level = share * surface.rms_most
+        point = least_volume(surface, level, 0.0, 0.0)
+        assert point is not None
+        assert surface.value_at(point.dphi_d, point.h_d) == pytest.approx(level, rel=1e-9)
+        scanned, slack = scan_least_volume(
+            surface.dphi_d, surface.h_d, surface.rms, radius, level, (0.0, 0.0), lines=20
+        )
+        assert scanned - slack - 1e-15 <= point.v_eq <= scanned + 1e-15
