@@ -93,7 +93,17 @@ def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
         yield "no part named"
     if channel["edv_status"] is not None:
         volume = "" if channel["v_eq_mm2"] is None else f"{channel['v_eq_mm2']:.3g} mm3/mm, "
-        yield f"V_eq {volume}{channel['edv_status']}"
+        low, high = channel["v_eq_lower_mm2"], channel["v_eq_upper_mm2"]
+        interval = "" if low is None else f"interval {low:.3g} to {high:.3g}, "
+        yield f"V_eq {volume}{interval}{channel['edv_status']}"
     if channel["tt_status"] is not None:
-        time = "" if channel["tt_s"] is None else f"{duration_words(channel['tt_s'])}, "
-        yield f"TT {time}{channel['tt_status']}"
+        yield "TT " + "".join(_forecast_words(channel)) + channel["tt_status"]
+
+
+def _forecast_words(channel: Mapping[str, Any]) -> Iterator[str]:
+    if channel["tt_s"] is not None:
+        yield f"{duration_words(channel['tt_s'])}, "
+    if channel["tt_lower_s"] is not None:
+        yield f"interval {duration_words(channel['tt_lower_s'])} to {duration_words(channel['tt_upper_s'])}, "
+    if channel["p_threshold"] is not None:
+        yield f"reached within the maintenance window with a probability of {channel['p_threshold']:.0%}, "
