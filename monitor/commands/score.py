@@ -1,0 +1,222 @@
+"""``spallwatch score``: how good the forecasts were as they were issued, once the end is known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from monitor.commands.common import InputError, duration_words, emit, output_options
+
+if TYPE_CHECKING:
+    from monitor.report.score_reading import Issued
+
+_LEAST_OTHERS = 2
+"""Other runs whose lifetimes make a population: of a single one, no spread is known."""
+
+
+class _Moment(click.ParamType):
+    """A moment, UTC unless it says otherwise."""
+
+    name = "UTC"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return seconds since 1970."""
+        if isinstance(value, float):
+            return value
+        try:
+            moment = datetime.fromisoformat(str(value))
+        except ValueError:
+            self.fail(f"{value!r} is no moment such as 2026-03-01T12:00:00Z", param, ctx)
+        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+@click.command("score")
+@click.argument("records", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--end-utc", type=_Moment(), multiple=True, help="When the run ended; one for each of RECORDS.")
+@click.option("--end-s", type=float, multiple=True, help="The same in undated records, s from the first block.")
+@click.option(
+    "--threshold-mm2",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Threshold whose forecasts are scored, mm3 per mm. Where no end is given and no simulated rig knows it, the "
+    "end is when the tracked V_eq reached it.",
+)
+@click.option("--onset-utc", type=_Moment(), multiple=True, help="When damage truly began; one for each of RECORDS.")
+@click.option("--onset-s", type=float, multiple=True, help="The same in undated records, s from the first block.")
+@click.option(
+    "--lifetime-s",
+    type=click.FloatRange(min=0, min_open=True),
+    multiple=True,
+    help="Final stage of another bearing of the same rig, s; may be given often. By default of the other RECORDS.",
+)
+@output_options
+def command(
+    records: tuple[Path, ...],
+    end_utc: tuple[float, ...],
+    end_s: tuple[float, ...],
+    threshold_mm2: float | None,
+    onset_utc: tuple[float, ...],
+    onset_s: tuple[float, ...],
+    lifetime_s: tuple[float, ...],
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Score the forecasts in RECORDS: netCDF files, folders of them, or a state.db, one run each.
+
+    Each run is scored by itself, beside naive forecasts that were issued at the same moments; docs/scoring.md says how.
+    The end is given, or known to a simulated rig, or taken from the tracked V_eq with --threshold-mm2.
+    """
+    from monitor.report import score
+    from monitor.report.score_reading import read_issued
+
+    ends = _moments("end", records, end_utc, end_s)
+    onsets = _moments("onset", records, onset_utc, onset_s)
+    threshold = None if threshold_mm2 is None else threshold_mm2 * 1e-6
+    found: list[tuple[int, Issued, score.End]] = []
+    for place, path in enumerate(records):
+        for issued in read_issued(path, threshold):
+            end = score.end_of(issued, _on_axis("end", issued, ends[place]), tracked=threshold is not None)
+            found.append((place, issued, end))
+    _refuse_no_end(found, threshold_mm2)
+    lives = _lifetimes(found)
+    runs = []
+    for place, issued, end in found:
+        others = [life for other, life in lives.items() if other != place]
+        runs.append(
+            score.score_run(
+                issued,
+                end,
+                lifetimes=lifetime_s or (others if len(others) >= _LEAST_OTHERS else ()),
+                onset=_on_axis("onset", issued, onsets[place]),
+            )
+        )
+    values = {"runs": runs, "mean": score.mean_of_runs(runs)}
+    emit(values, () if quiet and as_json else _lines(values), as_json=as_json)
+
+
+def _moments(
+    name: str, records: Sequence[Path], utc: Sequence[float], seconds: Sequence[float]
+) -> list[tuple[str, float] | None]:
+    """Return for each of the records which option gives the moment, and its value.
+
+    Raises:
+        InputError: both options, or not one value for each of the records.
+    """
+    if utc and seconds:
+        raise InputError(f"--{name}-utc and --{name}-s: give one of them, for dated or for undated records")
+    option, values = (f"--{name}-utc", utc) if utc else (f"--{name}-s", seconds)
+    if not values:
+        return [None] * len(records)
+    if len(values) != len(records):
+        raise InputError(f"{option}: expected one for each of the {len(records)} RECORDS, got {len(values)}")
+    return [(option, value) for value in values]
+
+
+def _on_axis(name: str, issued: Issued, given: tuple[str, float] | None) -> float | None:
+    """Return a given moment on the time axis of the records.
+
+    Raises:
+        InputError: it is of the other kind, or before the first record.
+    """
+    if given is None:
+        return None
+    option, value = given
+    if option != (f"--{name}-utc" if issued.dated else f"--{name}-s"):
+        kind, right = ("dated", f"--{name}-utc") if issued.dated else ("undated", f"--{name}-s")
+        raise InputError(f"{issued.records}: is {kind}; give {right} rather than {option}")
+    if value < issued.all_time[0]:
+        raise InputError(f"{option}: lies before the first record of {issued.records}")
+    return value
+
+
+def _refuse_no_end(found: Sequence[tuple[int, Issued, Any]], threshold_mm2: float | None) -> None:
+    """Refuse to score where no run has an end.
+
+    Raises:
+        InputError: naming the records and what may be given.
+    """
+    if any(end.source != "none" for _, _, end in found):
+        return
+    issued = found[0][1]
+    option = "--end-utc" if issued.dated else "--end-s"
+    if threshold_mm2 is None:
+        raise InputError(
+            f"{issued.records}: no end is known; give {option}, or --threshold-mm2 to take the moment at which the "
+            "tracked V_eq reached it"
+        )
+    raise InputError(
+        f"{issued.records}: the tracked V_eq never reached --threshold-mm2 {threshold_mm2:g}, so no end is known; "
+        f"give {option}"
+    )
+
+
+def _lifetimes(found: Sequence[tuple[int, Issued, Any]]) -> dict[int, float]:
+    """Return the final stage of each of the records, s: the longest among their channels."""
+    lives: dict[int, float] = {}
+    for place, issued, end in found:
+        life = end.clock - issued.onset
+        if life > 0:
+            lives[place] = max(life, lives.get(place, 0.0))
+    return lives
+
+
+_COLUMNS = (
+    ("CRA", "cra", 7),
+    ("CRPS", "crps_s", 10),
+    ("horizon", "prognostic_horizon_s", 10),
+    ("coverage", "coverage", 8),
+    ("width", "width_s", 10),
+    ("answered", "answered", 8),
+)
+
+
+def _lines(values: Mapping[str, Any]) -> Iterator[str]:
+    for run in values["runs"]:
+        yield from _run_lines(run)
+        yield ""
+    mean = values["mean"]
+    count = max((figure["runs"] for figure in mean.values()), default=0)
+    if count > 1:
+        yield f"means over {count} runs, with their standard errors"
+        for title, name, _ in _COLUMNS:
+            if name in mean:
+                yield f"  {title:<10} {_with_error(name, mean[name])}"
+
+
+def _run_lines(run: Mapping[str, Any]) -> Iterator[str]:
+    yield (
+        f"{run['records']}: {run['channel']}, {run['forecasts']} forecasts for {run['threshold_mm2']:g} mm3/mm "
+        f"before the end ({_END_WORDS[run['end_source']]})"
+    )
+    if run["onset_delay_s"] is not None:
+        yield f"  onset known after {duration_words(run['onset_delay_s'])}, {run['false_alarms']} false alarms"
+    if not run["forecasts"]:
+        return
+    said = {True: "passed", False: "failed", None: "not defined"}[run["alpha_lambda"]]
+    yield f"  alpha-lambda (20 %, half-way): {said}"
+    yield "  " + f"{'':<16}" + "".join(f"  {title:>{width}}" for title, _, width in _COLUMNS)
+    for name, figures in {run["method"] or "as issued": run, **run["baselines"]}.items():
+        label = name if figures is run else f"- {name}"
+        yield "  " + f"{label:<16}" + "".join(f"  {_cell(key, figures[key]):>{width}}" for _, key, width in _COLUMNS)
+
+
+_END_WORDS = {
+    "given": "as given",
+    "truth": "known to the simulated rig",
+    "tracked": "when the tracked V_eq reached it",
+    "none": "not known",
+}
+
+
+def _cell(name: str, value: float | None) -> str:
+    if value is None:
+        return "-"
+    return duration_words(value) if name.endswith("_s") else f"{value:.3g}"
+
+
+def _with_error(name: str, figure: Mapping[str, Any]) -> str:
+    error = figure["standard_error"]
+    return _cell(name, figure["mean"]) + (f" +- {_cell(name, error)}" if error is not None else "")
