@@ -26,6 +26,7 @@ _COMMANDS = {
     "track": ("monitor.commands.track", "V_eq from an RMS history and a map."),
     "warmup": ("monitor.commands.warmup", "Compile the bearing model and plan transforms ahead."),
     "forecast": ("monitor.commands.forecast", "Time to threshold from a V_eq history."),
+    "score": ("monitor.commands.score", "How good the forecasts were as issued, once the end is known."),
 }
 
 
