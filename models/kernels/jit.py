@@ -62,10 +62,10 @@ def inlined(function: _F) -> _F:
 
 @contextmanager
 def compiling() -> Iterator[dict[str, float]]:
-    """Give a dictionary that is filled with what is compiled meanwhile: the seconds of each function by its name.
+    """Give a dictionary that is filled with what is compiled meanwhile: seconds (of the core) by name of function.
 
     Seconds of a function do not contain those of the functions that it calls. What is loaded from the cache is not
-    compiled.
+    compiled. Only this thread's calls may compile meanwhile.
     """
     listener = _Stopwatch()
     with install_listener("numba:compile", listener):
@@ -77,20 +77,22 @@ class _Stopwatch(Listener):
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
-        self._open: list[float] = []
+        # Of each function that is being compiled: when it was begun, and the seconds of those that it calls.
+        self._open: list[tuple[float, float]] = []
 
     def on_start(self, event: Event) -> None:
-        self._open.append(time.perf_counter())
+        self._open.append((time.thread_time(), 0.0))
 
     def on_end(self, event: Event) -> None:
-        took = time.perf_counter() - self._open.pop()
         data: Any = event.data
         function = data["dispatcher"].py_func
         name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
-        self.seconds[name] = self.seconds.get(name, 0.0) + took
+        began, called = self._open.pop()
+        took = time.thread_time() - began
+        self.seconds[name] = self.seconds.get(name, 0.0) + took - called
         if self._open:
-            # The caller's clock stood still meanwhile.
-            self._open[-1] += took
+            outer_began, outer_called = self._open.pop()
+            self._open.append((outer_began, outer_called + took))
 
 
 def _stamp(compiled: Any, function: Callable[..., Any]) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -46,3 +47,24 @@ def test_the_fingerprint_follows_imports(tmp_path: Path) -> None:
 def test_kernels_are_stamped_with_it() -> None:
     stamp = cast("Any", settle)._cache._cache_file._source_stamp
     assert stamp == jit.fingerprint(Path(orbit.__file__))
+
+
+def test_compiling_is_timed_function_by_function_and_once() -> None:
+    def inner(x: float) -> float:
+        return x + 1.0
+
+    first = jit.inlined(inner)
+
+    def outer(x: float) -> float:
+        return 2.0 * first(x)
+
+    second = jit.inlined(outer)
+    began = time.thread_time()
+    with jit.compiling() as seconds:
+        assert second(1.0) == 4.0
+    took = time.thread_time() - began
+    assert set(seconds) == {"test_jit.inner", "test_jit.outer"}
+    assert 0.0 < sum(seconds.values()) <= took
+    with jit.compiling() as seconds:
+        assert second(2.0) == 6.0
+    assert seconds == {}

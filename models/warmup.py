@@ -1,0 +1,102 @@
+"""Compiling ahead what the first use of each model would compile (``spallwatch warmup``).
+
+Each part runs a model for a moment. That compiles its kernels, or loads them where an earlier run has left them on
+disk. Parts go to two processes where there are two cores, because numba compiles one function at a time in a process.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field, replace
+
+from models.scene import Defect, Scene, Slip
+
+_SCENE = Scene(40.0, 4000.0, defect=Defect(dphi_d=0.1, h_d=1e-5))
+
+
+@dataclass(frozen=True)
+class CompiledPart:
+    """What preparing one part took.
+
+    Attributes:
+        name: see PARTS.
+        elapsed: time from beginning to end, imports and loading included, s.
+        kernels: seconds of a core in the compiler by function, without those of the functions that it calls; empty
+            where all of them were loaded.
+    """
+
+    name: str
+    elapsed: float
+    kernels: dict[str, float] = field(default_factory=dict)
+
+
+def _one_scene() -> None:
+    from models.simulate import simulate
+
+    simulate(_SCENE)
+
+
+def _rows_of_a_map() -> None:
+    from models.map_build import build_map
+    from models.map_data import MapPlan
+
+    build_map(MapPlan(load=(4000.0,), speed=(40.0,), h_d=(1e-5,), dphi_d=(0.1,)))
+
+
+def _many_scenes() -> None:
+    from models.dynamics.lanes import LaneOptions, simulate_lanes
+
+    simulate_lanes([replace(_SCENE, slip=Slip(0.01))], LaneOptions(slip_blocks=2))
+
+
+def _over_time() -> None:
+    from models.dynamics.time_domain import compile_kernels
+
+    compile_kernels()
+
+
+# The last one uses what the first has compiled.
+PARTS: dict[str, Callable[[], None]] = {
+    "one settled scene": _one_scene,
+    "many scenes at once": _many_scenes,
+    "over time": _over_time,
+    "rows of a map": _rows_of_a_map,
+}
+
+
+def compile_part(name: str) -> CompiledPart:
+    """Compile or load one of PARTS in this process.
+
+    Raises:
+        KeyError: if there is no part of that name.
+    """
+    began = time.perf_counter()
+    from models.kernels.jit import compiling
+
+    with compiling() as kernels:
+        PARTS[name]()
+    return CompiledPart(name, time.perf_counter() - began, kernels)
+
+
+def compile_parts(workers: int) -> Iterator[CompiledPart]:
+    """Compile or load all of PARTS and yield each when it is done.
+
+    Args:
+        workers: processes; 1 is this one, and 0 means one a core. More than two are not of use.
+
+    Raises:
+        ValueError: if workers is negative.
+    """
+    if workers < 0:
+        raise ValueError(f"workers must not be negative, got {workers!r}")
+    workers = min(workers or os.cpu_count() or 1, 2)
+    if workers == 1:
+        yield from map(compile_part, PARTS)
+        return
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for done in as_completed([pool.submit(compile_part, name) for name in PARTS]):
+            yield done.result()

@@ -1,0 +1,70 @@
+"""What warmup compiles is all that any scene needs."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from models.warmup import PARTS, compile_part, compile_parts
+
+# Types that are compiled or loaded for calls from Python, by kernel: in a process of its own, because other tests have
+# called kernels in this one.
+PROBE = """
+import json, math, sys
+from dataclasses import replace
+from models.warmup import PARTS, compile_part
+
+def types():
+    kernels = [m for name, m in sys.modules.items() if name.startswith("models.kernels.")]
+    return {
+        f"{value.__module__}.{key}": len(value.signatures)
+        for module in kernels for key, value in vars(module).items() if hasattr(value, "signatures")
+    }
+
+for name in PARTS:
+    compile_part(name)
+warm = types()
+from models.dynamics.lanes import LaneOptions, simulate_lanes
+from models.dynamics.time_domain import simulate_time
+from models.map_build import build_map
+from models.map_data import MapPlan
+from models.scene import Defect, Floor, Scene, Slip, Waviness
+from models.simulate import simulate
+
+rough = Defect(0.35, 2e-5, floor=Floor("rough", seed=1))
+plain = Scene(40.0, 4000.0)
+options = LaneOptions(max_blocks=3, slip_blocks=2)
+for defect in (None, Defect(0.1, 1e-3), rough, replace(rough, rows=2)):
+    scene = replace(plain, defect=defect, clearance=1e-6)
+    simulate(scene)
+    simulate(scene, band=(0.0, 9500.0)).lines("mr")
+    simulate_lanes([scene], options)
+    for rule in ("per_passage", "mean_force"):
+        simulate_lanes([replace(scene, slip=Slip(0.01, rule))], options)
+for part in ("outer", "inner", "ball"):
+    every = replace(plain, defect=Defect(0.1, 1e-5, part=part), waviness=(Waviness(1e-6, 7),), unbalance=1e-3)
+    simulate_time(every, 0.01, 25600.0, settle=0.0)
+build_map(MapPlan(load=(4000.0,), speed=(40.0,), h_d=(0.0, 1e-5), dphi_d=(0.1,), floor=Floor("rough", seed=1)))
+print(json.dumps([warm, types()]))
+"""
+
+
+def test_after_it_nothing_is_compiled() -> None:
+    done = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True, check=True)
+    warm, used = json.loads(done.stdout)
+    assert sum(warm.values()) > 0
+    assert used == warm
+
+
+def test_a_part_that_is_there_is_not_compiled_again() -> None:
+    for name in PARTS:
+        compile_part(name)
+        assert compile_part(name).kernels == {}
+
+
+def test_negative_workers_are_refused() -> None:
+    with pytest.raises(ValueError, match="workers"):
+        next(compile_parts(-1))
