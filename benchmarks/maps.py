@@ -83,7 +83,7 @@ def _true(plan: MapPlan, h_d: float, dphi_d: float) -> tuple[float, float]:
 
 def grid_rows(quick: bool) -> list[Row]:
     """Return the table of grids."""
-    points = 200 if quick else 2000
+    points = 200 if quick else 1000
     even = (51, 101) if quick else (26, 51, 101, 201, 401)
     rows = [
         grid_row(f"even, {50.0 / (n - 1):g} deg", lambda n=n: build_map(plan_of(n, 17 if quick else 33)), points)
@@ -173,7 +173,7 @@ def speed_rows(name: str, levels: Levels, steps: tuple[float, ...], count: int) 
 def spread_rows(quick: bool) -> list[Row]:
     """Return relative spreads over floors and rig parameters, medians over the extents, by depth."""
     plan = plan_of(11 if quick else 51, 9)
-    count = 8 if quick else 40
+    count = 8 if quick else 24
     rough = build_map(replace(plan, floor=Floor("rough"), floors=count, rig_draws=count))
     smooth = build_map(replace(plan, rig_draws=count))
     rows = []
@@ -204,10 +204,10 @@ def main() -> None:
     tables = {
         "grid": grid_rows(options.quick),
         "loads": load_rows(levels),
-        "speeds": speed_rows("settled", levels, steps, 5 if options.quick else 20),
+        "speeds": speed_rows("settled", levels, steps, 5 if options.quick else 16),
         "spread": spread_rows(options.quick),
     }
-    slipping = Levels(True, Slip(0.01), 4 if options.quick else 48)
+    slipping = Levels(True, Slip(0.01), 4 if options.quick else 32)
     slow = (5.0,) if options.quick else (5.0, 2.5, 1.0)
     tables["speeds"] += speed_rows("slip up to 0.01 rad", slipping, slow, 2 if options.quick else 8)
     for title, rows in tables.items():

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
-from models.map_check import interpolation_errors, step_error
+from models.map_check import condition_errors, interpolation_errors, step_error
 from models.map_data import RmsMap
 from models.map_nodes import MAP_ACCURACY, Nodes, Progress, scene_at, simulate_node_row
 from models.map_plan import HARMONICS, MODEL_VERSION, SCHEMA_VERSION, MapPlan
@@ -89,14 +89,21 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
         status=nodes.status,
         attributes=map_attributes(plan) | {"solver": nodes.solver},
     )
-    points = _POINTS if plan.floors == 1 else _POINTS_OF_FLOORS
-    errors = interpolation_errors(built, points, _POINT_SEED)
-    built.attributes.update(
-        interpolation_error=float(np.sqrt(np.mean(errors**2))),
-        interpolation_error_max=float(np.max(np.abs(errors))),
-        interpolation_points=points,
-    )
+    _measure(built)
     return built
+
+
+def _measure(built: RmsMap) -> None:
+    """Add to the attributes how wrong a map is between its nodes, and between its loads and speeds if it has several."""
+    points = _POINTS if built.plan.floors == 1 else _POINTS_OF_FLOORS
+    measures = {"interpolation": interpolation_errors}
+    if len(built.load) > 1 or len(built.speed) > 1:
+        measures["condition"] = condition_errors
+    for name, measure in measures.items():
+        errors = measure(built, points, _POINT_SEED)
+        built.attributes[f"{name}_error"] = float(np.sqrt(np.mean(errors**2)))
+        built.attributes[f"{name}_error_max"] = float(np.max(np.abs(errors)))
+    built.attributes["interpolation_points"] = points
 
 
 def _row_nodes(plan: MapPlan, workers: int, progress: Progress) -> Nodes:

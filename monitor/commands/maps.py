@@ -112,6 +112,8 @@ def _quality(rms_map: RmsMap) -> dict[str, Any]:
         "interpolation_error": rms_map.attributes["interpolation_error"],
         "interpolation_error_max": rms_map.attributes["interpolation_error_max"],
         "shape": list(rms_map.plan.shape),
+        "condition_error": rms_map.attributes.get("condition_error"),
+        "condition_error_max": rms_map.attributes.get("condition_error_max"),
         "solver": rms_map.attributes["solver"],
         "spread_floors": _relative(rms_map, rms_map.rms_std),
         "spread_rig": _relative(rms_map, rms_map.rms_rig_std),
@@ -198,6 +200,9 @@ def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
         yield f"estimated numerical error {error:.2g} % rms, {most:.2g} % at most"
     between, most = 100 * values["interpolation_error"], 100 * values["interpolation_error_max"]
     yield f"between nodes, over the largest RMS: {between:.2g} % rms, {most:.2g} % at most"
+    if values["condition_error"] is not None:
+        between, most = 100 * values["condition_error"], 100 * values["condition_error_max"]
+        yield f"between loads and speeds, likewise: {between:.2g} % rms, {most:.2g} % at most"
     tolerance = values["interpolation_tolerance"]
     if tolerance is not None and values["interpolation_error"] > tolerance:
         yield f"the tolerance of {100 * tolerance:.2g} % is not met with the nodes allowed: raise --most-nodes"

@@ -60,7 +60,9 @@ def test_nodes_are_the_simulation() -> None:
 
 def test_shapes_and_healthy_edges() -> None:
     m = built()
-    assert 0.0 < m.attributes["interpolation_error"] < m.attributes["interpolation_error_max"]
+    for name in ("interpolation_error", "condition_error"):
+        assert 0.0 < m.attributes[name] < m.attributes[f"{name}_max"]
+    assert "condition_error" not in build_map(SMALL).attributes
     assert m.rms.shape == m.rms_std.shape == m.rms_se.shape == m.rms_error.shape == m.status.shape == PLAN.shape
     assert m.harmonic_amplitude.shape == m.harmonic_std.shape == (*PLAN.shape, HARMONICS)
     healthy = m.rms[:, :, 0, 0]

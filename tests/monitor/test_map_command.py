@@ -32,6 +32,7 @@ def test_a_built_map_says_how_wrong_it_is(tmp_path: Path) -> None:
     values, out = build(tmp_path)
     rms_map = load_map(out)
     assert values["points"] == 12
+    assert values["condition_error"] is None
     assert values["shape"] == [1, 1, 3, 4]
     assert values["solver"] == "rows"
     assert 0.0 < values["error_rms"] <= values["error_max"] < 1e-2
