@@ -19,7 +19,7 @@ from monitor.health.library import LibrarySettings
 from monitor.health.library_model import Library
 from monitor.health.prognosis import rms_from_map, rms_from_model, rms_history
 from monitor.records.library_file import load_library
-from monitor.service.setup import map_lookup
+from monitor.service.setup import filter_settings, map_lookup, spread_lookup
 from streams.block import STANDARD_GRAVITY
 
 
@@ -45,7 +45,7 @@ class _Other:
 @click.command("track")
 @click.argument("input_path", metavar="INPUT", type=click.Path(path_type=Path))
 @click.option("--map", "map_path", type=click.Path(path_type=Path), help="RMS map (netCDF); the library needs none.")
-@click.option("--method", type=click.Choice(["thesis", "library"]), default="thesis", show_default=True)
+@click.option("--method", type=click.Choice(["thesis", "filter", "library"]), default="thesis", show_default=True)
 @click.option("--library", "library_path", type=click.Path(path_type=Path), help="Library of simulated lives (.npz).")
 @click.option("--features", type=click.Choice(["rms", "rms+harmonics"]), help="By default all that INPUT has.")
 @click.option(
@@ -95,6 +95,8 @@ def command(
         track_method=method,
         forecast_method="library" if method == "library" else "thesis",
         map_at=None if rms_map is None else map_lookup(rms_map),
+        spread_at=None if rms_map is None else spread_lookup(rms_map),
+        filter=None if rms_map is None else filter_settings(rms_map, chosen.split("+"), interval),
         edv=edv.EdvSettings(smoothing_blocks=smoothing_blocks),
         **library_settings(method, library_path, chosen, interval),
     )
@@ -115,7 +117,7 @@ def command(
     ]
     told = {
         "method": method,
-        "interval": interval if method == "library" else None,
+        "interval": None if method == "thesis" else interval,
         "prior": prior_of(settings.library),
         "map_hash": None if rms_map is None else rms_map.hash,
         "calibrated": rms_map is not None and rms_map.plan.rig.calibrated,

@@ -10,15 +10,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from monitor.health import edv, forecast
+from monitor.health.filter import FilterInput, FilterSettings, FilterState
+from monitor.health.filter import step as filter_step
 from monitor.health.library import QUANTILES, LibraryInput, LibrarySettings, LibraryState, ThresholdResult
 from monitor.health.library import step as ask_library
 from monitor.health.library_model import Library
 
+if TYPE_CHECKING:
+    from models import map_data
+
 MapAt = Callable[[float | None, float | None], "tuple[edv.MapSlice | None, edv.EdvStatus | None]"]
 """Gives the map at a load (N) and speed (Hz), or the status that says why there is none."""
+
+SpreadAt = Callable[[float | None, float | None], "tuple[map_data.MapSlice | None, edv.EdvStatus | None]"]
+"""Likewise with the BPFO lines and the spreads of the map; the same object for the same condition."""
 
 TrackMethod = Literal["thesis", "filter", "library"]
 ForecastMethod = Literal["thesis", "library"]
@@ -55,7 +63,9 @@ class DamageSettings:
         track_method: what gives V_eq.
         forecast_method: what gives TT.
         map_at: the RMS map by load and speed, or None where there is none.
+        spread_at: the same map with its lines and spreads, for the filter.
         edv: settings of the thesis' tracker.
+        filter: settings of the physical tracker, or None where there is no map for it.
         forecast: settings of the thesis' forecast.
         thresholds: of V_eq, m2, ascending.
         library: the library of simulated lives, or None where there is none.
@@ -65,7 +75,9 @@ class DamageSettings:
     track_method: TrackMethod = "thesis"
     forecast_method: ForecastMethod = "thesis"
     map_at: MapAt | None = None
+    spread_at: SpreadAt | None = None
     edv: edv.EdvSettings = field(default_factory=edv.EdvSettings)
+    filter: FilterSettings | None = None
     forecast: forecast.ForecastSettings = field(default_factory=forecast.ForecastSettings)
     thresholds: tuple[float, ...] = (0.05e-6,)
     library: Library | None = None
@@ -84,12 +96,14 @@ class DamageState:
     Attributes:
         pending: readings since the detector's score first rose, while t_fs is not known.
         edv: the thesis' tracker.
+        filter: the physical tracker.
         forecast: the thesis' forecast.
         library: the history as the library looks at it.
     """
 
     pending: tuple[Reading, ...] = ()
     edv: edv.EdvState = field(default_factory=edv.EdvState)
+    filter: FilterState = field(default_factory=FilterState)
     forecast: forecast.ForecastState = field(default_factory=forecast.ForecastState)
     library: LibraryState = field(default_factory=LibraryState)
 
@@ -98,6 +112,7 @@ class DamageState:
         return {
             "pending": [[r.time, r.rms, r.harmonics, r.load, r.speed] for r in self.pending],
             "edv": self.edv.to_dict(),
+            "filter": self.filter.to_dict(),
             "forecast": self.forecast.to_dict(),
             "library": self.library.to_dict(),
         }
@@ -111,6 +126,7 @@ class DamageState:
                 for time, rms, harmonics, load, speed in stored["pending"]
             ),
             edv=edv.EdvState.from_dict(stored["edv"]),
+            filter=FilterState.from_dict(stored["filter"]),
             forecast=forecast.ForecastState.from_dict(stored["forecast"]),
             library=LibraryState.from_dict(stored["library"]),
         )
@@ -263,6 +279,8 @@ def _one(
         state, damage, forecasts = _ask_library(state, reading, gate, stage, settings)
     if settings.track_method == "thesis":
         state, damage = _thesis_volume(state, reading, gate, settings)
+    elif settings.track_method == "filter":
+        state, damage = _filter_volume(state, reading, gate, settings)
     if settings.forecast_method == "thesis":
         state, forecasts = _thesis_forecast(state, reading, damage.v_eq, stage, settings)
     return state, damage, forecasts
@@ -306,6 +324,28 @@ def _thesis_volume(
         str(found.status), v_eq=found.v_eq, dphi_d=found.dphi_d, h_d=found.h_d, rms_smoothed=found.rms_smoothed
     )
     return replace(state, edv=tracker), damage
+
+
+def _filter_volume(
+    state: DamageState, reading: Reading, gate: edv.EdvStatus | None, settings: DamageSettings
+) -> tuple[DamageState, Damage]:
+    map_slice = None
+    if (settings.spread_at is None or settings.filter is None) and gate is not edv.EdvStatus.NO_ABSOLUTE_LEVEL:
+        return state, Damage(str(edv.EdvStatus.NO_MAP))
+    if settings.spread_at is not None and gate is None:
+        map_slice, gate = settings.spread_at(reading.load, reading.speed)
+    if gate is not None or settings.filter is None:
+        return state, Damage(str(gate))
+    heard = FilterInput(t=reading.time, rms=reading.rms, harmonics=reading.harmonics)
+    after, found = filter_step(state.filter, heard, map_slice=map_slice, settings=settings.filter)
+    return replace(state, filter=after), Damage(
+        str(found.status),
+        v_eq=found.v_eq,
+        v_eq_lower=found.v_eq_lower,
+        v_eq_upper=found.v_eq_upper,
+        dphi_d=found.dphi_d,
+        h_d=found.h_d,
+    )
 
 
 def _thesis_forecast(

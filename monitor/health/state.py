@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from monitor.health.damage import DamageState
 from monitor.health.detect import DetectState
+from monitor.health.filter import FilterState
 from monitor.health.library import LibraryState
 from monitor.health.spectrum import Band
 from monitor.health.votes import BandVotes
@@ -176,6 +177,7 @@ def _damage_of_version_1(stored: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "pending": [[time, rms, None, None, None] for time, rms in stored["pending"]],
         "edv": stored["edv"],
+        "filter": FilterState().to_dict(),
         "forecast": stored["forecast"],
         "library": LibraryState().to_dict(),
     }

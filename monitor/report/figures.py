@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import matplotlib as mpl
@@ -38,6 +38,7 @@ from monitor.report.wording import FAULT_NAMES
 from streams.block import STANDARD_GRAVITY
 
 _FAULT_MARKS = {"outer": (VERMILION, "o"), "inner": (BLUE, "s"), "ball": (GREEN, "^"), "cage": (PURPLE, "D")}
+_ENDS = ("lower", "upper")
 _SEARCH = 0.02
 """How far a line may stand from its kinematic frequency: slip and nominal speeds are up to 2 % off."""
 
@@ -147,8 +148,17 @@ def recorded_lines(channel: Channel, row: int, numbers: itertools.count[int]) ->
 
 
 @mpl.rc_context(STYLE)
-def damage(channel: Channel, verdict: Verdict, *, dated: bool, numbers: itertools.count[int]) -> str | None:
+def damage(
+    channel: Channel, verdict: Verdict, *, dated: bool, numbers: itertools.count[int], interval: str = "interval"
+) -> str | None:
     """Draw V_eq and the forecasts of the time to threshold, as issued, with the truth where the records carry it.
+
+    Args:
+        channel: what it said.
+        verdict: on it.
+        dated: whether times are UTC.
+        numbers: of the figures of the page.
+        interval: what the bands are called.
 
     Returns:
         SVG, or None where fewer than two moments have a V_eq.
@@ -167,8 +177,10 @@ def damage(channel: Channel, verdict: Verdict, *, dated: bool, numbers: itertool
     figure, panels = new_figure(5.2 if forecast else 3.0, (1.0, 1.0) if forecast else (1.0,))
     threshold = _threshold(channel)
     _draw_volume(panels[0], axis, channel, part, threshold)
+    _draw_band(panels[0], axis, time, [1e6 * channel.column(f"v_eq_{end}")[part] for end in _ENDS], interval)
+    add_legend(panels[0], loc="upper left", ncols=4)
     if forecast:
-        _draw_forecast(panels[1], axis, channel, part, threshold)
+        _draw_forecast(panels[1], axis, channel, part, threshold, interval)
     for axes in panels:
         _marks(axes, axis, verdict)
         axes.set_xlim(axis.position(float(time[0])), axis.position(float(time[-1])))
@@ -179,9 +191,6 @@ def damage(channel: Channel, verdict: Verdict, *, dated: bool, numbers: itertool
 
 def _draw_volume(axes: Axes, axis: TimeAxis, channel: Channel, part: slice, threshold: float) -> None:
     time = channel.time[part]
-    lower, upper = (1e6 * channel.column(name)[part] for name in ("v_eq_lower", "v_eq_upper"))
-    if np.isfinite(lower).any():
-        axes.fill_between(axis.position(time), lower, upper, color=SKY, alpha=0.3, linewidth=0, label="interval")
     draw_line(axes, axis, time, 1e6 * channel.column("v_eq")[part], color=BLUE, label="tracked")
     truth = 1e6 * channel.column("v_eq_true")[part]
     if np.isfinite(truth).any():
@@ -190,10 +199,23 @@ def _draw_volume(axes: Axes, axis: TimeAxis, channel: Channel, part: slice, thre
         axes.axhline(1e6 * threshold, color=ORANGE, linewidth=1.1, linestyle="-.", label="threshold")
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("V_eq (mm³/mm)")
-    add_legend(axes, loc="upper left", ncols=4)
 
 
-def _draw_forecast(axes: Axes, axis: TimeAxis, channel: Channel, part: slice, threshold: float) -> None:
+def _draw_band(
+    axes: Axes, axis: TimeAxis, time: NDArray[np.float64], ends: Sequence[NDArray[np.float64]], name: str
+) -> None:
+    """Draw an interval; one that stands between two gaps is a bar, as a band of no width is not seen."""
+    lower, upper = ends
+    if not np.isfinite(lower).any():
+        return
+    axes.fill_between(axis.position(time), lower, upper, color=SKY, alpha=0.3, linewidth=0, label=name)
+    there = np.concatenate([[False], np.isfinite(lower), [False]])
+    alone = there[1:-1] & ~there[:-2] & ~there[2:]
+    if alone.any():
+        axes.vlines(axis.position(time[alone]), lower[alone], upper[alone], color=SKY, alpha=0.6, linewidth=1.5)
+
+
+def _draw_forecast(axes: Axes, axis: TimeAxis, channel: Channel, part: slice, threshold: float, interval: str) -> None:
     time = channel.time[part]
     tt = channel.numbers["tt"][part, 0]
     truth = channel.numbers["tt_true"][part, 0]
@@ -205,9 +227,7 @@ def _draw_forecast(axes: Axes, axis: TimeAxis, channel: Channel, part: slice, th
     top = 2.0 * float(expected.max()) if expected.size else float(np.nanpercentile(tt, 90)) * 1.15
     top = max(min(top, 1.08 * float(np.nanmax(tt))), 1.08 * float(expected.max()) if expected.size else 0.0) or 1.0
     unit, label = _unit_for(top)
-    lower, upper = (channel.numbers[key][part, 0] / unit for key in ("tt_lower", "tt_upper"))
-    if np.isfinite(lower).any():
-        axes.fill_between(axis.position(time), lower, upper, color=SKY, alpha=0.3, linewidth=0, label="interval")
+    _draw_band(axes, axis, time, [channel.numbers[f"tt_{end}"][part, 0] / unit for end in _ENDS], interval)
     x, y = thin(time, np.where(tt <= top, tt, np.nan) / unit, 400)
     axes.plot(axis.position(x), y, ".", color=BLUE, markersize=4, label="as issued")
     above = np.flatnonzero(tt > top)

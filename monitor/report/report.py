@@ -21,7 +21,7 @@ from monitor.records.schema import FLAGS, REJECTIONS
 from monitor.report import figures
 from monitor.report.figures import SpectrumView
 from monitor.report.reading import Channel, Records, ReportError, Run, read_runs
-from monitor.report.verdict import Verdict, judge, named_fault
+from monitor.report.verdict import Verdict, interval_name, judge, named_fault
 from monitor.report.wording import STATUS_MEANINGS, count, duration, moment
 
 __all__ = ["ReportError", "SpectrumView", "build_report"]
@@ -39,7 +39,11 @@ _PROVENANCE = {
     "map_hash": "hash of the RMS map",
     "calibrated": "map calibrated on this machine",
     "rms_band_hz": "band of RMS (Hz)",
+    "track_method": "method of V_eq",
+    "forecast_method": "method of TT",
     "interval_level": "level of intervals",
+    "prior": "what intervals lean on",
+    "library_hash": "hash of the library of simulated lives",
 }
 _DISCOVERY = frozenset(
     {"Conventions", "title", "summary", "keywords", "id", "machine", "source", "history", "processing_level"}
@@ -149,8 +153,12 @@ def _notes(run: Run) -> list[str]:
     notes = []
     if tracked and run.attributes.get("calibrated") != "yes":
         notes.append(
-            "The RMS map was not calibrated on this machine: V_eq and TT stand on the scale of the map's model. "
+            "The model of the rig was not calibrated on this machine: V_eq and TT stand on the scale of the model. "
             "Their trend means something, their absolute value does not."
+        )
+    if run.attributes.get("prior"):
+        notes.append(
+            f"What is given as {interval_name(run)} leans on the bearing being one of these: {run.attributes['prior']}."
         )
     truth = any(np.isfinite(channel.numbers["v_eq_true"]).any() for channel in run.channels.values())
     if truth:
@@ -207,12 +215,12 @@ def _spectrum_figure(
 def _damage_figure(
     run: Run, channel: Channel, verdict: Verdict, numbers: itertools.count[int]
 ) -> tuple[str, Markup, str] | None:
-    svg = figures.damage(channel, verdict, dated=run.dated, numbers=numbers)
+    svg = figures.damage(channel, verdict, dated=run.dated, numbers=numbers, interval=interval_name(run))
     if svg is None:
         return None
     caption = "Every forecast stands where it was issued, with what was known then. Vertical lines as above."
     if run.attributes.get("calibrated") != "yes":
-        caption += " The map is not calibrated on this machine."
+        caption += " The model is not calibrated on this machine."
     return "Damaged volume and time to threshold", Markup(svg), caption
 
 

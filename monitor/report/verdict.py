@@ -73,7 +73,7 @@ def judge(run: Run, channel: Channel) -> Verdict:
         ("Damaged part", _part(channel, row, fault)),
         ("Vibration", _vibration(channel)),
         ("Damaged volume V_eq", _volume(channel, run)),
-        ("Time to threshold", _forecast(channel)),
+        ("Time to threshold", _forecast(channel, run)),
         ("Demodulation band", _band(channel)),
         ("Last block", _last_block(channel, run)),
     ]
@@ -196,18 +196,20 @@ def _volume(channel: Channel, run: Run) -> str:
     value = volume(channel.column("v_eq")[known])
     lower, upper = channel.column("v_eq_lower")[known], channel.column("v_eq_upper")[known]
     if math.isfinite(lower) and math.isfinite(upper):
-        value += f" (interval {volume(lower)} to {volume(upper)})"
+        value += f" ({interval_name(run)}: {volume(lower)} to {volume(upper)})"
+    if status == "ambiguous":
+        value += "; several sizes of damage explain the vibration, so that the middle says little"
     if status == "widened":
         value += "; the search had to go back, so that it may be lower than before"
     if known != row:
         value = (
             f"Last {value} at block {channel.sequence[known]:,}; since then none: {EDV_REFUSALS.get(status, status)}"
         )
-    scale = "" if run.attributes.get("calibrated") == "yes" else " On the scale of a map that is not calibrated."
+    scale = "" if run.attributes.get("calibrated") == "yes" else " On the scale of a model that is not calibrated."
     return f"{value}.{scale}"
 
 
-def _forecast(channel: Channel) -> str:
+def _forecast(channel: Channel, run: Run) -> str:
     statuses = channel.words["tt_status"]
     rows = np.flatnonzero(np.any(statuses != "", axis=1))
     if not rows.size:
@@ -219,27 +221,37 @@ def _forecast(channel: Channel) -> str:
         threshold = thresholds[place] if place < thresholds.size else math.nan
         of = f" of {volume(threshold)}" if math.isfinite(threshold) else ""
         if status:
-            sentences.append(_one_forecast(channel, row, place, str(status), of))
+            sentences.append(_one_forecast(channel, run, row, place, str(status), of))
     return " ".join(sentences)
 
 
-def _one_forecast(channel: Channel, row: int, place: int, status: str, of: str) -> str:
+def _one_forecast(channel: Channel, run: Run, row: int, place: int, status: str, of: str) -> str:
     def number(name: str) -> float:
         values = channel.numbers[name][row]
         return float(values[place]) if place < values.size else math.nan
 
     tt, lower, upper, probability = (number(name) for name in ("tt", "tt_lower", "tt_upper", "p_threshold"))
+    ends = math.isfinite(lower) and math.isfinite(upper)
     if status == "already_crossed":
         first = np.flatnonzero(channel.words["tt_status"][:, place] == status)[0]
-        return f"The threshold{of} was reached by block {channel.sequence[first]:,}."
+        if not ends:
+            return f"The threshold{of} was reached by block {channel.sequence[first]:,}."
+        late = f"; if not, it is within {duration(upper)}" if upper > 0.0 else ""
+        return f"The threshold{of} has more likely than not been reached{late}."
     if status != "ok" or not math.isfinite(tt):
         return f"No forecast for the threshold{of}: {TT_REFUSALS.get(status, status)}."
     text = f"{duration(tt)} to the threshold{of}"
-    if math.isfinite(lower) and math.isfinite(upper):
-        text += f" (interval {duration(lower)} to {duration(upper)})"
+    if ends:
+        text += f" ({interval_name(run)}: {duration(lower)} to {duration(upper)})"
     if math.isfinite(probability):
-        text += f", reached with a probability of {probability:.0%}"
+        text += f", reached within the maintenance window with a probability of {probability:.0%}"
     return f"{text}."
+
+
+def interval_name(run: Run) -> str:
+    """Return what the intervals of a run are called: "80 % interval", without a level where records do not say it."""
+    levels = [level for level in run.attributes.get("interval_level", "").split("; ") if level not in ("", "none")]
+    return " or ".join(f"{100.0 * float(level):g} %" for level in levels) + " interval" if levels else "interval"
 
 
 def _band(channel: Channel) -> str:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Generic, TypeVar
 
 from models.bearing import Bearing
 from models.population import Population
 from models.rms_map import MapError, OutsideMapError, RmsMap, load_map
 from models.scene import Rig
 from monitor.config import ChannelSection, Config, ConfigError, SourceSection
-from monitor.health.damage import DamageSettings, MapAt
+from monitor.health.damage import DamageSettings, MapAt, SpreadAt
 from monitor.health.edv import EdvSettings, EdvStatus, MapSlice
+from monitor.health.filter import FilterSettings
 from monitor.health.library import LibrarySettings
 from monitor.health.library_model import Library
 from monitor.health.pipeline import ChannelSettings
@@ -22,6 +24,9 @@ from monitor.records.library_file import LibraryError, load_library
 from streams.block import STANDARD_GRAVITY
 from streams.source import ChannelSpec, Source, SourceError, SourceSpec, open_source
 
+Slice = TypeVar("Slice")
+
+_MOST_SLICES = 64
 _GEOMETRY = ("n_elements", "rows", "element_diameter", "pitch_diameter", "contact_angle", "outer_race_radius")
 _PARAMETERS = tuple(field.name for field in fields(Rig) if field.name != "calibrated")
 
@@ -219,7 +224,9 @@ def _damage_settings(config: Config, rms_map: RmsMap | None, library: Library | 
         track_method=config.track.method or best,
         forecast_method=config.forecast.method or best,
         map_at=None if rms_map is None else map_lookup(rms_map),
+        spread_at=None if rms_map is None else spread_lookup(rms_map),
         edv=EdvSettings(smoothing_blocks=config.track.smoothing_blocks),
+        filter=None if rms_map is None else filter_settings(rms_map, config.track.features, config.forecast.interval),
         thresholds=config.forecast.thresholds,
         library=library,
         asking=LibrarySettings(
@@ -230,24 +237,41 @@ def _damage_settings(config: Config, rms_map: RmsMap | None, library: Library | 
     )
 
 
+def filter_settings(rms_map: RmsMap, features: Sequence[str], interval: float) -> FilterSettings:
+    """Return the settings of the physical tracker on a map."""
+    lines = FilterSettings.lines if "harmonics" in features else 0
+    return FilterSettings(outer_race_radius=rms_map.outer_race_radius, lines=lines, interval=interval)
+
+
 def map_lookup(rms_map: RmsMap) -> MapAt:
     """Return the function that gives the map at a load and speed, or ``outside_conditions``."""
-    slices: dict[tuple[float, float], MapSlice] = {}
+    return _Lookup(lambda load, speed: to_slice(rms_map, load, speed))
 
-    def at(load: float | None, speed: float | None) -> tuple[MapSlice | None, EdvStatus | None]:
+
+def spread_lookup(rms_map: RmsMap) -> SpreadAt:
+    """Return the same with the lines and the spreads of the map."""
+    return _Lookup(rms_map.slice_at)
+
+
+class _Lookup(Generic[Slice]):
+    """Slices of a map by load and speed, each made once: trackers keep what they derive from one with the object."""
+
+    def __init__(self, make: Callable[[float, float], Slice]) -> None:
+        self._make = make
+        self._slices: dict[tuple[float, float], Slice] = {}
+
+    def __call__(self, load: float | None, speed: float | None) -> tuple[Slice | None, EdvStatus | None]:
         if load is None or speed is None:
             return None, EdvStatus.OUTSIDE_CONDITIONS
         key = (load, speed)
-        if key not in slices:
-            if len(slices) >= 64:
-                slices.clear()
+        if key not in self._slices:
+            if len(self._slices) >= _MOST_SLICES:
+                self._slices.clear()
             try:
-                slices[key] = to_slice(rms_map, load, speed)
+                self._slices[key] = self._make(load, speed)
             except OutsideMapError:
                 return None, EdvStatus.OUTSIDE_CONDITIONS
-        return slices[key], None
-
-    return at
+        return self._slices[key], None
 
 
 def to_slice(rms_map: RmsMap, load: float, speed: float) -> MapSlice:

@@ -105,8 +105,8 @@ def test_a_life_is_told_in_words_and_numbers(stored: Store, tmp_path: Path) -> N
         "This was known at block 405, 2023-11-15 06:57:20 UTC.",
         "Outer race (lines 12.0 times the noise floor, modulation depth 0.40; block 600).",
         "The threshold of 0.05 mm³/mm was reached by block 552.",
-        "On the scale of a map that is not calibrated.",
-        "The RMS map was not calibrated on this machine",
+        "On the scale of a model that is not calibrated.",
+        "The model of the rig was not calibrated on this machine",
         "come from a simulated rig",
         "No sign of damage",
         "Level unknown (the sensor's unit is not configured)",
@@ -184,9 +184,10 @@ def test_intervals_probabilities_and_several_thresholds_are_said(tmp_path: Path)
     values |= {"v_th": (3e-8, 5e-8), "tt": (600.0, None), "tt_lower": (300.0, None), "tt_upper": (7200.0, None)}
     values |= {"p_threshold": (0.9, None), "tt_status": ("ok", "concave")}
     page = page_of_records(tmp_path, [one(values)])
-    assert "0.02 mm³/mm (interval 0.01 mm³/mm to 0.03 mm³/mm)" in page.text
+    assert "0.02 mm³/mm (interval: 0.01 mm³/mm to 0.03 mm³/mm)" in page.text
     assert (
-        "10 min to the threshold of 0.03 mm³/mm (interval 5 min to 2 h), reached with a probability of 90%. "
+        "10 min to the threshold of 0.03 mm³/mm (interval: 5 min to 2 h), reached within the maintenance window with a "
+        "probability of 90%. "
         f"No forecast for the threshold of 0.05 mm³/mm: {TT_REFUSALS['concave']}." in page.text
     )
 
