@@ -8,8 +8,8 @@ with the blocks up to then; a missing answer is scored as the constant guess. Me
 1. every method: CRPS of TT (of a single number the absolute error, at most 1500 min), coverage and width of the 80 %
    intervals, rms error of ln V_eq, refusals;
 2. the figures that are asked for, beside what was found;
-3. the forecasters by growth law, 4. with each law left out of the library, 5. by speed, 6. how far from the bound that
-   is reached where the true V_eq is known;
+3. the forecasters by growth law, 4. by speed, 5. how far they are from the bound that is reached where the true V_eq is
+   known, 6. with each law left out of the library;
 7. the thesis' method on maps of each run's very load and speed, on some runs: what reading between nodes costs it.
 
 ``--quick`` takes few runs and a coarse map: it shows that all works, its figures mean little. The full run simulates
@@ -19,7 +19,8 @@ with the blocks up to then; a missing answer is scored as the constant guess. Me
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.forecast_cases import Answers, Cases, Floats, Scores, cases_of, means, score
+from benchmarks.forecast_filter import track
 from benchmarks.forecast_library import ask, fitted, without_law
 from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_naive import constant, of_elapsed_time, of_tracked_volume
@@ -41,6 +43,7 @@ CLIMATOLOGY = "climatology"
 BOUND = "bound: true V_eq known"
 LIBRARIES = {"rms": "library, rms", "rms+harmonics": "library, rms and harmonics"}
 COVERAGE = (0.75, 0.87)
+FILTERS = {"rms": "filter, rms", "rms+harmonics": "filter, rms and harmonics"}
 V_ERROR = {"rms": 0.6, "rms+harmonics": 0.3}
 OVER_THESIS = {"rms": 0.40, "rms+harmonics": 0.33}
 OVER_CLIMATOLOGY = {"rms": (0.95, 0.95, 0.75), "rms+harmonics": (0.80, 0.75, 0.55)}
@@ -110,15 +113,18 @@ def target_rows(scored: Scored) -> list[Row]:
         asked = f"{low:g} to {high:g}" if low > 0.0 and math.isfinite(high) else f"<= {high:g}"
         rows.append({"figure": figure, "method": name, "at": FRACTIONS[m], "found": found, "asked": asked, "met": met})
 
-    for features, name in LIBRARIES.items():
+    for features in V_ERROR:
         for m in range(len(FRACTIONS)):
-            for quantity in ("V_eq", "TT"):
-                add(f"coverage of {quantity}", name, m, scored.coverage(name, quantity, m), *COVERAGE)
-            add("rms error of ln V_eq", name, m, scored.v_error(name, m), 0.0, V_ERROR[features])
+            for name in (LIBRARIES[features], FILTERS[features]):
+                add("coverage of V_eq", name, m, scored.coverage(name, "V_eq", m), *COVERAGE)
+                add("rms error of ln V_eq", name, m, scored.v_error(name, m), 0.0, V_ERROR[features])
+            name = LIBRARIES[features]
+            add("coverage of TT", name, m, scored.coverage(name, "TT", m), *COVERAGE)
             add("CRPS over thesis", name, m, scored.ratio(name, THESIS, m), 0.0, OVER_THESIS[features])
             over = OVER_CLIMATOLOGY[features][m]
             add("CRPS over climatology", name, m, scored.ratio(name, CLIMATOLOGY, m), 0.0, over)
-            add("refused", name, m, means(scored.scores[name].refused)[m].mean, 0.0, REFUSED)
+            for name in (LIBRARIES[features], FILTERS[features]):
+                add("refused", name, m, means(scored.scores[name].refused)[m].mean, 0.0, REFUSED)
     return rows
 
 
@@ -128,17 +134,16 @@ def group_rows(scored: Scored, names: Sequence[str], label: str, groups: Mapping
     for group, chosen in groups.items():
         for name in names:
             for m, fraction in enumerate(FRACTIONS):
-                tracks = scored.scores[name]
                 rows.append(
                     {
                         label: group,
                         "runs": int(chosen.sum()),
                         "method": name,
                         "at": fraction,
-                        "crps_min": scored.time_error(name, m, chosen) / 60.0,
-                        "over_climatology": scored.ratio(name, CLIMATOLOGY, m, chosen),
+                        "crps_min": _or_none(scored.time_error(name, m, chosen) / 60.0),
+                        "over_climatology": _or_none(scored.ratio(name, CLIMATOLOGY, m, chosen)),
                         "tt_coverage": _or_none(scored.coverage(name, "TT", m, chosen)),
-                        "v_rms_ln": None if np.isnan(tracks.v_error).all() else scored.v_error(name, m, chosen),
+                        "v_rms_ln": _or_none(scored.v_error(name, m, chosen)),
                         "v_coverage": _or_none(scored.coverage(name, "V_eq", m, chosen)),
                     }
                 )
@@ -226,23 +231,27 @@ def main() -> None:
     forecaster = fitted(library)
     answers |= {name: ask(forecaster, cases, features) for features, name in LIBRARIES.items()}
     answers[BOUND] = ask(forecaster, cases, "v_eq")
+    answers |= {name: track(cases, features, coarse=quick) for features, name in FILTERS.items()}
     scored = Scored(cases, {name: score(cases, answer, guess) for name, answer in answers.items()})
-    names = [*LIBRARIES.values(), BOUND]
+    names = [*LIBRARIES.values(), *FILTERS.values()]
     speed = np.array([life.speed[0] for life in cases.runs])
     laws = {law: cases.law == law for law in LAWS if np.any(cases.law == law)}
-    tables: dict[str, list[Row]] = {
-        "methods": method_rows(scored),
-        "asked": target_rows(scored),
-        "by_law": group_rows(scored, names, "law", laws),
-        "unseen_law": unseen_rows(scored, library, guess, list(laws)[:1] if quick else list(laws)),
-        "by_speed": group_rows(scored, list(LIBRARIES.values()), "speed_hz", between(speed, SPEEDS)),
-        "bound": bound_rows(scored),
-        "exact_maps": exact_rows(cases, guess, on_smooth, 2 if quick else 60),
+    tables: dict[str, Callable[[], list[Row]]] = {
+        "runs": lambda: [{"test_runs": len(cases.runs), "library_runs": len(library), "quick": str(quick)}],
+        "methods": lambda: method_rows(scored),
+        "asked": lambda: target_rows(scored),
+        "by_law": lambda: group_rows(scored, [*names, BOUND], "law", laws),
+        "by_speed": lambda: group_rows(scored, names, "speed_hz", between(speed, SPEEDS)),
+        "bound": lambda: bound_rows(scored),
+        "unseen_law": lambda: unseen_rows(scored, library, guess, list(laws)[:1] if quick else list(laws)),
+        "exact_maps": lambda: exact_rows(cases, guess, on_smooth, 2 if quick else 60),
     }
-    runs: list[Row] = [{"test_runs": len(cases.runs), "library_runs": len(library), "quick": str(quick)}]
-    for title, rows in {"runs": runs, **tables}.items():
-        print_table(title, rows)
-    write_json(options.json, {"runs": runs, **tables})
+    figures: dict[str, list[Row]] = {}
+    for title, table in tables.items():
+        figures[title] = table()
+        print_table(title, figures[title])
+        sys.stdout.flush()
+        write_json(options.json, figures)
 
 
 if __name__ == "__main__":

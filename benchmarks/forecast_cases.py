@@ -116,10 +116,12 @@ class Scores:
     """Scores of a method, shape (runs, moments).
 
     Attributes:
-        error: CRPS of TT (of one number: the absolute error), missing answers scored as the constant guess, s.
+        error: CRPS of TT (of one number: the absolute error), missing answers scored as the constant guess, s; NaN for
+            a method that forecasts nothing.
         tt_inside: 1 where TT lies in the interval, 0 where not, NaN without an interval.
         tt_width: width of the interval, s.
-        v_error: ln of V_eq found over true, missing answers scored as the constant guess.
+        v_error: ln of V_eq found over true, missing answers scored as the constant guess; NaN for a method that says
+            nothing of V_eq.
         v_inside: 1 where V_eq lies in the interval, 0 where not, NaN without an interval.
         v_width: ln of the upper over the lower end.
         refused: 1 where there is no answer.
@@ -148,12 +150,12 @@ def score(cases: Cases, answers: Answers, constant: Answers) -> Scores:
     error = np.where(missing, crps(constant.tt, cases.tt), crps(answers.tt, cases.tt))
     v_missing = ~(answers.v_eq > 0.0)
     v_said = np.where(v_missing, constant.v_eq, answers.v_eq)
-    silent = np.isnan(answers.v_eq).all()
+    nothing = np.full(cases.t.shape, np.nan)
     return Scores(
-        error=np.minimum(error, WORST),
+        error=nothing if missing.all() else np.minimum(error, WORST),
         tt_inside=_inside(cases.tt, lower, upper),
         tt_width=upper - lower,
-        v_error=np.full(cases.t.shape, np.nan) if silent else np.log(v_said / cases.v_eq),
+        v_error=nothing if v_missing.all() else np.log(v_said / cases.v_eq),
         v_inside=_inside(cases.v_eq, answers.v_lower, answers.v_upper),
         v_width=np.log(answers.v_upper / answers.v_lower),
         refused=missing.astype(float) if not missing.all() else v_missing.astype(float),

@@ -8,7 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.forecast_cases import LEVELS, WORST, Answers, Cases, cases_of, means, no_volume, only_time, score
+from benchmarks.forecast_cases import (
+    LEVELS,
+    WORST,
+    Answers,
+    Cases,
+    cases_of,
+    means,
+    no_volume,
+    only_time,
+    only_volume,
+    score,
+)
 from benchmarks.forecast_library import ask, fitted, without_law
 from benchmarks.forecast_lives import load_lives, save_lives
 from benchmarks.forecast_naive import constant, lifetimes, of_elapsed_time, of_tracked_volume
@@ -69,12 +80,27 @@ def test_an_answer_is_what_block_by_block_steps_give(features: str) -> None:
 
 def test_a_missing_answer_is_scored_as_the_constant_guess() -> None:
     guess = constant(cases(), lives()[6:])
-    silent = Answers(*no_volume(cases().t.shape), np.full((*cases().t.shape, LEVELS.size), np.nan))
-    found, base = score(cases(), silent, guess), score(cases(), guess, guess)
-    assert np.array_equal(found.error, base.error)
-    assert np.all(found.refused == 1.0)
+    base = score(cases(), guess, guess)
+    tt = np.full((*cases().t.shape, LEVELS.size), np.nan)
+    tt[0] = cases().tt[0][:, None]
+    found = score(cases(), Answers(*no_volume(cases().t.shape), tt), guess)
+    assert np.array_equal(found.error[1:], base.error[1:])
+    assert found.error[0] == pytest.approx(np.zeros(3), abs=1e-6)
+    assert np.all(found.refused[1:] == 1.0)
+    assert np.all(found.refused[0] == 0.0)
     assert np.all(base.refused == 0.0)
-    assert np.all(np.isnan(found.tt_inside))
+    assert np.all(np.isnan(found.tt_inside[1:]))
+    assert np.all(np.isnan(found.v_error))
+
+
+def test_a_tracker_without_forecast_has_no_score_of_time() -> None:
+    guess = constant(cases(), lives()[6:])
+    v_eq = np.where(np.arange(3) == 1, np.nan, cases().v_eq)
+    found = score(cases(), only_volume(v_eq, 0.5 * v_eq, 2.0 * v_eq), guess)
+    assert np.all(np.isnan(found.error))
+    assert np.all(found.refused[:, 1] == 1.0)
+    assert found.v_error[:, 1] == pytest.approx(score(cases(), guess, guess).v_error[:, 1])
+    assert np.all(found.v_error[:, [0, 2]] == 0.0)
 
 
 def test_perfect_and_wild_answers_score_so() -> None:
