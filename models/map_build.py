@@ -94,7 +94,7 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
 
 
 def _measure(built: RmsMap) -> None:
-    """Add to the attributes how wrong a map is between its nodes, and between its loads and speeds if it has several."""
+    """Add to the attributes how wrong a map is between its nodes, and between loads and speeds if it has several."""
     points = _POINTS if built.plan.floors == 1 else _POINTS_OF_FLOORS
     measures = {"interpolation": interpolation_errors}
     if len(built.load) > 1 or len(built.speed) > 1:
