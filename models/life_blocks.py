@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
     from models.scene import Scene
 
-# Relative error of the RMS that the steps leave: a tenth of the scatter of a block.
+# Relative error of the RMS that the steps leave (rms over scenes): a tenth of the scatter of a block.
 _ACCURACY = 2e-3
-# Blocks of seven ball periods that are measured where balls slip. What their shortness adds to the scatter of the RMS
-# (0.5 to 1.6 % at 2 to 10 mrad) is less than that of a measured block.
+# Blocks of seven ball periods that are measured where balls slip. Their shortness adds to the scatter of the RMS about
+# what a measured block has anyway (1 to 3 % at 2 to 10 mrad: benchmarks/lives.py).
 _SLIP_BLOCKS = 4
 
 
