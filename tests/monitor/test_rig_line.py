@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+import json
 import math
 import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
+from click.testing import CliRunner
 
 from models import rms_map as map_files
 from models.map_data import MapPlan, MapSlice, RmsMap
-from models.rms_map import cached_map
+from models.population import Population
+from models.rms_map import cached_map, save_map
+from monitor.commands import forecast as forecast_command
+from monitor.commands import track as track_command
 from monitor.commands.demo import demo_config
 from monitor.config import Config
+from monitor.health.library_model import Library
 from monitor.records.dataset import words
 from monitor.records.record import Record
 from monitor.records.store import Store
+from monitor.service.library_build import build_library
 from monitor.service.replay import Replay, replay
 from streams.block import Block
 from streams.rig import CHANNELS, SimulatedRig, open_rig
@@ -68,7 +76,7 @@ def read(store: Path) -> tuple[list[str], dict[str, Any], list[Any]]:
 @pytest.fixture(scope="module")
 def line(tmp_path_factory: pytest.TempPathFactory, rms_map: RmsMap) -> Line:
     """The configuration of the demo over a life cut off past its middle."""
-    result = replay(demo_config(), URL, tmp_path_factory.mktemp("line"), maps={TESTED: rms_map})
+    result = replay(demo_config("thesis"), URL, tmp_path_factory.mktemp("line"), maps={TESTED: rms_map})
     with Store.open(result.store_path, read_only=True) as store:
         records = list(store.records())
     return Line(result, records, open_rig(URL, "rig"))
@@ -179,25 +187,38 @@ def simulated_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[int, Block]
     made.clear()
 
 
-def quick_to_learn() -> Config:
+def quick_to_learn(track: str, forecast: str) -> Config:
     """The demo with a learning window of twenty blocks."""
     config = demo_config()
     return config.model_copy(
-        update={"detect": config.detect.model_copy(update={"learn_blocks": 20, "run_in_blocks": 20})}
+        update={
+            "detect": config.detect.model_copy(update={"learn_blocks": 20, "run_in_blocks": 20}),
+            "track": config.track.model_copy(update={"method": track}),
+            "forecast": config.forecast.model_copy(update={"method": forecast}),
+        }
     )
 
 
+@pytest.fixture(scope="module")
+def library() -> Library:
+    """A few lives at the demo's load and speed: enough for answers, not for good ones."""
+    population = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0), seed=3)
+    return build_library(population, runs=24, thresholds=(0.05e-6,))
+
+
+@pytest.mark.parametrize(("track", "forecast"), [("thesis", "thesis"), ("filter", "library")])
 def test_restarts_in_the_middle_change_no_bit(
-    tmp_path: Path, rms_map: RmsMap, simulated_once: dict[int, Block]
+    tmp_path: Path, rms_map: RmsMap, library: Library, simulated_once: dict[int, Block], track: str, forecast: str
 ) -> None:
     """One stop while the onset is suspected but not known and RMS waits for the tracker, one while it is tracked."""
-    url, maps = "rig:ferrara?seed=13&healthy_blocks=45&blocks=60", {TESTED: rms_map}
-    whole = replay(quick_to_learn(), url, tmp_path / "whole", maps=maps)
+    url, config = "rig:ferrara?seed=13&healthy_blocks=45&blocks=60", quick_to_learn(track, forecast)
+    given = {"maps": {TESTED: rms_map}, "libraries": {TESTED: library}}
+    whole = replay(config, url, tmp_path / "whole", **given)
     summary = whole.summary["channels"][TESTED]
     assert summary["t_fs_block"] <= 47 < summary["t_fs_known_block"] <= 53
 
     for limit, resume in ((47, False), (7, True), (None, True)):
-        parts = replay(quick_to_learn(), url, tmp_path / "parts", maps=maps, limit=limit, resume=resume)
+        parts = replay(config, url, tmp_path / "parts", limit=limit, resume=resume, **given)
         if not resume:
             with Store.open(parts.store_path, read_only=True) as store:
                 state = store.load_states()[f"channel:rig:{TESTED}"]
@@ -209,6 +230,62 @@ def test_restarts_in_the_middle_change_no_bit(
     with xr.open_dataset(first) as uninterrupted, xr.open_dataset(second) as restarted:
         xr.testing.assert_equal(restarted, uninterrupted)
     assert len(simulated_once) == 60
+
+
+def test_the_library_answers_with_intervals_that_records_and_archive_hold(
+    tmp_path: Path, library: Library, simulated_once: dict[int, Block]
+) -> None:
+    """No map is needed; without a configured method, a library is taken where there is one."""
+    config = quick_to_learn("library", "library")
+    chosen = {name: getattr(config, name).model_copy(update={"method": None}) for name in ("track", "forecast")}
+    url = "rig:ferrara?seed=13&healthy_blocks=45&blocks=60"
+    result = replay(config.model_copy(update=chosen), url, tmp_path, libraries={TESTED: library})
+    summary = result.summary["channels"][TESTED]
+    assert summary["edv_status"] == "ok"
+    assert 0.0 < summary["v_eq_lower_mm2"] < summary["v_eq_mm2"] < summary["v_eq_upper_mm2"]
+    assert summary["tt_status"] == "ok"
+    assert 0.0 <= summary["tt_lower_s"] < summary["tt_s"] < summary["tt_upper_s"]
+    assert 0.0 <= summary["p_threshold"] <= 1.0
+    with xr.open_dataset(result.summary["records"][0], engine="netcdf4") as dataset:
+        last = dataset.sel(channel=TESTED).isel(time=-1)
+        assert float(last.tt_upper) == summary["tt_upper_s"]
+        assert float(last.p_threshold) == summary["p_threshold"]
+        said = {name: dataset.attrs[name] for name in ("forecast_method", "interval_level", "library_hash", "prior")}
+    assert said == {
+        "forecast_method": f"{TESTED}: library",
+        "interval_level": 0.8,
+        "library_hash": f"{TESTED}: {library.hash}",
+        "prior": f"{TESTED}: {library.prior}",
+    }
+    with Store.open(result.store_path, read_only=True) as store:
+        *_, issued = store.forecasts()
+    assert (issued.method, issued.library_hash, issued.interval_level) == ("library", library.hash, 0.8)
+    assert issued.quantiles[0.5] == issued.tt_s == summary["tt_s"]
+    assert issued.quantiles[0.1] == pytest.approx(summary["tt_lower_s"])
+
+
+def test_what_was_tracked_live_is_tracked_again_from_the_records(line: Line, rms_map: RmsMap, tmp_path: Path) -> None:
+    """``track`` and ``forecast`` on published records say what the records say."""
+    save_map(rms_map, tmp_path / "map.nc")
+    (path,) = line.result.summary["records"]
+    told = _told(track_command, path, "--map", tmp_path / "map.nc", "--channel", TESTED)
+    forecasts = _told(forecast_command, Path(path).parent.parent)
+    first = line.result.summary["channels"][TESTED]["t_fs_block"]
+    known = line.result.summary["channels"][TESTED]["t_fs_known_block"]
+    assert len(told["rows"]) == 165 - first + 1
+    for row, sequence in zip(told["rows"], range(first, 166), strict=True):
+        if sequence >= known:
+            assert row["v_eq_mm2"] == line.tested(sequence)["v_eq"] * 1e6
+            assert row["status"] == line.tested(sequence)["edv_status"]
+    # The records hold V_eq from the block on at which the final stage was known: what is forecast from it begins there.
+    assert forecasts["rows"][-1]["tt_s"] is not None
+
+
+def _told(module: ModuleType, *arguments: object) -> dict[str, Any]:
+    outcome = CliRunner().invoke(module.command, [str(argument) for argument in (*arguments, "--json")])
+    if outcome.exception is not None:
+        raise outcome.exception
+    return json.loads(outcome.stdout)
 
 
 def test_the_rig_reads_no_map(monkeypatch: pytest.MonkeyPatch) -> None:
