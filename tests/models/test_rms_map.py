@@ -345,6 +345,13 @@ def test_conditions_between_and_beside_the_nodes() -> None:
     m = built()
     assert m.slice_at(4000.0, 40.0).rms == pytest.approx(0.5 * (m.rms[0, 0] + m.rms[1, 0]))
     assert m.slice_at(5040.0, 40.2).rms == pytest.approx(m.rms[1, 0])
+    spreads = ("rms_std", "harmonic_std", "rms_rig_std", "harmonic_rig_std")
+    rng = np.random.default_rng(1)
+    marked = replace(m, **{name: rng.uniform(size=getattr(m, name).shape) for name in spreads})
+    at = marked.slice_at(3500.0, 40.0)
+    for name in spreads:
+        low, high = getattr(marked, name)[:, 0]
+        assert getattr(at, name) == pytest.approx(0.75 * low + 0.25 * high)
     for load, speed in ((2900.0, 40.0), (5100.0, 40.0), (4000.0, 41.0), (math.nan, 40.0)):
         with pytest.raises(OutsideMapError, match="the map covers"):
             m.slice_at(load, speed)

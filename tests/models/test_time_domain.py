@@ -178,6 +178,20 @@ def test_the_same_is_the_same_and_a_seed_is_a_slip() -> None:
     assert not np.allclose(first, other)
 
 
+def test_slip_is_uniform_and_drawn_once_a_passage() -> None:
+    """Eq. 82: what a ball stands off from its place lies evenly between the largest angle and its negative."""
+    largest = 0.02
+    plan = prepare_plan(replace(SCENE, defect=PIT, slip=Slip(largest, seed=5)), 4.0)
+    places = 2.0 * math.pi / (SCENE.bearing.n_elements * SCENE.bearing.rows)
+    off = plan.offset - places * np.round(plan.offset / places)
+    passages = np.unique(off)
+    count = round(4.0 * kinematics(SCENE.bearing, SCENE.speed).bpfo)
+    assert len(passages) == pytest.approx(count, abs=3)
+    assert np.max(np.abs(passages)) <= largest
+    assert np.std(passages) == pytest.approx(largest / math.sqrt(3.0), rel=0.08)
+    assert abs(np.mean(passages)) < 0.1 * largest
+
+
 def test_levels_and_lines_are_those_of_the_signal() -> None:
     response = simulate_time(SCENE, 1.0, 51200.0)
     periodic = simulate(SCENE)
