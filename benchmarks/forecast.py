@@ -10,7 +10,8 @@ with the blocks up to then; a missing answer is scored as the constant guess. Me
 2. the figures that are asked for, beside what was found;
 3. the forecasters by growth law, 4. by speed, 5. how far they are from the bound that is reached where the true V_eq is
    known, 6. with each law left out of the library;
-7. the thesis' method on maps of each run's very load and speed, on some runs: what reading between nodes costs it.
+7. every block of some runs before the threshold: refusals, coverage, and thread time of a block;
+8. the thesis' method on maps of each run's very load and speed, on some runs: what reading between nodes costs it.
 
 ``--quick`` takes few runs and a coarse map: it shows that all works, its figures mean little. The full run simulates
 1600 lives (about ten minutes on one core) and maps (five) and keeps them in the user's cache folder.
@@ -28,11 +29,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.forecast_blocks import block_rows
 from benchmarks.forecast_cases import Answers, Cases, Floats, Scores, cases_of, means, score
 from benchmarks.forecast_filter import track
 from benchmarks.forecast_library import ask, fitted, without_law
 from benchmarks.forecast_lives import cached_lives
-from benchmarks.forecast_naive import constant, of_elapsed_time, of_tracked_volume
+from benchmarks.forecast_naive import constant, of_elapsed_time, of_tracked_volume, of_true_volume
 from benchmarks.forecast_population import FRACTIONS, LIBRARY, LIBRARY_RUNS, TEST, TEST_RUNS
 from benchmarks.forecast_thesis import exact_maps, rough_map, smooth_map, thesis
 from models.life_laws import LAWS
@@ -228,6 +230,7 @@ def main() -> None:
     answers[THESIS] = on_smooth
     if not quick:
         answers["thesis, map of a rough floor"] = thesis(cases, rough_map())[0]
+    answers["thesis, true V_eq known"] = of_true_volume(cases)
     forecaster = fitted(library)
     answers |= {name: ask(forecaster, cases, features) for features, name in LIBRARIES.items()}
     answers[BOUND] = ask(forecaster, cases, "v_eq")
@@ -244,6 +247,7 @@ def main() -> None:
         "by_speed": lambda: group_rows(scored, names, "speed_hz", between(speed, SPEEDS)),
         "bound": lambda: bound_rows(scored),
         "unseen_law": lambda: unseen_rows(scored, library, guess, list(laws)[:1] if quick else list(laws)),
+        "every_block": lambda: block_rows(cases.runs[: 3 if quick else 60], forecaster, coarse=quick),
         "exact_maps": lambda: exact_rows(cases, guess, on_smooth, 2 if quick else 60),
     }
     figures: dict[str, list[Row]] = {}

@@ -46,7 +46,7 @@ def ask(library: Library, cases: Cases, features: str) -> Answers:
     for r, life in enumerate(cases.runs):
         for m, state in enumerate(_states(library, life, features, cases.blocks[r].tolist())):
             _, result = step(
-                state, _block(life, int(cases.blocks[r, m]) - 1), library, settings, thresholds=[THRESHOLD]
+                state, block_of(life, int(cases.blocks[r, m]) - 1), library, settings, thresholds=[THRESHOLD]
             )
             v_eq[r, m], v_lower[r, m], v_upper[r, m] = result.v_eq, result.v_eq_lower, result.v_eq_upper
             if result.forecasts[0].quantiles:
@@ -54,7 +54,8 @@ def ask(library: Library, cases: Cases, features: str) -> Answers:
     return Answers(v_eq, v_lower, v_upper, tt)
 
 
-def _block(life: LifeHistory, k: int) -> LibraryInput:
+def block_of(life: LifeHistory, k: int) -> LibraryInput:
+    """Return what one block of a life says; its true V_eq stands for a tracked one."""
     return LibraryInput(
         t=float(life.t[k]),
         rms=float(life.rms[k]),

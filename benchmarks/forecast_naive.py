@@ -42,6 +42,15 @@ def of_elapsed_time(cases: Cases, library: Sequence[LifeHistory]) -> Mapping[str
     }
 
 
+def of_true_volume(cases: Cases) -> Answers:
+    """Return the forecast of the thesis on the true V_eq: what its quadratic alone costs."""
+    tt = np.empty(cases.t.shape)
+    for r, life in enumerate(cases.runs):
+        known = int(cases.blocks[r, -1])
+        tt[r] = baselines.thesis(life.t[:known], life.v_eq[:known], THRESHOLD)[cases.blocks[r] - 1]
+    return only_time(tt)
+
+
 def of_tracked_volume(cases: Cases, histories: Sequence[Floats]) -> Mapping[str, Answers]:
     """Return extrapolations of the V_eq that was tracked up to each moment.
 
