@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
-from models.map_check import condition_errors, interpolation_errors, step_error
+from models.map_check import condition_errors, interpolation_errors, rms_and_most, step_error
 from models.map_data import RmsMap
 from models.map_nodes import MAP_ACCURACY, Nodes, Progress, scene_at, simulate_node_row
 from models.map_plan import HARMONICS, MODEL_VERSION, SCHEMA_VERSION, MapPlan
@@ -101,9 +101,8 @@ def _measure(built: RmsMap) -> None:
         measures["condition"] = condition_errors
     for name, measure in measures.items():
         errors = measure(built, points, _POINT_SEED)
-        built.attributes[f"{name}_error"] = float(np.sqrt(np.mean(errors**2)))
-        built.attributes[f"{name}_error_max"] = float(np.max(np.abs(errors)))
-    built.attributes["interpolation_points"] = points
+        built.attributes[f"{name}_error"], built.attributes[f"{name}_error_max"] = rms_and_most(errors)
+        built.attributes[f"{name}_points"] = len(errors)
 
 
 def _row_nodes(plan: MapPlan, workers: int, progress: Progress) -> Nodes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -67,7 +68,7 @@ def step_error(plan: MapPlan) -> StepError:
 def interpolation_errors(rms_map: RmsMap, points: int, seed: int) -> NDArray[np.float64]:
     """Return the errors of a map at random extents and depths, over the largest RMS of its slice, shape (points,).
 
-    Each point lies at one of the map's loads and speeds.
+    Each point lies at one of the map's loads and speeds; those whose motion does not stay finite are left out.
     """
     rng = np.random.default_rng(seed)
     axes = (rms_map.load, rms_map.speed, rms_map.h_d, rms_map.dphi_d)
@@ -79,7 +80,8 @@ def interpolation_errors(rms_map: RmsMap, points: int, seed: int) -> NDArray[np.
 def condition_errors(rms_map: RmsMap, points: int, seed: int) -> NDArray[np.float64]:
     """Return the errors of a map at random nodes of its extents and depths, but loads and speeds between its own.
 
-    They are relative to the largest RMS of the map at that load and speed, shape (points,).
+    They are relative to the largest RMS of the map at that load and speed, shape (points,); points whose motion does
+    not stay finite are left out.
     """
     rng = np.random.default_rng(seed)
     load, speed = (rng.uniform(axis[0], axis[-1], points) for axis in (rms_map.load, rms_map.speed))
@@ -92,13 +94,20 @@ def _errors_at(rms_map: RmsMap, points: NDArray[np.float64]) -> NDArray[np.float
     errors = np.empty(len(rows))
     for n, (row, true) in enumerate(zip(rows, mean_rms(rms_map.plan, rows), strict=True)):
         at = rms_map.slice_at(row[0], row[1])
-        errors[n] = (float(at.interpolate(row[3], row[2])) - true) / max(float(at.rms.max()), _SILENCE)
-    return errors
+        errors[n] = (float(at.interpolate(row[3], row[2])) - true) / max(float(np.nanmax(at.rms)), _SILENCE)
+    return errors[np.isfinite(errors)]
+
+
+def rms_and_most(errors: Sequence[float] | NDArray[np.float64]) -> tuple[float, float]:
+    """Return the RMS and the largest absolute value of errors, NaN where there are none."""
+    if len(errors) == 0:
+        return math.nan, math.nan
+    return float(np.sqrt(np.mean(np.square(errors)))), float(np.max(np.abs(errors)))
 
 
 @dataclass(frozen=True)
 class MapCheck:
-    """How far a map is from the converged model.
+    """How far a map is from the converged model; NaN where no point's motion stays finite.
 
     Attributes:
         points: number of random nodes, and of random points between nodes.
@@ -144,7 +153,9 @@ def check_map(rms_map: RmsMap, points: int, *, seed: int = 0, progress: Progress
     for n, node in enumerate(nodes_at_random(plan, points, seed)):
         stored = float(rms_map.slice_at(node[0], node[1]).interpolate(node[3], node[2]))
         true = float(mean_rms(plan, [node], 4)[0])
-        node_errors.append(0.0 if true == 0.0 else stored / true - 1.0)
+        error = 0.0 if true == 0.0 else stored / true - 1.0
+        if math.isfinite(error):
+            node_errors.append(error)
         if progress is not None:
             progress(n + 1, parts * points)
     between = interpolation_errors(rms_map, points, seed)
@@ -153,16 +164,5 @@ def check_map(rms_map: RmsMap, points: int, *, seed: int = 0, progress: Progress
     conditions = condition_errors(rms_map, points, seed) if several else None
     if progress is not None and several:
         progress(3 * points, parts * points)
-    return MapCheck(
-        points,
-        _rms(node_errors),
-        float(np.max(np.abs(node_errors))),
-        _rms(between),
-        float(np.max(np.abs(between))),
-        None if conditions is None else _rms(conditions),
-        None if conditions is None else float(np.max(np.abs(conditions))),
-    )
-
-
-def _rms(errors: Sequence[float] | NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean(np.square(errors))))
+    between_conditions = (None, None) if conditions is None else rms_and_most(conditions)
+    return MapCheck(points, *rms_and_most(node_errors), *rms_and_most(between), *between_conditions)

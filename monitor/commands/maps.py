@@ -30,6 +30,8 @@ from monitor.commands.common import (
 )
 from streams.block import STANDARD_GRAVITY
 
+_MEASURED = ("interpolation_error", "interpolation_error_max", "condition_error", "condition_error_max")
+
 
 @click.group("map")
 def command() -> None:
@@ -198,13 +200,12 @@ def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
     if values["error_rms"] is not None:
         error, most = 100 * values["error_rms"], 100 * values["error_max"]
         yield f"estimated numerical error {error:.2g} % rms, {most:.2g} % at most"
-    between, most = 100 * values["interpolation_error"], 100 * values["interpolation_error_max"]
-    yield f"between nodes, over the largest RMS: {between:.2g} % rms, {most:.2g} % at most"
-    if values["condition_error"] is not None:
-        between, most = 100 * values["condition_error"], 100 * values["condition_error_max"]
-        yield f"between loads and speeds, likewise: {between:.2g} % rms, {most:.2g} % at most"
+    for name, what in (("interpolation", "nodes, over the largest RMS"), ("condition", "loads and speeds, likewise")):
+        if values[f"{name}_error"] is not None:
+            between, most = 100 * values[f"{name}_error"], 100 * values[f"{name}_error_max"]
+            yield f"between {what}: {between:.2g} % rms, {most:.2g} % at most"
     tolerance = values["interpolation_tolerance"]
-    if tolerance is not None and values["interpolation_error"] > tolerance:
+    if tolerance is not None and (values["interpolation_error"] or 0.0) > tolerance:
         yield f"the tolerance of {100 * tolerance:.2g} % is not met with the nodes allowed: raise --most-nodes"
     for name, what in (("spread_floors", "floors"), ("spread_rig", "rig parameters")):
         if values[name] is not None:
@@ -257,12 +258,12 @@ def check(path: Path, points: int, seed: int, as_json: bool, quiet: bool) -> Non
         "seconds": time.perf_counter() - began,
         "cpu_seconds": _cpu_seconds() - began_cpu,
         "out": str(path),
-        "error_rms": found.error_rms,
-        "error_max": found.error_max,
-        "interpolation_rms": found.interpolation_rms,
-        "interpolation_max": found.interpolation_max,
-        "condition_rms": found.condition_rms,
-        "condition_max": found.condition_max,
+        "error_rms": _finite(found.error_rms),
+        "error_max": _finite(found.error_max),
+        "interpolation_rms": _finite(found.interpolation_rms),
+        "interpolation_max": _finite(found.interpolation_max),
+        "condition_rms": None if found.condition_rms is None else _finite(found.condition_rms),
+        "condition_max": None if found.condition_max is None else _finite(found.condition_max),
         "hash": rms_map.hash,
     }
     lines = [

@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from netCDF4 import Dataset
 
+from models.map_check import rms_and_most
 from models.map_data import HARMONICS, STATUSES
 from models.map_nodes import MAP_ACCURACY, scene_at
 from models.map_rig import drawn_rig
@@ -390,6 +391,11 @@ def test_check_measures_the_error() -> None:
     assert check_map(wrong, 6).error_rms == pytest.approx(0.1, rel=0.05)
     with pytest.raises(ValueError, match="points"):
         check_map(built(), 0)
+
+
+def test_errors_are_summed_up_or_there_are_none() -> None:
+    assert rms_and_most([3.0, -4.0]) == pytest.approx((math.sqrt(12.5), 4.0))
+    assert all(math.isnan(value) for value in rms_and_most([]))
 
 
 def test_reading_a_map_needs_no_compiler(tmp_path: Path) -> None:
