@@ -114,4 +114,5 @@ def _explain(error: Exception) -> None:
 def _is_wrong_input(error: Exception) -> bool:
     """Tell whether the error names something that the user gave: the modules that define these may not be loaded."""
     names = {kind.__name__ for kind in type(error).__mro__}
-    return bool(names & {"ConfigError", "SourceError", "MapError", "StoreError", "InputError", "ReportError"})
+    known = {"ConfigError", "SourceError", "MapError", "LibraryError", "StoreError", "InputError", "ReportError"}
+    return bool(names & known)

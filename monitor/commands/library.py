@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -14,10 +15,12 @@ from models.lives import Population
 from monitor.commands.bearing import find_bearing
 from monitor.commands.common import InputError, config_option, counter, emit, output_options, read_machine, say
 from monitor.config import Config
+from monitor.health.library_calibrate import RecordedRun, calibrate
 from monitor.health.library_model import Library
 from monitor.records.library_file import save_library
 from monitor.service.library_build import build_library
 
+_SENSED = ("rms", "rms+harmonics")
 _AROUND = 0.1
 """A configured load or speed is widened by this share either way where no range is asked for."""
 
@@ -69,6 +72,13 @@ def command() -> None:
     help="Between blocks.",
 )
 @click.option("--rms-band-hz", type=_Span(), help="Band of the RMS; by default 0 to 9500 Hz.")
+@click.option(
+    "--calibrate",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    help="Records (file or folder) of a run of this rig, recorded until its end, which counts as the threshold.",
+)
+@click.option("--channel", help="Channel of these records, where several have a final stage.")
 @click.option("--workers", type=click.IntRange(min=0), default=0, show_default=True, help="Threads; 0: one a core.")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The library (.npz).")
 @output_options
@@ -77,6 +87,9 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
     if out.suffix.lower() != ".npz":
         raise InputError(f"--out {out}: expected a name that ends in .npz")
     thresholds = [value * 1e-6 for value in options["threshold_mm2"]]
+    if options["calibrate"] and len(thresholds) > 1:
+        raise InputError("--calibrate: a run has one end; give one --threshold-mm2 with it")
+    recorded = [_recorded(path, options["channel"]) for path in options["calibrate"]]
     try:
         population = _population(read_machine(config_path), name, thresholds, options)
     except ValueError as error:
@@ -95,6 +108,8 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
             workers=options["workers"],
             progress=counter("lives", quiet=quiet),
         )
+        for features in _SENSED if recorded else ():
+            library = calibrate(library, recorded, features=features, threshold=thresholds[0])
     except ValueError as error:
         raise InputError(f"library build: {error}") from None
     try:
@@ -104,6 +119,25 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
     say(f"library: {out}", quiet=quiet)
     values = _values(library, options["runs"], time.perf_counter() - began, out)
     emit(values, _lines(values), as_json=as_json)
+
+
+def _recorded(path: Path, channel: str | None) -> RecordedRun:
+    """Return a run as published records have it; its last block counts as its end."""
+    from monitor.records.histories import HistoryError, read_history
+
+    try:
+        history = read_history(path, channel)
+    except HistoryError as error:
+        raise InputError(f"--calibrate {error}") from None
+    return RecordedRun(
+        name=str(path),
+        t=history.running,
+        rms=history.rms,
+        harmonics=history.harmonics,
+        load=history.load,
+        speed=history.speed,
+        end=float(history.running[-1]),
+    )
 
 
 def _population(config: Config, name: str | None, thresholds: list[float], options: Mapping[str, Any]) -> Population:
@@ -142,6 +176,7 @@ def _values(library: Library, runs: int, seconds: float, out: Path) -> dict[str,
         "crps_s": first["crps_s"],
         "scores": library.scores,
         "prior": library.prior,
+        "calibration": library.calibration,
     }
 
 
@@ -160,4 +195,9 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
                 cells = "".join(f"{figure:12.2f}" for figure in figures)
                 cells += f"{score['crps_s'] / 60:8.1f} min{naive / 60:8.1f} min"
                 yield f"{features:16}{threshold:>12}{share:>12}{cells}"
+    for name, change in values["calibration"].items():
+        yield (
+            f"calibrated ({name}) on {change['runs']} recorded runs, {change['left_out']} outside: times "
+            f"{math.exp(change['shift']):.2f} times as long, spread {change['stretch']:.2f} times as wide"
+        )
     yield f"hash {values['hash'][:16]}; prior: {values['prior']}"

@@ -186,6 +186,7 @@ def _fit_features(
     blank = FeatureFit(
         features=features,
         interval=interval,
+        thresholds=np.array(thresholds),
         reference=reference,
         lowest=relative.min(axis=0),
         highest=relative.max(axis=0),

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.summaries import History, summarise
+from monitor.health.summaries import SLOPES, History, summarise, summary_names
 
 Array = NDArray[np.float64]
 
@@ -36,6 +36,9 @@ _CONDITION_TOLERANCE = 0.02
 _ELAPSED_WEIGHT = 0.15
 """What a difference in the logarithm of the elapsed time counts against one in the prediction, among alike moments."""
 _ALIKE_SHARE, _LEAST_ALIKE = 30, 60
+_NAMES = summary_names(("v",))
+_LATEST, _POWER_PLACE = _NAMES.index("v:last_3"), _NAMES.index("v:slope_24")
+_SLOPE_PLACES = [_NAMES.index(f"v:slope_{count}") for count in SLOPES]
 _LOAD, _SPEED = 4000.0, 30.0
 
 
@@ -74,6 +77,7 @@ class FeatureFit:
     Attributes:
         features: name of the set.
         interval: usual time between two blocks of the lives, s.
+        thresholds: V_th, m2, shape (targets - 1,).
         reference: what load and speed alone make of each level, coefficients of ``conditions_row``, shape (6, K).
         lowest: least level less reference in any life, shape (K,).
         highest: largest, shape (K,).
@@ -90,6 +94,7 @@ class FeatureFit:
 
     features: str
     interval: float
+    thresholds: Array
     reference: Array
     lowest: Array
     highest: Array
@@ -131,7 +136,9 @@ class FeatureFit:
     def inputs(self, history: History, load: float, speed: float) -> Array:
         """Return the inputs of the regression, shape (d,)."""
         summary = summarise(history, self.interval)
-        return summary if self.features == "v_eq" else np.append(summary, (math.log(load), math.log(speed)))
+        if self.features == "v_eq":
+            return np.concatenate((summary, *(extrapolations(summary, float(v)) for v in self.thresholds)))
+        return np.append(summary, (math.log(load), math.log(speed)))
 
     def alike(
         self, target: int, said: float, ln_elapsed: float, count: int, without: int | None = None
@@ -230,6 +237,27 @@ def conditions_row(load: Array, speed: Array) -> Array:
     """Return 1, a, b, a2, b2 and ab of the logarithms of load and speed, shape (n, 6)."""
     a, b = np.log(load / _LOAD), np.log(speed / _SPEED)
     return np.stack((np.ones_like(a), a, b, a * a, b * b, a * b), axis=1)
+
+
+def extrapolations(summary: Array, threshold: float) -> Array:
+    """Return when curves through the latest V_eq reach a threshold, as logarithms like those of the targets.
+
+    Lines and exponentials with the slopes of the latest points, and a power of the elapsed time. Only where V_eq itself
+    is the history: levels are too far from it for this to help (measured out of fold).
+
+    Args:
+        summary: of a history of ln V_eq.
+        threshold: V_th, m2.
+
+    Returns:
+        Shape (2 len(SLOPES) + 1,).
+    """
+    elapsed = math.exp(float(summary[0])) - 6.0
+    to_go = min(max(math.log(threshold) - float(summary[_LATEST]), 0.0), 9.0)
+    slopes = np.maximum(summary[_SLOPE_PLACES], 1e-4)
+    power = min(max(float(summary[_POWER_PLACE]) * elapsed, 0.2), 8.0)
+    lines = math.expm1(min(to_go, 5.0)) / slopes
+    return np.log(np.concatenate((lines, to_go / slopes, [elapsed * math.expm1(min(to_go / power, 4.0))])) + OFFSET)
 
 
 def levels_of(features: str, rms: Array, harmonics: Array, v_eq: Array) -> Array:

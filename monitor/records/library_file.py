@@ -60,7 +60,8 @@ def load_library(path: Path | str) -> Library:
         with np.load(path, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise LibraryError(f"{path}: not a readable .npz of plain arrays: {error}") from error
+        # numpy's own words would advise to unpickle it.
+        raise LibraryError(f"{path}: not a readable .npz of plain arrays") from error
     except AttributeError:
         raise LibraryError(f"{path}: a single array, expected an .npz archive") from None
     try:

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
-from models.lives import Population
+from models.lives import LifeHistory, Population, simulate_life
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
 from monitor.health.library import LibraryInput, LibraryState, step
+from monitor.records.histories import History
 from monitor.records.library_file import load_library
 from monitor.service.library_build import build_library, prior_words
 
 
-def build(*arguments: str) -> dict[str, object]:
+def build(*arguments: str) -> dict[str, Any]:
     run = CliRunner().invoke(spallwatch, ["library", "build", "--json", *arguments], catch_exceptions=False)
     return json.loads(run.stdout)
 
@@ -79,6 +81,35 @@ def test_the_prior_is_said_in_words() -> None:
     assert "250 simulated lives" in words
     assert "4 to 20 um deep and 6 to 31 deg wide" in words
     assert "3000 to 5000 N" in words
+
+
+def as_recorded(life: LifeHistory) -> History:
+    """A life as published records would have it, from the onset to where V_eq reaches 0.05 mm2."""
+    known = life.t <= life.crossing(5e-8)
+    parts = (life.t, life.t, life.rms, life.harmonics, life.load, life.speed, life.v_eq)
+    return History("a", *(part[known] for part in parts))
+
+
+def test_recorded_runs_calibrate_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    population = Population(load=(4000.0, 4000.0), speed=(40.0, 40.0), durations=(6000.0, 6000.0), seed=9)
+    lives = {f"run{number}.nc": simulate_life(population, number) for number in range(3)}
+    monkeypatch.setattr("monitor.records.histories.read_history", lambda path, channel: as_recorded(lives[path.name]))
+    options = ("--runs", "20", "--duration-min", "60:120", "--out", str(tmp_path / "lives.npz"))
+    records = [option for name in lives for option in ("--calibrate", name)]
+    found = build(*options, *records)
+    assert found["prior"].endswith("calibrated on 3 recorded runs")
+    assert set(found["calibration"]) == {"rms 0.05", "rms+harmonics 0.05"}
+    assert found["calibration"]["rms 0.05"]["runs"] == 3
+    assert load_library(tmp_path / "lives.npz").hash == found["hash"]
+
+
+def test_records_that_cannot_calibrate_are_named(tmp_path: Path) -> None:
+    options = ["library", "build", "--runs", "20", "--out", str(tmp_path / "lives.npz"), "--calibrate", "absent.nc"]
+    with pytest.raises(InputError, match=r"--calibrate absent\.nc"):
+        CliRunner().invoke(spallwatch, options, catch_exceptions=False)
+    several = [*options, "--threshold-mm2", "0.03", "--threshold-mm2", "0.05"]
+    with pytest.raises(InputError, match="give one --threshold-mm2"):
+        CliRunner().invoke(spallwatch, several, catch_exceptions=False)
 
 
 def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
