@@ -23,6 +23,7 @@ from benchmarks.forecast_cases import (
 from benchmarks.forecast_library import ask, fitted, without_law
 from benchmarks.forecast_lives import load_lives, save_lives
 from benchmarks.forecast_naive import constant, lifetimes, of_elapsed_time, of_tracked_volume
+from benchmarks.forecast_page import by_moment, renewed
 from benchmarks.forecast_population import FRACTIONS, LIBRARY, TEST, THRESHOLD
 from models.lives import LifeHistory, simulate_lives
 from monitor.health.library import LibraryInput, LibrarySettings, LibraryState, step
@@ -158,3 +159,20 @@ def test_the_test_population_is_another_one() -> None:
     assert TEST.seed != LIBRARY.seed
     assert TEST.floor_sd != LIBRARY.floor_sd
     assert dict(TEST.rig_spread) != dict(LIBRARY.rig_spread)
+
+
+def test_the_page_is_renewed_between_its_marks_alone() -> None:
+    page = "before\n<!-- a of benchmarks.forecast -->\nold\n<!-- end -->\nafter\n<!-- end -->\n"
+    new = renewed(page, {"a": "| new |"})
+    assert "old" not in new
+    assert new.startswith("before\n<!-- a of benchmarks.forecast -->\n\n| new |\n\n<!-- end -->\nafter\n")
+    assert renewed(new, {"a": "| new |"}) == new
+    with pytest.raises(ValueError, match="b of benchmarks"):
+        renewed(page, {"b": ""})
+
+
+def test_three_moments_share_a_cell_and_what_is_missing_says_so() -> None:
+    rows = [{"method": "m", "crps_min": crps, "refused": None} for crps in (1.2, 2.6, None)]
+    assert (
+        by_moment(rows, {"method": "method"}, ["TT: CRPS, min", "refused"]).splitlines()[2] == "| m | 1 / 3 / - | - |"
+    )
