@@ -1,10 +1,12 @@
-"""The 18 stationary conditions of the thesis (Table 13 x D1 to D3): RMS, peak and A* of each, and pictures of them.
+"""The 18 stationary conditions of the thesis (Table 13 x D1 to D3): RMS, peak and A* of each, and pictures of them:
+features, one turn of the cage and the spectrum of every condition, and what slip does to them (Figs. 45 to 51).
 
 python -m benchmarks.stationary [--quick] [--json FILE] [--pictures FOLDER]
 
 Defects as seeded: extents of Table 2, deeper than a ball reaches (Eq. 51), in one row; parameters of Tables 14 and 18,
-no slip, sensor on m_o. The thesis draws these features (Figs. 45 and 46) without printing one, so that nothing here is
-compared with a printed value; what its text says of them in words, and the resonances that it prints for Fig. 48, are.
+sensor on m_o, no slip except in benchmarks.stationary_slip. The thesis draws these features (Figs. 45, 46 and 51)
+without printing one, so that nothing here is compared with a printed value; what its text says of them in words, and
+the resonances that it prints for Fig. 48, are.
 ``--quick`` leaves out the comparison with finer steps.
 """
 
@@ -20,6 +22,15 @@ import matplotlib as mpl
 import numpy as np
 
 from benchmarks.common import Row, print_table, write_json
+from benchmarks.stationary_slip import (
+    draw_slip_features,
+    draw_slip_spectra,
+    slip_levels,
+    slip_rows,
+    slip_spectra,
+    slip_spectrum_rows,
+    slip_statements,
+)
 from models.bearing import kinematics
 from models.published.self_aligning import EXTENTS_DEG, SEEDED_DEPTH
 from models.scene import Defect, Scene
@@ -203,6 +214,24 @@ def draw_signals(found: list[Condition], path: Path) -> None:
     plt.close(figure)
 
 
+def draw_spectra(found: list[Condition], path: Path) -> None:
+    """Draw the lines of every condition (as Fig. 48, which shows one)."""
+    figure, axes = plt.subplots(6, 3, figsize=(12, 12), sharex=True, sharey="row", layout="constrained")
+    for c, ax in zip(found, axes.flat, strict=True):
+        frequency, amplitude = c.response.lines()
+        inside = frequency <= BAND[1]
+        ax.vlines(frequency[inside], 0.0, amplitude[inside] / STANDARD_GRAVITY, color=COLORS[c.defect], lw=0.9)
+        ax.set_title(f"{c.defect}, {c.load:g} N, {c.speed:g} Hz", fontsize=9)
+        ax.set_xlim(BAND)
+        ax.grid(alpha=0.25)
+    for ax in axes[:, 0]:
+        ax.set(ylim=(0.0, None), ylabel="[g]")
+    for ax in axes[-1]:
+        ax.set_xlabel("frequency [Hz], multiples of BPFO")
+    figure.savefig(path, dpi=80)
+    plt.close(figure)
+
+
 def draw_spectrum(found: list[Condition], path: Path) -> None:
     """Draw the lines of D2 at 2000 N and 30 Hz (as Fig. 48)."""
     [condition] = [c for c in found if (c.defect, c.load, c.speed) == ("D2", 2000.0, 30.0)]
@@ -237,6 +266,12 @@ def main() -> None:
         "lines of Fig. 48": resonance_rows(found),
         "statements of sections 4.3 and 4.4.3": statement_rows(found),
     }
+    scenes = {(c.defect, c.load, c.speed): scene(c.defect, c.load, c.speed) for c in found}
+    levels = slip_levels(scenes, BAND)
+    tables["slip: levels over those without"] = slip_rows(levels)
+    tables["slip: statements of section 4.4.5"] = slip_statements(levels)
+    spectra = slip_spectra(scenes["D2", 2000.0, 30.0])
+    tables["slip: largest lines, D2 at 2000 N and 30 Hz, per passage"] = slip_spectrum_rows(spectra)
     for title, rows in tables.items():
         print_table(title, rows)
     write_json(options.json, tables)
@@ -245,6 +280,9 @@ def main() -> None:
         draw_features(found, options.pictures / "stationary_features.png")
         draw_signals(found, options.pictures / "stationary_signals.png")
         draw_spectrum(found, options.pictures / "stationary_spectrum.png")
+        draw_spectra(found, options.pictures / "stationary_spectra.png")
+        draw_slip_features(levels, options.pictures / "slip_features.png", COLORS)
+        draw_slip_spectra(spectra, options.pictures / "slip_spectra.png", BAND[1], COLORS["D2"])
 
 
 if __name__ == "__main__":

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.stationary import LOADS, SPEEDS, Condition, conditions, resonance_rows, statement_rows
+from benchmarks.common import Row
+from benchmarks.stationary import BAND, LOADS, SPEEDS, Condition, conditions, resonance_rows, scene, statement_rows
+from benchmarks.stationary_slip import slip_levels, slip_spectra, slip_spectrum_rows, slip_statements
 from models.published.self_aligning import EXTENTS_DEG
 
 
@@ -42,3 +44,28 @@ def test_lines_gather_at_the_printed_resonances(found: list[Condition]) -> None:
     """Within a line and a half: the largest line depends on the defect as well as on the resonance."""
     rows = resonance_rows(found)
     assert [abs(float(row["lines away"] or 0.0)) < 1.5 for row in rows] == [True] * 3
+
+
+def test_the_mean_force_limit_does_what_the_text_says_of_slip(found: list[Condition]) -> None:
+    """Section 4.4.5 on Fig. 51; one sigma for each passage does not lower the RMS (docs/published-figures.md)."""
+    levels = slip_levels({(c.defect, c.load, c.speed): scene(c.defect, c.load, c.speed) for c in found}, BAND)
+    for c in found:
+        still = levels["mean_force", 0.0][c.defect, c.load, c.speed]
+        assert still.rms == pytest.approx(c.rms, rel=5e-3)
+        assert still.a_star == pytest.approx(c.a_star, rel=5e-3)
+    rows = slip_statements(levels)
+    assert [row["mean_force"] for row in rows] == ["18 of 18", "18 of 18", "18 of 18", "6 of 6"]
+    # Ratios of a few standard errors above one: most, not all, are certain.
+    assert int(str(rows[0]["per_passage"]).split()[0]) <= 3
+
+
+def test_slip_smears_the_high_lines_first() -> None:
+    """Section 4.4.5 on Fig. 49."""
+    still, least, _, most = slip_spectrum_rows(slip_spectra(scene("D2", 2000.0, 30.0)))
+    low, middle, high = (name for name in still if name.endswith("Hz, g"))
+
+    def ratio(row: Row, name: str) -> float:
+        return float(row[name] or 0.0) / float(still[name] or 1.0)
+
+    assert ratio(least, high) < 0.6 < 0.8 < ratio(least, middle)
+    assert ratio(most, middle) < 0.5 < 0.8 < ratio(most, low)
