@@ -30,6 +30,8 @@ from monitor.commands.common import (
 )
 from streams.block import STANDARD_GRAVITY
 
+# Error between nodes from which on a finer grid is advised.
+_COARSE = 0.02
 _MEASURED = ("interpolation_error", "interpolation_error_max", "condition_error", "condition_error_max")
 
 
@@ -207,6 +209,8 @@ def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
     tolerance = values["interpolation_tolerance"]
     if tolerance is not None and (values["interpolation_error"] or 0.0) > tolerance:
         yield f"the tolerance of {100 * tolerance:.2g} % is not met with the nodes allowed: raise --most-nodes"
+    if tolerance is None and (values["interpolation_error"] or 0.0) > _COARSE:
+        yield "the grid is coarse for the stripes of the model: --interpolation-tolerance 0.01 refines it"
     for name, what in (("spread_floors", "floors"), ("spread_rig", "rig parameters")):
         if values[name] is not None:
             yield f"spread over {what}: {100 * values[name]:.2g} % (median over damaged nodes)"

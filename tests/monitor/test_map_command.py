@@ -68,6 +68,8 @@ def test_a_tolerance_refines_the_axes_and_a_bound_holds(tmp_path: Path) -> None:
     result = CliRunner().invoke(command, arguments, catch_exceptions=False)
     assert "not met" in result.stdout
     assert load_map(out).rms.size <= 20
+    advised = CliRunner().invoke(command, ["build", *SMALL, "--out", str(out)], catch_exceptions=False)
+    assert "coarse" in advised.stdout
     with pytest.raises(InputError, match="more than the 5"):
         CliRunner().invoke(command, [*arguments, "--most-nodes", "5"], catch_exceptions=False)
 
