@@ -17,8 +17,8 @@ from models.rms_map import RmsMap
 from streams.block import STANDARD_GRAVITY
 
 _MOST_PANELS = 12
-_V_EQ_MM2 = (0.005, 0.02, 0.05, 0.1)
-"""Volumes whose hyperbolas are drawn, mm3 per mm of width."""
+_V_EQ_MM2 = {0.005: 0.6, 0.02: 0.45, 0.05: 0.3, 0.1: 0.12}
+"""Volumes whose hyperbolas are drawn, mm3 per mm of width, and the share of the panel's height where each is named."""
 
 
 def draw_map(rms_map: RmsMap, path: Path) -> None:
@@ -63,19 +63,19 @@ def draw_map(rms_map: RmsMap, path: Path) -> None:
 def _volumes(axes: Axes, rms_map: RmsMap, extent: np.ndarray, depth: np.ndarray) -> None:
     """Draw V_eq = r_o dphi_d h_d for a few volumes (Eq. 90)."""
     span = np.linspace(max(extent[0], 0.05), extent[-1], 400)
-    for volume in _V_EQ_MM2:
+    for volume, height in _V_EQ_MM2.items():
         h = volume * 1e-6 / (rms_map.outer_race_radius * np.radians(span)) * 1e6
         inside = (h >= depth[0]) & (h <= depth[-1])
         if np.count_nonzero(inside) < 2:
             continue
         axes.plot(span[inside], h[inside], color="white", lw=0.9, ls="--")
-        # Where the line leaves the middle of the panel, so that labels of neighbouring lines stand apart.
-        place = np.flatnonzero(inside & (h >= min(depth[-1], 0.12 * (depth[-1] - depth[0]) + depth[0])))[-1]
-        right = bool(span[place] > 0.25 * extent[-1])
+        # Each label at a height of its own, so that labels of neighbouring lines stand apart.
+        place = np.flatnonzero(inside & (h >= min(float(h[inside][0]), depth[0] + height * (depth[-1] - depth[0]))))[-1]
+        right = bool(span[place] > 0.7 * extent[-1])
         axes.annotate(
             f"{volume:g} mm³/mm",
             (span[place], h[place]),
-            xytext=(-4, 4) if right else (4, 4),
+            xytext=(-4, 4) if right else (4, 2),
             textcoords="offset points",
             color="white",
             fontsize=7,
@@ -102,6 +102,6 @@ def _caption(rms_map: RmsMap, left_out: int) -> str:
     calibrated = "calibrated" if plan.rig.calibrated else "parameters not calibrated on this machine"
     slip = "" if plan.slip is None else f", slip up to {math.degrees(plan.slip.phi_slip):.2g} deg"
     return (
-        f"{plan.bearing.designation}, {plan.floor.kind} floor{floors}{slip}, RMS in {band}; {calibrated}{more}\n"
-        "pale: RMS falls with depth; dashed: equal volume"
+        f"{plan.bearing.designation}, {plan.floor.kind} floor{floors}{slip}, RMS in {band}{more}\n"
+        f"{calibrated}; pale: RMS falls with depth; dashed: equal volume"
     )

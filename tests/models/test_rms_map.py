@@ -10,8 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from netCDF4 import Dataset
 
 from models.map_check import rms_and_most
@@ -21,8 +19,6 @@ from models.map_rig import drawn_rig
 from models.rms_map import (
     MapError,
     MapPlan,
-    MapSlice,
-    OutsideMapError,
     RmsMap,
     build_map,
     cached_map,
@@ -128,21 +124,6 @@ def test_rigs_and_floors_are_told_apart() -> None:
     m = build_map(plan, workers=2)
     assert np.all(m.rms_std > 1e-3 * m.rms)
     assert np.all(m.rms_rig_std < 1e-3 * m.rms_std)
-
-
-def test_falls_count_beyond_the_errors_only() -> None:
-    rms = np.array([[1.0, 2.0, 1.9], [1.5, 1.0, 1.0]])[None, None]
-    small = replace(
-        built(),
-        rms=rms,
-        rms_error=np.full(rms.shape, 0.02),
-        rms_se=np.zeros(rms.shape),
-    )
-    assert small.falling("dphi_d")[0, 0].tolist() == [[False, True, False], [True, False, False]]
-    assert small.falling("h_d")[0, 0].tolist() == [[False, True, True], [False, False, False]]
-    doubtful = replace(small, rms_se=np.full(rms.shape, 0.03))
-    assert doubtful.falling("dphi_d")[0, 0].tolist() == [[False, False, False], [True, False, False]]
-    assert not replace(small, rms_error=rms).falling("h_d").any()
 
 
 def test_progress_counts_every_node() -> None:
@@ -324,57 +305,6 @@ def test_every_parameter_is_in_the_hash() -> None:
 def test_impossible_plans_are_refused(change: dict[str, object], word: str) -> None:
     with pytest.raises(MapError, match=word):
         replace(SMALL, **change)
-
-
-def test_interpolation_meets_the_nodes_and_stays_between() -> None:
-    at = built().slice_at(3000.0, 40.0)
-    x, y = np.meshgrid(at.dphi_d, at.h_d)
-    assert at.interpolate(x, y) == pytest.approx(built().rms[0, 0], rel=1e-12)
-    assert at.interpolate_harmonics(x, y) == pytest.approx(built().harmonic_amplitude[0, 0], rel=1e-12)
-    assert np.isnan(at.interpolate([0.1, 0.4], [30e-6, 10e-6])).all()
-    assert at.inside([0.1, 0.4, 0.35], [10e-6, 10e-6, 20e-6]).tolist() == [True, False, True]
-
-
-@given(st.floats(0.0, 0.35), st.floats(0.0, 20e-6))
-def test_bilinear_interpolation_is_the_obvious_one(dphi_d: float, h_d: float) -> None:
-    at = built().slice_at(3000.0, 40.0)
-    rows = [np.interp(dphi_d, at.dphi_d, row) for row in at.rms]
-    assert float(at.interpolate(dphi_d, h_d)) == pytest.approx(np.interp(h_d, at.h_d, rows), rel=1e-9)
-
-
-def test_conditions_between_and_beside_the_nodes() -> None:
-    m = built()
-    assert m.slice_at(4000.0, 40.0).rms == pytest.approx(0.5 * (m.rms[0, 0] + m.rms[1, 0]))
-    assert m.slice_at(5040.0, 40.2).rms == pytest.approx(m.rms[1, 0])
-    spreads = ("rms_std", "harmonic_std", "rms_rig_std", "harmonic_rig_std")
-    rng = np.random.default_rng(1)
-    marked = replace(m, **{name: rng.uniform(size=getattr(m, name).shape) for name in spreads})
-    at = marked.slice_at(3500.0, 40.0)
-    for name in spreads:
-        low, high = getattr(marked, name)[:, 0]
-        assert getattr(at, name) == pytest.approx(0.75 * low + 0.25 * high)
-    for load, speed in ((2900.0, 40.0), (5100.0, 40.0), (4000.0, 41.0), (math.nan, 40.0)):
-        with pytest.raises(OutsideMapError, match="the map covers"):
-            m.slice_at(load, speed)
-
-
-def test_a_slice_of_one_node_interpolates_nothing() -> None:
-    one = MapSlice(
-        load=1.0,
-        speed=1.0,
-        h_d=np.array([1e-6]),
-        dphi_d=np.array([0.1]),
-        rms=np.ones((1, 1)),
-        rms_error=np.zeros((1, 1)),
-        harmonic_amplitude=np.ones((1, 1, 6)),
-        rms_band=None,
-        rms_std=np.zeros((1, 1)),
-        harmonic_std=np.zeros((1, 1, 6)),
-        rms_rig_std=np.zeros((1, 1)),
-        harmonic_rig_std=np.zeros((1, 1, 6)),
-    )
-    assert float(one.interpolate(0.1, 1e-6)) == 1.0
-    assert math.isnan(float(one.interpolate(0.2, 1e-6)))
 
 
 def test_check_measures_the_error() -> None:
