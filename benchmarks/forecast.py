@@ -10,7 +10,7 @@ with the blocks up to then; a missing answer is scored as the constant guess. Me
 2. the figures that are asked for, beside what was found;
 3. the forecasters by growth law, 4. by speed, 5. how far they are from the bound that is reached where the true V_eq is
    known, 6. with each law left out of the library;
-7. every block of some runs before the threshold: refusals, coverage, and thread time of a block;
+7. every block of some runs before the threshold: scores, refusals, and thread time of a block;
 8. the thesis' method on maps of each run's very load and speed, on some runs: what reading between nodes costs it.
 
 ``--quick`` takes few runs and a coarse map: it shows that all works, its figures mean little. The full run simulates
@@ -34,7 +34,7 @@ from benchmarks.forecast_cases import Answers, Cases, Floats, Scores, cases_of, 
 from benchmarks.forecast_filter import track
 from benchmarks.forecast_library import ask, fitted, without_law
 from benchmarks.forecast_lives import cached_lives
-from benchmarks.forecast_naive import constant, of_elapsed_time, of_tracked_volume, of_true_volume
+from benchmarks.forecast_naive import constant, lifetimes, of_elapsed_time, of_tracked_volume, of_true_volume
 from benchmarks.forecast_population import FRACTIONS, LIBRARY, LIBRARY_RUNS, TEST, TEST_RUNS
 from benchmarks.forecast_thesis import exact_maps, rough_map, smooth_map, thesis
 from models.life_laws import LAWS
@@ -247,8 +247,10 @@ def main() -> None:
         "by_speed": lambda: group_rows(scored, names, "speed_hz", between(speed, SPEEDS)),
         "bound": lambda: bound_rows(scored),
         "unseen_law": lambda: unseen_rows(scored, library, guess, list(laws)[:1] if quick else list(laws)),
-        "every_block": lambda: block_rows(cases.runs[: 3 if quick else 60], forecaster, coarse=quick),
-        "exact_maps": lambda: exact_rows(cases, guess, on_smooth, 2 if quick else 60),
+        "every_block": lambda: block_rows(
+            cases.runs[: 3 if quick else 100], forecaster, lifetimes(library), coarse=quick
+        ),
+        "exact_maps": lambda: exact_rows(cases, guess, on_smooth, 2 if quick else 40),
     }
     figures: dict[str, list[Row]] = {}
     for title, table in tables.items():

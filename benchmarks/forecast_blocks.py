@@ -1,14 +1,19 @@
-"""Every block of some lives of ``benchmarks.forecast``, as issued: refusals, coverage, and what a block costs."""
+"""Every block of some lives of ``benchmarks.forecast``, as issued: scores, refusals, and what a block costs.
+
+Moments at fixed shares of a life favour whoever knows that they are: at three quarters of it, a third of the time gone
+is what remains. Here every block before the threshold counts, and a run is the mean over its blocks.
+"""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from benchmarks.common import Row
-from benchmarks.forecast_cases import LEVEL, Floats
+from benchmarks.forecast_cases import LEVEL, LEVELS, WORST, Floats
 from benchmarks.forecast_filter import FEATURES
 from benchmarks.forecast_library import block_of
 from benchmarks.forecast_population import THRESHOLD
@@ -16,16 +21,20 @@ from benchmarks.forecast_thesis import map_plan
 from models.lives import LifeHistory
 from models.map_data import MapSlice
 from models.rms_map import cached_map
-from monitor.health import edv, forecast
+from monitor.health import baselines, edv, forecast
 from monitor.health import filter as physical
 from monitor.health import library as stage
 from monitor.health.library_model import Library
-from monitor.report.score_metrics import mean_over_runs
+from monitor.report.score_metrics import crps_from_quantiles, mean_over_runs
 
-Answer = tuple[float, float, float, float, float, float]
-"""V_eq and its lower and upper end, m2; time to threshold and its lower and upper end, s; NaN where there is none."""
+Answer = tuple[float, float, float, Sequence[float]]
+"""V_eq and its lower and upper end, m2; quantiles of the time to threshold at ``LEVELS``, or one number, s; NaN or ()
+where there is none."""
 Method = Callable[[LifeHistory, MapSlice], Callable[[int], Answer]]
-_NAN = float("nan")
+_NAN = math.nan
+_TAIL = 0.5 * (1.0 - LEVEL)
+# A tracked volume below this counts as this in ln V_eq, m2; the least true one is eight times as large.
+_LEAST = 1e-10
 
 
 def by_library(library: Library, features: str) -> Method:
@@ -39,8 +48,7 @@ def by_library(library: Library, features: str) -> Method:
         def answer(k: int) -> Answer:
             nonlocal state
             state, found = stage.step(state, block_of(life, k), library, settings, thresholds=[THRESHOLD])
-            time_to = found.forecasts[0]
-            return found.v_eq, found.v_eq_lower, found.v_eq_upper, time_to.tt, time_to.tt_lower, time_to.tt_upper
+            return found.v_eq, found.v_eq_lower, found.v_eq_upper, found.forecasts[0].quantiles
 
         return answer
 
@@ -58,7 +66,7 @@ def by_filter(race: float, features: str) -> Method:
             nonlocal state
             heard = physical.FilterInput(float(life.t[k]), float(life.rms[k]), tuple(life.harmonics[k].tolist()))
             state, found = physical.step(state, heard, map_slice=map_slice, settings=settings)
-            return found.v_eq, found.v_eq_lower, found.v_eq_upper, _NAN, _NAN, _NAN
+            return found.v_eq, found.v_eq_lower, found.v_eq_upper, ()
 
         return answer
 
@@ -76,63 +84,109 @@ def by_thesis(race: float) -> Method:
             nonlocal tracked, fit
             tracked, found = edv.step(tracked, float(life.rms[k]), map_slice=level_map)
             fit, (time_to,) = forecast.step(fit, float(life.t[k]), found.v_eq, thresholds=[THRESHOLD])
-            return found.v_eq, _NAN, _NAN, time_to.tt, _NAN, _NAN
+            return found.v_eq, _NAN, _NAN, () if math.isnan(time_to.tt) else (time_to.tt,)
 
         return answer
 
     return begin
 
 
-def block_rows(runs: Sequence[LifeHistory], library: Library, *, coarse: bool) -> list[Row]:
-    """Return the figures of every block before the threshold, by method; shares are means over runs.
+def by_elapsed_time(forecast_of: Callable[[float], baselines.Sample]) -> Method:
+    """Return a forecast that knows nothing but the time gone."""
+
+    def begin(life: LifeHistory, map_slice: MapSlice) -> Callable[[int], Answer]:
+        del map_slice
+        return lambda k: (_NAN, _NAN, _NAN, forecast_of(float(life.t[k])).quantiles(LEVELS).tolist())
+
+    return begin
+
+
+def all_methods(library: Library, lifetimes: Floats, race: float) -> dict[str, Method]:
+    """Return the methods by name.
+
+    Args:
+        library: the forecaster.
+        lifetimes: of the lives that it was fitted on, s.
+        race: r_o, m.
+    """
+    methods = {
+        "climatology": by_elapsed_time(lambda elapsed: baselines.climatology(elapsed, lifetimes)),
+        "elapsed time alone": by_elapsed_time(lambda elapsed: baselines.elapsed_alone(elapsed, lifetimes)),
+        "thesis, smooth map": by_thesis(race),
+    }
+    for features, name in (("rms", "rms"), ("rms+harmonics", "rms and harmonics")):
+        methods[f"library, {name}"] = by_library(library, features)
+        methods[f"filter, {name}"] = by_filter(race, features)
+    return methods
+
+
+def block_rows(runs: Sequence[LifeHistory], library: Library, lifetimes: Floats, *, coarse: bool) -> list[Row]:
+    """Return the figures of every block before the threshold, by method; all are means over runs.
 
     Args:
         runs: lives.
         library: the forecaster.
+        lifetimes: of the lives that it was fitted on, s.
         coarse: whether on a coarse map.
     """
     rms_map = cached_map(map_plan(coarse=coarse))
-    race = rms_map.outer_race_radius
-    methods = {"thesis, smooth map": by_thesis(race)}
-    for features, name in (("rms", "rms"), ("rms+harmonics", "rms and harmonics")):
-        methods[f"library, {name}"] = by_library(library, features)
-        methods[f"filter, {name}"] = by_filter(race, features)
     rows: list[Row] = []
-    for name, method in methods.items():
-        seconds, blocks, shares = 0.0, 0, []
+    for name, method in all_methods(library, lifetimes, rms_map.outer_race_radius).items():
+        seconds, blocks, figures = 0.0, 0, []
         for life in runs:
             known = int(np.searchsorted(life.t, life.crossing(THRESHOLD)))
             answer = method(life, rms_map.slice_at(float(life.load[0]), float(life.speed[0])))
             begin = time.thread_time()
-            answers = np.array([answer(k) for k in range(known)])
+            answers = [answer(k) for k in range(known)]
             seconds += time.thread_time() - begin
             blocks += known
-            shares.append(_shares(life, answers))
-        rows.append({"method": name, "runs": len(runs), "blocks": blocks, **_means(np.array(shares))})
-        rows[-1] = {**rows[-1], "ms_per_block": 1e3 * seconds / blocks}
+            figures.append(_figures(life, answers, lifetimes))
+        found = _means(np.array(figures))
+        rows.append(
+            {"method": name, "runs": len(runs), "blocks": blocks, **found, "ms_per_block": 1e3 * seconds / blocks}
+        )
     return rows
 
 
-_NAMES = ("v_refused", "v_coverage", "tt_refused", "tt_coverage")
+_NAMES = ("v_refused", "v_coverage", "v_rms_ln", "tt_refused", "tt_coverage", "crps_min")
 
 
-def _shares(life: LifeHistory, answers: Floats) -> list[float]:
-    """Return the shares of ``_NAMES`` in the blocks of one life; of coverages, NaN where there are no intervals."""
-    found: list[float] = []
-    true_tt = life.crossing(THRESHOLD) - life.t[: len(answers)]
-    for (middle, low, high), truth in ((answers.T[:3], life.v_eq[: len(answers)]), (answers.T[3:], true_tt)):
-        given = np.isfinite(low)
-        inside = (low <= truth) & (truth <= high)
-        found += [float(np.mean(np.isnan(middle))), float(np.mean(inside[given])) if np.any(given) else _NAN]
-    return found
+def _figures(life: LifeHistory, answers: Sequence[Answer], lifetimes: Floats) -> list[float]:
+    """Return the figures of ``_NAMES`` of one life, NaN where the method has no such."""
+    volume = np.array([row[:3] for row in answers])
+    truth = life.v_eq[: len(answers)]
+    given = np.isfinite(volume[:, 0])
+    error = np.log(np.maximum(volume[given, 0], _LEAST) / truth[given])
+    found = [float(np.mean(~given)), _inside(volume[:, 1], volume[:, 2], truth), _root_mean_square(error)]
+    width = max(len(row[3]) for row in answers)
+    if width == 0:
+        return [*found, 1.0, _NAN, _NAN]
+    tt = np.array([row[3] if len(row[3]) else [_NAN] * width for row in answers])
+    left = life.crossing(THRESHOLD) - life.t[: len(answers)]
+    missing = np.isnan(tt[:, 0])
+    guess = np.abs(baselines.constant(life.t[: len(answers)], lifetimes) - left)
+    score = np.where(missing, guess, crps_from_quantiles(LEVELS if width > 1 else [0.5], tt, left))
+    lower, upper = int(np.argmin(np.abs(LEVELS - _TAIL))), int(np.argmin(np.abs(LEVELS - 1.0 + _TAIL)))
+    inside = _inside(tt[:, lower], tt[:, upper], left) if width > 1 else _NAN
+    return [*found, float(np.mean(missing)), inside, float(np.mean(np.minimum(score, WORST))) / 60.0]
 
 
-def _means(shares: Floats) -> dict[str, float | None]:
+def _inside(lower: Floats, upper: Floats, truth: Floats) -> float:
+    """Return the share of the intervals that were given that hold the truth."""
+    given = np.isfinite(lower)
+    return float(np.mean(((lower <= truth) & (truth <= upper))[given])) if np.any(given) else _NAN
+
+
+def _root_mean_square(values: Floats) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if values.size else _NAN
+
+
+def _means(figures: Floats) -> dict[str, float | None]:
     found: dict[str, float | None] = {}
-    for name, column in zip(_NAMES, shares.T, strict=True):
+    for name, column in zip(_NAMES, figures.T, strict=True):
         mean = mean_over_runs(column.tolist())
         # A method that never answers is one that does not claim to.
         found[name] = mean.mean if mean.runs and not np.all(column == 1.0) else None
-        if name.endswith("coverage"):
+        if not name.endswith("refused"):
             found[f"{name}_se"] = mean.standard_error if mean.runs else None
     return found

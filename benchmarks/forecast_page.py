@@ -97,16 +97,18 @@ def blocks_table(rows: Sequence[Row]) -> str:
     columns: list[Column] = [
         ("method", lambda row: str(row["method"])),
         ("V_eq: refused", lambda row: _SHARE(row["v_refused"])),
-        ("V_eq: coverage", lambda row: _with_error(row, "v_coverage")),
+        ("V_eq: coverage", lambda row: _with_error(row, "v_coverage", 2)),
+        ("ln V_eq: rms error", lambda row: _with_error(row, "v_rms_ln", 2)),
         ("TT: refused", lambda row: _SHARE(row["tt_refused"])),
-        ("TT: coverage", lambda row: _with_error(row, "tt_coverage")),
+        ("TT: coverage", lambda row: _with_error(row, "tt_coverage", 2)),
+        ("TT: CRPS, min", lambda row: _with_error(row, "crps_min", 0)),
         ("ms a block", lambda row: _SHARE(row["ms_per_block"])),
     ]
     return markdown([title for title, _ in columns], [[text(row) for _, text in columns] for row in rows])
 
 
-def _with_error(row: Row, key: str) -> str:
-    return "-" if row[key] is None else f"{row[key]:.2f} ± {row[f'{key}_se']:.2f}"
+def _with_error(row: Row, key: str, digits: int) -> str:
+    return "-" if row[key] is None else f"{row[key]:.{digits}f} ± {row[f'{key}_se']:.{digits}f}"
 
 
 def tables(results: Mapping[str, Any]) -> dict[str, str]:
