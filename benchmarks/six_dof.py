@@ -9,19 +9,14 @@ Run as ``python -m benchmarks.six_dof [--quick] [--json FILE]``. All times are t
 3. integrated: the time of one second that is really integrated, period by period, at the same steps;
 4. settling: ball periods until the RMS has settled, with the accelerated search and by simulating on;
 5. map: 51 x 33 nodes at four loads and 40 Hz, beside its error at random nodes;
-6. cores: the speed-up of the map on two threads beside that of two processes of the calibration transform, in turns;
-7. compiling: the first and the second start with an empty cache.
+6. cores: the speed-up of the map on two threads beside that of two processes of the calibration transform, in turns.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import multiprocessing
 import os
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -296,42 +291,6 @@ def _calibration_wall(context: SpawnContext, count: int) -> float:
     return seconds
 
 
-def compile_rows() -> list[Row]:
-    """Return what ``spallwatch warmup`` costs with an empty cache, and again; its parts run in two processes."""
-    code = "from monitor.cli import main; main()"
-    rows: list[Row] = []
-    with tempfile.TemporaryDirectory() as folder:
-        for start in ("first", "second"):
-            done = subprocess.run(
-                [sys.executable, "-c", code, "warmup", "--json"],
-                env={**os.environ, "NUMBA_CACHE_DIR": folder},
-                capture_output=True,
-                text=True,
-                check=True,
-            )
-            values = json.loads(done.stdout)
-            rows.append(
-                {
-                    "start": start,
-                    "part": "all",
-                    "elapsed s": values["elapsed_seconds"],
-                    "compiler s of a core": values["compile_seconds"],
-                    "functions compiled": len(values["kernels"]),
-                }
-            )
-            rows += [
-                {
-                    "start": start,
-                    "part": name,
-                    "elapsed s": part["elapsed_seconds"],
-                    "compiler s of a core": part["compile_seconds"],
-                    "functions compiled": part["kernels"],
-                }
-                for name, part in values["parts"].items()
-            ]
-    return rows
-
-
 def main() -> None:
     """Print the tables and write the JSON file if one was asked for."""
     options = arguments("Six-degree-of-freedom model: error against time.")
@@ -343,7 +302,6 @@ def main() -> None:
         "settling": settling_rows(12 if options.quick else 24),
         "map": [map_row(40 if options.quick else 400)],
         "cores": [core_row(1 if options.quick else 3)],
-        "compiling": compile_rows(),
     }
     for title, rows in tables.items():
         print_table(title, rows)
