@@ -38,7 +38,7 @@ _COLUMNS = 5 + 2 * HARMONICS
 def solver_of(plan: MapPlan) -> Solver:
     """Return which solver a plan's floors are simulated with: rows that settle, or where balls slip lanes in time.
 
-    Without slip the lanes are no quicker a scene, and less accurate (benchmarks/ensemble.py).
+    Without slip the lanes are neither quicker nor more accurate a scene (benchmarks/ensemble.py).
     """
     return "lanes" if plan.slip is not None and plan.slip.phi_slip > 0.0 else "rows"
 
