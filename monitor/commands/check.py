@@ -36,10 +36,8 @@ def command(config_path: Path | None, schema: bool, as_json: bool, quiet: bool) 
 def find_problems(config: Config) -> Iterator[str]:
     """Yield what keeps the configuration from doing all that it says."""
     for channel in config.channel:
-        if channel.track and channel.map is None:
-            yield f"channel {channel.name!r}: track = true, but no map is given: V_eq will answer no_map"
-        elif channel.track and channel.map is not None:
-            yield from _map_problems(config, channel, channel.map)
+        if channel.track:
+            yield from _track_problems(config, channel)
         if channel.track and channel.unit == "unknown":
             yield f"channel {channel.name!r}: track = true, but its unit is unknown: V_eq will answer no_absolute_level"
         if channel.unit == "unknown":
@@ -54,21 +52,39 @@ def find_problems(config: Config) -> Iterator[str]:
             yield f"source {source.name!r}: folder {place!r} does not exist (yet)"
 
 
-def _map_problems(config: Config, channel: ChannelSection, path: Path) -> Iterator[str]:
+def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
+    """Yield what a tracked channel lacks: its map, its library, or what they do not cover."""
     from monitor.service.setup import channel_setups
 
-    if not path.exists():
-        yield f"channel {channel.name!r}: map {path.name} does not exist (yet); make it with: spallwatch map build"
+    missing = list(_missing_files(config, channel))
+    yield from missing
+    if missing or (channel.map is None and channel.library is None):
         return
     source = next(source for source in config.source if source.name == channel.source)
     try:
-        setup = channel_setups(config, source)[channel.name]
+        damage = channel_setups(config, source)[channel.name].settings.damage
     except ConfigError as error:
         yield str(error)
         return
-    at = None if setup.settings.damage is None else setup.settings.damage.map_at
-    if at is not None and at(config.operating.load_newton, config.operating.speed_hz)[0] is None:
+    load, speed = config.operating.load_newton, config.operating.speed_hz
+    if damage is not None and damage.map_at is not None and damage.map_at(load, speed)[0] is None:
         yield f"channel {channel.name!r}: its map does not cover the configured load and speed"
+    library = None if damage is None else damage.library
+    if library is not None and (load is None or speed is None or not library.knows_conditions(load, speed)):
+        yield f"channel {channel.name!r}: its library does not cover the configured load and speed"
+
+
+def _missing_files(config: Config, channel: ChannelSection) -> Iterator[str]:
+    who = f"channel {channel.name!r}"
+    best = "thesis" if channel.library is None else "library"
+    track, forecast = config.track.method or best, config.forecast.method or best
+    if channel.map is None and track in ("thesis", "filter"):
+        yield f"{who}: track = true, but no map is given: V_eq will answer no_map"
+    if channel.library is None and "library" in (track, forecast):
+        yield f'{who}: method = "library", but no library is given: the answer will be no_library'
+    for kind, path in (("map", channel.map), ("library", channel.library)):
+        if path is not None and not path.exists():
+            yield f"{who}: {kind} {path.name} does not exist (yet); make it with: spallwatch {kind} build"
 
 
 def _lines(config: Config, problems: list[str]) -> Iterator[str]:
@@ -105,4 +121,6 @@ def _channel_lines(config: Config, channel: ChannelSection, speed: float | None)
         lines = kinematics(bearing, speed)
         yield (f"    outer {lines.bpfo:.2f}, inner {lines.bpfi:.2f}, ball {2 * lines.bsf:.2f}, cage {lines.ftf:.2f} Hz")
     if channel.track:
-        yield f"    tracked: V_eq to {', '.join(f'{v * 1e6:g}' for v in config.forecast.thresholds)} mm3/mm"
+        best = "thesis" if channel.library is None else "library"
+        methods = f"V_eq by {config.track.method or best}, TT by {config.forecast.method or best}"
+        yield f"    tracked: {methods}, to {', '.join(f'{v * 1e6:g}' for v in config.forecast.thresholds)} mm3/mm"

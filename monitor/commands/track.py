@@ -118,7 +118,7 @@ def command(
     told = {
         "method": method,
         "interval": None if method == "thesis" else interval,
-        "prior": prior_of(settings.library),
+        "prior": prior_of(settings.library) or settings.prior,
         "map_hash": None if rms_map is None else rms_map.hash,
         "calibrated": rms_map is not None and rms_map.plan.rig.calibrated,
         "rows": rows,

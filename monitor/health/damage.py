@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from monitor.health import edv, forecast
 from monitor.health.filter import FilterInput, FilterSettings, FilterState
 from monitor.health.filter import step as filter_step
+from monitor.health.filter_model import GrowthPrior
 from monitor.health.library import QUANTILES, LibraryInput, LibrarySettings, LibraryState, ThresholdResult
 from monitor.health.library import step as ask_library
 from monitor.health.library_model import Library
@@ -87,6 +88,16 @@ class DamageSettings:
     def asks_library(self) -> bool:
         """Whether V_eq or TT come from the library."""
         return "library" in (self.track_method, self.forecast_method)
+
+    @property
+    def prior(self) -> str | None:
+        """In words what intervals lean on, or None where there are none."""
+        leans = []
+        if self.track_method == "filter" and self.filter is not None:
+            leans.append(f"for V_eq, {_growth_words(self.filter.growth)}")
+        if self.asks_library and self.library is not None:
+            leans.append(f"for TT, {self.library.prior}" if leans else self.library.prior)
+        return ", and ".join(leans) or None
 
 
 @dataclass(frozen=True)
@@ -225,6 +236,13 @@ class Stage:
     raised: bool = False
     usable: bool = True
     absolute: bool = True
+
+
+def _growth_words(growth: GrowthPrior) -> str:
+    hours = " to ".join(f"{value / 3600.0:.3g}" for value in growth.durations)
+    depth = " to ".join(f"{value * 1e6:g}" for value in growth.h_threshold)
+    reached = f"{hours} h to {growth.threshold * 1e6:g} mm2, where it is {depth} um deep"
+    return f"a growth that takes {reached}, and may stall or jump"
 
 
 def step(

@@ -127,7 +127,12 @@ def _attributes(config: Config, setups: Mapping[str, ChannelSetup]) -> dict[str,
     """Return what the records say of how they were made, by channel where channels differ."""
     bands = {name: setup.settings.rms_band for name, setup in setups.items()}
     damage = {name: s.settings.damage for name, s in setups.items() if s.settings.damage is not None}
-    libraries = {name: s.library for name, s in setups.items() if name in damage and damage[name].asks_library}
+    leaning = {name: settings for name, settings in damage.items() if settings.prior is not None}
+    libraries = {
+        name: settings.library.hash
+        for name, settings in leaning.items()
+        if settings.asks_library and settings.library is not None
+    }
 
     def listed(values: Mapping[str, Any]) -> str:
         return "; ".join(f"{name}: {value}" for name, value in values.items())
@@ -143,12 +148,11 @@ def _attributes(config: Config, setups: Mapping[str, ChannelSetup]) -> dict[str,
         "track_method": listed({name: settings.track_method for name, settings in damage.items()}),
         "forecast_method": listed({name: settings.forecast_method for name, settings in damage.items()}),
     }
-    if libraries:
-        known = {name: library for name, library in libraries.items() if library is not None}
+    if leaning:
         attributes |= {
             "interval_level": config.forecast.interval,
-            "library_hash": listed({name: library.hash for name, library in known.items()}),
-            "prior": listed({name: library.prior for name, library in known.items()}),
+            "library_hash": listed(libraries),
+            "prior": listed({name: settings.prior for name, settings in leaning.items()}),
         }
     return attributes
 

@@ -46,6 +46,9 @@ def test_the_minimal_configuration_has_the_documented_defaults():
     assert config.detect.end_of_life_blocks == 3
     assert config.track.smoothing_blocks == 6
     assert config.forecast.thresholds == (0.05e-6,)
+    assert (config.track.method, config.forecast.method) == (None, None)
+    assert config.track.features == ("rms", "harmonics")
+    assert (config.forecast.interval, config.forecast.window_hours) == (0.8, None)
     assert not config.rig.calibrated
 
 
@@ -113,7 +116,11 @@ def test_every_key_of_the_root_configuration_is_commented():
         (changed("detect", learn_blocks=50, learn_hours=3), ["learn_blocks or learn_hours"]),
         (changed("detect", false_alarms_per_1000_blocks=0), ["detect.false_alarms_per_1000_blocks", "0"]),
         (changed("forecast", threshold_mm2=[0.1, 0.05]), ["forecast.threshold_mm2", "ascending"]),
-        (changed("track", method="magic"), ["track.method", "'magic'", "'thesis'"]),
+        (changed("track", method="magic"), ["track.method", "'magic'", "'thesis'", "'filter'", "'library'"]),
+        (changed("track", features=["harmonics"]), ["track.features", '["rms", "harmonics"]']),
+        (changed("forecast", method="filter"), ["forecast.method", "'filter'", "'thesis'", "'library'"]),
+        (changed("forecast", interval=80), ["forecast.interval", "80", "0.98"]),
+        (changed("forecast", window_hours=0), ["forecast.window_hours", "0", "greater than 0"]),
         ({**MINIMAL, "sensor": []}, ["sensor", "unknown key", "channel"]),
         ({**MINIMAL, "channel": []}, ["channel", "at least 1"]),
         ({"bearing": MINIMAL["bearing"]}, ["source", "missing"]),

@@ -9,9 +9,12 @@ from pathlib import Path
 import pytest
 
 from models.map_data import MapPlan
+from models.population import Population
 from models.rms_map import build_map, save_map
+from monitor.commands.check import find_problems
 from monitor.config import ConfigError, validate
 from monitor.health.edv import EdvStatus
+from monitor.service.library_build import build_library
 from monitor.service.setup import channel_setups, source_spec
 
 BAND = (0.0, 9500.0)
@@ -104,3 +107,59 @@ def test_a_map_that_is_not_there_says_how_to_make_one(tmp_path, small_map):
     c = config(map=str(tmp_path / "garbage.nc"))
     with pytest.raises(ConfigError, match=r"garbage\.nc"):
         channel_setups(c, c.source[0])
+
+
+@pytest.fixture(scope="module")
+def library():
+    return build_library(Population(load=(3900.0, 4100.0), speed=(39.0, 41.0)), runs=20, thresholds=(0.05e-6,))
+
+
+def damage_of(c, **given):
+    damage = channel_setups(c, c.source[0], **given)["c"].settings.damage
+    assert damage is not None
+    return damage
+
+
+def test_without_a_method_a_library_is_taken_where_there_is_one(small_map, library):
+    c = config()
+    damage = damage_of(c, maps={"c": small_map})
+    assert (damage.track_method, damage.forecast_method, damage.prior) == ("thesis", "thesis", None)
+    damage = damage_of(c, libraries={"c": library})
+    assert (damage.track_method, damage.forecast_method) == ("library", "library")
+    assert damage.prior == library.prior
+    assert damage.asking.features == "rms+harmonics"
+    mixed = c.model_copy(update={"track": c.track.model_copy(update={"method": "filter"})})
+    damage = damage_of(mixed, maps={"c": small_map}, libraries={"c": library})
+    assert (damage.track_method, damage.forecast_method) == ("filter", "library")
+    assert damage.filter is not None
+    assert damage.filter.lines == 3
+    assert library.prior in str(damage.prior)
+    assert "may stall or jump" in str(damage.prior)
+
+
+@pytest.mark.parametrize(
+    ("forecast", "channel", "words"),
+    [
+        ({"threshold_mm2": 0.08}, {}, r"threshold_mm2 0\.08 is not in the library"),
+        ({}, {"rms_band_hz": [0, 8000]}, r"its library was made for \[0, 9500\]"),
+    ],
+)
+def test_a_library_that_does_not_fit_is_refused(library, forecast, channel, words):
+    c = config(**channel)
+    c = c.model_copy(update={"forecast": c.forecast.model_copy(update=forecast)})
+    with pytest.raises(ConfigError, match=words):
+        damage_of(c, libraries={"c": library})
+
+
+def test_a_library_of_another_rig_is_refused(library):
+    c = config()
+    c = c.model_copy(update={"rig": c.rig.model_copy(update={"m_r_kg": 0.5})})
+    with pytest.raises(ConfigError, match=r"rig m_r.*spallwatch library build"):
+        damage_of(c, libraries={"c": library})
+
+
+def test_check_names_the_library_that_is_not_there(tmp_path):
+    c = config(library=str(tmp_path / "none.npz"))
+    assert [problem for problem in find_problems(c) if "none.npz does not exist" in problem]
+    with pytest.raises(ConfigError, match=r"none\.npz"):
+        damage_of(c)
