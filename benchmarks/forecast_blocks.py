@@ -14,12 +14,12 @@ import numpy as np
 
 from benchmarks.common import Row
 from benchmarks.forecast_cases import LEVEL, LEVELS, WORST, Floats
-from benchmarks.forecast_filter import FEATURES
+from benchmarks.forecast_filter import FEATURES, floors_map, slice_of
 from benchmarks.forecast_library import block_of
 from benchmarks.forecast_population import THRESHOLD
 from benchmarks.forecast_thesis import map_plan
 from models.lives import LifeHistory
-from models.map_data import MapSlice
+from models.map_data import RmsMap
 from models.rms_map import cached_map
 from monitor.health import baselines, edv, forecast
 from monitor.health import filter as physical
@@ -30,7 +30,7 @@ from monitor.report.score_metrics import crps_from_quantiles, mean_over_runs
 Answer = tuple[float, float, float, Sequence[float]]
 """V_eq and its lower and upper end, m2; quantiles of the time to threshold at ``LEVELS``, or one number, s; NaN or ()
 where there is none."""
-Method = Callable[[LifeHistory, MapSlice], Callable[[int], Answer]]
+Method = Callable[[LifeHistory], Callable[[int], Answer]]
 _NAN = math.nan
 _TAIL = 0.5 * (1.0 - LEVEL)
 # A tracked volume below this counts as this in ln V_eq, m2; the least true one is eight times as large.
@@ -41,8 +41,7 @@ def by_library(library: Library, features: str) -> Method:
     """Return the library forecaster, block by block."""
     settings = stage.LibrarySettings(features=features, interval=LEVEL)
 
-    def begin(life: LifeHistory, map_slice: MapSlice) -> Callable[[int], Answer]:
-        del map_slice
+    def begin(life: LifeHistory) -> Callable[[int], Answer]:
         state = stage.LibraryState()
 
         def answer(k: int) -> Answer:
@@ -55,11 +54,12 @@ def by_library(library: Library, features: str) -> Method:
     return begin
 
 
-def by_filter(race: float, features: str) -> Method:
+def by_filter(rms_map: RmsMap, features: str) -> Method:
     """Return the physical tracker, block by block."""
-    settings = physical.FilterSettings(race, lines=FEATURES[features], interval=LEVEL)
+    settings = physical.FilterSettings(rms_map.outer_race_radius, lines=FEATURES[features], interval=LEVEL)
 
-    def begin(life: LifeHistory, map_slice: MapSlice) -> Callable[[int], Answer]:
+    def begin(life: LifeHistory) -> Callable[[int], Answer]:
+        map_slice = slice_of(rms_map, life)
         state = physical.FilterState()
 
         def answer(k: int) -> Answer:
@@ -73,12 +73,13 @@ def by_filter(race: float, features: str) -> Method:
     return begin
 
 
-def by_thesis(race: float) -> Method:
+def by_thesis(rms_map: RmsMap) -> Method:
     """Return the thesis' tracker and forecast, block by block."""
 
-    def begin(life: LifeHistory, map_slice: MapSlice) -> Callable[[int], Answer]:
+    def begin(life: LifeHistory) -> Callable[[int], Answer]:
+        map_slice = slice_of(rms_map, life)
         tracked, fit = edv.EdvState(), forecast.ForecastState()
-        level_map = edv.MapSlice(map_slice.dphi_d, map_slice.h_d, map_slice.rms, race)
+        level_map = edv.MapSlice(map_slice.dphi_d, map_slice.h_d, map_slice.rms, rms_map.outer_race_radius)
 
         def answer(k: int) -> Answer:
             nonlocal tracked, fit
@@ -94,29 +95,29 @@ def by_thesis(race: float) -> Method:
 def by_elapsed_time(forecast_of: Callable[[float], baselines.Sample]) -> Method:
     """Return a forecast that knows nothing but the time gone."""
 
-    def begin(life: LifeHistory, map_slice: MapSlice) -> Callable[[int], Answer]:
-        del map_slice
+    def begin(life: LifeHistory) -> Callable[[int], Answer]:
         return lambda k: (_NAN, _NAN, _NAN, forecast_of(float(life.t[k])).quantiles(LEVELS).tolist())
 
     return begin
 
 
-def all_methods(library: Library, lifetimes: Floats, race: float) -> dict[str, Method]:
+def all_methods(library: Library, lifetimes: Floats, *, coarse: bool) -> dict[str, Method]:
     """Return the methods by name.
 
     Args:
         library: the forecaster.
         lifetimes: of the lives that it was fitted on, s.
-        race: r_o, m.
+        coarse: whether on coarse maps.
     """
+    floors = floors_map(coarse=coarse)
     methods = {
         "climatology": by_elapsed_time(lambda elapsed: baselines.climatology(elapsed, lifetimes)),
         "elapsed time alone": by_elapsed_time(lambda elapsed: baselines.elapsed_alone(elapsed, lifetimes)),
-        "thesis, smooth map": by_thesis(race),
+        "thesis, smooth map": by_thesis(cached_map(map_plan(coarse=coarse))),
     }
     for features, name in (("rms", "rms"), ("rms+harmonics", "rms and harmonics")):
         methods[f"library, {name}"] = by_library(library, features)
-        methods[f"filter, {name}"] = by_filter(race, features)
+        methods[f"filter, {name}"] = by_filter(floors, features)
     return methods
 
 
@@ -127,15 +128,14 @@ def block_rows(runs: Sequence[LifeHistory], library: Library, lifetimes: Floats,
         runs: lives.
         library: the forecaster.
         lifetimes: of the lives that it was fitted on, s.
-        coarse: whether on a coarse map.
+        coarse: whether on coarse maps.
     """
-    rms_map = cached_map(map_plan(coarse=coarse))
     rows: list[Row] = []
-    for name, method in all_methods(library, lifetimes, rms_map.outer_race_radius).items():
+    for name, method in all_methods(library, lifetimes, coarse=coarse).items():
         seconds, blocks, figures = 0.0, 0, []
         for life in runs:
             known = int(np.searchsorted(life.t, life.crossing(THRESHOLD)))
-            answer = method(life, rms_map.slice_at(float(life.load[0]), float(life.speed[0])))
+            answer = method(life)
             begin = time.thread_time()
             answers = [answer(k) for k in range(known)]
             seconds += time.thread_time() - begin
