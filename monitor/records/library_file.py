@@ -57,7 +57,8 @@ def load_library(path: Path | str) -> Library:
     if not path.is_file():
         raise LibraryError(f"{path}: no such library; make one with: spallwatch library build --out {path}")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        # Opened here: numpy leaves a damaged archive open that it opened itself.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         # numpy's own words would advise to unpickle it.
