@@ -49,12 +49,12 @@ class SlipLevel:
 Levels = dict[tuple[Rule, float], dict[Key, SlipLevel]]
 
 
-def slip_levels(scenes: dict[Key, Scene], band: tuple[float, float]) -> Levels:
+def slip_levels(scenes: dict[Key, Scene], band: tuple[float, float], angles: tuple[float, ...] = ANGLES) -> Levels:
     """Return the levels of all conditions by rule and largest angle; the angle 0 is no slip (the same for both)."""
     found: Levels = {}
     options = LaneOptions(band=band, slip_blocks=BLOCKS, tolerance=1e-4)
     for rule in RULES:
-        for angle in (0.0, *ANGLES):
+        for angle in (0.0, *angles):
             levels = found.setdefault((rule, angle), {})
             for speed in sorted({speed for _, _, speed in scenes}):
                 keys = [key for key in scenes if key[2] == speed]
