@@ -92,7 +92,7 @@ class FitSettings:
     moments: int = 16
     columns: int = 600
     bandwidth: float = 0.5
-    ridge: float = 10.0
+    ridge: float = 30.0
 
     def __post_init__(self) -> None:
         """Refuse what is no split or no fit."""

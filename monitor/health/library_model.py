@@ -152,13 +152,32 @@ class FeatureFit:
             count: how many; one in thirty of all where that is fewer (but 60, or all): alike must not mean any.
             without: a life that is left out, for scores out of fold.
         """
-        distance = np.abs(self.said[:, target] - said)
-        if target:
-            distance += _ELAPSED_WEIGHT * np.abs(self.ln_elapsed - ln_elapsed)
-        if without is not None:
-            distance[self.life == without] = np.inf
-        count = min(count, max(len(distance) // _ALIKE_SHARE, _LEAST_ALIKE), len(distance))
-        return np.argpartition(distance, count - 1)[:count]
+        order, column, elapsed, life = self._ascending[target]
+        total = len(order)
+        count = min(count, max(total // _ALIKE_SHARE, _LEAST_ALIKE), total)
+        place, reach = int(np.searchsorted(column, said)), 4 * count
+        while True:
+            low, high = max(place - reach, 0), min(place + reach, total)
+            distance = np.abs(column[low:high] - said)
+            if target:
+                distance += _ELAPSED_WEIGHT * np.abs(elapsed[low:high] - ln_elapsed)
+            if without is not None:
+                distance[life[low:high] == without] = np.inf
+            nearest = np.argpartition(distance, count - 1)[:count] if len(distance) >= count else None
+            # Whatever is not looked at differs in the prediction alone by as much as the ends of what is.
+            beyond = min(said - column[low - 1] if low else np.inf, column[high] - said if high < total else np.inf)
+            if nearest is not None and distance[nearest].max() <= beyond:
+                return order[low + nearest]
+            reach *= 2
+
+    @cached_property
+    def _ascending(self) -> list[tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]]:
+        """For each target the moments by what was said of them: their order, and said, elapsed and life in it."""
+        orders = [np.argsort(column, kind="stable") for column in self.said.T]
+        return [
+            (order, self.said[order, target], self.ln_elapsed[order], self.life[order])
+            for target, order in enumerate(orders)
+        ]
 
     def sample_v_eq(self, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:
         """Return an ascending sample of V_eq, m2."""
