@@ -53,6 +53,7 @@ class _Other:
 )
 @click.option("--channel", help="Channel of the records, where several have a final stage.")
 @click.option("--smoothing-blocks", type=click.IntRange(min=1), default=6, show_default=True, help="Thesis only.")
+@click.option("--stop-outside-map", is_flag=True, help="End at the first RMS outside the map, as the thesis does.")
 @click.option("--other-load-newton", type=click.FloatRange(min=0, min_open=True), help="Also the RMS at this load.")
 @click.option("--other-speed-hz", type=click.FloatRange(min=0, min_open=True), help="Also the RMS at this speed.")
 @click.option("--direct", is_flag=True, help="Simulate the other condition too, beside the map.")
@@ -67,6 +68,7 @@ def command(
     interval: float,
     channel: str | None,
     smoothing_blocks: int,
+    stop_outside_map: bool,
     other_load_newton: float | None,
     other_speed_hz: float | None,
     direct: bool,
@@ -97,7 +99,7 @@ def command(
         map_at=None if rms_map is None else map_lookup(rms_map),
         spread_at=None if rms_map is None else spread_lookup(rms_map),
         filter=None if rms_map is None else filter_settings(rms_map, chosen.split("+"), interval),
-        edv=edv.EdvSettings(smoothing_blocks=smoothing_blocks),
+        edv=edv.EdvSettings(smoothing_blocks=smoothing_blocks, stop_outside_map=stop_outside_map),
         **library_settings(method, library_path, chosen, interval),
     )
     found = _track(readings, settings)

@@ -207,7 +207,9 @@ _TABLE: list[Variable] = [
         ("threshold", "coefficient"),
     ),
     *_floats("1", f"r_squared | R^2 | goodness of the fit of v_eq over time | {_THESIS}, Table 22", ("threshold",)),
-    *_floats("1", "p_threshold | | probability that the threshold is reached |", ("threshold",)),
+    *_floats(
+        "1", "p_threshold | | probability that the threshold is reached within the maintenance window |", ("threshold",)
+    ),
     *_floats("m2", f"v_eq_true | V_eq | true damaged volume (simulated rigs only) | {_THESIS}, Eq. 90", optional=True),
     *_floats(
         "s",
