@@ -19,7 +19,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from monitor.health.filter_model import ErrorModel, GrowthPrior, HeardMap, heard_map
-from monitor.health.filter_particles import LN_H, LN_R, LN_V, Particles, draw, forget, grow, listen, resample
+from monitor.health.filter_particles import (
+    HASTE,
+    LN_H,
+    LN_R,
+    LN_V,
+    POWER,
+    Particles,
+    draw,
+    forget,
+    grow,
+    listen,
+    quantiles,
+    resample,
+    two_peaks,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,10 +48,6 @@ WIDENING_RMS = 1.0
 WIDENING_HARMONICS = 1.0
 """The same where lines of BPFO are heard too."""
 _BINS = 24
-# Bins of ln V_eq in which two peaks are looked for, and what makes them two.
-_PEAK_BINS = 40
-_VALLEY = 0.5
-_LEAST_PEAK = 0.15
 _OUTSIDE_SD = 3.0
 
 
@@ -359,39 +369,21 @@ def _result(particles: Particles, heard: HeardMap, settings: FilterSettings, *, 
         return FilterResult(FilterStatus.ABOVE_MAP, effective=particles.effective)
     ln_v = particles.core[:, LN_V]
     tail = 0.5 * (1.0 - settings.interval)
-    low, middle, high = _quantiles(ln_v, weight, (tail, 0.5, 1.0 - tail))
+    low, middle, high = quantiles(ln_v, weight, (tail, 0.5, 1.0 - tail))
     widening = settings.widening_harmonics if lines_heard else settings.widening_rms
     lower, upper = middle - widening * (middle - low), middle + widening * (high - middle)
-    ambiguous = upper - lower > math.log(settings.ambiguous_ratio) or _two_peaks(ln_v, weight)
-    power = particles.core[:, 3] * (ln_v - math.log(settings.growth.threshold))
-    rate = _quantiles(particles.core[:, LN_R] + power, weight, (0.5,))[0]
+    ambiguous = upper - lower > math.log(settings.ambiguous_ratio) or two_peaks(ln_v, weight)
+    power = particles.core[:, POWER] * (ln_v - math.log(settings.growth.threshold))
+    rate = quantiles(particles.core[:, LN_R] + particles.core[:, HASTE] + power, weight, (0.5,))[0]
     edges = tuple(np.linspace(axis[0], axis[-1], _BINS + 1) for axis in (heard.h_d, heard.dphi_d))
     return FilterResult(
         status=FilterStatus.AMBIGUOUS if ambiguous else FilterStatus.OK,
         v_eq=math.exp(middle),
         v_eq_lower=math.exp(lower),
         v_eq_upper=math.exp(upper),
-        dphi_d=_quantiles(dphi_d, weight, (0.5,))[0],
-        h_d=math.exp(_quantiles(particles.core[:, LN_H], weight, (0.5,))[0]),
+        dphi_d=quantiles(dphi_d, weight, (0.5,))[0],
+        h_d=math.exp(quantiles(particles.core[:, LN_H], weight, (0.5,))[0]),
         rate=math.exp(rate),
         effective=particles.effective,
         posterior=Posterior(edges[1], edges[0], np.histogram2d(h_d, dphi_d, bins=edges, weights=weight)[0]),
     )
-
-
-def _quantiles(values: Floats, weight: Floats, levels: Sequence[float]) -> list[float]:
-    """Return weighted quantiles, linear between the middles of the particles' weights."""
-    order = np.argsort(values)
-    sorted_weight = weight[order]
-    places = np.cumsum(sorted_weight) - 0.5 * sorted_weight
-    return [float(np.interp(level, places, values[order])) for level in levels]
-
-
-def _two_peaks(ln_v: Floats, weight: Floats) -> bool:
-    """Say whether the volumes are of two kinds: two smoothed peaks with a deep valley and much weight on both sides."""
-    counts, _ = np.histogram(ln_v, bins=_PEAK_BINS, weights=weight)
-    smooth = np.convolve(counts, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0, mode="same")
-    left, right = np.maximum.accumulate(smooth), np.maximum.accumulate(smooth[::-1])[::-1]
-    valley = smooth < _VALLEY * np.minimum(left, right)
-    share = np.cumsum(counts)
-    return bool(np.any(valley & (share > _LEAST_PEAK) & (share < 1.0 - _LEAST_PEAK)))

@@ -7,7 +7,7 @@ the particle's path, and is carried exactly, as mean and covariance of a Kalman 
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -20,13 +20,18 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-LN_V, LN_H, LN_R, POWER, SHARE, GAIN = range(6)
+LN_V, LN_H, LN_R, POWER, SHARE, GAIN, HASTE = range(7)
 """Columns of ``Particles.core``."""
 
 _FIRST_DRAWS = 6
 # Size of the blur with which copies of a particle part, in standard deviations of all.
 _BLUR = 0.08
 _FURTHEST = 5.0
+_LEAST_SLOWNESS = 1e-3
+# Bins of ln V_eq in which two peaks are looked for, and what makes them two.
+_PEAK_BINS = 40
+_VALLEY = 0.5
+_LEAST_PEAK = 0.15
 _ARRAYS = ("core", "weight", "mean", "cov")
 
 
@@ -37,8 +42,8 @@ class Particles:
     The values are those of single precision, in which they are stored.
 
     Attributes:
-        core: shape (N, 6): ln V_eq, ln h_d, ln R of ``GrowthPrior``, its m, the share of ln V_eq that ln h_d takes now,
-            and c; SI.
+        core: shape (N, 7): ln V_eq, ln h_d, ln R of ``GrowthPrior``, its m, the share of ln V_eq that ln h_d takes, c,
+            and the haste of the growth; SI.
         weight: shape (N,), of sum 1.
         mean: of b and z, shape (N, F, 2).
         cov: variance of b, covariance, variance of z, shape (N, F, 3).
@@ -97,16 +102,17 @@ def draw(rng: np.random.Generator, count: int, features: int, growth: GrowthPrio
     ln_u = np.log(growth.v_start / growth.threshold) + growth.v_start_sd * rng.standard_normal(n)
     ln_u = np.minimum(ln_u, -0.05)
     ln_t, ln_h = (uniform((np.log(lo), np.log(hi))) for lo, hi in (growth.durations, growth.h_threshold))
-    slow = 1.0 - power
+    slow = _slowness(power)
     ln_r = np.log(growth.threshold * -np.expm1(slow * ln_u) / slow) - ln_t
     core = np.column_stack(
         (
             ln_u + np.log(growth.threshold),
             ln_h + share * ln_u,
-            ln_r + 0.5 * rng.standard_normal(n),
+            ln_r,
             power,
             share,
             errors.gain_sd * rng.standard_normal(n),
+            growth.haste_sd * rng.standard_normal(n),
         )
     )
     gains = np.array([errors.rms_gain_sd] + [errors.harmonic_gain_sd] * (features - 1))
@@ -121,15 +127,17 @@ def grow(particles: Particles, rng: np.random.Generator, dt: float, growth: Grow
         return particles
     core = particles.core.copy()
     n, blocks = core.shape[0], dt / growth.interval
-    core[:, LN_R] += growth.drift * np.sqrt(blocks) * rng.standard_normal(n)
+    kept = np.exp(-dt / growth.memory)
+    core[:, HASTE] = kept * core[:, HASTE] + growth.haste_sd * np.sqrt(1.0 - kept**2) * rng.standard_normal(n)
     kicked = rng.uniform(size=n) < -np.expm1(-growth.kicks * blocks)
-    core[:, LN_R] += np.where(kicked, growth.kick_sd * rng.standard_normal(n), 0.0)
+    core[:, HASTE] += np.where(kicked, growth.kick_sd * rng.standard_normal(n), 0.0)
     shape = blocks / growth.roughness**2
     rough = rng.gamma(shape, 1.0 / shape, n)
-    slow = 1.0 - core[:, POWER]
+    slow = _slowness(core[:, POWER])
     ln_u = core[:, LN_V] - np.log(growth.threshold)
-    gained = slow * rough * np.exp(core[:, LN_R] - np.log(growth.threshold)) * dt
-    ln_grown = np.log(np.exp(slow * ln_u) + gained) / slow
+    # u^slow grows by slow times this share of itself; where that leaves nothing, u has gone to infinity.
+    share = slow * rough * dt * np.exp(core[:, LN_R] + core[:, HASTE] - np.log(growth.threshold) - slow * ln_u)
+    ln_grown = ln_u + np.log1p(np.maximum(share, -1.0 + 1e-9)) / slow
     jumped = rng.uniform(size=n) < -np.expm1(-growth.jumps * blocks)
     jump = np.where(jumped, growth.jump * rng.exponential(size=n), 0.0)
     # Beyond any map; a long gap must not overflow.
@@ -138,6 +146,12 @@ def grow(particles: Particles, rng: np.random.Generator, dt: float, growth: Grow
     core[:, LN_V] += step
     core[:, LN_H] += core[:, SHARE] * step + growth.path_sd * np.sqrt(step) * rng.standard_normal(n)
     return Particles(core, particles.weight, particles.mean, particles.cov)
+
+
+def _slowness(power: Floats) -> Floats:
+    """Return 1 - m, kept off zero, where the formulas below have their limit."""
+    slow = 1.0 - power
+    return np.where(np.abs(slow) < _LEAST_SLOWNESS, _LEAST_SLOWNESS, slow)
 
 
 def forget(particles: Particles, distance: Floats) -> Particles:
@@ -177,7 +191,9 @@ def listen(
     c_b, c_z = w * (p_bb + s * p_bz), w * (p_bz + s * p_zz)
     total = w * (c_b + s * c_z) + variance
     square = gap**2 / total
-    ln_like = -0.5 * np.log(total) - 0.5 * (errors.freedom + 1.0) * np.log1p(square / errors.freedom)
+    # Without the factor 1 / sqrt(total): blocks differ by less than they are doubted by, and with it the particles
+    # that are doubted least, those that hardly move, would win over a run whatever is heard.
+    ln_like = -0.5 * (errors.freedom + 1.0) * np.log1p(square / errors.freedom)
     ln_weight = np.log(np.maximum(particles.weight, 1e-300)) + np.sum(np.where(known, ln_like, 0.0), axis=1)
     weight = np.exp(ln_weight - np.max(ln_weight))
     doubt = np.maximum(1.0, (errors.freedom + square) / (errors.freedom + 1.0))
@@ -195,6 +211,24 @@ def resample(particles: Particles, rng: np.random.Generator, count: int) -> Part
     core = particles.core[index]
     spread = np.cov(core.T) + 1e-12 * np.eye(core.shape[1])
     core = core + _BLUR * rng.standard_normal(core.shape) @ np.linalg.cholesky(spread).T
-    core[:, POWER] = np.clip(core[:, POWER], 0.0, 0.95)
+    core[:, POWER] = np.clip(core[:, POWER], 0.0, 2.0)
     core[:, SHARE] = np.clip(core[:, SHARE], 0.05, 0.95)
     return Particles(core, np.full(count, 1.0 / count), particles.mean[index], particles.cov[index])
+
+
+def quantiles(values: Floats, weight: Floats, levels: Sequence[float]) -> list[float]:
+    """Return weighted quantiles, linear between the middles of the particles' weights."""
+    order = np.argsort(values)
+    sorted_weight = weight[order]
+    places = np.cumsum(sorted_weight) - 0.5 * sorted_weight
+    return [float(np.interp(level, places, values[order])) for level in levels]
+
+
+def two_peaks(ln_v: Floats, weight: Floats) -> bool:
+    """Say whether the volumes are of two kinds: two smoothed peaks with a deep valley and much weight on both sides."""
+    counts, _ = np.histogram(ln_v, bins=_PEAK_BINS, weights=weight)
+    smooth = np.convolve(counts, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0, mode="same")
+    left, right = np.maximum.accumulate(smooth), np.maximum.accumulate(smooth[::-1])[::-1]
+    valley = smooth < _VALLEY * np.minimum(left, right)
+    share = np.cumsum(counts)
+    return bool(np.any(valley & (share > _LEAST_PEAK) & (share < 1.0 - _LEAST_PEAK)))

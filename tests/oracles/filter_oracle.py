@@ -23,11 +23,10 @@ def path_covariance(w: Floats, s: Floats, distance: Floats, gain_variance: float
     return np.outer(w, w) * (gain_variance + np.outer(s, s) * z) + np.diag(noise)
 
 
-def ln_density(residual: Floats, covariance: Floats) -> float:
-    """Logarithm of the density of a Gaussian of mean zero."""
-    sign, ln_det = np.linalg.slogdet(2.0 * np.pi * covariance)
-    assert sign > 0
-    return float(-0.5 * (ln_det + residual @ np.linalg.solve(covariance, residual)))
+def strangeness(w: Floats, s: Floats, distance: Floats, gain_variance: float, noise: Floats, residual: Floats) -> float:
+    """Square of the Mahalanobis length of the residuals of a path."""
+    covariance = path_covariance(w, s, distance, gain_variance, noise)
+    return float(residual @ np.linalg.solve(covariance, residual))
 
 
 def latest_b_and_z(

@@ -1,0 +1,202 @@
+"""The physical tracker on simulated lives: how wide its intervals must be, how far it is off, and what it costs.
+
+Run as ``python -m benchmarks.filter [--quick] [--json FILE]``. Tables:
+
+1. time of a block on a map of 33 by 101 nodes, by particles and features, beside this machine's speed;
+2. the widening: lives of the library of ``benchmarks.forecast`` (loads of 3 to 5 kN, 20 to 45 Hz, slip), tracked on the
+   map of a smooth floor without widening, each scored at 1/4, 1/2 and 3/4 of the time to the threshold; the factor on
+   the half widths of ln V_eq with which the interval would have held the truth is found for every life and moment, and
+   its quantile at the level of the interval is what ``monitor.health.filter`` has as ``WIDENING_RMS`` and
+   ``WIDENING_HARMONICS``;
+3. the figures with that widening on other lives of the library, which took no part in finding it;
+4. the same at one load and speed, on the map of a smooth floor and on the mean of twelve rough floors.
+
+No test life of ``benchmarks.forecast`` is used here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
+from benchmarks.forecast_lives import cached_lives
+from benchmarks.forecast_population import FRACTIONS, LIBRARY, THRESHOLD
+from benchmarks.forecast_thesis import map_plan
+from models.lives import LifeHistory
+from models.map_data import MapPlan, MapSlice, RmsMap
+from models.rms_map import cached_map
+from models.scene import Floor
+from monitor.health.filter import FilterInput, FilterSettings, FilterState, step
+
+Floats = NDArray[np.float64]
+Slices = Callable[[LifeHistory], MapSlice]
+
+FEATURES = {"rms": 0, "rms+harmonics": FilterSettings.lines}
+STILL = replace(LIBRARY, load=(4000.0, 4000.0), speed=(40.0, 40.0), slip=(0.0, 0.0), seed=770001)
+"""Lives at one load and speed, without slip."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """Lives at their moments, shape (lives, moments): true V_eq, median and bounds (m2); ambiguous or not."""
+
+    true: Floats
+    v_eq: Floats
+    lower: Floats
+    upper: Floats
+    ambiguous: Floats
+
+
+def slices_of(rms_map: RmsMap) -> Slices:
+    """Return what gives each life the map at its load and speed."""
+    return lambda life: rms_map.slice_at(float(life.load[0]), float(life.speed[0]))
+
+
+def follow(lives: Sequence[LifeHistory], slices: Slices, settings: FilterSettings) -> Tracked:
+    """Track lives up to the last moment."""
+    found = np.full((5, len(lives), len(FRACTIONS)), np.nan)
+    for n, life in enumerate(lives):
+        moments = np.array(FRACTIONS) * life.crossing(THRESHOLD)
+        blocks = np.maximum(np.searchsorted(life.t, moments, side="right") - 1, 0)
+        state, map_slice = FilterState(), slices(life)
+        for k in range(int(blocks[-1]) + 1):
+            heard = FilterInput(float(life.t[k]), float(life.rms[k]), tuple(life.harmonics[k].tolist()))
+            state, result = step(state, heard, map_slice=map_slice, settings=settings)
+            row = (life.v_eq[k], result.v_eq, result.v_eq_lower, result.v_eq_upper, result.status == "ambiguous")
+            found[:, n, blocks == k] = np.array(row, dtype=float)[:, None]
+    return Tracked(*found)
+
+
+def needed_widening(tracked: Tracked) -> Floats:
+    """Return the factor on the half width of ln V_eq with which each interval would just hold the truth."""
+    off = np.log(tracked.true / tracked.v_eq)
+    half = np.where(off > 0.0, np.log(tracked.upper / tracked.v_eq), np.log(tracked.lower / tracked.v_eq))
+    return off / half
+
+
+def widening_row(features: str, tracked: Tracked, level: float) -> Row:
+    """Return the widening that lives ask for, each moment of each life once."""
+    needed = needed_widening(tracked)
+    row: dict[str, float | str | int | None] = {"features": features, "lives": len(needed)}
+    row["widening"] = float(np.nanquantile(needed, level))
+    for m, fraction in enumerate(FRACTIONS):
+        row[f"at_{fraction:g}"] = float(np.nanquantile(needed[:, m], level))
+    return row
+
+
+def score_rows(name: str, features: str, tracked: Tracked) -> list[Row]:
+    """Return error, coverage and width at each moment."""
+    rows: list[Row] = []
+    for m, fraction in enumerate(FRACTIONS):
+        true, v_eq, lower, upper = (a[:, m] for a in (tracked.true, tracked.v_eq, tracked.lower, tracked.upper))
+        error, known = np.log(v_eq / true), np.isfinite(v_eq)
+        rows.append(
+            {
+                "map": name,
+                "features": features,
+                "at": fraction,
+                "lives": true.size,
+                "rms_ln": float(np.sqrt(np.nanmean(error**2))),
+                "bias_ln": float(np.nanmean(error)),
+                "coverage": float(np.mean((lower <= true) & (true <= upper))),
+                "width_ln": float(np.nanmedian(np.log(upper / lower))),
+                "ambiguous": float(np.nanmean(tracked.ambiguous[:, m])),
+                "no_answer": float(np.mean(~known)),
+            }
+        )
+    return rows
+
+
+def time_rows(map_slice: MapSlice, radius: float, rounds: int) -> list[Row]:
+    """Return the time of a block in the middle of a life, ms, without resampling now and then left out."""
+    lives = cached_lives(STILL, 1)
+    kernel = interleaved_ms({"kernel": calibration_kernel()}, rounds)["kernel"]
+    rows: list[Row] = []
+    for features, lines in FEATURES.items():
+        for particles in (FilterSettings.particles, 2 * FilterSettings.particles):
+            settings = FilterSettings(radius, particles=particles, lines=lines)
+            ms = _block_ms(lives[0], map_slice, settings, rounds)
+            rows.append(
+                {
+                    "features": features,
+                    "particles": particles,
+                    "ms": ms,
+                    "ms_on_reference": ms * REFERENCE_MS / kernel,
+                    "target_ms": 5.0,
+                }
+            )
+    return rows
+
+
+def _block_ms(life: LifeHistory, map_slice: MapSlice, settings: FilterSettings, rounds: int) -> float:
+    """Return the mean over some blocks of the median time of each: some resample and some do not."""
+    state, times = FilterState(), []
+    for k in range(12):
+        heard = FilterInput(float(life.t[k]), float(life.rms[k]), tuple(life.harmonics[k].tolist()))
+        before = state
+
+        def block(before: FilterState = before, heard: FilterInput = heard) -> tuple[FilterState, object]:
+            return step(before, heard, map_slice=map_slice, settings=settings)
+
+        if k > 1:
+            times.append(interleaved_ms({"block": block}, rounds)["block"])
+        state, _ = block()
+    return float(np.mean(times))
+
+
+def still_maps(quick: bool) -> Mapping[str, RmsMap]:
+    """Return maps at one load and speed: of a smooth floor, and the mean of rough ones with drawn rigs."""
+    plan = MapPlan(
+        load=(4000.0,),
+        speed=(40.0,),
+        h_d=tuple(1e-6 * i for i in range(33)),
+        dphi_d=tuple(math.radians(0.5 * i) for i in range(101)),
+        rms_band=(0.0, 9500.0),
+    )
+    maps = {"smooth floor": cached_map(plan)}
+    if not quick:
+        rough = replace(plan, floor=Floor("rough", sd=0.9e-6, seed=77), floors=12, rig_draws=12)
+        maps["mean of 12 rough floors"] = cached_map(rough)
+    return maps
+
+
+def main() -> None:
+    """Run the tables and print them, and write them where asked."""
+    options = arguments("The physical tracker on simulated lives: intervals, errors, cost.")
+    fit, test, still = (8, 8, 6) if options.quick else (150, 150, 80)
+    wide, maps = cached_map(map_plan(coarse=options.quick)), still_maps(options.quick)
+    lives, radius = cached_lives(LIBRARY, fit + test), wide.outer_race_radius
+    settings = {features: FilterSettings(radius, lines=lines) for features, lines in FEATURES.items()}
+    raw = {f: replace(s, widening_rms=1.0, widening_harmonics=1.0) for f, s in settings.items()}
+    steady = cached_lives(STILL, still)
+    tables: dict[str, Callable[[], list[Row]]] = {
+        "time": lambda: time_rows(maps["smooth floor"].slice_at(4000.0, 40.0), radius, 5 if options.quick else 30),
+        "widening": lambda: [
+            widening_row(f, follow(lives[:fit], slices_of(wide), s), s.interval) for f, s in raw.items()
+        ],
+        "other_lives": lambda: [
+            row
+            for f, s in settings.items()
+            for row in score_rows("smooth floor", f, follow(lives[fit:], slices_of(wide), s))
+        ],
+        "one_condition": lambda: [
+            row
+            for name, rms_map in maps.items()
+            for f, s in settings.items()
+            for row in score_rows(name, f, follow(steady, slices_of(rms_map), s))
+        ],
+    }
+    figures: dict[str, list[Row]] = {}
+    for title, table in tables.items():
+        figures[title] = table()
+        print_table(title, figures[title])
+        write_json(options.json, figures)
+
+
+if __name__ == "__main__":
+    main()
