@@ -20,10 +20,16 @@ from monitor.commands import forecast as forecast_command
 from monitor.commands import track as track_command
 from monitor.commands.common import InputError
 from monitor.health import edv, forecast
+from monitor.health.library import LibraryInput, LibrarySettings, LibraryState
+from monitor.health.library import step as ask_library
+from monitor.health.library_fit import fit_library
+from monitor.health.library_model import Library
 from monitor.health.prognosis import rms_from_map, rms_from_model, rms_history
 from monitor.records.dataset import words
+from monitor.records.library_file import save_library
 from monitor.service.setup import to_slice
 from streams.block import STANDARD_GRAVITY
+from tests.oracles.toy_lives import INTERVAL, THRESHOLD, ToyLife, toy_life, toy_lives
 
 
 @pytest.fixture(scope="module")
@@ -194,3 +200,90 @@ def test_what_cannot_be_tracked_is_refused(
 def test_without_a_map_only_the_library_tracks(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--map FILE is missing"):
         run(track_command.command, history(tmp_path))
+
+
+@pytest.fixture(scope="module")
+def library() -> Library:
+    return fit_library(toy_lives(40), thresholds=(THRESHOLD,), interval=INTERVAL, prior="toy lives", made_of={})
+
+
+@pytest.fixture(scope="module")
+def library_file(library: Library, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("library") / "toy.npz"
+    save_library(library, path)
+    return path
+
+
+def toy_history(folder: Path, *, lines: bool = True) -> tuple[Path, ToyLife]:
+    life = toy_life(1000)
+    names = ["time_s", "rms_g", "load_newton", "speed_hz"]
+    columns = [life.t, life.rms / STANDARD_GRAVITY, life.load, life.speed]
+    if lines:
+        names += [f"harmonic_{k}_g" for k in range(1, 7)]
+        columns += list(life.harmonics.T / STANDARD_GRAVITY)
+    rows = [",".join(repr(float(value)) for value in row) for row in zip(*columns, strict=True)]
+    path = folder / "toy.csv"
+    path.write_text("\n".join([",".join(names), *rows]) + "\n")
+    return path, life
+
+
+@pytest.mark.parametrize("lines", [True, False])
+def test_the_library_tracks_what_the_input_has(
+    tmp_path: Path, library: Library, library_file: Path, lines: bool
+) -> None:
+    path, life = toy_history(tmp_path, lines=lines)
+    told = run(track_command.command, path, "--method", "library", "--library", library_file, "--interval", 0.9)
+    asking = LibrarySettings(features="rms+harmonics" if lines else "rms", interval=0.9)
+    state = LibraryState()
+    for i, row in enumerate(told["rows"]):
+        block = LibraryInput(life.t[i], life.rms[i], life.harmonics[i], life.load[i], life.speed[i])
+        state, result = ask_library(state, block, library, asking, thresholds=(THRESHOLD,))
+        assert row["status"] == str(result.edv_status)
+        if row["status"] == "ok":
+            found = [row["v_eq_lower_mm2"], row["v_eq_mm2"], row["v_eq_upper_mm2"]]
+            assert found == pytest.approx(
+                [1e6 * v for v in (result.v_eq_lower, result.v_eq, result.v_eq_upper)], rel=1e-6
+            )
+    assert sum(row["status"] == "ok" for row in told["rows"]) > 20
+    assert told["interval"] == 0.9
+    assert told["prior"] == f"toy lives (library {library.hash[:16]})"
+
+
+def test_the_filter_tracks_with_an_interval(tmp_path: Path, map_file: Path) -> None:
+    told = run(track_command.command, history(tmp_path), "--map", map_file, "--method", "filter")
+    row = told["rows"][-1]
+    assert row["status"] in ("ok", "ambiguous")
+    assert row["v_eq_lower_mm2"] < row["v_eq_mm2"] < row["v_eq_upper_mm2"]
+    assert "may stall or jump" in told["prior"]
+
+
+def test_the_library_forecasts_from_volumes_alone(tmp_path: Path, library: Library, library_file: Path) -> None:
+    life = toy_life(1000)
+    path = tmp_path / "v.csv"
+    rows = [f"{float(t)!r},{float(1e6 * v)!r}\n" for t, v in zip(life.t, life.v_eq, strict=True)]
+    path.write_text("time_s,v_eq_mm2\n" + "".join(rows))
+    told = run(
+        *(forecast_command.command, path, "--method", "library", "--library", library_file),
+        *("--threshold-mm2", THRESHOLD * 1e6, "--window-hours", 2.0),
+    )
+    state, asking = LibraryState(), LibrarySettings(features="v_eq", window=7200.0)
+    for row, t, v_eq in zip(told["rows"], life.t, life.v_eq, strict=True):
+        block = LibraryInput(t=t, v_eq=v_eq)
+        state, result = ask_library(state, block, library, asking, thresholds=(THRESHOLD,))
+        assert row["status"] == str(result.forecasts[0].status)
+        if row["status"] == "ok":
+            assert row["tt_s"] == pytest.approx(result.forecasts[0].tt, rel=1e-6)
+            assert row["tt_lower_s"] <= row["tt_s"] <= row["tt_upper_s"]
+            assert 0.0 <= row["p_threshold"] <= 1.0
+    assert sum(row["status"] == "ok" for row in told["rows"]) > 10
+
+
+def test_a_threshold_that_the_library_does_not_know_is_refused(tmp_path: Path, library_file: Path) -> None:
+    arguments = ("--method", "library", "--library", library_file, "--threshold-mm2", 0.08)
+    with pytest.raises(InputError, match=r"--library: threshold_mm2 0\.08 is not in the library"):
+        run(forecast_command.command, volumes(tmp_path), *arguments)
+
+
+def test_a_file_that_is_no_library_is_refused(tmp_path: Path, map_file: Path) -> None:
+    with pytest.raises(InputError, match="--library"):
+        run(track_command.command, history(tmp_path), "--method", "library", "--library", map_file)
