@@ -176,9 +176,7 @@ def damage(
     forecast = bool(np.isfinite(tt).any())
     figure, panels = new_figure(5.2 if forecast else 3.0, (1.0, 1.0) if forecast else (1.0,))
     threshold = _threshold(channel)
-    _draw_volume(panels[0], axis, channel, part, threshold)
-    _draw_band(panels[0], axis, time, [1e6 * channel.column(f"v_eq_{end}")[part] for end in _ENDS], interval)
-    add_legend(panels[0], loc="upper left", ncols=4)
+    _draw_volume(panels[0], axis, channel, part, threshold, interval)
     if forecast:
         _draw_forecast(panels[1], axis, channel, part, threshold, interval)
     for axes in panels:
@@ -189,8 +187,9 @@ def damage(
     return to_svg(figure, label, numbers)
 
 
-def _draw_volume(axes: Axes, axis: TimeAxis, channel: Channel, part: slice, threshold: float) -> None:
+def _draw_volume(axes: Axes, axis: TimeAxis, channel: Channel, part: slice, threshold: float, interval: str) -> None:
     time = channel.time[part]
+    _draw_band(axes, axis, time, [1e6 * channel.column(f"v_eq_{end}")[part] for end in _ENDS], interval)
     draw_line(axes, axis, time, 1e6 * channel.column("v_eq")[part], color=BLUE, label="tracked")
     truth = 1e6 * channel.column("v_eq_true")[part]
     if np.isfinite(truth).any():
@@ -199,6 +198,7 @@ def _draw_volume(axes: Axes, axis: TimeAxis, channel: Channel, part: slice, thre
         axes.axhline(1e6 * threshold, color=ORANGE, linewidth=1.1, linestyle="-.", label="threshold")
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("V_eq (mm³/mm)")
+    add_legend(axes, loc="upper left", ncols=4)
 
 
 def _draw_band(

@@ -236,7 +236,7 @@ def _one_forecast(channel: Channel, run: Run, row: int, place: int, status: str,
         first = np.flatnonzero(channel.words["tt_status"][:, place] == status)[0]
         if not ends:
             return f"The threshold{of} was reached by block {channel.sequence[first]:,}."
-        late = f"; if not, it is within {duration(upper)}" if upper > 0.0 else ""
+        late = f" ({interval_name(run)}: up to {duration(upper)} from now)" if upper > 0.0 else ""
         return f"The threshold{of} has more likely than not been reached{late}."
     if status != "ok" or not math.isfinite(tt):
         return f"No forecast for the threshold{of}: {TT_REFUSALS.get(status, status)}."

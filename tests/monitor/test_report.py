@@ -192,6 +192,27 @@ def test_intervals_probabilities_and_several_thresholds_are_said(tmp_path: Path)
     )
 
 
+def test_a_crossing_that_is_only_likely_is_said_to_be_so(tmp_path: Path) -> None:
+    values = {"stage": "final", "edv_status": "ok", "v_eq": 6e-8, "v_eq_lower": 4e-8, "v_eq_upper": 8e-8}
+    values |= {
+        "v_th": (5e-8,),
+        "tt": (0.0,),
+        "tt_lower": (0.0,),
+        "tt_upper": (5400.0,),
+        "tt_status": ("already_crossed",),
+    }
+    with Store.open(
+        tmp_path / "state.db", machine="m", attributes={"interval_level": 0.8, "prior": "x: 9 lives"}
+    ) as store:
+        store.commit_many([(one(values), {})])
+        page = page_of(tmp_path, store)
+    assert (
+        "The threshold of 0.05 mm³/mm has more likely than not been reached (80 % interval: up to 1 h 30 min from now)."
+        in page.text
+    )
+    assert "What is given as 80 % interval leans on the bearing being one of these: x: 9 lives." in page.text
+
+
 @pytest.mark.parametrize(
     ("values", "severity", "headline"),
     [
