@@ -31,14 +31,15 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.forecast_blocks import block_rows
 from benchmarks.forecast_cases import Answers, Cases, Floats, Scores, cases_of, means, score
-from benchmarks.forecast_filter import track
+from benchmarks.forecast_filter import floors_map, track
 from benchmarks.forecast_library import ask, fitted, without_law
 from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_naive import constant, lifetimes, of_elapsed_time, of_tracked_volume, of_true_volume
 from benchmarks.forecast_population import FRACTIONS, LIBRARY, LIBRARY_RUNS, TEST, TEST_RUNS
-from benchmarks.forecast_thesis import exact_maps, rough_map, smooth_map, thesis
+from benchmarks.forecast_thesis import exact_maps, map_plan, on_map, rough_map, thesis
 from models.life_laws import LAWS
 from models.lives import LifeHistory
+from models.rms_map import cached_map
 
 THESIS = "thesis, smooth map"
 CLIMATOLOGY = "climatology"
@@ -46,6 +47,7 @@ BOUND = "bound: true V_eq known"
 LIBRARIES = {"rms": "library, rms", "rms+harmonics": "library, rms and harmonics"}
 COVERAGE = (0.75, 0.87)
 FILTERS = {"rms": "filter, rms", "rms+harmonics": "filter, rms and harmonics"}
+ON_FLOORS = {features: f"{name}, mean over floors" for features, name in FILTERS.items()}
 V_ERROR = {"rms": 0.6, "rms+harmonics": 0.3}
 OVER_THESIS = {"rms": 0.40, "rms+harmonics": 0.33}
 OVER_CLIMATOLOGY = {"rms": (0.95, 0.95, 0.75), "rms+harmonics": (0.80, 0.75, 0.55)}
@@ -225,7 +227,8 @@ def main() -> None:
     library = cached_lives(LIBRARY, 60 if quick else LIBRARY_RUNS)
     cases = cases_of(cached_lives(TEST, 15 if quick else TEST_RUNS))
     guess = constant(cases, library)
-    on_smooth, histories = thesis(cases, smooth_map(coarse=quick))
+    smooth, floors = cached_map(map_plan(coarse=quick)), floors_map(coarse=quick)
+    on_smooth, histories = thesis(cases, on_map(smooth))
     answers = {"constant": guess, **of_elapsed_time(cases, library), **of_tracked_volume(cases, histories)}
     answers[THESIS] = on_smooth
     if not quick:
@@ -234,7 +237,8 @@ def main() -> None:
     forecaster = fitted(library)
     answers |= {name: ask(forecaster, cases, features) for features, name in LIBRARIES.items()}
     answers[BOUND] = ask(forecaster, cases, "v_eq")
-    answers |= {name: track(cases, features, coarse=quick) for features, name in FILTERS.items()}
+    answers |= {name: track(cases, features, smooth) for features, name in FILTERS.items()}
+    answers |= {name: track(cases, features, floors) for features, name in ON_FLOORS.items()}
     scored = Scored(cases, {name: score(cases, answer, guess) for name, answer in answers.items()})
     names = [*LIBRARIES.values(), *FILTERS.values()]
     speed = np.array([life.speed[0] for life in cases.runs])

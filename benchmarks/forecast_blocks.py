@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.common import Row
 from benchmarks.forecast_cases import LEVEL, LEVELS, WORST, Floats
-from benchmarks.forecast_filter import FEATURES, floors_map, slice_of
+from benchmarks.forecast_filter import FEATURES, slice_of
 from benchmarks.forecast_library import block_of
 from benchmarks.forecast_population import THRESHOLD
 from benchmarks.forecast_thesis import map_plan
@@ -109,15 +109,15 @@ def all_methods(library: Library, lifetimes: Floats, *, coarse: bool) -> dict[st
         lifetimes: of the lives that it was fitted on, s.
         coarse: whether on coarse maps.
     """
-    floors = floors_map(coarse=coarse)
+    smooth = cached_map(map_plan(coarse=coarse))
     methods = {
         "climatology": by_elapsed_time(lambda elapsed: baselines.climatology(elapsed, lifetimes)),
         "elapsed time alone": by_elapsed_time(lambda elapsed: baselines.elapsed_alone(elapsed, lifetimes)),
-        "thesis, smooth map": by_thesis(cached_map(map_plan(coarse=coarse))),
+        "thesis, smooth map": by_thesis(smooth),
     }
     for features, name in (("rms", "rms"), ("rms+harmonics", "rms and harmonics")):
         methods[f"library, {name}"] = by_library(library, features)
-        methods[f"filter, {name}"] = by_filter(floors, features)
+        methods[f"filter, {name}"] = by_filter(smooth, features)
     return methods
 
 

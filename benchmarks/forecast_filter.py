@@ -1,7 +1,8 @@
 """The physical tracker on the cases of ``benchmarks.forecast``. It tracks; it forecasts nothing.
 
-Its map is the mean over six rough floors, whose spread tells it how far to trust the map; on lives of the library it
-tracked better there than on the map of a smooth floor. As all maps here it is read between loads and speeds.
+On two maps: of a smooth floor, with which the widths of its intervals were fitted (``benchmarks.filter``), and the mean
+over six rough floors, whose spread tells it how far to trust the map at each node. Both are read between loads and
+speeds.
 """
 
 from __future__ import annotations
@@ -23,21 +24,20 @@ FEATURES = {"rms": 0, "rms+harmonics": 3}
 
 
 def floors_map(*, coarse: bool = False) -> RmsMap:
-    """Return the map of the tracker; a coarse one is of one floor."""
+    """Return the mean over six rough floors; a coarse one is of one floor."""
     plan = map_plan(Floor("rough", sd=0.9e-6, seed=1), coarse=coarse)
     # The mean over floors has no stripes narrower than a degree.
     return cached_map(plan if coarse else replace(plan, dphi_d=plan.dphi_d[::2], floors=6))
 
 
-def track(cases: Cases, features: str, *, coarse: bool = False) -> Answers:
+def track(cases: Cases, features: str, rms_map: RmsMap) -> Answers:
     """Return what the tracker answers.
 
     Args:
         cases: the cases.
         features: "rms" or "rms+harmonics".
-        coarse: whether on a coarse map.
+        rms_map: over all their loads and speeds.
     """
-    rms_map = floors_map(coarse=coarse)
     settings = FilterSettings(rms_map.outer_race_radius, lines=FEATURES[features], interval=LEVEL)
     found = np.full((3, *cases.t.shape), np.nan)
     for r, life in enumerate(cases.runs):

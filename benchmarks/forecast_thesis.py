@@ -51,11 +51,6 @@ def on_map(rms_map: RmsMap) -> SliceOf:
     return slice_of
 
 
-def smooth_map(*, coarse: bool = False) -> SliceOf:
-    """Return the map of a smooth floor, on which the method is at its best."""
-    return on_map(cached_map(map_plan(coarse=coarse)))
-
-
 def rough_map() -> SliceOf:
     """Return the map of one rough floor, as rough as the mean life's."""
     return on_map(cached_map(map_plan(Floor("rough", sd=0.9e-6, seed=1))))
