@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
 STATE_VERSION = 1
 WIDENING_RMS = 1.0
-"""Factor on the half widths of ln V_eq where RMS alone is heard, fitted by ``benchmarks/filter.py --fit``."""
-WIDENING_HARMONICS = 1.0
+"""Factor on the half widths of ln V_eq where RMS alone is heard (``benchmarks/filter.py``, "widening")."""
+WIDENING_HARMONICS = 1.27
 """The same where lines of BPFO are heard too."""
 _BINS = 24
 _OUTSIDE_SD = 3.0

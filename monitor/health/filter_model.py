@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 _GRAVITY = 9.80665
 _DEPTHS = np.array([2e-6, 9e-6, 18e-6, 28e-6])
 # Standard deviation of ln X over floors and rig parameters at these depths, where a map does not say (RMS, line 1, and
-# lines beyond), rounded from maps of twenty floors with drawn rigs at 4 kN and 40 Hz.
-_SPREAD = np.array([[0.26, 0.15, 0.07, 0.04], [0.12, 0.07, 0.03, 0.02], [0.50, 0.17, 0.09, 0.06]])
+# lines beyond): the median over extents of a map of rough floors with drawn rigs (benchmarks/filter.py, "spread").
+_SPREAD = np.array([[0.29, 0.14, 0.06, 0.03], [0.18, 0.05, 0.02, 0.02], [0.44, 0.15, 0.07, 0.02]])
 _LEAST_SPREAD, _MOST_SPREAD = 0.1, 0.6
 
 
