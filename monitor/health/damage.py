@@ -312,8 +312,8 @@ def _ask_library(
         status = "cannot_tell" if stage.final else "not_final_stage"
         return state, Damage(str(gate)), tuple(Remaining(threshold, status) for threshold in settings.thresholds)
     before, known = state.library, settings.library
-    if known is not None and before.history is not None and before.library != known.hash:
-        # Another library was configured since: its histories are put together otherwise, so a new one begins.
+    if known is not None and (before.library, before.features) != (known.hash, settings.asking.features):
+        # Configured anew since: histories of another library or other features mean something else, so one begins.
         before = LibraryState()
     block = LibraryInput(
         t=reading.time,
@@ -355,7 +355,9 @@ def _filter_volume(
     if gate is not None or settings.filter is None:
         return state, Damage(str(gate))
     heard = FilterInput(t=reading.time, rms=reading.rms, harmonics=reading.harmonics)
-    after, found = filter_step(state.filter, heard, map_slice=map_slice, settings=settings.filter)
+    # A posterior over other features than are configured now says nothing of them, so a new one begins.
+    before = state.filter if len(state.filter.sensors) == 1 + settings.filter.lines else FilterState()
+    after, found = filter_step(before, heard, map_slice=map_slice, settings=settings.filter)
     return replace(state, filter=after), Damage(
         str(found.status),
         v_eq=found.v_eq,

@@ -344,3 +344,19 @@ def test_conditions_without_a_map_or_lives_keep_the_block_out(method: TrackMetho
     check([damage], forecasts)
     assert damage.status == "outside_conditions"
     assert (state.edv.dphi_d, state.filter.count, state.library.history) == (None, 0, None)
+
+
+@pytest.mark.parametrize("method", ["filter", "library"])
+def test_features_configured_anew_begin_a_new_history_and_break_nothing(method: TrackMethod, library: Library) -> None:
+    times, rms, lines = growing()
+    settings = settings_of(method, plain_map(), library)
+    fewer = replace(
+        settings,
+        filter=FilterSettings(outer_race_radius=RADIUS, particles=200, lines=0),
+        asking=LibrarySettings(features="rms"),
+    )
+    *_, state = follow(times[:30], rms[:30], lines[:30], settings)
+    damages, forecasts, _ = follow(times[30:], rms[30:], lines[30:], fewer, state)
+    check(damages, forecasts)
+    alone, _, _ = follow(times[30:], rms[30:], lines[30:], fewer)
+    assert [damage.v_eq for damage in damages] == pytest.approx([damage.v_eq for damage in alone], nan_ok=True)
