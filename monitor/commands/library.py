@@ -63,6 +63,20 @@ def command() -> None:
 )
 @click.option("--load-newton", type=_Span(), help="Range of loads; by default 10 % around the configured one.")
 @click.option("--speed-hz", type=_Span(), help="Range of speeds; by default 10 % around the configured one.")
+@click.option(
+    "--load-variation-percent",
+    type=click.FloatRange(min=0, max=50),
+    default=0.0,
+    show_default=True,
+    help="Known change of the load from block to block, either way.",
+)
+@click.option(
+    "--speed-variation-percent",
+    type=click.FloatRange(min=0, max=50),
+    default=0.0,
+    show_default=True,
+    help="The same of the speed: 1 % and more must be in the library.",
+)
 @click.option("--duration-min", type=_Span(), default="150:900", show_default=True, help="Onset to threshold.")
 @click.option(
     "--interval-s",
@@ -151,6 +165,8 @@ def _population(config: Config, name: str | None, thresholds: list[float], optio
         clearance=clearance,
         load=options["load_newton"] or _around(config.operating.load_newton, nominal.load),
         speed=options["speed_hz"] or _around(config.operating.speed_hz, nominal.speed),
+        load_variation=options["load_variation_percent"] / 100.0,
+        speed_variation=options["speed_variation_percent"] / 100.0,
         durations=(60.0 * low, 60.0 * high),
         until=max(nominal.threshold, *thresholds),
         rms_band=options["rms_band_hz"] or nominal.rms_band,

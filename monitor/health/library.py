@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -36,9 +36,9 @@ class LibraryStatus(StrEnum):
     its upper end need not be, and the probability stands beside it; it is judged anew at each block.
     ``beyond_horizon``: the median is later than the horizon; values are given. Without values: ``not_final_stage``;
     ``no_library``; ``bad_block``: V_eq of a block without usable figures (TT then says ``cannot_tell``);
-    ``outside_conditions``: V_eq at a load or speed that the library does not span; ``outside_library``: levels, elapsed
-    time or the time between blocks are not those of its lives (TT says so of load and speed too); ``too_few_points``:
-    TT before ``min_points`` blocks.
+    ``outside_conditions``: V_eq at a load or speed that the library does not span, or that change more from block to
+    block than in its lives; ``outside_library``: levels, elapsed time or the time between blocks are not those of its
+    lives (TT says so of load and speed too); ``too_few_points``: TT before ``min_points`` blocks.
     """
 
     OK = "ok"
@@ -109,6 +109,44 @@ class LibraryInput:
 
 
 @dataclass(frozen=True)
+class Conditions:
+    """How load and speed have changed from block to block (Welford's running sums).
+
+    Attributes:
+        count: number of blocks.
+        load_mean: mean of ln load.
+        load_squares: sum of the squares of what differs from it.
+        speed_mean: mean of ln speed.
+        speed_squares: sum of the squares of what differs from it.
+    """
+
+    count: int = 0
+    load_mean: float = 0.0
+    load_squares: float = 0.0
+    speed_mean: float = 0.0
+    speed_squares: float = 0.0
+
+    def add(self, load: float, speed: float) -> Conditions:
+        """Return the conditions with those of one more block."""
+        count = self.count + 1
+        by_load, by_speed = math.log(load) - self.load_mean, math.log(speed) - self.speed_mean
+        load_mean, speed_mean = self.load_mean + by_load / count, self.speed_mean + by_speed / count
+        return Conditions(
+            count=count,
+            load_mean=load_mean,
+            load_squares=self.load_squares + by_load * (math.log(load) - load_mean),
+            speed_mean=speed_mean,
+            speed_squares=self.speed_squares + by_speed * (math.log(speed) - speed_mean),
+        )
+
+    @property
+    def spreads(self) -> tuple[float, float]:
+        """Standard deviations of ln load and ln speed."""
+        count = max(self.count, 1)
+        return math.sqrt(max(self.load_squares, 0.0) / count), math.sqrt(max(self.speed_squares, 0.0) / count)
+
+
+@dataclass(frozen=True)
 class LibraryState:
     """All that is remembered of a bearing; of bounded size however long its history.
 
@@ -116,12 +154,14 @@ class LibraryState:
         library: hash of the library that the history was read with, "" before the first block.
         features: its set of features.
         history: the history, or None before the first block.
+        conditions: how load and speed have changed.
         version: layout of this state.
     """
 
     library: str = ""
     features: str = ""
     history: History | None = None
+    conditions: Conditions = Conditions()
     version: int = STATE_VERSION
 
     def to_dict(self) -> dict[str, Any]:
@@ -130,6 +170,7 @@ class LibraryState:
             "library": self.library,
             "features": self.features,
             "history": None if self.history is None else self.history.to_dict(),
+            "conditions": asdict(self.conditions),
             "version": self.version,
         }
 
@@ -147,6 +188,7 @@ class LibraryState:
             library=stored["library"],
             features=stored["features"],
             history=None if history is None else History.from_dict(history),
+            conditions=Conditions(**stored["conditions"]),
         )
 
 
@@ -255,7 +297,10 @@ def step(
     relative = fit.relative_levels(_levels(block, settings.features), np.array([block.load]), np.array([block.speed]))
     bounded, known = fit.bounded(relative[0])
     history = (state.history or History.empty(fit.channels)).add(float(block.t), bounded)
-    state = LibraryState(library.hash, settings.features, history)
+    changes = state.conditions if own_levels else state.conditions.add(block.load, block.speed)
+    state = LibraryState(library.hash, settings.features, history, changes)
+    if not library.knows_changes(*changes.spreads):
+        return state, _nothing(library, thresholds, settings, LibraryStatus.OUTSIDE_CONDITIONS, outside)
     if not known or not fit.knows_pace(history):
         return state, _nothing(library, thresholds, settings, outside, outside)
     x = fit.inputs(history, block.load, block.speed)

@@ -24,6 +24,7 @@ from monitor.health.library_model import (
     Library,
     Regression,
     conditions_row,
+    knots_between,
     levels_of,
     quantiles_of,
 )
@@ -34,6 +35,7 @@ SHARES = (0.25, 0.5, 0.75)
 SCORED_LEVEL = 0.8
 """Level of the intervals that are scored."""
 _SCORED_NEIGHBOURS = 300
+_REFERENCE_RIDGE = 1e-2
 
 
 class Life(Protocol):
@@ -156,6 +158,8 @@ def fit_library(
         thresholds=thresholds,
         load=_range([life.load for life in used]),
         speed=_range([life.speed for life in used]),
+        load_spread=max(float(np.log(life.load).std()) for life in used),
+        speed_spread=max(float(np.log(life.speed).std()) for life in used),
         prior=prior,
         made_of={**made_of, "lives": len(used), "left_out": len(lives) - len(used), "fit": vars(settings)},
         scores=scores,
@@ -173,13 +177,17 @@ def _fit_features(
 ) -> tuple[FeatureFit, _Table, Array]:
     """Return the fit for a set of features, the moments it was made of, and what is said of each out of fold."""
     levels = [levels_of(features, life.rms, life.harmonics, life.v_eq) for life in lives]
-    conditions = np.concatenate([conditions_row(life.load, life.speed) for life in lives])
     every = np.concatenate(levels)
+    load, speed = (np.concatenate([getattr(life, name) for life in lives]) for name in ("load", "speed"))
+    knots = knots_between(float(speed.min()), float(speed.max()))
+    conditions = conditions_row(load, speed, knots)
     reference = np.zeros((conditions.shape[1], every.shape[1]))
     if features != "v_eq":
         # Damage is in the fit only so that it does not pass for an effect of load or speed.
         ln_v = np.log(np.concatenate([life.v_eq for life in lives]) / thresholds[0])[:, None]
-        solution = np.linalg.lstsq(np.concatenate((conditions, ln_v, ln_v**2), axis=1), every, rcond=None)[0]
+        design = np.concatenate((conditions, ln_v, ln_v**2), axis=1)
+        gram = design.T @ design + _REFERENCE_RIDGE * np.eye(design.shape[1])
+        solution = np.linalg.solve(gram, design.T @ every)
         reference = np.asarray(solution[: conditions.shape[1]], dtype=np.float64)
     relative = every if features == "v_eq" else every - conditions @ reference
     targets = 1 + len(thresholds)
@@ -187,6 +195,7 @@ def _fit_features(
         features=features,
         interval=interval,
         thresholds=np.array(thresholds),
+        knots=knots,
         reference=reference,
         lowest=relative.min(axis=0),
         highest=relative.max(axis=0),

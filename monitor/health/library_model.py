@@ -33,12 +33,16 @@ _INTERVAL_FACTOR = 3.0
 """How far the time between blocks may be from the library's, either way."""
 _CONDITION_TOLERANCE = 0.02
 """How far load and speed may lie outside the library's range, as a share of it."""
+_SPREAD_TOLERANCE = (0.06, 0.01)
+"""By how much the logarithms of load and speed may spread beyond the library's: 10 % either way, and 1.7 %."""
 _ELAPSED_WEIGHT = 0.15
 """What a difference in the logarithm of the elapsed time counts against one in the prediction, among alike moments."""
 _ALIKE_SHARE, _LEAST_ALIKE = 30, 60
 _NAMES = summary_names(("v",))
 _LATEST, _POWER_PLACE = _NAMES.index("v:last_3"), _NAMES.index("v:slope_24")
 _SLOPE_PLACES = [_NAMES.index(f"v:slope_{count}") for count in SLOPES]
+_KNOTS = 12
+_LEAST_WIDTH = 1e-3
 _LOAD, _SPEED = 4000.0, 30.0
 
 
@@ -78,7 +82,8 @@ class FeatureFit:
         features: name of the set.
         interval: usual time between two blocks of the lives, s.
         thresholds: V_th, m2, shape (targets - 1,).
-        reference: what load and speed alone make of each level, coefficients of ``conditions_row``, shape (6, K).
+        knots: logarithms of the speeds between which the levels may bend, see ``conditions_row``, shape (12,).
+        reference: what load and speed alone make of each level, coefficients of ``conditions_row``, shape (18, K).
         lowest: least level less reference in any life, shape (K,).
         highest: largest, shape (K,).
         longest: longest time that any life was followed, s.
@@ -95,6 +100,7 @@ class FeatureFit:
     features: str
     interval: float
     thresholds: Array
+    knots: Array
     reference: Array
     lowest: Array
     highest: Array
@@ -115,7 +121,7 @@ class FeatureFit:
 
     def relative_levels(self, levels: Array, load: Array, speed: Array) -> Array:
         """Return levels (n, K) less what load and speed make of them; those of V_eq as they are."""
-        return levels if self.features == "v_eq" else levels - conditions_row(load, speed) @ self.reference
+        return levels if self.features == "v_eq" else levels - conditions_row(load, speed, self.knots) @ self.reference
 
     def bounded(self, relative: Array) -> tuple[Array, bool]:
         """Return relative levels (K,) no further than the margin from those of the lives, and whether they were."""
@@ -200,6 +206,8 @@ class Library:
         thresholds: V_th that it forecasts, m2, ascending.
         load: range of the loads of its lives, N.
         speed: range of their speeds, Hz.
+        load_spread: largest standard deviation of the logarithm of the load within a life.
+        speed_spread: the same of the speed.
         prior: in words, what its answers lean on.
         made_of: all that made it, as JSON can hold it.
         scores: what it is worth on lives that it has not seen, see ``library_fit.score_out_of_fold``.
@@ -210,6 +218,8 @@ class Library:
     thresholds: tuple[float, ...]
     load: tuple[float, float]
     speed: tuple[float, float]
+    load_spread: float
+    speed_spread: float
     prior: str
     made_of: dict[str, Any]
     scores: dict[str, Any]
@@ -227,6 +237,13 @@ class Library:
         return all(
             low * (1.0 - slack) <= value <= high * (1.0 + slack)
             for value, (low, high) in ((load, self.load), (speed, self.speed))
+        )
+
+    def knows_changes(self, load_spread: float, speed_spread: float) -> bool:
+        """Say whether a load and a speed that change so much within a history are those of the library's lives."""
+        return (
+            load_spread <= self.load_spread + _SPREAD_TOLERANCE[0]
+            and speed_spread <= self.speed_spread + _SPREAD_TOLERANCE[1]
         )
 
     def target(self, threshold: float) -> int:
@@ -252,10 +269,21 @@ class Library:
         return self.fits[features]
 
 
-def conditions_row(load: Array, speed: Array) -> Array:
-    """Return 1, a, b, a2, b2 and ab of the logarithms of load and speed, shape (n, 6)."""
+def knots_between(lowest: float, highest: float) -> Array:
+    """Return the knots of a range of speeds, Hz, shape (12,)."""
+    return np.linspace(math.log(lowest), math.log(highest), _KNOTS)
+
+
+def conditions_row(load: Array, speed: Array, knots: Array) -> Array:
+    """Return what the reference levels are linear in, shape (n, 6 + knots).
+
+    1, a, b, a2, b2 and ab of the logarithms of load and speed, and a bell around each knot: the lines of BPFO pass
+    through resonances as the speed changes, which no parabola follows.
+    """
     a, b = np.log(load / _LOAD), np.log(speed / _SPEED)
-    return np.stack((np.ones_like(a), a, b, a * a, b * b, a * b), axis=1)
+    width = max(float(knots[1] - knots[0]), _LEAST_WIDTH)
+    bells = np.exp(-0.5 * ((np.log(speed)[:, None] - knots) / width) ** 2)
+    return np.concatenate((np.stack((np.ones_like(a), a, b, a * a, b * b, a * b), axis=1), bells), axis=1)
 
 
 def extrapolations(summary: Array, threshold: float) -> Array:
@@ -317,6 +345,8 @@ def header_of(library: Library) -> dict[str, Any]:
         "thresholds": list(library.thresholds),
         "load": list(library.load),
         "speed": list(library.speed),
+        "load_spread": library.load_spread,
+        "speed_spread": library.speed_spread,
         "prior": library.prior,
         "made_of": library.made_of,
         "scores": library.scores,

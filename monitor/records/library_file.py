@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.health.library_model import LINES, FeatureFit, Library, Regression, arrays_of, header_of
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 _KIND = "spallwatch library"
 _REGRESSION = "regression."
 
@@ -92,6 +92,8 @@ def _library(header: dict[str, Any], arrays: dict[str, Any]) -> Library:
         thresholds=tuple(header["thresholds"]),
         load=(low_load, high_load),
         speed=(low_speed, high_speed),
+        load_spread=header["load_spread"],
+        speed_spread=header["speed_spread"],
         prior=header["prior"],
         made_of=header["made_of"],
         scores=header["scores"],

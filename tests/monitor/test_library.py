@@ -33,9 +33,9 @@ QUICK = FitSettings(columns=100, moments=12)
 
 
 @cache
-def library(interval: float = INTERVAL) -> Library:
+def library(interval: float = INTERVAL, *, varying: bool = False) -> Library:
     return fit_library(
-        toy_lives(150, interval=interval),
+        toy_lives(150, interval=interval, varying=varying),
         thresholds=[0.6 * THRESHOLD, THRESHOLD],
         interval=interval,
         prior="toy lives",
@@ -195,15 +195,27 @@ def test_a_rig_that_lives_thirty_times_faster_is_the_same_to_its_library() -> No
         assert 30.0 * b.forecasts[0].tt == pytest.approx(a.forecasts[0].tt, rel=1e-3, abs=1.0, nan_ok=True)
 
 
-def test_load_and_speed_may_change_from_block_to_block() -> None:
+def test_load_and_speed_may_change_from_block_to_block_as_in_the_lives_of_the_library() -> None:
     errors = []
     for number in range(3000, 3010):
         life = toy_life(number, varying=True)
-        _, results = follow(blocks_of(life), library())
+        _, results = follow(blocks_of(life), library(varying=True))
         half = len(results) // 2
         assert results[half].edv_status == LibraryStatus.OK
         errors.append(math.log(results[half].v_eq / life.v_eq[half]))
-    assert np.sqrt(np.mean(np.square(errors))) < 0.5
+    assert np.sqrt(np.mean(np.square(errors))) < 0.4
+
+
+def test_load_and_speed_that_change_more_than_in_any_life_are_outside() -> None:
+    blocks = blocks_of(toy_life(3000, varying=True))
+    state, results = follow(blocks, library())
+    assert {str(result.edv_status) for result in results[5:]} == {"outside_conditions"}
+    assert {str(result.forecasts[0].status) for result in results[5:]} == {"outside_library"}
+    spreads = [float(np.log([getattr(block, name) for block in blocks]).std()) for name in ("load", "speed")]
+    assert list(state.conditions.spreads) == pytest.approx(spreads)
+    steady = blocks_of(toy_life(3001))
+    wavering = [replace(b, speed=b.speed * (1.0 + 0.005 * (-1) ** i)) for i, b in enumerate(steady)]
+    assert {str(result.edv_status) for result in follow(wavering, library())[1]} == {"ok"}
 
 
 @pytest.mark.parametrize(

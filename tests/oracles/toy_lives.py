@@ -78,6 +78,6 @@ def toy_life(
     return ToyLife(number, law, t, load, speed, rms, lines, THRESHOLD * v)
 
 
-def toy_lives(count: int, *, seed: int = 0, interval: float = INTERVAL) -> list[ToyLife]:
+def toy_lives(count: int, *, seed: int = 0, interval: float = INTERVAL, varying: bool = False) -> list[ToyLife]:
     """Return lives 0 to ``count - 1``."""
-    return [toy_life(number, seed=seed, interval=interval) for number in range(count)]
+    return [toy_life(number, seed=seed, interval=interval, varying=varying) for number in range(count)]
