@@ -13,78 +13,39 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.library_answer import (
+    QUANTILES,
+    LibraryResult,
+    LibrarySettings,
+    LibraryStatus,
+    ThresholdResult,
+    empty_forecast,
+    forecast_of,
+    levels_asked,
+    nothing,
+)
 from monitor.health.library_model import LINES, Library, levels_of, quantiles_of
 from monitor.health.summaries import History
 
+__all__ = [
+    "QUANTILES",
+    "Conditions",
+    "LibraryInput",
+    "LibraryResult",
+    "LibrarySettings",
+    "LibraryState",
+    "LibraryStatus",
+    "ThresholdResult",
+    "step",
+]
+
 STATE_VERSION = 1
-QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
-"""Levels of the quantiles that are given for the archive."""
-
 Array = NDArray[np.float64]
-
-
-class LibraryStatus(StrEnum):
-    """What became of one answer.
-
-    ``ok``. ``already_crossed``: in at least half of the alike lives V_eq had reached the threshold; TT is zero then,
-    its upper end need not be, and the probability stands beside it; it is judged anew at each block.
-    ``beyond_horizon``: the median is later than the horizon; values are given. Without values: ``not_final_stage``;
-    ``no_library``; ``bad_block``: V_eq of a block without usable figures (TT then says ``cannot_tell``);
-    ``outside_conditions``: V_eq at a load or speed that the library does not span, or that change more from block to
-    block than in its lives; ``outside_library``: levels, elapsed time or the time between blocks are not those of its
-    lives (TT says so of load and speed too); ``too_few_points``: TT before ``min_points`` blocks.
-    """
-
-    OK = "ok"
-    ALREADY_CROSSED = "already_crossed"
-    BEYOND_HORIZON = "beyond_horizon"
-    NOT_FINAL_STAGE = "not_final_stage"
-    NO_LIBRARY = "no_library"
-    BAD_BLOCK = "bad_block"
-    CANNOT_TELL = "cannot_tell"
-    OUTSIDE_CONDITIONS = "outside_conditions"
-    OUTSIDE_LIBRARY = "outside_library"
-    TOO_FEW_POINTS = "too_few_points"
-
-
-@dataclass(frozen=True)
-class LibrarySettings:
-    """How the library is asked.
-
-    Attributes:
-        features: "rms", "rms+harmonics" or, for a history of V_eq itself, "v_eq".
-        interval: probability that lies between the lower and the upper end.
-        window: time to the next maintenance, s, or None: then no probability of crossing within it is given.
-        horizon: longest TT that is given as ``ok``, s.
-        min_points: least number of blocks for a TT.
-        neighbours: most alike moments of the library's lives, whose errors make the interval.
-    """
-
-    features: str = "rms+harmonics"
-    interval: float = 0.8
-    window: float | None = None
-    horizon: float = 365 * 86400.0
-    min_points: int = 5
-    neighbours: int = 300
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be asked."""
-        if not 0.0 < self.interval < 1.0:
-            raise ValueError(f"interval must lie between 0 and 1, got {self.interval}")
-        if self.window is not None and not self.window > 0.0:
-            raise ValueError(f"window must be positive, or None, got {self.window}")
-        if not self.horizon > 0.0:
-            raise ValueError(f"horizon must be positive, got {self.horizon}")
-        if self.min_points < 1 or self.neighbours < 10:
-            raise ValueError(
-                f"min_points must be 1 or more and neighbours 10 or more, got {self.min_points} and {self.neighbours}"
-            )
 
 
 @dataclass(frozen=True)
@@ -192,60 +153,6 @@ class LibraryState:
         )
 
 
-@dataclass(frozen=True)
-class ThresholdResult:
-    """The forecast for one threshold; NaN wherever ``status`` says that there is no value.
-
-    Attributes:
-        threshold: V_th, m2.
-        tt: median of the time to threshold, s of damage time; zero once crossed.
-        tt_lower: lower end of its interval, s.
-        tt_upper: upper end, s.
-        p_threshold: probability that the threshold is reached within the window; NaN without a window.
-        p_crossed: probability that it has been reached.
-        t_threshold: when the median says that it is reached, s on the caller's clock; NaN once crossed.
-        quantiles: of the time to threshold at ``QUANTILES``, s; () without a value.
-        status: how the values came about, or why there are none.
-    """
-
-    threshold: float
-    tt: float
-    tt_lower: float
-    tt_upper: float
-    p_threshold: float
-    p_crossed: float
-    t_threshold: float
-    quantiles: tuple[float, ...]
-    status: LibraryStatus
-
-
-@dataclass(frozen=True)
-class LibraryResult:
-    """What one block adds.
-
-    Attributes:
-        v_eq: median of V_eq, m2.
-        v_eq_lower: lower end of its interval, m2.
-        v_eq_upper: upper end, m2.
-        v_eq_quantiles: at ``QUANTILES``, m2; () without a value.
-        edv_status: how V_eq came about, or why there is none.
-        forecasts: one a threshold, in their order.
-        interval: probability between the lower and the upper ends.
-        library: hash of the library, "" where there is none.
-        prior: in words, what the answer leans on.
-    """
-
-    v_eq: float
-    v_eq_lower: float
-    v_eq_upper: float
-    v_eq_quantiles: tuple[float, ...]
-    edv_status: LibraryStatus
-    forecasts: tuple[ThresholdResult, ...]
-    interval: float
-    library: str
-    prior: str
-
-
 def step(
     state: LibraryState,
     block: LibraryInput,
@@ -275,12 +182,13 @@ def step(
     """
     settings = settings or LibrarySettings()
     if library is None:
-        return state, _nothing(None, thresholds, settings, LibraryStatus.NO_LIBRARY, LibraryStatus.NO_LIBRARY)
-    targets = [library.target(threshold) for threshold in thresholds]
+        return state, nothing(None, thresholds, settings, LibraryStatus.NO_LIBRARY, LibraryStatus.NO_LIBRARY)
+    for threshold in thresholds:
+        library.target(threshold)
     fit = library.fit_for(settings.features)
     if not final_stage:
         stage = LibraryStatus.NOT_FINAL_STAGE
-        return state, _nothing(library, thresholds, settings, stage, stage)
+        return state, nothing(library, thresholds, settings, stage, stage)
     if state.history is not None and (state.library, state.features) != (library.hash, settings.features):
         raise ValueError(
             f"the history was read with library {state.library[:16]} and features {state.features!r}, but asked is "
@@ -288,40 +196,49 @@ def step(
         )
     if not _usable(block, settings.features):
         bad, cannot = LibraryStatus.BAD_BLOCK, LibraryStatus.CANNOT_TELL
-        return state, _nothing(library, thresholds, settings, bad, cannot)
+        return state, nothing(library, thresholds, settings, bad, cannot)
     outside = LibraryStatus.OUTSIDE_LIBRARY
     own_levels = settings.features == "v_eq"
     if not own_levels and not library.knows_conditions(block.load, block.speed):
         conditions = LibraryStatus.OUTSIDE_CONDITIONS
-        return state, _nothing(library, thresholds, settings, conditions, outside)
+        return state, nothing(library, thresholds, settings, conditions, outside)
     relative = fit.relative_levels(_levels(block, settings.features), np.array([block.load]), np.array([block.speed]))
     bounded, known = fit.bounded(relative[0])
     history = (state.history or History.empty(fit.channels)).add(float(block.t), bounded)
     changes = state.conditions if own_levels else state.conditions.add(block.load, block.speed)
     state = LibraryState(library.hash, settings.features, history, changes)
     if not library.knows_changes(*changes.spreads):
-        return state, _nothing(library, thresholds, settings, LibraryStatus.OUTSIDE_CONDITIONS, outside)
+        return state, nothing(library, thresholds, settings, LibraryStatus.OUTSIDE_CONDITIONS, outside)
     if not known or not fit.knows_pace(history):
-        return state, _nothing(library, thresholds, settings, outside, outside)
+        return state, nothing(library, thresholds, settings, outside, outside)
+    return state, _answer(library, history, block, settings, thresholds)
+
+
+def _answer(
+    library: Library, history: History, block: LibraryInput, settings: LibrarySettings, thresholds: Sequence[float]
+) -> LibraryResult:
+    """Return what the library makes of a history that it knows the like of."""
+    fit, count = library.fit_for(settings.features), settings.neighbours
     x = fit.inputs(history, block.load, block.speed)
-    said = fit.regression.predict(x[None])[0]
-    v_eq = fit.sample_v_eq(float(said[0]), float(x[0]), settings.neighbours)
-    lower, median, upper, *quantiles = quantiles_of(v_eq, _levels_asked(settings))
-    forecasts = tuple(
-        _result(threshold, LibraryStatus.TOO_FEW_POINTS)
-        if history.count < settings.min_points
-        else _forecast(
-            fit.sample_tt(target, float(said[target]), float(x[0]), settings.neighbours), block.t, threshold, settings
-        )
-        for threshold, target in zip(thresholds, targets, strict=True)
-    )
-    return state, LibraryResult(
-        v_eq=float(median),
-        v_eq_lower=float(lower),
-        v_eq_upper=float(upper),
-        v_eq_quantiles=tuple(map(float, quantiles)),
+    said = fit.regression.predict(x[None])[0].tolist()
+    ln_elapsed = float(x[0])
+    sample = fit.sample_v_eq(said[0], ln_elapsed, count)
+    lower, median, upper, *quantiles = map(float, quantiles_of(sample, levels_asked(settings)))
+    forecasts: list[ThresholdResult] = []
+    for threshold in thresholds:
+        if history.count < settings.min_points:
+            forecasts.append(empty_forecast(threshold, LibraryStatus.TOO_FEW_POINTS))
+            continue
+        target = library.target(threshold)
+        left = fit.sample_tt(target, said[target], ln_elapsed, count)
+        forecasts.append(forecast_of(left, block.t, threshold, settings))
+    return LibraryResult(
+        v_eq=median,
+        v_eq_lower=lower,
+        v_eq_upper=upper,
+        v_eq_quantiles=tuple(quantiles),
         edv_status=LibraryStatus.OK,
-        forecasts=forecasts,
+        forecasts=tuple(forecasts),
         interval=settings.interval,
         library=library.hash,
         prior=library.prior,
@@ -345,55 +262,3 @@ def _usable(block: LibraryInput, features: str) -> bool:
 def _levels(block: LibraryInput, features: str) -> Array:
     harmonics = np.array([() if block.harmonics is None else block.harmonics], dtype=float)
     return levels_of(features, np.array([block.rms]), harmonics, np.array([block.v_eq]))
-
-
-def _levels_asked(settings: LibrarySettings) -> tuple[float, ...]:
-    half = 0.5 * settings.interval
-    return (0.5 - half, 0.5, 0.5 + half, *QUANTILES)
-
-
-def _forecast(sample: Array, t: float, threshold: float, settings: LibrarySettings) -> ThresholdResult:
-    lower, median, upper, *quantiles = map(float, quantiles_of(sample, _levels_asked(settings)))
-    crossed = float(np.mean(sample == 0.0))
-    within = math.nan if settings.window is None else float(np.mean(sample <= settings.window))
-    status = LibraryStatus.OK if median <= settings.horizon else LibraryStatus.BEYOND_HORIZON
-    if crossed >= 0.5:
-        status, median = LibraryStatus.ALREADY_CROSSED, 0.0
-    return ThresholdResult(
-        threshold=float(threshold),
-        tt=median,
-        tt_lower=lower,
-        tt_upper=upper,
-        p_threshold=within,
-        p_crossed=crossed,
-        t_threshold=math.nan if status is LibraryStatus.ALREADY_CROSSED else t + median,
-        quantiles=tuple(quantiles),
-        status=status,
-    )
-
-
-def _result(threshold: float, status: LibraryStatus) -> ThresholdResult:
-    nan = math.nan
-    return ThresholdResult(float(threshold), nan, nan, nan, nan, nan, nan, (), status)
-
-
-def _nothing(
-    library: Library | None,
-    thresholds: Sequence[float],
-    settings: LibrarySettings,
-    edv_status: LibraryStatus,
-    tt_status: LibraryStatus,
-) -> LibraryResult:
-    """The answer without values."""
-    nan = math.nan
-    return LibraryResult(
-        v_eq=nan,
-        v_eq_lower=nan,
-        v_eq_upper=nan,
-        v_eq_quantiles=(),
-        edv_status=edv_status,
-        forecasts=tuple(_result(threshold, tt_status) for threshold in thresholds),
-        interval=settings.interval,
-        library="" if library is None else library.hash,
-        prior="" if library is None else library.prior,
-    )
