@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.forecast_cases import LEVEL, LEVELS, Answers, Cases
 from benchmarks.forecast_population import LIBRARY, THRESHOLD
 from models.lives import LifeHistory
-from monitor.health.library import LibraryInput, LibrarySettings, LibraryState, step
+from monitor.health.library import Conditions, LibraryInput, LibrarySettings, LibraryState, step
 from monitor.health.library_fit import fit_library
 from monitor.health.library_model import Library, levels_of
 from monitor.health.summaries import History
@@ -71,8 +71,10 @@ def _states(library: Library, life: LifeHistory, features: str, blocks: Sequence
     fit = library.fit_for(features)
     levels = levels_of(features, life.rms, life.harmonics, life.v_eq)
     relative = fit.relative_levels(levels, life.load, life.speed)
-    history, found = History.empty(fit.channels), []
+    history, changes, found = History.empty(fit.channels), Conditions(), []
     for k in range(max(blocks)):
-        found.append(LibraryState(library.hash, features, history if history.count else None))
+        found.append(LibraryState(library.hash, features, history if history.count else None, changes))
+        if features != "v_eq":
+            changes = changes.add(float(life.load[k]), float(life.speed[k]))
         history = history.add(float(life.t[k]), fit.bounded(relative[k])[0])
     return [found[known - 1] for known in blocks]
