@@ -27,6 +27,7 @@ from monitor.commands.demo import demo_config
 from monitor.config import Config
 from monitor.health.library_model import Library
 from monitor.records.dataset import words
+from monitor.records.library_file import save_library
 from monitor.records.record import Record
 from monitor.records.store import Store
 from monitor.service.library_build import build_library
@@ -262,6 +263,15 @@ def test_the_library_answers_with_intervals_that_records_and_archive_hold(
     assert (issued.method, issued.library_hash, issued.interval_level) == ("library", library.hash, 0.8)
     assert issued.quantiles[0.5] == issued.tt_s == summary["tt_s"]
     assert issued.quantiles[0.1] == pytest.approx(summary["tt_lower_s"])
+    save_library(library, tmp_path / "library.npz")
+    again = _told(
+        *(forecast_command, tmp_path, "--method", "library", "--library", tmp_path / "library.npz"),
+        *("--window-hours", config.forecast.window_hours),
+    )
+    row = again["rows"][-1]
+    assert (row["tt_s"], row["tt_lower_s"], row["tt_upper_s"], row["p_threshold"]) == tuple(
+        summary[name] for name in ("tt_s", "tt_lower_s", "tt_upper_s", "p_threshold")
+    )
 
 
 def test_what_was_tracked_live_is_tracked_again_from_the_records(line: Line, rms_map: RmsMap, tmp_path: Path) -> None:
