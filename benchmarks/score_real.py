@@ -79,7 +79,7 @@ METHODS: Mapping[str, Mapping[str, Any]] = {
     },
 }
 NAIVE = ("constant", "climatology", "elapsed_alone", "doubling", "linear", "exponential")
-FIGURES = ("crps_s", "cra", "prognostic_horizon_s", "coverage", "width_s", "answered")
+FIGURES = ("crps_s", "crps_share", "cra", "prognostic_horizon_s", "coverage", "width_s", "answered")
 
 
 @dataclass
@@ -313,7 +313,7 @@ def _mean_row(name: str, mean: Mapping[str, Mapping[str, Any]], prefix: str) -> 
     for key in (*FIGURES, "alpha_lambda"):
         figure = mean.get(prefix + key, {})
         row[key] = figure.get("mean")
-        if key in ("crps_s", "cra", "coverage"):
+        if key in ("crps_s", "crps_share", "coverage"):
             row[f"{key} +-"] = figure.get("standard_error")
     return row
 

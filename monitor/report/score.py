@@ -30,6 +30,7 @@ _MEAN_OF = (
     "prognostic_horizon_s",
     "convergence_s",
     "crps_s",
+    "crps_share",
     "coverage",
     "width_s",
     "answered",
@@ -121,6 +122,8 @@ def score_run(
         name: _figures(clock, end.clock, levels, rows, issued.interval or _span(levels), guess)
         for name, (levels, rows) in others.items()
     }
+    for figures in (scored, *scored["baselines"].values()):
+        figures["crps_share"] = _ratio(figures["crps_s"], scored["lifetime_s"])
     if guess is not None:
         scored["crps_over_climatology"] = _ratio(scored["crps_s"], scored["baselines"]["climatology"]["crps_s"])
     return scored

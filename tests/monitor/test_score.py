@@ -86,6 +86,7 @@ def test_a_run_is_scored_by_hand(tmp_path: Path) -> None:
     # r* = 500, 400, 300, 200, 100; r = 500, -, 200, 260, 90
     assert found["cra"] == pytest.approx((1.0 + 2.0 / 3.0 + 0.7 + 0.9) / 4.0)
     assert found["crps_s"] == pytest.approx((0.0 + 100.0 + 60.0 + 10.0) / 4.0)
+    assert found["crps_share"] == pytest.approx(found["crps_s"] / 700.0)
     # Half-way is 750 s: the forecast of 700 s stood, which is a third off.
     assert (found["alpha_lambda"], found["alpha_lambda_mass"]) == (False, 0.0)
     # The band is 20 % of 500 s: all from 700 s on are within 100 s.
@@ -213,7 +214,7 @@ def test_a_run_that_ended_before_its_first_forecast_has_no_figures(tmp_path: Pat
 def test_means_are_over_runs_and_not_over_channels() -> None:
     def scored(records: str, crps: float | None) -> dict[str, Any]:
         keys = ("cra", "alpha_lambda", "prognostic_horizon_s", "convergence_s", "coverage", "width_s", "answered")
-        rest = dict.fromkeys((*keys, "onset_delay_s", "false_alarms_per_1000_blocks"))
+        rest = dict.fromkeys((*keys, "crps_share", "onset_delay_s", "false_alarms_per_1000_blocks"))
         return {"records": records, "machine": "m", "crps_s": crps, "baselines": {"linear": {"crps_s": 7.0}}, **rest}
 
     runs = [scored("a", 1.0), scored("a", 3.0), scored("b", 8.0), scored("c", None)]
