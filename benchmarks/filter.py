@@ -13,7 +13,8 @@ Run as ``python -m benchmarks.filter [--quick] [--json FILE]``. Tables:
 5. the spread that is taken where a map has none: the standard deviation of ln X over rough floors and drawn rigs, at
    some depths, as the median over extents from 2 degrees on.
 
-No test life of ``benchmarks.forecast`` is used here.
+Settings of the tracker were chosen by trying them on the first 60 lives of the library and on lives like those of
+table 4 of another seed. No test life of ``benchmarks.forecast`` is used here.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ Floats = NDArray[np.float64]
 Slices = Callable[[LifeHistory], MapSlice]
 
 FEATURES = {"rms": 0, "rms+harmonics": FilterSettings.lines}
-STILL = replace(LIBRARY, load=(4000.0, 4000.0), speed=(40.0, 40.0), slip=(0.0, 0.0), seed=770001)
+STILL = replace(LIBRARY, load=(4000.0, 4000.0), speed=(40.0, 40.0), slip=(0.0, 0.0), seed=40041)
 """Lives at one load and speed, without slip."""
 
 
