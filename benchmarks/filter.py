@@ -2,7 +2,7 @@
 
 Run as ``python -m benchmarks.filter [--quick] [--json FILE]``. Tables:
 
-1. time of a block on a map of 33 by 101 nodes, by particles and features, beside this machine's speed;
+1. time of a block on a map of 33 by 101 nodes and size of the state, by particles and features;
 2. the widening: lives of the library of ``benchmarks.forecast`` (loads of 3 to 5 kN, 20 to 45 Hz, slip), tracked on the
    map of a smooth floor without widening, each scored at 1/4, 1/2 and 3/4 of the time to the threshold; the factor on
    the half widths of ln V_eq with which the interval would have held the truth is found for every life and moment, and
@@ -19,6 +19,7 @@ table 4 of another seed. No test life of ``benchmarks.forecast`` is used here.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -116,14 +117,14 @@ def score_rows(name: str, features: str, tracked: Tracked) -> list[Row]:
 
 
 def time_rows(map_slice: MapSlice, radius: float, rounds: int) -> list[Row]:
-    """Return the time of a block in the middle of a life, ms, without resampling now and then left out."""
+    """Return the time of a block in the middle of a life, ms, and the bytes of the state as JSON."""
     lives = cached_lives(STILL, 1)
     kernel = interleaved_ms({"kernel": calibration_kernel()}, rounds)["kernel"]
     rows: list[Row] = []
     for features, lines in FEATURES.items():
         for particles in (FilterSettings.particles, 2 * FilterSettings.particles):
             settings = FilterSettings(radius, particles=particles, lines=lines)
-            ms = _block_ms(lives[0], map_slice, settings, rounds)
+            ms, size = _block_ms(lives[0], map_slice, settings, rounds)
             rows.append(
                 {
                     "features": features,
@@ -131,13 +132,14 @@ def time_rows(map_slice: MapSlice, radius: float, rounds: int) -> list[Row]:
                     "ms": ms,
                     "ms_on_reference": ms * REFERENCE_MS / kernel,
                     "target_ms": 5.0,
+                    "state_kb": 1e-3 * size,
                 }
             )
     return rows
 
 
-def _block_ms(life: LifeHistory, map_slice: MapSlice, settings: FilterSettings, rounds: int) -> float:
-    """Return the mean over some blocks of the median time of each: some resample and some do not."""
+def _block_ms(life: LifeHistory, map_slice: MapSlice, settings: FilterSettings, rounds: int) -> tuple[float, int]:
+    """Return the mean over blocks of the median time of each, some of which resample, and the size of the state."""
     state, times = FilterState(), []
     for k in range(12):
         heard = FilterInput(float(life.t[k]), float(life.rms[k]), tuple(life.harmonics[k].tolist()))
@@ -149,7 +151,7 @@ def _block_ms(life: LifeHistory, map_slice: MapSlice, settings: FilterSettings, 
         if k > 1:
             times.append(interleaved_ms({"block": block}, rounds)["block"])
         state, _ = block()
-    return float(np.mean(times))
+    return float(np.mean(times)), len(json.dumps(state.to_dict()))
 
 
 def spread_rows(rms_map: RmsMap) -> list[Row]:
