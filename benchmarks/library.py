@@ -1,10 +1,12 @@
 """The library forecaster: what a block costs, and what it is worth on unseen lives by features and by size.
 
-Run as ``python -m benchmarks.library [--quick] [--json FILE]``. Two tables:
+Run as ``python -m benchmarks.library [--quick] [--json FILE]``. Three tables:
 
 1. milliseconds per block and bytes of state, after a hundred and after ten thousand blocks, one and three thresholds;
 2. out-of-fold figures of libraries of 100 to 1000 lives at shares of the time to the threshold, beside climatology (the
-   lifetimes of the others that were longer than the time up to now).
+   lifetimes of the others that were longer than the time up to now);
+3. the same of two libraries whose lives have no slip: at constant load and speed, and with both changing from block to
+   block by up to 10 % either way.
 
 Nothing here sees the test population of ``benchmarks.forecast``: lives are those of its library population, and each is
 scored by fits that were made without it.
@@ -39,6 +41,8 @@ from monitor.health.library_model import LINES, Library
 
 THRESHOLDS = (0.03e-6, 0.04e-6, 0.05e-6)
 TARGET_MS = 2.0
+CHANGE = 0.1
+"""Change of load and speed from block to block, either way."""
 LONG = 10_000
 """Blocks of a long history."""
 
@@ -128,7 +132,18 @@ def main() -> None:
     print_table("cost of a block", table)
     rows = [row for size in sizes for row in worth(lives[:size])]
     print_table("unseen lives, out of fold, by size of the library", rows)
-    write_json(options.json, {"quick": {"quick": str(options.quick)}, "cost": table, "worth": rows})
+    steady = replace(LIBRARY, slip=(0.0, 0.0))
+    changing = replace(steady, load_variation=CHANGE, speed_variation=CHANGE)
+    count = 20 if options.quick else 250
+    changes: list[Row] = [
+        {"conditions": name, **row}
+        for name, population in (("constant", steady), ("changing", changing))
+        for row in worth(cached_lives(population, count))
+        if row["features"] != "v_eq"
+    ]
+    print_table("unseen lives, out of fold, load and speed constant or changing", changes)
+    tables = {"quick": {"quick": str(options.quick)}, "cost": table, "worth": rows, "conditions": changes}
+    write_json(options.json, tables)
 
 
 if __name__ == "__main__":
