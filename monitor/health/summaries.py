@@ -97,7 +97,8 @@ class History:
         t_first = t if self.count == 0 else self.t_first
         since = t - t_first
         if not (math.isfinite(t) and since >= self.elapsed):
-            raise ValueError(f"t must be finite and not before the latest point, got {t} s; that was {self.elapsed} s after the first")
+            latest = self.t_first + self.elapsed
+            raise ValueError(f"t must be finite and not before the latest point ({latest} s), got {t} s")
         row = np.empty((1, 1 + self.channels))
         row[0, 0], row[0, 1:] = since, values
         recent = np.concatenate((self.recent[-(RECENT - 1) :], row))
