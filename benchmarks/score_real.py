@@ -8,8 +8,8 @@ run is known to its own forecasts:
 
 - The threshold is the geometric mean of the V_eq at which the other runs ended.
 - The lifetimes of the naive forecasts are the final stages of the other runs.
-- The library's population was set before any of its forecasts on these runs was seen: lives of one minute to seven hours
-  (the challenge says that its tests lasted one to seven hours) to 0.05 mm3/mm, at the loads and speeds of all three
+- The library's population was set before any of its forecasts on these runs was seen: lives of one minute to seven
+  hours (the challenge speaks of tests of one to seven hours) to 0.05 mm3/mm, at the loads and speeds of all three
   operating conditions, under a background of 0.1 to 1 g (these rigs idle at 0.3 to 0.45 g). It is fitted for the
   thresholds, and in one variant calibrated on the other runs.
 
