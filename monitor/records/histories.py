@@ -126,7 +126,7 @@ def _history(datasets: Sequence[xr.Dataset], channel: str) -> History | None:
         return None
     usable = np.array([not item & set(_UNUSABLE) for item in flags]) & np.isfinite(columns["rms"])
     rows = np.flatnonzero(usable & (time >= begun[-1]))
-    running = _running(time, np.array(["stopped" in item for item in flags]), in_clock)
+    running = damage_time(time, np.array(["stopped" in item for item in flags]), in_clock)
     return History(
         channel=channel,
         time=time[rows],
@@ -139,8 +139,14 @@ def _history(datasets: Sequence[xr.Dataset], channel: str) -> History | None:
     )
 
 
-def _running(time: Array, stopped: NDArray[np.bool_], in_clock: NDArray[np.bool_]) -> Array:
-    """Return damage time, s, as the pipeline counts it: between two blocks of which neither stood still."""
+def damage_time(time: Array, stopped: NDArray[np.bool_], in_clock: NDArray[np.bool_]) -> Array:
+    """Return damage time, s from the first block: as the pipeline counts, between blocks neither of which stood still.
+
+    Args:
+        time: of each block, s, shape (n,).
+        stopped: whether the machine stood still in it, shape (n,).
+        in_clock: whether its time counts at all (judged, accepted, in order), shape (n,).
+    """
     gained = np.zeros(time.size)
     places = np.flatnonzero(in_clock)
     runs = ~stopped[places]

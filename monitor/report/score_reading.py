@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.records.histories import damage_time
 from monitor.records.schema import REJECTIONS
 from monitor.records.store import Archived, Store, StoreError
 from monitor.report.reading import Channel, ReportError, Run, read_runs
@@ -214,12 +215,8 @@ def running_time(channel: Channel) -> Floats:
     flags = [set(str(text).split("|")) for text in channel.word("quality_flags")]
     judged = channel.word("quality_status").astype(str)
     counted = (judged != "") & ~np.isin(judged, REJECTIONS) & np.array([not f & _OUT_OF_TIME for f in flags])
-    runs = np.array(["stopped" not in f for f in flags])
-    places = np.flatnonzero(counted)
-    gained = np.zeros(channel.time.size)
-    both = runs[places][1:] & runs[places][:-1]
-    gained[places[1:]] = np.where(both, np.maximum(np.diff(channel.time[places]), 0.0), 0.0)
-    return np.cumsum(gained)
+    stopped = np.array(["stopped" in f for f in flags], dtype=bool)
+    return damage_time(channel.time, stopped, counted)
 
 
 def _matching(
