@@ -8,31 +8,13 @@ from click.testing import CliRunner
 
 from models.warmup import PARTS
 from monitor.commands.warmup import command
-
-CONFIG = """
-[[bearing]]
-name = "test"
-designation = "6205"
-[operating]
-speed_hz = 30
-[[source]]
-name = "recording"
-rate_hz = 12800
-block_s = {block}
-[[channel]]
-name = "de"
-source = "recording"
-column = 1
-unit = "g"
-bearing = "test"
-band_hz = [[2000, 6000]]
-"""
+from tests.monitor.test_cli import CONFIG
 
 
 @pytest.mark.parametrize(("block", "transforms"), [("1", 1), ('"file"', 0)])
 def test_says_how_long_compiling_and_planning_took(tmp_path: Path, block: str, transforms: int) -> None:
     path = tmp_path / "machine.toml"
-    path.write_text(CONFIG.format(block=block))
+    path.write_text(CONFIG.replace("block_s = 1", f"block_s = {block}"))
     result = CliRunner().invoke(command, ["--config", str(path), "--json"], catch_exceptions=False)
     values = json.loads(result.stdout)
     assert result.exit_code == 0
