@@ -14,7 +14,7 @@ with the blocks up to then; a missing answer is scored as the constant guess. Me
 8. the thesis' method on maps of each run's very load and speed, on some runs: what reading between nodes costs it.
 
 ``--quick`` takes few runs and a coarse map: it shows that all works, its figures mean little. The full run simulates
-1600 lives (about ten minutes on one core) and maps (five) and keeps them in the user's cache folder.
+1600 lives (about six minutes on one core) and maps (five) and keeps them in the user's cache folder.
 """
 
 from __future__ import annotations

@@ -73,7 +73,7 @@ def asked_table(rows: Sequence[Row]) -> str:
         asked = [row["asked"] for row in moments]
         asked = asked[:1] if len(set(asked)) == 1 else asked
         found = " / ".join(
-            f"{row['found']:.2f}" if row["met"] == "yes" else f"**{row['found']:.2f}**" for row in moments
+            f"{row['found']:.3f}" if row["met"] == "yes" else f"**{row['found']:.3f}**" for row in moments
         )
         lines.append([figure, method, " / ".join(asked), found])
     return markdown(["figure", "method", "asked", "found"], lines)
