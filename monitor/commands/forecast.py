@@ -30,7 +30,11 @@ Issued = list[tuple[damage.Remaining, ...]]
     show_default=True,
     help="Threshold of V_eq, mm3 per mm of width; may be given several times.",
 )
-@click.option("--method", type=click.Choice(["thesis", "library"]), default="thesis", show_default=True)
+@click.option(
+    "--method",
+    type=click.Choice(["thesis", "library"]),
+    help="By default library where --library names one, else thesis.",
+)
 @click.option("--library", "library_path", type=click.Path(path_type=Path), help="Library of simulated lives (.npz).")
 @click.option(
     "--interval", type=click.FloatRange(0.5, 0.98), default=0.8, show_default=True, help="Level of intervals."
@@ -42,7 +46,7 @@ Issued = list[tuple[damage.Remaining, ...]]
 def command(
     input_path: Path,
     threshold_mm2: tuple[float, ...],
-    method: str,
+    method: str | None,
     library_path: Path | None,
     interval: float,
     window_hours: float | None,
@@ -57,6 +61,7 @@ def command(
     thesis takes the V_eq that they hold, the library the RMS and the BPFO lines.
     """
     check_out(out)
+    method = method or ("thesis" if library_path is None else "library")
     thresholds = tuple(value * 1e-6 for value in threshold_mm2)
     window = None if window_hours is None else window_hours * 3600.0
     if method == "library":

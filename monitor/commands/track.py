@@ -45,7 +45,11 @@ class _Other:
 @click.command("track")
 @click.argument("input_path", metavar="INPUT", type=click.Path(path_type=Path))
 @click.option("--map", "map_path", type=click.Path(path_type=Path), help="RMS map (netCDF); the library needs none.")
-@click.option("--method", type=click.Choice(["thesis", "filter", "library"]), default="thesis", show_default=True)
+@click.option(
+    "--method",
+    type=click.Choice(["thesis", "filter", "library"]),
+    help="By default library where --library names one, else thesis.",
+)
 @click.option("--library", "library_path", type=click.Path(path_type=Path), help="Library of simulated lives (.npz).")
 @click.option("--features", type=click.Choice(["rms", "rms+harmonics"]), help="By default all that INPUT has.")
 @click.option(
@@ -62,7 +66,7 @@ class _Other:
 def command(
     input_path: Path,
     map_path: Path | None,
-    method: damage.TrackMethod,
+    method: damage.TrackMethod | None,
     library_path: Path | None,
     features: str | None,
     interval: float,
@@ -85,6 +89,7 @@ def command(
     thesis' first prognostic model, section 5.2.3.1): how loud the bearing would be there with this damage.
     """
     check_out(out)
+    method = method or ("thesis" if library_path is None else "library")
     other = _Other(other_load_newton, other_speed_hz, direct)
     rms_map = None if map_path is None else load_map(map_path)
     if rms_map is None and (method != "library" or other.asked):

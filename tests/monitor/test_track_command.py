@@ -185,7 +185,10 @@ def test_each_size_is_asked_for_once() -> None:
         (",load_newton,speed_hz", ",4000,40", ("--out", "rows.txt"), r"\.csv, \.json or \.nc"),
         (",load_newton,speed_hz", ",4000,40", ("--direct",), "--direct belongs to"),
         (",load_newton,speed_hz", ",4000,40", ("--other-speed-hz", "80"), "the map covers speed"),
-        (",load_newton,speed_hz", ",4000,40", ("--library", "x.npz"), "belongs to --method library"),
+        (
+            *(",load_newton,speed_hz", ",4000,40"),
+            *(("--method", "thesis", "--library", "x.npz"), "belongs to --method library"),
+        ),
         (",load_newton,speed_hz", ",4000,40", ("--method", "library"), "--library FILE is missing"),
     ],
 )
@@ -232,7 +235,7 @@ def test_the_library_tracks_what_the_input_has(
     tmp_path: Path, library: Library, library_file: Path, lines: bool
 ) -> None:
     path, life = toy_history(tmp_path, lines=lines)
-    told = run(track_command.command, path, "--method", "library", "--library", library_file, "--interval", 0.9)
+    told = run(track_command.command, path, "--library", library_file, "--interval", 0.9)
     asking = LibrarySettings(features="rms+harmonics" if lines else "rms", interval=0.9)
     state = LibraryState()
     for i, row in enumerate(told["rows"]):
