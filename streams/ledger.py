@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from streams.block import Block, Rejected
+
 PENDING = "pending"
 ACCEPTED = "accepted"
+HEAD_BYTES = 4096
+"""Length of the head of a file by whose digest files that may be one are found."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +25,7 @@ class FileProgress:
         size: size in bytes when it was read.
         mtime_ns: time of its last change then, ns.
         inode: its number in the file system then.
+        head_hash: digest of its first ``HEAD_BYTES``, by which files that may be one are found.
         content_hash: digest of its first ``read_bytes`` bytes, by which a grown file is told from another one.
         read_bytes: number of bytes of which the samples were taken.
         samples: number of its samples, from the first one on, that are in committed blocks or in a rejection.
@@ -30,6 +36,7 @@ class FileProgress:
     size: int
     mtime_ns: int
     inode: int
+    head_hash: str = ""
     content_hash: str = ""
     read_bytes: int = 0
     samples: int = 0
@@ -40,23 +47,35 @@ class FileProgress:
 class Ledger(Protocol):
     """The memory of what was committed; it survives the process.
 
-    ``committed`` and ``known`` may be called from any thread, everything else from the thread that commits.
+    The methods that ask about blocks may be called from any thread, those about files from the one that commits.
     """
 
     def committed(self, source: str) -> int:
         """Return the highest committed sequence number of a source (or stream), 0 where there is none."""
         ...
 
+    def content_of(self, source: str, sequence: int) -> str | None:
+        """Return the content hash of the block committed under a number, or None where the number is free."""
+        ...
+
     def known(self, source: str, content_hash: str) -> int | None:
-        """Return the sequence number of the committed block of a source with this content, or None."""
+        """Return the number of a committed block of a source with this content, or None."""
         ...
 
-    def files(self, source: str) -> Iterator[FileProgress]:
-        """Iterate over what is known of the files of a watched folder."""
+    def file(self, source: str, path: str) -> FileProgress | None:
+        """Return what is known of a file of a watched folder, or None."""
         ...
 
-    def file_with(self, source: str, content_hash: str) -> FileProgress | None:
-        """Return a file of a watched folder with this content, or None."""
+    def files_like(self, source: str, head_hash: str, content_hash: str) -> list[FileProgress]:
+        """Return files of a watched folder with this content, then some that begin in the same way."""
+        ...
+
+    def pending_files(self, source: str) -> list[FileProgress]:
+        """Return the files of a watched folder of which samples wait."""
+        ...
+
+    def file_counts(self, source: str) -> dict[str, int]:
+        """Return how many files of a watched folder have which verdict."""
         ...
 
     def remember(self, source: str, progress: Iterable[FileProgress]) -> None:
@@ -75,47 +94,63 @@ class MemoryLedger:
         """Begin without memory."""
         self._lock = threading.Lock()
         self._blocks: dict[str, dict[int, str]] = {}
+        self._highest: dict[str, int] = {}
         self._sequences: dict[tuple[str, str], int] = {}
         self._files: dict[str, dict[str, FileProgress]] = {}
-        self._contents: dict[tuple[str, str], str] = {}
+        self._heads: dict[tuple[str, str], dict[str, None]] = {}
 
     def committed(self, source: str) -> int:
         """Return the highest committed sequence number of a source, 0 where there is none."""
         with self._lock:
-            return max(self._blocks.get(source, {0: ""}))
+            return self._highest.get(source, 0)
+
+    def content_of(self, source: str, sequence: int) -> str | None:
+        """Return the content hash of the block committed under a number, or None."""
+        with self._lock:
+            return self._blocks.get(source, {}).get(sequence)
 
     def known(self, source: str, content_hash: str) -> int | None:
-        """Return the sequence number of the committed block with this content, or None."""
+        """Return the number of a committed block with this content, or None."""
         with self._lock:
             return self._sequences.get((source, content_hash))
 
-    def files(self, source: str) -> Iterator[FileProgress]:
-        """Iterate over what is known of the files of a watched folder."""
-        yield from list(self._files.get(source, {}).values())
+    def file(self, source: str, path: str) -> FileProgress | None:
+        """Return what is known of a file, or None."""
+        return self._files.get(source, {}).get(path)
 
-    def file_with(self, source: str, content_hash: str) -> FileProgress | None:
-        """Return a file with this content, or None."""
-        path = self._contents.get((source, content_hash))
-        return None if path is None else self._files[source].get(path)
+    def files_like(self, source: str, head_hash: str, content_hash: str) -> list[FileProgress]:
+        """Return files with this content, then those that begin in the same way."""
+        found = [self._files[source][path] for path in self._heads.get((source, head_hash), {})]
+        return sorted(found, key=lambda item: item.content_hash != content_hash)
+
+    def pending_files(self, source: str) -> list[FileProgress]:
+        """Return the files of which samples wait."""
+        return [item for item in self._files.get(source, {}).values() if item.verdict == PENDING]
+
+    def file_counts(self, source: str) -> dict[str, int]:
+        """Return how many files have which verdict."""
+        return dict(Counter(item.verdict for item in self._files.get(source, {}).values()))
 
     def remember(self, source: str, progress: Iterable[FileProgress]) -> None:
         """Store the progress of files."""
         for item in progress:
+            self.forget(source, item.path)
             self._files.setdefault(source, {})[item.path] = item
-            self._contents.setdefault((source, item.content_hash), item.path)
+            self._heads.setdefault((source, item.head_hash), {})[item.path] = None
 
     def forget(self, source: str, path: str) -> None:
         """Drop what is known of a path."""
         gone = self._files.get(source, {}).pop(path, None)
-        if gone is not None and self._contents.get((source, gone.content_hash)) == path:
-            del self._contents[(source, gone.content_hash)]
+        if gone is not None:
+            self._heads[(source, gone.head_hash)].pop(path)
 
-    def commit(self, source: str, sequence: int, content_hash: str, progress: Iterable[FileProgress] = ()) -> str:
-        """Commit a block and the progress that goes with it.
+    def commit(self, item: Block | Rejected, progress: Iterable[FileProgress] = ()) -> str:
+        """Commit a block or a rejection, and the progress that goes with it.
 
         Returns:
             "committed"; "duplicate" or "changed" where the number is taken, by the same or by another content.
         """
+        source, sequence, content_hash = item.source, item.sequence, item.content_hash
         with self._lock:
             blocks = self._blocks.setdefault(source, {})
             outcome = "committed"
@@ -123,12 +158,13 @@ class MemoryLedger:
                 outcome = "duplicate" if blocks[sequence] == content_hash else "changed"
             else:
                 blocks[sequence] = content_hash
+                self._highest[source] = max(sequence, self._highest.get(source, 0))
                 if content_hash:
                     self._sequences.setdefault((source, content_hash), sequence)
         self.remember(source, progress)
         return outcome
 
     def blocks(self, source: str) -> dict[int, str]:
-        """Return the content hashes of the committed blocks by sequence number."""
+        """Return the content hashes of the committed blocks by number."""
         with self._lock:
             return dict(self._blocks.get(source, {}))
