@@ -37,6 +37,7 @@ class Reading:
         unit: "g", "m/s2", "V" or None.
         speed: shaft speed in Hz.
         load: radial load in N.
+        start: seconds since 1970 UTC of the first sample.
     """
 
     samples: NDArray[np.floating]
@@ -47,6 +48,7 @@ class Reading:
     unit: str | None = None
     speed: float | None = None
     load: float | None = None
+    start: float | None = None
 
 
 def plain_reading(
