@@ -120,13 +120,6 @@ class Reblocker:
         if self._held:
             yield self._cut(self.held, self._length(self._held[0].rate))
 
-    def drop(self, origin: Hashable) -> None:
-        """Forget the samples of an origin that wait, and everything after them: the origin is read again."""
-        origins = [chunk.origin for chunk in self._held]
-        if origin in origins:
-            del self._held[origins.index(origin) :]
-        self._last = None
-
     def _length(self, rate: float) -> int:
         return max(1, round(self._block_s * rate))
 

@@ -1,4 +1,4 @@
-"""The Source protocol, and open_source."""
+"""The Source protocol, open_source for recordings and open_live for what goes on for ever."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ from collections.abc import Iterator
 from typing import Protocol, runtime_checkable
 
 from streams.block import Block, Rejected
+from streams.ledger import Ledger
+from streams.live import LiveSource
 from streams.spec import ChannelSpec, SourceError, SourceSpec
 
-__all__ = ["ChannelSpec", "Source", "SourceError", "SourceSpec", "open_source"]
+__all__ = ["ChannelSpec", "LiveSource", "Source", "SourceError", "SourceSpec", "open_live", "open_source"]
 
 
 @runtime_checkable
@@ -61,3 +63,39 @@ def open_source(spec: SourceSpec) -> Source:
     if scheme == "folder" and colon:
         return open_recording(spec, rest, spec.format, must_be_folder=True)
     return open_recording(spec, spec.url, spec.format)
+
+
+def open_live(spec: SourceSpec, ledger: Ledger) -> LiveSource:
+    """Open a source that goes on for ever, from what the ledger has on.
+
+    Args:
+        spec: the configuration of the source; its URL is ``folder:PATH``, ``tcp://HOST:PORT`` or
+            ``mqtt://HOST:PORT/TOPIC``.
+        ledger: what was committed.
+
+    Returns:
+        The source, listening; whoever has it closes it.
+
+    Raises:
+        SourceError: another URL, an address that cannot be listened to, a folder that is none.
+    """
+    source = _live(spec)
+    try:
+        source.open(ledger)
+    except BaseException:
+        source.close()
+        raise
+    return source
+
+
+def _live(spec: SourceSpec) -> LiveSource:
+    # Each transport brings its own library; only the one that is named is loaded.
+    scheme, _, rest = spec.url.partition(":")
+    if scheme == "folder" and rest:
+        from streams.folder.source import FolderSource
+
+        return FolderSource(spec, rest)
+    raise SourceError(
+        f"[[source]] {spec.name}: url {spec.url!r}: is not a source that goes on for ever; expected folder:PATH, "
+        "tcp://HOST:PORT or mqtt://HOST:PORT/TOPIC"
+    )

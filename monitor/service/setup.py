@@ -64,6 +64,7 @@ def source_spec(config: Config, source: SourceSection, path: str | None = None) 
         range_g=source.range_g,
         channels=channels,
         timezone=config.machine.timezone,
+        settle_s=source.settle_s,
     )
 
 

@@ -74,16 +74,16 @@ class UnfinishedError(Exception):
         self.stat = stat
 
 
-def read_raw(root: Path, entry: Entry, growing: bool) -> Raw:
+def read_raw(root: Path, entry: Entry, growing: str | None) -> Raw:
     """Read a file.
 
     Args:
         root: the resolved folder.
         entry: the file.
-        growing: whether it may be written to meanwhile.
+        growing: its format where it may be written to meanwhile, else None.
 
     Returns:
-        Its bytes.
+        Its bytes; of a growing file those whose samples are final.
 
     Raises:
         ReaderError: ``refused`` or ``unreadable``, see :func:`streams.files.read_guarded`.
@@ -92,18 +92,21 @@ def read_raw(root: Path, entry: Entry, growing: bool) -> Raw:
     if not entry.stat.regular:
         raise ReaderError("refused", f"{entry.key}: a link, a pipe or a device, not a regular file")
     try:
-        data = read_guarded(root, entry.path, may_grow=growing)
+        data = read_guarded(root, entry.path, may_grow=growing is not None)
     except ReaderError as error:
         after = look_at(str(root), entry.path)
         if error.status == "changed" or after is None:
             raise UnfinishedError(after) from error
         raise
     after = look_at(str(root), entry.path)
-    if after is None or (after != entry.stat and not growing):
+    if after is None or (after != entry.stat and growing is None):
         raise UnfinishedError(after)
+    size = len(data)
+    if growing is not None:
+        data = whole_part(data, growing)
     digest = content_hash(data)
     head = content_hash(data[:HEAD_BYTES])
-    return Raw(data, FileProgress(entry.key, len(data), after.mtime_ns, after.inode, head, digest, len(data)))
+    return Raw(data, FileProgress(entry.key, size, after.mtime_ns, after.inode, head, digest, len(data)))
 
 
 def is_more_of(raw: Raw, known: FileProgress) -> bool:
@@ -114,7 +117,7 @@ def is_more_of(raw: Raw, known: FileProgress) -> bool:
     return longer and content_hash(raw.data[: known.read_bytes]) == known.content_hash
 
 
-def parse(raw: Raw, entry: Entry, facts: FileFacts, data_set: DataSet, spec: SourceSpec, growing: bool) -> Parsed:
+def parse(raw: Raw, entry: Entry, facts: FileFacts, data_set: DataSet, spec: SourceSpec) -> Parsed:
     """Take the samples out of the bytes of a file.
 
     Args:
@@ -123,7 +126,6 @@ def parse(raw: Raw, entry: Entry, facts: FileFacts, data_set: DataSet, spec: Sou
         facts: what its name says.
         data_set: what it is.
         spec: configuration of the source.
-        growing: whether it is still being written, so that its end may be half a line.
 
     Returns:
         The samples of the configured channels.
@@ -133,14 +135,12 @@ def parse(raw: Raw, entry: Entry, facts: FileFacts, data_set: DataSet, spec: Sou
     """
     name = entry.key
     promised = declared_size(raw.data, entry.path)
-    if promised is not None and promised > len(raw.data) and not growing:
+    if promised is not None and promised > len(raw.data):
         raise ReaderError("incomplete", f"{name}: {len(raw.data)} bytes are there, its header promises {promised}")
     try:
         data = unpack(raw.data, entry.path)
-        if growing:
-            data = whole_part(data, data_set.name)
         if not data:
-            raise ReaderError("empty" if growing else "incomplete", f"{name}: the file has 0 bytes")
+            raise ReaderError("incomplete", f"{name}: nothing of it is there yet")
         reading = data_set.read(data, entry.path)
     except ReaderError:
         raise

@@ -18,6 +18,9 @@ from streams.live import Backlog
 INCOMPLETE_AFTER = 600.0
 """Seconds without a change after which a file that is not all there is given up."""
 
+ARCHIVED = "\n"
+"""Stands between a path and the digest of what it held before, in the key of a file that was replaced."""
+
 _BULK = 8
 _HOLD = 10.0
 
@@ -96,6 +99,7 @@ class Register:
         self._tie = itertools.count()
         self._lock = threading.Lock()
         self._latest = now
+        self._taken: Order | None = None
         counts = ledger.file_counts(source)
         self._accepted = counts.pop(ACCEPTED, 0)
         counts.pop(PENDING, None)
@@ -108,11 +112,14 @@ class Register:
     def update(self, listing: Mapping[str, Stat], now: float) -> None:
         """Compare all files of the folder with what is known of them."""
         gone = [path for path in self._done if path not in listing]
-        moved = {self._done[path].inode: path for path in gone}
-        moved |= {entry.stat.inode: path for path, entry in self.waiting.items() if path not in listing}
+        here = {path: stat.inode for path, stat in listing.items()}
+        moved = {known.inode: path for path, known in self._done.items() if here.get(path) != known.inode}
+        moved |= {entry.stat.inode: path for path, entry in self.waiting.items() if here.get(path) != entry.stat.inode}
+        if moved:
+            for path, stat in listing.items():
+                if stat.inode in moved and path not in self._done and path not in self.waiting:
+                    self._renamed(moved[stat.inode], path, stat)
         for path, stat in listing.items():
-            if moved and stat.inode in moved and path not in self._done and path not in self.waiting:
-                self._renamed(moved[stat.inode], path, stat)
             self.look(path, stat, now)
         for path in gone:
             self._done.pop(path, None)
@@ -160,6 +167,7 @@ class Register:
     def reorder(self) -> None:
         """Sort anew, as it is known by now what kind of files these are."""
         self._heap.clear()
+        self._taken = None
         for path, entry in list(self.waiting.items()):
             order = self._order_of(path)
             if order is None and entry.base is None:
@@ -225,8 +233,14 @@ class Register:
         self._aside[entry.path] = entry
 
     def settled(self, entry: Entry, now: float) -> bool:
-        """Tell whether nobody seems to be writing to a file any more."""
-        return entry.closed or now - entry.changed >= self._settle
+        """Tell whether nobody seems to be writing to a file any more.
+
+        That it was closed is enough only where files come one by one and in order: the first one may be the first of a
+        crowd that is being copied in any order.
+        """
+        if now - entry.changed >= self._settle:
+            return True
+        return entry.closed and self._taken is not None and entry.order > self._taken
 
     def take(self, now: float, period: float | None) -> Entry | None:
         """Return the file whose turn it is, or None where all have to wait.
@@ -255,6 +269,7 @@ class Register:
             elif self._ready(entry, now, period):
                 found = entry
                 entry.phase = "delivered"
+                self._taken = entry.order
                 break
             else:
                 passed.append(item)
@@ -313,7 +328,7 @@ class Register:
         base = entry.base
         if base is not None:
             verdict = ACCEPTED if base.verdict == PENDING else base.verdict
-            self._restore(replace(base, verdict=verdict), f"{base.path}\n{base.content_hash}")
+            self._restore(replace(base, verdict=verdict), f"{base.path}{ARCHIVED}{base.content_hash}")
             with self._lock:
                 self._count(verdict, 1)
         entry.base = entry.counted = None

@@ -131,16 +131,6 @@ def test_a_rest_of_nine_tenths_is_a_block() -> None:
     assert (left.samples.shape[1], left.missing) == (9, 0)
 
 
-def test_dropped_samples_come_from_their_origin_again() -> None:
-    cutter = Reblocker(BLOCK_S)
-    assert list(cutter.feed(chunk(np.zeros((1, 10)), T0, "a"))) == []
-    cutter.drop("a")
-    assert cutter.held == 0
-    (cut,) = cutter.feed(chunk(np.ones((1, 16)), T0, "a"))
-    assert cut.first == ("a", 0)
-    np.testing.assert_array_equal(cut.samples, np.ones((1, 16)))
-
-
 def test_the_hash_tells_samples_rate_and_channels_apart() -> None:
     samples = np.arange(6.0).reshape(2, 3)
     names = ("x", "y")
