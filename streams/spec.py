@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 from zoneinfo import ZoneInfo
+
+if TYPE_CHECKING:
+    from streams.network import NetworkSpec
 
 DEFAULT_BLOCK_SECONDS = 5.0
 UNITS = ("g", "m/s2", "V", "unknown")
@@ -71,6 +74,7 @@ class SourceSpec:
         timezone: IANA name of the zone in which local time stamps of file names are read.
         settle_s: seconds for which a file of a watched folder must not have changed before it is read, unless it was
             closed or moved in.
+        network: limits and credentials of a ``tcp:`` or ``mqtt:`` source, or None for the usual ones.
     """
 
     name: str
@@ -83,6 +87,7 @@ class SourceSpec:
     channels: tuple[ChannelSpec, ...] = ()
     timezone: str = "UTC"
     settle_s: float = 2.0
+    network: NetworkSpec | None = None
 
     def __post_init__(self) -> None:
         """Refuse values that no recording could have."""

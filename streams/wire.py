@@ -95,7 +95,7 @@ class Frame:
         """Return the samples in their units: float32 where 24 bits hold the sample type, else float64."""
         exact = self.samples.dtype.itemsize == 2 or self.samples.dtype == np.float32
         kind = np.float32 if exact else np.float64
-        values = np.ascontiguousarray(self.samples, dtype=kind)
+        values = self.samples.astype(kind)
         if all(factor == 1.0 for factor in self.scale):
             return values
         # What leaves the range becomes inf, which the quality stage names.
