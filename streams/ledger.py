@@ -82,8 +82,8 @@ class Ledger(Protocol):
         """Store the progress of files outside a commit: of files that were renamed or touched, say."""
         ...
 
-    def forget(self, source: str, path: str) -> None:
-        """Drop what is known of a path, whose file goes by another name now."""
+    def move(self, source: str, path: str, progress: FileProgress) -> None:
+        """Store what is known of a file under the name that it has now, in place of ``path``; both or neither."""
         ...
 
 
@@ -134,12 +134,16 @@ class MemoryLedger:
     def remember(self, source: str, progress: Iterable[FileProgress]) -> None:
         """Store the progress of files."""
         for item in progress:
-            self.forget(source, item.path)
+            self._forget(source, item.path)
             self._files.setdefault(source, {})[item.path] = item
             self._heads.setdefault((source, item.head_hash), {})[item.path] = None
 
-    def forget(self, source: str, path: str) -> None:
-        """Drop what is known of a path."""
+    def move(self, source: str, path: str, progress: FileProgress) -> None:
+        """Store what is known of a file under the name that it has now."""
+        self._forget(source, path)
+        self.remember(source, [progress])
+
+    def _forget(self, source: str, path: str) -> None:
         gone = self._files.get(source, {}).pop(path, None)
         if gone is not None:
             self._heads[(source, gone.head_hash)].pop(path)

@@ -128,6 +128,10 @@ class Intake:
             else:
                 self._reject(entry, raw, facts, error)
             return None
+        except BaseException:
+            # The ledger failed; the file keeps its turn.
+            self._register.queue(entry)
+            raise
         return entry, raw, facts, parsed
 
     def _wait_again(self, entry: Entry, error: UnfinishedError, now: float) -> None:
@@ -270,12 +274,12 @@ class Intake:
         """Let an entry whose samples are all on their way (or committed) wait for nothing but acknowledgements."""
         if entry.phase != "held" or (self._reblocker is not None and entry in self._reblocker.origins):
             return
-        entry.phase = "delivered"
         if not entry.outstanding and entry.read is not None:
             # A growing file was read and had nothing new.
             progress = replace(entry.read, path=entry.key, samples=entry.total, verdict=ACCEPTED)
             self._ledger.remember(self.name, [progress])
             self._register.settle(entry, progress)
+        entry.phase = "delivered"
 
     def _give(self, cuts: Iterable[Cut], parsed: Parsed | None = None) -> None:
         for cut in cuts:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from streams.folder.names import left_alone
 
+_SIGNED = (1 << 63) - 1
+
 
 @dataclass(frozen=True, slots=True)
 class Stat:
@@ -30,7 +32,8 @@ def stat_of(found: os.stat_result) -> Stat | None:
     """Return what counts of a stat result, None for a folder."""
     if stat.S_ISDIR(found.st_mode):
         return None
-    return Stat(found.st_size, found.st_mtime_ns, found.st_ino, stat.S_ISREG(found.st_mode))
+    # Some file systems use all 64 bits; the ledger keeps signed numbers.
+    return Stat(found.st_size, found.st_mtime_ns & _SIGNED, found.st_ino & _SIGNED, stat.S_ISREG(found.st_mode))
 
 
 def look_at(root: str, path: str) -> Stat | None:

@@ -191,11 +191,16 @@ class Register:
         return entry
 
     def _renamed(self, before: str, path: str, stat: Stat) -> None:
-        """Carry over what is known of a file that has another name now."""
+        """Carry over what is known of a file that has another name now.
+
+        A number may have gone to another file, so of one that has grown meanwhile the content is compared, as of any
+        file that changes.
+        """
         entry = self.waiting.get(before)
         known = self._done.get(before) if entry is None else entry.base
         if entry is not None:
-            if entry.stat != stat or self._order_of(path) is None:
+            grown = entry.base is not None or entry.read is not None
+            if not _may_be(entry.stat.size, entry.stat == stat, stat, grown) or self._order_of(path) is None:
                 return
             with self._lock:
                 self.waiting[path] = self.waiting.pop(before)
@@ -204,7 +209,7 @@ class Register:
             entry.order = self._order_of(path) or ()
             if entry.phase in ("queued", "aside"):
                 self.queue(entry)
-        elif known is None or not _same(known, stat):
+        elif known is None or not _may_be(known.size, _same(known, stat), stat, True):
             return
         if known is not None:
             moved = self._restore(known, shown(path))
@@ -217,8 +222,7 @@ class Register:
     def _restore(self, known: FileProgress, key: str) -> FileProgress:
         """Store what is known of a file under another name."""
         moved = replace(known, path=key)
-        self._ledger.forget(self._source, known.path)
-        self._ledger.remember(self._source, [moved])
+        self._ledger.move(self._source, known.path, moved)
         return moved
 
     def queue(self, entry: Entry) -> None:
@@ -352,3 +356,7 @@ class Register:
 
 def _same(progress: FileProgress, stat: Stat) -> bool:
     return (progress.size, progress.mtime_ns, progress.inode) == (stat.size, stat.mtime_ns, stat.inode)
+
+
+def _may_be(size: int, same: bool, stat: Stat, may_grow: bool) -> bool:
+    return same or (may_grow and stat.size > size)
