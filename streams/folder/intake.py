@@ -183,7 +183,7 @@ class Intake:
         """Recognise a file that was taken under another name."""
         digest = raw.progress.content_hash
         for known in self._ledger.files_like(self.name, raw.progress.head_hash, digest):
-            if known.path == entry.key or known.verdict == PENDING or not is_more_of(raw, known):
+            if known.path == entry.key or known.verdict == PENDING or not known.samples or not is_more_of(raw, known):
                 continue
             if known.content_hash != digest:
                 if self._grows:
