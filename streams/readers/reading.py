@@ -34,10 +34,12 @@ class Reading:
         columns: 1-based number of each row in the file.
         channels: what the data set calls each row; the names where it does not.
         rate: sampling rate in Hz, or None where the file is silent; likewise what follows.
-        unit: "g", "m/s2", "V" or None.
+        unit: of every row, "g", "m/s2", "V" or None; another one, such as "Pa", as the file spells it.
         speed: shaft speed in Hz.
         load: radial load in N.
         start: seconds since 1970 UTC of the first sample.
+        units: unit of each row where the file states them one by one, else empty.
+        scaled: whether a side-car has said what the numbers mean, so that the configuration must not scale them again.
     """
 
     samples: NDArray[np.floating]
@@ -49,6 +51,8 @@ class Reading:
     speed: float | None = None
     load: float | None = None
     start: float | None = None
+    units: tuple[str | None, ...] = ()
+    scaled: bool = False
 
 
 def plain_reading(
