@@ -28,12 +28,14 @@ class Ticket:
         size: bytes of its frame.
         since: when it came.
         token: what the transport wants back; a frame that comes again meanwhile brings a new one.
+        again: whether a higher number came before, so that the ledger may have this one.
     """
 
     stream: str
     size: int
     since: float
     token: Any = None
+    again: bool = False
 
 
 @dataclass(eq=False)
@@ -127,26 +129,14 @@ class Arrivals:
             state.received = number
             self._queue_up(item, ticket)
             return
-        if (stream, number) in self._waiting:
-            held, known = self._waiting[stream, number]
-            if held == item.content_hash:
-                known.token = ticket.token
-                return
+        waiting = self._waiting.get((stream, number))
+        if waiting is None:
+            ticket.again = True
+            self._queue_up(item, ticket)
+        elif waiting[0] == item.content_hash:
+            waiting[1].token = ticket.token
         else:
-            held = self._content_of(state.spec.name, number)
-            if held is None:
-                self._queue_up(item, ticket)
-                return
-        status = "duplicate" if held == item.content_hash else "changed"
-        words = "came again" if status == "duplicate" else "came again with another content, or too late"
-        reason = f"{item.name} {words}"
-        again = Rejected(item.source, number, item.name, status, reason, item.content_hash)
-        self._put(Delivery(again, ticket))
-
-    def _content_of(self, source: str, number: int) -> str | None:
-        if self._ledger is None:
-            raise RuntimeError("take() before open()")
-        return self._ledger.content_of(source, number)
+            self._put(Delivery(_repeated(item, waiting[0]), ticket))
 
     def _queue_up(self, item: Block | Rejected, ticket: Ticket) -> None:
         self._waiting[ticket.stream, item.sequence] = (item.content_hash, ticket)
@@ -159,10 +149,22 @@ class Arrivals:
         self._queue.append(delivery)
 
     def next(self, timeout: float) -> Delivery | None:
-        """Return the next delivery, or None after ``timeout`` seconds without one."""
+        """Return the next delivery, or None after ``timeout`` seconds without one.
+
+        Whatever the ledger raises where it cannot be read goes through, and the delivery comes with the next call.
+        """
         with self._lock:
             self._lock.wait_for(lambda: self._queue or self._closed, timeout)
-            return self._queue.popleft() if self._queue and not self._closed else None
+            if not self._queue or self._closed:
+                return None
+            delivery = self._queue[0]
+        item, ticket = delivery.item, delivery.token
+        if ticket.again and self._ledger is not None:
+            held = self._ledger.content_of(item.source, item.sequence)
+            item = item if held is None else _repeated(item, held)
+        with self._lock:
+            self._queue.popleft()
+        return Delivery(item, ticket)
 
     def acknowledge(self, delivery: Delivery) -> Ticket:
         """Take note of a commit; afterwards :meth:`committed` says what to tell the sender."""
@@ -192,6 +194,14 @@ class Arrivals:
             age = 0.0 if oldest is None else max(0.0, self._clock() - oldest)
             offered = self._accepted + self._rejected + pending
             return Backlog(offered, self._accepted, self._rejected, pending, age)
+
+
+def _repeated(item: Block | Rejected, held: str) -> Rejected:
+    """Return the rejection of an item whose number is taken by the content ``held``."""
+    same = held == item.content_hash
+    reason = f"{item.name} came again" if same else f"{item.name} came again with another content, or too late"
+    status = "duplicate" if same else "changed"
+    return Rejected(item.source, item.sequence, item.name, status, reason, item.content_hash)
 
 
 def _gap(source: str, stream: str, first: int, last: int) -> Rejected:

@@ -76,7 +76,7 @@ class Ingest:
                     watcher.restore(states, store.record(section.name, store.last(section.name)))
                     watchers[section.name] = watcher
                 specs = [source_spec(config, section) for section in config.source]
-                sources = [opened.enter_context(open_live(spec, ledger)) for spec in specs]
+                sources = [opened.enter_context(source) for source in open_live(specs, ledger)]
                 # All are open: from here on the ingest closes them.
                 opened.pop_all()
         except SourceError as error:
