@@ -16,7 +16,8 @@ from streams.spec import UNITS, ChannelSpec
 TAIL = 0.9
 """A last block of at least this part of the full length is kept."""
 
-_RATE_TOLERANCE = 1e-4
+RATE_TOLERANCE = 1e-4
+"""Rates that differ by no more than this part are the same rate, written or measured differently."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ def agreed_rate(stated: Sequence[float | None], configured: float | None, where:
     rates = [rate for rate in (*stated, configured) if rate is not None]
     if not rates:
         raise ReaderError("wrong_rate", f"{where}: no sampling rate is stated; give [[source]] rate_hz")
-    if any(abs(rate - rates[0]) > _RATE_TOLERANCE * rates[0] for rate in rates):
+    if any(abs(rate - rates[0]) > RATE_TOLERANCE * rates[0] for rate in rates):
         said = " and ".join(f"{rate:g} Hz" for rate in dict.fromkeys(rates))
         raise ReaderError("wrong_rate", f"{where}: the recording and rate_hz do not agree: {said}")
     return rates[0]

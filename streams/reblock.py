@@ -5,12 +5,12 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Hashable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.blocks import TAIL
+from streams.blocks import RATE_TOLERANCE, TAIL
 
 _TIME_TOLERANCE = 1e-3
 
@@ -74,8 +74,8 @@ class Reblocker:
 
     Blocks are counted from the first sample after a gap. Where both neighbours are dated, they are joined if the second
     starts within 1 ms, or half a sample, of where the first ends (stamps are not finer); where neither is, if their
-    numbers follow each other; more of the same origin always is. A change of rate, channels, units or sample type is a
-    gap.
+    numbers follow each other; more of the same origin always is. A change of rate (by more than 1e-4 of it), channels,
+    units or sample type is a gap.
     What is left over stays until more comes. Before a gap, and on :meth:`flush`, it is a block if it has at least 0.9
     of the length (as in a recording), else it comes with what it lacks, for a rejection ``short``.
     """
@@ -85,6 +85,7 @@ class Reblocker:
         self._block_s = block_s
         self._held: list[Chunk] = []
         self._last: Chunk | None = None
+        self._rate = 0.0
 
     @property
     def held(self) -> int:
@@ -107,23 +108,28 @@ class Reblocker:
         """
         if self._last is not None and not _follows(self._last, chunk):
             yield from self.flush()
+        if self._last is None:
+            self._rate = chunk.rate
+        elif chunk.rate != self._rate:
+            # Rates that are computed from stamps differ in the last digits; a run has one.
+            chunk = replace(chunk, rate=self._rate)
         self._last = chunk
         if chunk.samples.shape[1]:
             self._held.append(chunk)
-        length = self._length(chunk.rate)
-        while self.held >= length:
-            yield self._cut(length, length)
+        while self.held >= self._length:
+            yield self._cut(self._length)
 
     def flush(self) -> Iterator[Cut]:
         """Give what is left over and begin anew: nothing will follow it."""
         self._last = None
         if self._held:
-            yield self._cut(self.held, self._length(self._held[0].rate))
+            yield self._cut(self.held)
 
-    def _length(self, rate: float) -> int:
-        return max(1, round(self._block_s * rate))
+    @property
+    def _length(self) -> int:
+        return max(1, round(self._block_s * self._rate))
 
-    def _cut(self, count: int, length: int) -> Cut:
+    def _cut(self, count: int) -> Cut:
         """Take ``count`` samples from what is held."""
         first = self._held[0]
         parts: list[NDArray[np.floating]] = []
@@ -138,7 +144,7 @@ class Reblocker:
             if taken < chunk.samples.shape[1]:
                 self._held.insert(0, _rest(chunk, taken))
         samples = np.ascontiguousarray(parts[0]) if len(parts) == 1 else np.concatenate(parts, axis=1)
-        missing = length - count if count < TAIL * length else 0
+        missing = self._length - count if count < TAIL * self._length else 0
         return Cut(
             samples=samples,
             rate=first.rate,
@@ -153,16 +159,7 @@ class Reblocker:
 
 def _rest(chunk: Chunk, taken: int) -> Chunk:
     start = None if chunk.start is None else chunk.start + taken / chunk.rate
-    return Chunk(
-        samples=chunk.samples[:, taken:],
-        rate=chunk.rate,
-        channels=chunk.channels,
-        units=chunk.units,
-        start=start,
-        origin=chunk.origin,
-        offset=chunk.offset + taken,
-        number=chunk.number,
-    )
+    return replace(chunk, samples=chunk.samples[:, taken:], start=start, offset=chunk.offset + taken)
 
 
 def _follows(before: Chunk, after: Chunk) -> bool:
@@ -171,7 +168,7 @@ def _follows(before: Chunk, after: Chunk) -> bool:
         before.channels == after.channels
         and before.units == after.units
         and before.samples.dtype == after.samples.dtype
-        and math.isclose(before.rate, after.rate, rel_tol=1e-6)
+        and math.isclose(before.rate, after.rate, rel_tol=RATE_TOLERANCE)
     )
     if not alike:
         return False

@@ -26,7 +26,8 @@ from streams.spec import SourceSpec
 _LOOK_AHEAD = 8
 _LOOK_AHEAD_BYTES = 1 << 26
 _PATIENCE = {"incomplete": INCOMPLETE_AFTER, "empty": INCOMPLETE_AFTER}
-_RETRIED = ("unreadable", "short", "wrong_shape")
+# A side-car may come after its file.
+_RETRIED = ("unreadable", "short", "wrong_shape", "wrong_rate", "wrong_unit")
 _RETRY = 10.0
 _REFUSED = ("duplicate", "changed")
 

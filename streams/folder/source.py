@@ -97,8 +97,9 @@ class FolderSource:
         where = f"[[source]] {self.name}"
         if self._root.exists() and not self._root.is_dir():
             raise SourceError(f"{where}: url: expected a folder, {str(self._root)!r} is a file")
+        self._real = self._root.resolve()
         if self._spec.format.strip().lower() != "auto":
-            self._set = data_set_of(self._spec, _Some(self._root, ()), self._spec.format)
+            self._set = data_set_of(self._spec, _Some(self._real, ()), self._spec.format)
         self._ledger = ledger
         self._intake = None
         now = self._clock.monotonic()

@@ -34,7 +34,8 @@ class Collector:
 
     def __init__(self, root: Path) -> None:
         self.ledger = MemoryLedger()
-        self.source = open_live(spec(root), self.ledger)
+        self.source = FolderSource(spec(root), str(root))
+        self.source.open(self.ledger)
         self.names: list[str] = []
 
     def collect(self, seconds: float, until: int | None = None) -> float:
@@ -106,7 +107,6 @@ def test_a_dead_observer_and_a_root_made_anew_are_recovered(folder: Path, collec
     collector.collect(20.0, until=2)
     assert collector.source.problem() is None
     source = collector.source
-    assert isinstance(source, FolderSource)
     for emitter in source._watch._observer.emitters:
         emitter.stop()
         emitter.join()

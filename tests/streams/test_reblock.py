@@ -124,6 +124,14 @@ def test_undated_chunks_whose_numbers_do_not_follow_are_not_joined(first: int | 
     assert left.missing == 6
 
 
+def test_a_rate_that_is_measured_anew_with_each_file_is_one_rate() -> None:
+    cutter = Reblocker(BLOCK_S)
+    assert list(cutter.feed(chunk(np.zeros((1, 10)), None, "a"))) == []
+    (cut,) = cutter.feed(chunk(np.ones((1, 10)), None, "a", offset=10, rate=RATE * (1 + 2e-5)))
+    assert cut.rate == RATE
+    assert cut.samples.shape == (1, LENGTH)
+
+
 def test_a_rest_of_nine_tenths_is_a_block() -> None:
     cutter = Reblocker(10 / RATE)
     assert list(cutter.feed(chunk(np.zeros((1, 9)), T0, "a"))) == []
