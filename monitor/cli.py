@@ -25,6 +25,7 @@ _COMMANDS = {
     "track": ("monitor.commands.track", "V_eq from an RMS history and a map."),
     "warmup": ("monitor.commands.warmup", "Compile the bearing model and plan transforms ahead."),
     "forecast": ("monitor.commands.forecast", "Time to threshold from a V_eq history."),
+    "send": ("monitor.commands.send", "Stream any recording to a receiver over TCP or MQTT."),
 }
 
 
