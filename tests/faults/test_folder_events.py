@@ -160,9 +160,18 @@ def test_names_beyond_the_room_for_them_are_left_to_the_scan(folder: Path, monke
     assert (watch.lost, len(woken)) == (2, 6)
 
 
+def test_a_url_opens_it(folder: Path) -> None:
+    write(folder, "f1.csv", 1)
+    (source,) = open_live([spec(folder)], MemoryLedger())
+    with source:
+        delivery = source.next(20.0)
+        assert delivery is not None
+        assert delivery.item.name == "f1.csv"
+
+
 def test_what_is_no_live_source_is_refused(folder: Path) -> None:
     for url in ("folder:", str(folder), "dataset:ims:x", "ftp://x"):
         with pytest.raises(SourceError, match="goes on for ever"):
-            open_live(SourceSpec(name="s", url=url), MemoryLedger())
+            open_live([SourceSpec(name="s", url=url)], MemoryLedger())
     with pytest.raises(SourceError, match="not known"):
-        open_live(spec(folder, format="nonsense"), MemoryLedger())
+        open_live([spec(folder, format="nonsense")], MemoryLedger())

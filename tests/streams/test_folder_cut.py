@@ -205,6 +205,30 @@ def test_a_tdms_file_is_taken_segment_by_segment() -> None:
     assert declared_size(one + two[:10], "a.tdms") == len(one) + 28
 
 
+def test_a_tdms_log_that_grows_is_taken_up_where_the_last_block_ended(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    rig = Rig(tmp_path, block_s=BLOCK_S, format="tdms", rate=None)
+    path, samples = tmp_path / "log.tdms", noise(600, 4)
+    properties = {"wf_increment": 1.0 / RATE, "wf_start_time": np.datetime64("2024-05-01T12:00:00"), "unit_string": "g"}
+    for begin in range(0, 600, 75):
+        with nptdms.TdmsWriter(path, mode="w" if begin == 0 else "a") as writer:
+            writer.write_segment([nptdms.ChannelObject("rig", "x", samples[begin : begin + 75], properties)])
+        if begin % 150 == 0:
+            # The logger is in the middle of its next segment.
+            with path.open("ab") as file:
+                file.write(tdms_segment(b"", 4096))
+            rig.run(2.0)
+            with path.open("rb+") as file:
+                file.truncate(path.stat().st_size - len(tdms_segment(b"")))
+        rig.run(5.0)
+        if begin == 300:
+            rig.restart()
+    rig.run()
+    check_blocks(rig, samples)
+    start = np.datetime64("2024-05-01T12:00:00", "s").astype(float)
+    assert [block.start for block in blocks(rig)] == pytest.approx([start + 0.1 * k for k in range(6)], abs=1e-6)
+
+
 def test_headers_say_how_much_is_to_come(tmp_path: Path) -> None:
     import h5py
     import soundfile
