@@ -142,7 +142,8 @@ class ReaderProcess:
         self._handles = []
 
     def _ask(self, request: bytes, data: bytes) -> dict[str, Any]:
-        if self._process is not None and self._files >= self._limits.files:
+        if self._process is not None and (self._files >= self._limits.files or self._process.poll() is not None):
+            # Worn out, or gone since the last file, for which this one is not to blame.
             self._stop()
         if self._process is None:
             self._start()

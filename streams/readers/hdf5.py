@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.readers.memory_file import memory_file
 from streams.readers.reading import MAX_BYTES, ReaderError, Reading, rows_of
 from streams.readers.stated import Facts, known_unit, plain_key, stated_rate, stated_start, stated_unit
 
@@ -128,21 +127,34 @@ def open_hdf5(data: bytes, name: str) -> Iterator[Any]:
     """Open the bytes of an HDF5 file; every failure of the library while it is open becomes a ReaderError."""
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
-    if not any(data[place : place + 8] == SIGNATURE for place in (0, 512, 1024, 2048)):
+    base = next((place for place in (0, 512, 1024, 2048) if data[place : place + 8] == SIGNATURE), None)
+    if base is None:
         raise ReaderError("unreadable", f"{name}: not an HDF5 file")
+    declared = _declared_end(data, base)
+    if declared > len(data):
+        raise ReaderError("incomplete", f"{name}: {declared} bytes are declared, {len(data)} are there")
     try:
         import h5py
     except ImportError as error:
         raise ReaderError("unreadable", f'{name}: needs h5py: pip install "spallwatch[hdf5]"') from error
     try:
-        with memory_file(data) as path, h5py.File(path, "r", locking=False) as file:
+        with h5py.File(h5py.h5f.open_file_image(data)) as file:
             yield file
     except (ReaderError, MemoryError):
         raise
     except Exception as error:  # The library raises whatever its corrupt input leads it to.
-        truncated = "truncated file" in str(error) or "eof" in str(error).lower()
-        status = "incomplete" if truncated else "unreadable"
-        raise ReaderError(status, f"{name}: not a readable HDF5 file ({str(error)[:200]})") from error
+        raise ReaderError("unreadable", f"{name}: not a readable HDF5 file ({str(error)[:200]})") from error
+
+
+def _declared_end(data: bytes, base: int) -> int:
+    """Return the end of the file by its superblock, which the library does not check for bytes in memory."""
+    version = data[base + 8] if len(data) > base + 8 else 255
+    if version > 3 or len(data) < base + 16:
+        return 0
+    width = data[base + 13] if version < 2 else data[base + 9]
+    place = base + (24, 28, 12, 12)[version] + 2 * width
+    field = data[place : place + width]
+    return int.from_bytes(field, "little") if len(field) == width and field != b"\xff" * width else 0
 
 
 def walk(

@@ -117,8 +117,8 @@ def _head(lines: list[str]) -> _Head:
     for line in kept:
         match = _FACT.match(line)
         if match is not None:
-            value = _fields(match[2])[0] if match[2] else ""
-            head.facts.setdefault(plain_key(match[1]), match[2] if is_number(match[2].split(" ")[0]) else value)
+            value = match[2] if is_number(match[2].split(" ")[0]) else re.split(r"[;\t,]", match[2])[0]
+            head.facts.setdefault(plain_key(match[1]), value.strip().strip('"'))
     return head
 
 
