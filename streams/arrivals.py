@@ -50,7 +50,8 @@ class Arrivals:
 
     A frame is a block, its sequence the block's. What comes again before its commit is swallowed; what comes again
     after it is delivered as a rejection ``duplicate`` or ``changed``, which leaves the committed block alone. Where
-    numbers are skipped, a rejection ``incomplete`` under the last of them says which never came.
+    numbers are skipped, a rejection ``incomplete`` under the last of them says which never came; but where the sender
+    says that it did send the one before, that one was lost on the way, and the frame waits for it to be sent again.
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class Arrivals:
         """Return the highest committed number of a stream."""
         return self._streams[stream].committed
 
-    def take(self, stream: str, data: bytes | bytearray, token: Any = None, limit: int = MAX_FRAME) -> None:
+    def take(self, stream: str, data: bytes | bytearray, token: Any = None, limit: int = MAX_FRAME) -> bool:
         """Take the bytes of one frame.
 
         Args:
@@ -109,14 +110,20 @@ class Arrivals:
             token: for the transport, see :class:`Ticket`.
             limit: bytes of the largest frame to accept.
 
+        Returns:
+            Whether it was taken; if not, the sender must send again from the number committed last on.
+
         Raises:
             WireError: nothing in the bytes can be believed, not even their number; they are not counted.
         """
         state = self._streams[stream]
-        item = _item(state.spec, stream, data, limit)
+        item, after = _item(state.spec, stream, data, limit)
         with self._lock:
+            if after is not None and state.received < after < item.sequence:
+                return False
             self._sort(state, stream, item, Ticket(stream, len(data), self._clock(), token))
             self._lock.notify_all()
+        return True
 
     def _sort(self, state: _Stream, stream: str, item: Block | Rejected, ticket: Ticket) -> None:
         """Put an item where it belongs by its number."""
@@ -210,8 +217,8 @@ def _gap(source: str, stream: str, first: int, last: int) -> Rejected:
     return Rejected(source, last, f"{stream}[{last}]", "incomplete", reason)
 
 
-def _item(spec: SourceSpec, stream: str, data: bytes | bytearray, limit: int) -> Block | Rejected:
-    """Return the block in a frame, or the rejection that stands for it."""
+def _item(spec: SourceSpec, stream: str, data: bytes | bytearray, limit: int) -> tuple[Block | Rejected, int | None]:
+    """Return the block in a frame, or the rejection that stands for it, and the number before it if that is stated."""
     try:
         frame = decode_frame(data, limit)
     except WireError as error:
@@ -219,7 +226,7 @@ def _item(spec: SourceSpec, stream: str, data: bytes | bytearray, limit: int) ->
             raise
         name = f"{stream}[{error.sequence}]"
         reason = f"{name}: {error}"
-        return Rejected(spec.name, error.sequence, name, error.status, reason, content_hash(bytes(data)))
+        return Rejected(spec.name, error.sequence, name, error.status, reason, content_hash(bytes(data))), None
     name = f"{stream}[{frame.sequence}]"
     samples = frame.scaled()
     digest = samples_hash(samples, frame.rate, frame.channels)
@@ -227,10 +234,10 @@ def _item(spec: SourceSpec, stream: str, data: bytes | bytearray, limit: int) ->
         rows, units = _rows(spec, frame, name)
         rate = agreed_rate((frame.rate,), spec.rate, name)
     except ReaderError as error:
-        return Rejected(spec.name, frame.sequence, name, error.status, str(error), digest)
+        return Rejected(spec.name, frame.sequence, name, error.status, str(error), digest), frame.after
     everything = rows == list(range(len(frame.channels)))
     names = [channel.name for channel in spec.channels] or list(frame.channels)
-    return Block(
+    block = Block(
         samples=samples if everything else samples[rows],
         rate=rate,
         channels=tuple(names),
@@ -244,6 +251,7 @@ def _item(spec: SourceSpec, stream: str, data: bytes | bytearray, limit: int) ->
         load=frame.load,
         content_hash=digest,
     )
+    return block, frame.after
 
 
 def _rows(spec: SourceSpec, frame: Frame, name: str) -> tuple[list[int], tuple[str, ...]]:

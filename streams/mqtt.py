@@ -124,8 +124,11 @@ class MqttReceiver:
             return
         token = _Token(self._connection, message.mid) if message.qos else None
         try:
-            self._arrivals.take(topic, message.payload, token, self._network.max_frame)
+            taken = self._arrivals.take(topic, message.payload, token, self._network.max_frame)
             self._problem = None
+            if not taken:
+                # The broker lost the one before; its sender finds that nothing is committed and sends both again.
+                client.ack(message.mid, message.qos)
         except WireError as error:
             self._refused(f"{topic}: {error}")
             client.ack(message.mid, message.qos)

@@ -264,7 +264,7 @@ class Sender:
         if block is None:
             return False
         try:
-            frame = encode_frame(block_frame(block))
+            frame = encode_frame(block_frame(block, after=self._position))
         except WireError as error:
             raise SendError(f"{block.name}: {error}") from None
         if self._pace is not None:

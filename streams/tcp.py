@@ -206,8 +206,8 @@ class TcpReceiver:
         address = str(place[0])
         if not self._network.admits(address) or len(self._peers) >= self._network.max_connections:
             why = "is not among peers" if not self._network.admits(address) else "is one connection too many"
-            connection.close()
             self._refused(f"{address} {why}")
+            connection.close()
             return
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -274,8 +274,8 @@ class TcpReceiver:
         peer.sized, peer.needed, peer.deadline = False, HEAD.size, None
         if peer.stream is None:
             self._greet(peer, hello_stream(bytes(message)))
-        else:
-            self._arrivals.take(peer.stream, message, limit=self._network.max_frame)
+        elif not self._arrivals.take(peer.stream, message, limit=self._network.max_frame):
+            raise WireError("a frame is missing before this one; the sender must send it again")
 
     def _greet(self, peer: _Peer, stream: str) -> None:
         if stream not in self._arrivals.streams:
@@ -327,6 +327,8 @@ class TcpReceiver:
 
     def _drop(self, peer: _Peer, reason: str | None) -> None:
         """Close a connection; what its sender has not heard to be committed it will send again."""
+        if reason is not None:
+            self._refused(f"{peer.address}{'' if peer.stream is None else f' ({peer.stream})'}: {reason}")
         self._peers.discard(peer)
         if peer.stream is not None and self._current.get(peer.stream) is peer:
             del self._current[peer.stream]
@@ -334,8 +336,6 @@ class TcpReceiver:
             with contextlib.suppress(KeyError, ValueError):
                 self._selector.unregister(peer.socket)
         peer.socket.close()
-        if reason is not None:
-            self._refused(f"{peer.address}{'' if peer.stream is None else f' ({peer.stream})'}: {reason}")
 
     def _refused(self, reason: str) -> None:
         self._problem = f"{self.name}: {reason}"

@@ -78,6 +78,8 @@ class Frame:
         speed: shaft speed, Hz, or None.
         load: radial load, N, or None.
         elapsed: seconds from the first sample of the stream, or None.
+        after: number of the frame that the sender sent before this one (or knows to be committed), or None where it
+            does not say; numbers between the two never come, but a missing ``after`` was lost on the way.
     """
 
     sequence: int
@@ -90,6 +92,7 @@ class Frame:
     speed: float | None = None
     load: float | None = None
     elapsed: float | None = None
+    after: int | None = None
 
     def scaled(self) -> NDArray[np.floating]:
         """Return the samples in their units: float32 where 24 bits hold the sample type, else float64."""
@@ -233,6 +236,7 @@ def _json_header(text: bytes, channels: int) -> dict[str, Any]:
         "speed": _number(header, "speed_hz", positive=True),
         "load": _number(header, "load_newton"),
         "elapsed": _number(header, "elapsed_s"),
+        "after": _whole(header, "after"),
     }
 
 
@@ -263,6 +267,15 @@ def _number(header: Mapping[str, Any], key: str, *, positive: bool = False) -> f
     return float(value)
 
 
+def _whole(header: Mapping[str, Any], key: str) -> int | None:
+    value = header.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_SEQUENCE:
+        raise WireError(f"{key} must be a whole number from 0 to {MAX_SEQUENCE}")
+    return value
+
+
 def _is_number(value: Any) -> bool:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
@@ -285,7 +298,8 @@ def encode_frame(frame: Frame) -> bytes:
     header: dict[str, Any] = {"channels": list(frame.channels), "units": list(frame.units)}
     if any(factor != 1.0 for factor in frame.scale):
         header["scale"] = list(frame.scale)
-    known = {"speed_hz": frame.speed, "load_newton": frame.load, "elapsed_s": frame.elapsed}
+    known: dict[str, float | None] = {"speed_hz": frame.speed, "load_newton": frame.load, "elapsed_s": frame.elapsed}
+    known["after"] = frame.after
     header |= {key: value for key, value in known.items() if value is not None}
     try:
         text = json.dumps(header, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
@@ -308,8 +322,8 @@ def _check_content(frame: Frame, text: bytes, n_channels: int, count: int) -> No
     _json_header(text, n_channels)
 
 
-def block_frame(block: Block) -> Frame:
-    """Return the frame that carries a block."""
+def block_frame(block: Block, after: int | None = None) -> Frame:
+    """Return the frame that carries a block; ``after`` is the number of the one before it, see :class:`Frame`."""
     return Frame(
         sequence=block.sequence,
         rate=block.rate,
@@ -320,6 +334,7 @@ def block_frame(block: Block) -> Frame:
         speed=block.speed,
         load=block.load,
         elapsed=block.elapsed,
+        after=after,
     )
 
 

@@ -110,12 +110,14 @@ def test_round_trip(
     size = shape[0] * shape[1] * np.dtype(kind).itemsize
     samples = np.frombuffer(np.random.default_rng(seed).bytes(size), dtype=kind).reshape(shape)
     names = tuple(f"\N{LATIN SMALL LETTER U WITH DIAERESIS}{i}" for i in range(shape[0]))
-    frame = Frame(sequence, rate, samples, names, (unit,) * shape[0], start, (scale,) * shape[0], speed, load, 0.5)
+    frame = Frame(
+        sequence, rate, samples, names, (unit,) * shape[0], start, (scale,) * shape[0], speed, load, 0.5, sequence - 1
+    )
     back = decode_frame(encode_frame(frame))
     assert back.samples.dtype == np.dtype(kind)
     assert back.samples.tobytes() == samples.tobytes()
     assert back.samples.shape == shape
-    for name in ("sequence", "rate", "channels", "units", "start", "scale", "speed", "load", "elapsed"):
+    for name in ("sequence", "rate", "channels", "units", "start", "scale", "speed", "load", "elapsed", "after"):
         assert getattr(back, name) == getattr(frame, name)
 
 
@@ -176,7 +178,8 @@ JSON = st.recursive(
 
 @given(
     st.fixed_dictionaries(
-        {}, optional=dict.fromkeys(("channels", "units", "scale", "speed_hz", "load_newton", "elapsed_s"), JSON)
+        {},
+        optional=dict.fromkeys(("channels", "units", "scale", "speed_hz", "load_newton", "elapsed_s", "after"), JSON),
     )
 )
 @settings(max_examples=effort_count(quick=300, full=10000))
