@@ -16,6 +16,7 @@ from models.bearing import Bearing, catalogue, from_catalogue
 from models.scene import Rig
 from monitor.config_problems import explain_all
 from monitor.health.detect import DetectSettings
+from monitor.network_config import FILE_KEYS, NetworkKeys
 from streams.block import STANDARD_GRAVITY
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -154,7 +155,7 @@ class OperatingSection(Section):
     load_newton: NotNegative | None = None
 
 
-class SourceSection(Section):
+class SourceSection(NetworkKeys, Section):
     """Where blocks come from."""
 
     name: Name
@@ -386,4 +387,10 @@ def _with_absolute_paths(config: Config, folder: Path) -> Config:
         )
         for channel in config.channel
     )
-    return config.model_copy(update={"machine": machine, "channel": channels})
+    sources = tuple(
+        source.model_copy(
+            update={key: folder / getattr(source, key) for key in FILE_KEYS if getattr(source, key) is not None}
+        )
+        for source in config.source
+    )
+    return config.model_copy(update={"machine": machine, "source": sources, "channel": channels})

@@ -65,6 +65,7 @@ def source_spec(config: Config, source: SourceSection, path: str | None = None) 
         channels=channels,
         timezone=config.machine.timezone,
         settle_s=source.settle_s,
+        network=source.to_network(),
     )
 
 

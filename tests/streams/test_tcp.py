@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -439,3 +440,13 @@ def test_an_address_in_use_is_named() -> None:
         spec = SourceSpec("saw", f"tcp://127.0.0.1:{receiver.port}")
         with TcpReceiver([spec]) as other, pytest.raises(SourceError, match="cannot be listened to"):
             other.open(MemoryLedger())
+
+
+def test_the_sender_of_the_documentation_works() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "wire.md").read_text(encoding="utf-8")
+    program = text.split("```python\n")[1].split("```")[0]
+    ledger = MemoryLedger()
+    with receiving(ledger) as receiver, committing(receiver, ledger) as items:
+        exec(compile(program.replace("5777", str(receiver.port)), "docs/wire.md", "exec"), {})
+    assert [item.sequence for item in items] == list(range(1, 11))
+    assert all(isinstance(item, Block) and item.speed == 30.0 for item in items)
