@@ -21,6 +21,7 @@ from streams.readers.text import clean_text, is_number, read_text
 
 _MOST_LINES = 200
 _TIMES = {"time", "times", "timesec", "timeseconds", "timems", "zeit", "zeits", "t", "ts", "tempo", "temps", "xvalue"}
+_SECONDS = ("s", "sec", "second", "seconds", "ms")
 _IN_MS = {"timems"}
 _FACT = re.compile(r"\s*[#%\"]*\s*([A-Za-z][^:=;\t,]{0,60}?)\s*[:=;\t,]\s*(.*?)[\"\s;,]*$")
 _UNIT_IN_NAME = re.compile(r"^(.*?)\s*[\[(]([^\])]*)[\])]\s*$")
@@ -124,7 +125,8 @@ def _head(lines: list[str]) -> _Head:
 
 def _are_units(fields: list[str]) -> bool:
     bare = [part.strip("[]() ") for part in fields]
-    return any(known_unit(part) in ("g", "m/s2", "V") for part in bare) and all(len(part) <= 12 for part in bare)
+    known = any(known_unit(part) in ("g", "m/s2", "V") for part in bare) or bare[0].lower() in _SECONDS
+    return known and all(len(part) <= 12 for part in bare)
 
 
 def _is_fact(line: str) -> bool:

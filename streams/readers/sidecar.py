@@ -171,8 +171,8 @@ def apply_sidecar(reading: Reading, sidecar: SideCar, name: str) -> Reading:
         factor *= 1e3 / sidecar.sensitivity_mv_per_g
         units = ("g",) * len(units)
     if factor != 1.0:
-        # What leaves the range of the numbers becomes inf, which the quality stage names.
-        with np.errstate(over="ignore"):
+        # What leaves the range of the numbers becomes inf or nan, which the quality stage names.
+        with np.errstate(over="ignore", invalid="ignore"):
             samples = samples * factor
     return replace(
         reading,

@@ -46,6 +46,8 @@ def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "
     tags = len(_TAG.findall(data))
     if not tags:
         raise ReaderError("unreadable", f"{name}: not a universal file")
+    if tags % 2:
+        raise ReaderError("incomplete", f"{name}: breaks off within a data set, after {len(data)} bytes")
     try:
         import pyuff
     except ImportError as error:
@@ -59,11 +61,11 @@ def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "
     except (ReaderError, MemoryError):
         raise
     except Exception as error:  # pyuff raises whatever its corrupt input leads it to.
-        status = "incomplete" if tags % 2 else "unreadable"
-        raise ReaderError(status, f"{name}: not a readable universal file ({type(error).__name__})") from error
+        raise ReaderError("unreadable", f"{name}: not a readable universal file ({type(error).__name__})") from error
     if not functions:
-        status = "incomplete" if tags % 2 else "wrong_shape"
-        raise ReaderError(status, f"{name}: no time response of data set 58 matches {', '.join(patterns) or '*'}")
+        raise ReaderError(
+            "wrong_shape", f"{name}: no time response of data set 58 matches {', '.join(patterns) or '*'}"
+        )
     return _reading(functions, si, name, zone)
 
 

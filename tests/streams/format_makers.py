@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import h5py
 import netCDF4
@@ -110,7 +110,9 @@ def uff_bytes(
     return b"".join(parts)
 
 
-def netcdf_bytes(samples: Samples, rate: float = RATE, unit: str = "g", kind: str = "NETCDF4") -> bytes:
+def netcdf_bytes(
+    samples: Samples, rate: float = RATE, unit: str = "g", kind: Literal["NETCDF4", "NETCDF3_CLASSIC"] = "NETCDF4"
+) -> bytes:
     """A netCDF file whose coordinate ``time`` says rate and start."""
     file = netCDF4.Dataset("x.nc", "w", format=kind, memory=1)
     file.createDimension("time", samples.shape[1])
