@@ -6,7 +6,7 @@ Run as ``python -m benchmarks.readers [--quick] [--json FILE]``. Three tables:
    largest difference from the slow parse as a share of the largest sample: single precision rounds at 6e-8;
 2. a block of 128,000 samples of one channel in each format: the bare library (no check of anything), our reader in this
    process, our reader as it is used (through the child process where the format is parsed there); wall-clock time, as
-   another process takes part; ``first_ms`` is the first file after the child was started, with the imports of its parser;
+   another process takes part; ``first_ms`` is the first file of a new child, with its start and the imports;
 3. the PRONOSTIA archives of the recordings folder (SPALLWATCH_DATA, by default ../shared/data), each read in one pass;
    ``unpack_s`` is what decompression alone costs. Where the recordings are missing the table is left out.
 """

@@ -133,6 +133,8 @@ def _with_sidecars(data_set: DataSet, spec: SourceSpec, files: Files) -> DataSet
 
 def _has_sidecars(root: Path, files: Files) -> bool:
     """Tell whether there may be side-cars: one beside the first file with one, or one for a folder."""
+    if any((root / name).exists() for name in FOLDER_NAMES):
+        return True
     if files.several:
         names = {PurePosixPath(item.path).name for item in files}
     else:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.readers.reading import MAX_BYTES, ReaderError, Reading, rows_of
+from streams.readers.reading import MAX_BYTES, ReaderError, Reading, rows_of, stack_rows
 from streams.readers.stated import Facts, known_unit, plain_key, stated_rate, stated_start, stated_unit
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -112,7 +112,7 @@ def rows_reading(
     starts = (stated_start(item, zone) for item in facts)
     short = tuple(key.rpartition("/")[2] for key in names)
     return Reading(
-        samples=np.stack(rows),
+        samples=stack_rows(rows),
         names=tuple(names),
         columns=tuple(range(1, len(names) + 1)),
         channels=short if len(set(short)) == len(short) else tuple(names),

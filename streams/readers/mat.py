@@ -15,7 +15,7 @@ import scipy.io
 from numpy.typing import NDArray
 
 from streams.readers.hdf5 import SIGNATURE, attributes, load, open_hdf5, walk
-from streams.readers.reading import MAX_BYTES, ReaderError, Reading, plain_reading, rows_of
+from streams.readers.reading import MAX_BYTES, ReaderError, Reading, plain_reading, rows_of, stack_rows
 
 _COMPRESSED = 15
 _MOST_RECORDS = 256
@@ -220,7 +220,7 @@ def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Readin
     if len(lengths) > 1:
         sizes = ", ".join(f"{key} {row.size}" for key, row in zip(names, rows, strict=True))
         raise ReaderError("wrong_shape", f"{name}: vectors of different lengths: {sizes}")
-    return plain_reading(np.stack(rows), tuple(names))
+    return plain_reading(stack_rows(rows), tuple(names))
 
 
 def _held(data: bytes, name: str) -> str:

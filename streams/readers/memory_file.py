@@ -15,6 +15,17 @@ def write_all(handle: int, data: bytes | memoryview) -> None:
     os.ftruncate(handle, len(view))
 
 
+def read_all(handle: int, size: int) -> bytes:
+    """Return the first ``size`` bytes of an open file; EOFError where it is shorter."""
+    data = os.pread(handle, size, 0)
+    while len(data) < size:
+        more = os.pread(handle, size - len(data), len(data))
+        if not more:
+            raise EOFError(f"{len(data)} bytes instead of {size}")
+        data += more
+    return data
+
+
 def read_into(handle: int, target: memoryview) -> None:
     """Fill ``target`` with the first bytes of an open file; EOFError where it is shorter."""
     view, place = target.cast("B"), 0

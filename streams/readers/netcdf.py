@@ -115,7 +115,7 @@ def _facts(values: dict[str, Any]) -> dict[str, object]:
 def _unpacked(array: NDArray[Any], facts: Facts) -> NDArray[Any]:
     fills = [fill for key in ("fillvalue", "missingvalue") if isinstance(fill := facts.get(key), float)]
     scale, offset = facts.get("scalefactor"), facts.get("addoffset")
-    holes = np.isin(array, fills) if fills else None
+    holes = np.logical_or.reduce([array == fill for fill in fills]) if fills else None
     if isinstance(scale, float) or isinstance(offset, float):
         factor = scale if isinstance(scale, float) else 1.0
         array = array * factor + (offset if isinstance(offset, float) else 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +72,11 @@ def plain_reading(
     columns = tuple(range(1, samples.shape[0] + 1))
     names = tuple(f"column_{column}" for column in columns) if names is None else names
     return Reading(samples, names, columns, names, rate)
+
+
+def stack_rows(rows: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
+    """Join rows of equal length to shape (row, sample); a single one is not copied."""
+    return np.ascontiguousarray(rows[0])[np.newaxis] if len(rows) == 1 else np.stack(rows)
 
 
 def rows_of(array: NDArray[np.generic], where: str) -> NDArray[np.floating]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.readers.reading import MAX_BYTES, ReaderError, Reading
+from streams.readers.reading import MAX_BYTES, ReaderError, Reading, stack_rows
 from streams.readers.stated import Facts, known_unit, nice_rate, plain_key, seconds_utc, stated_rate, stated_unit
 
 _LEAD_IN = 28
@@ -128,7 +128,7 @@ def _properties(channel: Any) -> Facts:
 
 def _stacked(rows: list[NDArray[Any]]) -> NDArray[np.floating]:
     exact = all(row.dtype.itemsize <= (4 if row.dtype.kind == "f" else 2) for row in rows)
-    return np.stack([row.astype(np.float32 if exact else np.float64) for row in rows])
+    return stack_rows([row.astype(np.float32 if exact else np.float64, copy=False) for row in rows])
 
 
 def _reading(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import Any
@@ -10,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from streams.readers.memory_file import memory_file
-from streams.readers.reading import MAX_BYTES, ReaderError, Reading
+from streams.readers.reading import ReaderError, Reading, stack_rows
 from streams.readers.stated import known_unit, nice_rate, seconds_utc
 
 _TIME_RESPONSES = (0, 1)
 _REAL = (2, 4)
 _ACCELERATION = 12
 _DIRECTIONS = {1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
-Header = dict[str, Any]
-_TAG = re.compile(rb"(?:^|[\r\n])    -1[ \t]*(?=[\r\n]|$)")
+Function = dict[str, Any]
+_TAG = b"    -1"
 
 
 def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Reading:
@@ -37,13 +36,12 @@ def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "
         A row for each function.
 
     Raises:
-        ReaderError: ``empty``; ``incomplete`` where a data set is not closed or too short; ``refused`` above
-            ``MAX_BYTES``; ``wrong_shape`` where nothing matches or lengths differ; ``wrong_rate`` for uneven
-            abscissas and different rates; ``unreadable``.
+        ReaderError: ``empty``; ``incomplete`` where a data set is not closed or too short; ``wrong_shape`` where
+            nothing matches or lengths differ; ``wrong_rate`` for uneven abscissas and different rates; ``unreadable``.
     """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
-    tags = len(_TAG.findall(data))
+    tags = _count_tags(data)
     if not tags:
         raise ReaderError("unreadable", f"{name}: not a universal file")
     if tags % 2:
@@ -55,8 +53,7 @@ def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "
     try:
         with memory_file(data) as path:
             file = pyuff.UFF(path)
-            headers = _headers(file, name, patterns)
-            functions: list[tuple[Header, Header]] = [(header, _function(file, index)) for index, header in headers]
+            functions = _functions(file, name, patterns)
             si = _is_si(file)
     except (ReaderError, MemoryError):
         raise
@@ -69,40 +66,42 @@ def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "
     return _reading(functions, si, name, zone)
 
 
-def _headers(file: Any, name: str, patterns: Sequence[str]) -> list[tuple[int, Header]]:
-    """Read the headers of the wanted functions and refuse what they should not claim."""
-    found: list[tuple[int, Header]] = []
-    declared = 0
+def _functions(file: Any, name: str, patterns: Sequence[str]) -> list[Function]:
+    """Read the wanted functions; pyuff takes as many samples as there are, whatever the header claims."""
+    found: list[Function] = []
     for index, kind in enumerate(file.get_set_types()):
         if int(kind) != 58:
             continue
-        header = file.read_sets(index, header_only=True)
-        titles = (str(header.get("id1", "")).strip(), _node(header))
-        if int(header["func_type"]) not in _TIME_RESPONSES:
+        function = file.read_sets(index)
+        titles = (str(function.get("id1", "")).strip(), _node(function))
+        if int(function["func_type"]) not in _TIME_RESPONSES:
             continue
         if patterns and not any(fnmatchcase(title, pattern) for title in titles for pattern in patterns):
             continue
         where = f"{name}: {titles[0][:40]}"
-        if int(header["ord_data_type"]) not in _REAL:
-            raise ReaderError(
-                "unreadable", f"{where}: expected real numbers, found data type {header['ord_data_type']}"
-            )
-        if int(header["abscissa_spacing"]) != 1:
+        if int(function["ord_data_type"]) not in _REAL:
+            kind = function["ord_data_type"]
+            raise ReaderError("unreadable", f"{where}: expected real numbers, found data type {kind}")
+        if int(function["abscissa_spacing"]) != 1:
             raise ReaderError("wrong_rate", f"{where}: the samples are not evenly spaced")
-        declared += int(header["num_pts"]) * 8
-        if int(header["num_pts"]) < 0 or declared > MAX_BYTES:
-            raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
-        found.append((index, header))
+        found.append(function)
     return found
 
 
-def _function(file: Any, index: int) -> Header:
-    return file.read_sets(index)
+def _count_tags(data: bytes) -> int:
+    """Count the lines that open and close data sets."""
+    count, place = 0, data.find(_TAG)
+    while place >= 0:
+        alone = place == 0 or data[place - 1] in b"\r\n"
+        rest = data[place + len(_TAG) : place + 82].partition(b"\n")[0]
+        count += alone and not rest.strip()
+        place = data.find(_TAG, place + 1)
+    return count
 
 
-def _node(header: Header) -> str:
-    direction = int(header.get("rsp_dir") or 0)
-    return f"{int(header.get('rsp_node') or 0)}:{_DIRECTIONS.get(direction, direction)}"
+def _node(function: Function) -> str:
+    direction = int(function.get("rsp_dir") or 0)
+    return f"{int(function.get('rsp_node') or 0)}:{_DIRECTIONS.get(direction, direction)}"
 
 
 def _is_si(file: Any) -> bool:
@@ -112,27 +111,27 @@ def _is_si(file: Any) -> bool:
     return False
 
 
-def _reading(functions: list[tuple[Header, Header]], si: bool, name: str, zone: str) -> Reading:
+def _reading(functions: list[Function], si: bool, name: str, zone: str) -> Reading:
     rows, rates, units, titles, nodes = [], [], [], [], []
-    for header, function in functions:
-        promised, values = int(header["num_pts"]), np.asarray(function["data"], dtype=np.float64)
-        title = str(header.get("id1", "")).strip()
+    for function in functions:
+        promised, values = int(function["num_pts"]), np.asarray(function["data"], dtype=np.float64)
+        title = str(function.get("id1", "")).strip()
         if len(values) < promised:
             raise ReaderError("incomplete", f"{name}: {title[:40]}: {promised} samples promised, {len(values)} there")
         if len(values) > promised:
             raise ReaderError("unreadable", f"{name}: {title[:40]}: {promised} samples promised, {len(values)} there")
         if not promised:
             raise ReaderError("empty", f"{name}: {title[:40]}: holds no samples")
-        step = float(header["abscissa_inc"])
+        step = float(function["abscissa_inc"])
         if not 1e-12 < step < 1e12:
             raise ReaderError("wrong_rate", f"{name}: {title[:40]}: the step between samples is {step:g} s")
         rows.append(values)
         rates.append(1.0 / step)
-        unit = known_unit(header.get("ordinate_axis_units_lab"))
-        acceleration = int(header.get("ordinate_spec_data_type") or 0) == _ACCELERATION
+        unit = known_unit(function.get("ordinate_axis_units_lab"))
+        acceleration = int(function.get("ordinate_spec_data_type") or 0) == _ACCELERATION
         units.append(unit or ("m/s2" if acceleration and si else None))
         titles.append(title)
-        nodes.append(_node(header))
+        nodes.append(_node(function))
     if len({len(row) for row in rows}) > 1:
         raise ReaderError(
             "wrong_shape", f"{name}: functions of different lengths: {', '.join(str(len(r)) for r in rows)}"
@@ -142,12 +141,12 @@ def _reading(functions: list[tuple[Header, Header]], si: bool, name: str, zone: 
     names = tuple(title if title and title != "NONE" and titles.count(title) == 1 else node
                   for title, node in zip(titles, nodes, strict=True))  # fmt: skip
     return Reading(
-        samples=np.stack(rows),
+        samples=stack_rows(rows),
         names=names,
         columns=tuple(range(1, len(names) + 1)),
         channels=tuple(nodes) if len(set(nodes)) == len(nodes) else names,
         # The header holds six digits of the step.
         rate=nice_rate(rates[0], 1e-5),
-        start=next((s for h, _ in functions if (s := seconds_utc(str(h.get("id3", "")), zone)) is not None), None),
+        start=next((s for f in functions if (s := seconds_utc(str(f.get("id3", "")), zone)) is not None), None),
         units=tuple(units),
     )

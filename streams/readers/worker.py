@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from streams.readers.memory_file import read_into, write_all
+from streams.readers.memory_file import read_all, write_all
 from streams.readers.reading import MAX_BYTES, ReaderError, Reading
 
 _FIELDS = ("names", "columns", "channels", "rate", "unit", "speed", "load", "start", "units", "scaled")
@@ -27,29 +27,33 @@ def main() -> None:
     """Answer requests until the parent closes its end; the arguments are four file descriptors and two limits."""
     requests_fd, answers_fd, input_fd, output_fd, memory, cpu_s = map(int, sys.argv[1:7])
     # A growing heap, a core dump and a written disk are three things that no parser has any business with.
-    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (MAX_BYTES, MAX_BYTES))
+    _limit(resource.RLIMIT_AS, memory)
+    _limit(resource.RLIMIT_CORE, 0)
+    _limit(resource.RLIMIT_FSIZE, MAX_BYTES)
     # nptdms logs the bytes of the files that it cannot read.
     logging.disable(logging.CRITICAL)
     warnings.simplefilter("ignore")
     with os.fdopen(requests_fd, "rb") as requests, os.fdopen(answers_fd, "wb") as answers:
         for line in requests:
             # The limit counts all that the process has used, so it moves on with each file.
-            limit = math.ceil(sum(os.times()[:2])) + cpu_s
-            resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.RLIM_INFINITY))
+            _limit(resource.RLIMIT_CPU, math.ceil(sum(os.times()[:2])) + cpu_s)
             answer = _answer(json.loads(line), input_fd, output_fd)
             answers.write(json.dumps(answer).encode() + b"\n")
             answers.flush()
 
 
+def _limit(kind: int, value: int) -> None:
+    """Set a soft limit, within the hard one that the process was given."""
+    _, hard = resource.getrlimit(kind)
+    resource.setrlimit(kind, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))
+
+
 def _answer(request: dict[str, Any], input_fd: int, output_fd: int) -> dict[str, Any]:
     name = request["name"]
     try:
-        data = bytearray(request["size"])
-        read_into(input_fd, memoryview(data))
+        data = read_all(input_fd, request["size"])
         function = getattr(importlib.import_module(request["module"]), request["function"])
-        found = function(bytes(data), name, *request["arguments"])
+        found = function(data, name, *request["arguments"])
         return _reading(found, output_fd) if isinstance(found, Reading) else {"value": found}
     except ReaderError as error:
         return {"status": error.status, "reason": str(error)}
