@@ -3,8 +3,8 @@
 Run as ``python -m benchmarks.folder [--quick] [--json FILE]``. Times are thread CPU times of one core, medians, but for
 the delay, which is the clock's. Three tables:
 
-1. a file of 128,000 samples (float64, one channel): the bare reader, the file through the folder to an acknowledged
-   block (read, digest, told from others, parsed), and the same re-cut into blocks of 5 s;
+1. a file of 128,000 samples (float64, one channel): the bare reader, the digest of its bytes, the file through the
+   folder to an acknowledged block (read, digest, told from others, parsed), and the same re-cut into blocks of 5 s;
 2. the scan of a folder of many files that are all known, and what share of one core it may take;
 3. the delay from the end of writing to the acknowledged block, events on and a settling time of 2 s.
 """
@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
+from streams.blocks import content_hash
 from streams.folder.source import FolderSource
 from streams.ledger import MemoryLedger
 from streams.recognise import data_set_of
@@ -88,7 +89,7 @@ def folder_rows(rounds: int) -> list[Row]:
     rows: list[Row] = []
     fft = interleaved_ms({"fft": calibration_kernel()}, 20)["fft"]
     for kind in ("npy", "wav", "csv"):
-        times: dict[str, list[float]] = {"bare": [], "folder": [], "re-cut": []}
+        times: dict[str, list[float]] = {"bare": [], "digest": [], "folder": [], "re-cut": []}
         with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as two:
             runs = {
                 "folder": (Path(one), through(Path(one), kind, "file")),
@@ -105,8 +106,11 @@ def folder_rows(rounds: int) -> list[Row]:
                 start = time.thread_time()
                 read(data, f"f{number}.{kind}")
                 times["bare"].append(time.thread_time() - start)
-        bare, folder, cut = (1e3 * statistics.median(times[name][1:]) for name in ("bare", "folder", "re-cut"))
-        rows.append({"format": kind, "reader ms": bare, "folder ms": folder, "re-cut ms": cut, "fft ms": fft})
+                start = time.thread_time()
+                content_hash(data)
+                times["digest"].append(time.thread_time() - start)
+        medians = {f"{name} ms": 1e3 * statistics.median(values[1:]) for name, values in times.items()}
+        rows.append({"format": kind, **medians, "fft ms": fft})
     return rows
 
 
