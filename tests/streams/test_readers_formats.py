@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import pyuff
 from numpy.testing import assert_allclose, assert_array_equal
 
 from streams.block import Block, Rejected
@@ -231,3 +233,37 @@ def test_a_missing_library_is_named(
     (tmp_path / "x.bin").write_bytes(data)
     with pytest.raises(SourceError, match=rf'pip install "spallwatch\[{extra}\]"'):
         open_source(SourceSpec("s", str(tmp_path / "x.bin"), format=kind))
+
+
+# The writer of pyuff leaves its files to the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")
+@pytest.mark.parametrize("binary", [0, 1])
+def test_uff_as_another_program_writes_it(binary: int, tmp_path: Path) -> None:
+    samples = signal()
+    path = str(tmp_path / "x.uff")
+    for node, row in enumerate(samples, start=1):
+        function = pyuff.prepare_58(
+            binary=binary,
+            func_type=1,
+            id1=f"acc {node}",
+            id3="01-May-24 12:00:00",
+            rsp_ent_name="bench",
+            ref_ent_name="bench",
+            rsp_node=node,
+            rsp_dir=-1,
+            ref_node=0,
+            ref_dir=0,
+            data=row,
+            x=np.arange(row.size) / RATE,
+            abscissa_spacing=1,
+            abscissa_spec_data_type=17,
+            ordinate_spec_data_type=12,
+            orddenom_spec_data_type=0,
+            ordinate_axis_units_lab="m/s^2",
+        )
+        pyuff.UFF(path).write_sets(function, "add")
+    reading = read_uff(Path(path).read_bytes(), "x.uff")
+    assert (reading.names, reading.channels) == (("acc 1", "acc 2"), ("1:-X", "2:-X"))
+    assert (reading.rate, reading.units, reading.start) == (RATE, ("m/s2", "m/s2"), START)
+    assert_allclose(reading.samples, samples, atol=1e-12, rtol=0)
+    gc.collect()
