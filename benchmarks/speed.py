@@ -66,8 +66,8 @@ def _row(name: str, samples: NDArray[Any], rate: float, bearing: Bearing, stated
         "found_hz": found.speed if math.isfinite(found.speed) else None,
         "error_percent": 100.0 * (found.speed / stated - 1.0) if math.isfinite(found.speed) else None,
         "sd_percent": 100.0 * found.sd / stated if math.isfinite(found.sd) else None,
-        "score": found.score,
-        "margin": found.margin,
+        "score": found.score if math.isfinite(found.score) else None,
+        "margin": found.margin if math.isfinite(found.margin) else None,
         "ms": 1e3 * spent,
     }
 

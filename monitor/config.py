@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from models.bearing import Bearing, catalogue, from_catalogue
 from models.scene import Rig
+from monitor.condition_config import ConditionKeys
 from monitor.config_problems import explain_all
 from monitor.health.detect import DetectSettings
 from monitor.network_config import FILE_KEYS, NetworkKeys
@@ -148,11 +149,8 @@ class RigSection(Section):
         )
 
 
-class OperatingSection(Section):
+class OperatingSection(ConditionKeys, Section):
     """Shaft speed and radial load; a speed that a recording states itself takes precedence."""
-
-    speed_hz: Positive | None = None
-    load_newton: NotNegative | None = None
 
 
 class SourceSection(NetworkKeys, Section):

@@ -34,6 +34,8 @@ LEAST_SCORE = 12.0
 LEAST_MARGIN = 4.0
 """What the best speed must reach, and by how much it must exceed any other; ``python -m benchmarks.speed`` prints what
 noise reaches and what recordings do."""
+_HEARD = 6.0
+"""Score from which the lines of a slower shaft count as heard."""
 _CLEAR = 1.0
 _BIN_SD, _SLIP_SD = 0.3, 0.01
 """Error of the top of a line, in bins, and of a speed that rests on cage or passages, relative."""
@@ -112,11 +114,13 @@ def estimate_speed(
     count = max(2, math.ceil((high - low) * SHAFT_ORDERS / (_STEP * resolution)))
     speeds = np.linspace(low, high, count)
     heights = whitened(raw), whitened(envelope)
-    score = _shaft_score(heights, resolution, speeds) + _fault_score(heights[1], resolution, speeds, bearing)
+    shaft = _shaft_score(heights, resolution, speeds)
+    score = shaft + _fault_score(heights[1], resolution, speeds, bearing)
     best = int(np.argmax(score))
     apart = np.abs(speeds / speeds[best] - 1.0) > _NEAR
     margin = float(score[best] - np.max(score[apart], initial=0.0))
-    if score[best] < LEAST_SCORE or margin < LEAST_MARGIN:
+    mistaken = _may_be_a_fault_line(float(speeds[best]), speeds, shaft, bearing)
+    if score[best] < LEAST_SCORE or margin < LEAST_MARGIN or mistaken:
         return SpeedEstimate(SpeedStatus.CANNOT_TELL, score=float(score[best]), margin=margin)
     speed, sd = _refined((raw, envelope), heights, float(speeds[best]))
     return SpeedEstimate(SpeedStatus.OK, speed, sd, float(score[best]), margin)
@@ -148,6 +152,18 @@ def _fault_score(
                 comb += _at(height, resolution, order * line * (1.0 + slip) * speeds)
             np.maximum(best, comb, out=best)
     return best
+
+
+def _may_be_a_fault_line(
+    speed: float, speeds: NDArray[np.float64], shaft: NDArray[np.float64], bearing: Bearing
+) -> bool:
+    """Tell whether the comb of the best candidate may be the passages of a slower shaft, which is heard as well."""
+    lines = kinematics(bearing, 1.0)
+    for line in (lines.bpfo, lines.bpfi, 2.0 * lines.bsf):
+        slower = (speeds * line * (1.0 + _SLIP[0]) <= speed) & (speed <= speeds * line * (1.0 + _SLIP[-1]))
+        if np.max(shaft[slower], initial=0.0) >= _HEARD:
+            return True
+    return False
 
 
 def _refined(

@@ -34,6 +34,8 @@ def block_record(
     reason: str,
     channels: Mapping[str, tuple[ChannelState, ChannelOutput]],
     truth: Mapping[str, Any] | None = None,
+    *,
+    conditions: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Record:
     """Return the record of a block.
 
@@ -44,8 +46,11 @@ def block_record(
         reason: one sentence where the status is not "ok".
         channels: state after the block and output, by channel.
         truth: what a simulated rig knows (``v_eq_true``, ``tt_true``), for its tracked channels.
+        conditions: by channel, where speed and load come from and how exact they are.
     """
     values = {name: channel_values(state, output) for name, (state, output) in channels.items()}
+    for name, condition in (conditions or {}).items():
+        values[name] |= {key: plain(value) for key, value in condition.items()}
     if truth:
         for name, (_, output) in channels.items():
             if output.edv is not None:

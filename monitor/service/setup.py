@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from models.rms_map import MapError, OutsideMapError, RmsMap, load_map
 from models.scene import Rig
 from monitor.config import ChannelSection, Config, ConfigError, SourceSection
+from monitor.health.condition import ConditionSettings
 from monitor.health.edv import EdvSettings, EdvStatus, MapSlice
 from monitor.health.pipeline import ChannelSettings, MapAt
 from streams.block import STANDARD_GRAVITY
 from streams.source import ChannelSpec, Source, SourceError, SourceSpec, open_source
 
 _GEOMETRY = ("n_elements", "rows", "element_diameter", "pitch_diameter", "contact_angle", "outer_race_radius")
-_PARAMETERS = tuple(field.name for field in fields(Rig) if field.name != "calibrated")
+_PARAMETERS = tuple(item.name for item in fields(Rig) if item.name != "calibrated")
 
 
 @dataclass(frozen=True)
@@ -26,11 +27,13 @@ class ChannelSetup:
         section: as configured.
         settings: for the health stages.
         map: the RMS map it is tracked on, or None.
+        condition: where speed and load come from.
     """
 
     section: ChannelSection
     settings: ChannelSettings
     map: RmsMap | None
+    condition: ConditionSettings = field(default_factory=ConditionSettings)
 
 
 def source_spec(config: Config, source: SourceSection, path: str | None = None) -> SourceSpec:
@@ -62,7 +65,7 @@ def source_spec(config: Config, source: SourceSection, path: str | None = None) 
         format=source.format,
         rate=source.rate_hz,
         range_g=source.range_g,
-        channels=channels,
+        channels=(*channels, *config.operating.channel_specs()),
         timezone=config.machine.timezone,
         settle_s=source.settle_s,
         network=source.to_network(),
@@ -104,7 +107,8 @@ def channel_setups(
         if rms_map is not None:
             _check_band(channel, rms_map)
             _check_origin(config, channel, rms_map)
-        setups[channel.name] = ChannelSetup(channel, _settings(config, source, channel, rms_map), rms_map)
+        settings = _settings(config, source, channel, rms_map)
+        setups[channel.name] = ChannelSetup(channel, settings, rms_map, config.operating.to_condition())
     return setups
 
 
