@@ -17,7 +17,7 @@ from streams.readers.stated import (
     stated_start,
     stated_unit,
 )
-from streams.readers.text import clean_text, is_number, read_text
+from streams.readers.text import clean_text, first_line_of, is_number, read_text
 
 _MOST_LINES = 200
 _TIMES = {"time", "times", "timesec", "timeseconds", "timems", "zeit", "zeits", "t", "ts", "tempo", "temps", "xvalue"}
@@ -75,19 +75,18 @@ def read_layout(data: bytes, name: str, zone: str = "UTC") -> Reading:
 def _numbers(body: bytes, name: str) -> tuple[bytes, list[str]]:
     """Cut the text before its first line of numbers."""
     skipped: list[str] = []
-    while body:
-        line, _, rest = body.partition(b"\n")
+    begin = 0
+    while begin < len(body) and len(skipped) <= _MOST_LINES:
+        line = first_line_of(body, begin)
         text = line.decode("utf-8", "replace").strip()
         if _is_numbers(text):
-            return body, skipped
+            return (body[begin:] if begin else body), skipped
         skipped.append(text)
-        if len(skipped) > _MOST_LINES:
-            break
-        body = rest
+        begin += len(line) + 1
     if any(skipped):
         first = next(line for line in skipped if line)
         shown = re.sub(r"[^ -~]", "?", first[:30])
-        status = "empty" if len(skipped) <= 3 and not body else "unreadable"
+        status = "empty" if len(skipped) <= 3 and begin >= len(body) else "unreadable"
         raise ReaderError(status, f"{name}: line 1: expected a number or a header above numbers, found {shown!r}")
     raise ReaderError("empty", f"{name}: no line of numbers")
 

@@ -76,15 +76,15 @@ def read_text(
             where the last line breaks off, ``unreadable`` for anything else; the message has line and column.
     """
     body, first_line = _body(data, name)
-    head, _, rest = body.partition(b"\n")
+    head = first_line_of(body)
     dialect = _sniff(head, body, separators)
     names: tuple[str, ...] | None = None
     if header or (header is None and not any(dialect.is_number(field) for field in dialect.fields(head))):
         names = tuple(field.strip('"') for field in dialect.fields(head))
-        body, first_line = rest, first_line + 1
+        body, first_line = body[len(head) + 1 :], first_line + 1
         if not body.strip():
             raise ReaderError("empty", f"{name}: no line of numbers" + (f" after the header {names[0]!r}"[:60]))
-    fields = dialect.fields(body.partition(b"\n")[0])
+    fields = dialect.fields(first_line_of(body))
     width = len(fields)
     if width == 1 and not dialect.is_number(fields[0]):
         raise _located(body, name, dialect, width, first_line, "no number")
@@ -96,6 +96,12 @@ def read_text(
         return plain_reading(values, names)
     chosen = tuple(names[i - 1] if names else f"column_{i}" for i in columns)
     return Reading(values, chosen, columns, chosen)
+
+
+def first_line_of(body: bytes, begin: int = 0) -> bytes:
+    """Return the line that begins at a place, without its newline and without a copy of all the rest."""
+    end = body.find(b"\n", begin)
+    return body[begin:] if end < 0 else body[begin:end]
 
 
 def clean_text(data: bytes, name: str) -> bytes:
