@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,10 +32,17 @@ RATE = 25_600.0
 CHANNELS = (ChannelSpec("x", column=1, unit="g"),)
 
 
-def spec(kind: str, **more: object) -> SourceSpec:
+def spec(kind: str, **more: Any) -> SourceSpec:
     """Return the configuration of a folder of files of one kind."""
-    base = {"name": "s", "url": "folder:", "rate": RATE, "channels": CHANNELS, "format": kind, "block_s": "file"}
-    return SourceSpec(**(base | more))  # pyright: ignore[reportArgumentType]
+    base: dict[str, Any] = {
+        "name": "s",
+        "url": "folder:",
+        "rate": RATE,
+        "channels": CHANNELS,
+        "format": kind,
+        "block_s": "file",
+    }
+    return SourceSpec(**(base | more))
 
 
 class NoFiles:

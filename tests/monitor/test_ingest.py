@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import pytest
@@ -141,11 +141,11 @@ def test_a_store_that_fails_is_tried_again_and_nothing_is_acknowledged_meanwhile
     source = Queue(store, [block(1), block(2)])
     commit, failures = store.commit, []
 
-    def full(*values: object) -> object:
+    def full(*values: Any) -> object:
         if len(failures) < 3:
             failures.append(list(source.acknowledged))
             raise StoreError("state.db: database or disk is full")
-        return commit(*values)  # pyright: ignore[reportArgumentType]
+        return commit(*values)
 
     monkeypatch.setattr(store, "commit", full)
     with ingest_of(store, source) as ingest:

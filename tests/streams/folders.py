@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,20 +61,20 @@ class DeafWatch:
 class Rig:
     """A folder, its source, and a ledger to which everything delivered is committed."""
 
-    def __init__(self, root: Path, ledger: MemoryLedger | None = None, **spec: object) -> None:
+    def __init__(self, root: Path, ledger: MemoryLedger | None = None, **spec: Any) -> None:
         self.root = root
         self.ledger = ledger or MemoryLedger()
         self.clock = SetClock()
         self.watch = DeafWatch()
         base = SourceSpec(name="s", url=f"folder:{root}", rate=RATE, channels=CHANNELS, block_s="file")
-        self.spec = replace(base, **spec)  # pyright: ignore[reportArgumentType]
+        self.spec = replace(base, **spec)
         self.items: list[Block | Rejected] = []
         self.outcomes: list[str] = []
         self.source = self._opened()
 
     def _opened(self) -> FolderSource:
         source = FolderSource(self.spec, str(self.root), self.clock)
-        source._watch = self.watch  # pyright: ignore[reportAttributeAccessIssue]
+        vars(source)["_watch"] = self.watch
         source.open(self.ledger)
         return source
 
