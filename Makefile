@@ -38,7 +38,7 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks.features --quick
 
 lock:
-	uv pip compile pyproject.toml --group dev --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate --quiet --output-file requirements.lock
+	uv pip compile pyproject.toml --all-extras --group dev --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate --quiet --output-file requirements.lock
 
 clean:
 	rm -rf $(VENV) .cache .pytest_cache .ruff_cache .hypothesis demo-out

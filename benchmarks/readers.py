@@ -1,10 +1,14 @@
 """Reading recordings: milliseconds a file beside the error of the numbers, and whole archives.
 
-Run as ``python -m benchmarks.readers [--quick] [--json FILE]``. Two tables:
+Run as ``python -m benchmarks.readers [--quick] [--json FILE]``. Three tables:
 
 1. one file of each kind, read by its reader and in other ways (a textbook split of lines, numpy.loadtxt), with the
    largest difference from the slow parse as a share of the largest sample: single precision rounds at 6e-8;
-2. the PRONOSTIA archives of the recordings folder (SPALLWATCH_DATA, by default ../shared/data), each read in one pass;
+2. a block of 128,000 samples of one channel in each format: the bare library (no check of anything), our reader in this
+   process, our reader as it is used (through the child process where the format is parsed there). The lowest wall-clock
+   times, as two processes take turns; ``cpu_ms`` is the mean processor time of both together, which another load on
+   the machine does not stretch; ``first_ms`` is the first file of a new child, with its start and the imports;
+3. the PRONOSTIA archives of the recordings folder (SPALLWATCH_DATA, by default ../shared/data), each read in one pass;
    ``unpack_s`` is what decompression alone costs. Where the recordings are missing the table is left out.
 """
 
@@ -16,7 +20,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
+import nptdms
 import numpy as np
+import pandas as pd
+import pyuff
 import scipy.io
 import soundfile
 from numpy.typing import NDArray
@@ -25,18 +33,28 @@ from benchmarks.common import arguments, calibration_kernel, interleaved_ms, pri
 from streams.block import Block
 from streams.dataset import DATA_SETS
 from streams.files import Archive
+from streams.readers.child import ReaderProcess, isolated, shared_process
+from streams.readers.hdf5 import read_hdf5
+from streams.readers.layout import read_layout
 from streams.readers.mat import read_mat
+from streams.readers.memory_file import memory_file
+from streams.readers.netcdf import read_netcdf
 from streams.readers.npy import read_npy
+from streams.readers.reading import Reading
+from streams.readers.tdms import read_tdms
 from streams.readers.text import read_text
+from streams.readers.uff import read_uff
 from streams.readers.wav import read_wav
 from streams.source import SourceSpec, open_source
 from tests.oracles.text_oracle import parse_slowly
+from tests.streams.format_makers import MAKERS
 from tests.streams.makers import ims_text, pronostia_csv
 
 SAMPLES = 128_000
 
 Floats = NDArray[np.floating]
 Row = dict[str, float | str | None]
+Reader = Callable[[bytes, str], Reading]
 Way = tuple[str, str, Callable[[], Floats], Floats]
 """What is read, in which way, how, and the exact samples."""
 
@@ -95,6 +113,116 @@ def files_table(rounds: int) -> list[Row]:
     return rows
 
 
+def bare_ways(data: dict[str, bytes]) -> dict[str, Callable[[], object]]:
+    """Each format by the library alone, as a short script would do it."""
+    return {
+        "x.npy": lambda: np.load(io.BytesIO(data["x.npy"]), allow_pickle=False),
+        "x.wav": lambda: soundfile.read(io.BytesIO(data["x.wav"]), dtype="float32"),
+        "x.flac": lambda: soundfile.read(io.BytesIO(data["x.flac"]), dtype="float32"),
+        "x.csv": lambda: pd.read_csv(io.BytesIO(data["x.csv"]), skiprows=[0, 2], engine="c", dtype=np.float64),
+        "x.mat": lambda: scipy.io.loadmat(io.BytesIO(data["x.mat"])),
+        "x73.mat": lambda: _bare_hdf5(data["x73.mat"], "acc_1"),
+        "x.h5": lambda: _bare_hdf5(data["x.h5"], "run/acc_1"),
+        "x.nc": lambda: _bare_hdf5(data["x.nc"], "acc_1"),
+        "x3.nc": lambda: scipy.io.netcdf_file(io.BytesIO(data["x3.nc"]), mmap=False).variables["acc_1"][:],
+        "x.tdms": lambda: nptdms.TdmsFile.read(io.BytesIO(data["x.tdms"]))["run"]["acc_1"][:],
+        "x.uff": lambda: _bare_uff(data["x.uff"]),
+        "xb.uff": lambda: _bare_uff(data["xb.uff"]),
+    }
+
+
+def _bare_hdf5(data: bytes, key: str) -> object:
+    with h5py.File(io.BytesIO(data), "r") as file:
+        return file[key][()]  # pyright: ignore[reportIndexIssue]
+
+
+def _bare_uff(data: bytes) -> object:
+    with memory_file(data) as path:
+        return pyuff.UFF(path).read_sets()
+
+
+def our_ways() -> dict[str, tuple[Reader, bool]]:
+    """The reader of each format, and whether it runs in the child process."""
+    return {
+        "x.npy": (read_npy, False),
+        "x.wav": (read_wav, False),
+        "x.flac": (read_wav, False),
+        "x.csv": (read_layout, False),
+        "x.mat": (read_mat, True),
+        "x73.mat": (read_mat, True),
+        "x.h5": (read_hdf5, True),
+        "x.nc": (read_netcdf, True),
+        "x3.nc": (read_netcdf, True),
+        "x.tdms": (read_tdms, True),
+        "x.uff": (read_uff, True),
+        "xb.uff": (read_uff, True),
+    }
+
+
+FORMAT_NAMES = {
+    "x.npy": "npy float64", "x.wav": "wav 24 bit", "x.flac": "flac 24 bit", "x.csv": "csv, times and 1 column",
+    "x.mat": "mat v5", "x73.mat": "mat v7.3", "x.h5": "hdf5 float64", "x.nc": "netcdf-4 float32 and times",
+    "x3.nc": "netcdf-3 float32 and times", "x.tdms": "tdms float64", "x.uff": "uff58 text", "xb.uff": "uff58b binary",
+}  # fmt: skip
+
+
+def formats_table(rounds: int) -> list[Row]:
+    """Time every format in three ways, by the wall clock, the ways taking turns."""
+    exact = np.round(np.random.default_rng(2).uniform(-0.9, 0.9, (1, SAMPLES)) * 1024) / 1024
+    data = {name: make(exact) for name, make in MAKERS.items()}
+    bare, ours = bare_ways(data), our_ways()
+    rows: list[Row] = []
+    for name, (reader, apart) in ours.items():
+        ways: dict[str, Callable[[], object]] = {
+            "library_ms": bare[name],
+            "in_process_ms": lambda reader=reader, name=name: reader(data[name], name),
+        }
+        row: Row = {"format": FORMAT_NAMES[name], "child": "yes" if apart else "no", "megabytes": len(data[name]) / 1e6}
+        used = isolated(reader) if apart else reader
+        first: float | None = None
+        if apart:
+            with ReaderProcess() as fresh:
+                began = time.perf_counter()
+                fresh.call(reader, data[name], name)
+                first = 1e3 * (time.perf_counter() - began)
+            ways["as_used_ms"] = lambda used=used, name=name: used(data[name], name)
+        count = max(3, rounds // 4) if name.endswith((".uff", ".csv")) else rounds
+        times = wall_ms(ways, count)
+        times.setdefault("as_used_ms", times["in_process_ms"])
+        error = float(np.max(np.abs(used(data[name], name).samples - exact)))
+        cpu = cpu_ms(lambda used=used, name=name: used(data[name], name), count)
+        over = times["as_used_ms"] - times["library_ms"]
+        rows.append({**row, **times, "over_library_ms": over, "cpu_ms": cpu, "first_ms": first, "error": error})
+    return rows
+
+
+def wall_ms(functions: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+    """Return the lowest wall-clock time of each function, ms; they take turns."""
+    for function in functions.values():
+        function()
+    times: dict[str, list[float]] = {name: [] for name in functions}
+    for _ in range(rounds):
+        for name, function in functions.items():
+            began = time.perf_counter()
+            function()
+            times[name].append(time.perf_counter() - began)
+    return {name: 1e3 * min(values) for name, values in times.items()}
+
+
+def cpu_ms(function: Callable[[], object], rounds: int) -> float:
+    """Return the mean processor time of a call, ms, that of the shared child process included."""
+    began = time.process_time() + _child_seconds()
+    for _ in range(rounds):
+        function()
+    return 1e3 * (time.process_time() + _child_seconds() - began) / rounds
+
+
+def _child_seconds() -> float:
+    """Return the processor time of the child process so far, by the scheduler's own count in ns."""
+    pid = shared_process().pid
+    return 0.0 if pid is None else int(Path(f"/proc/{pid}/schedstat").read_text().split()[0]) * 1e-9
+
+
 def archives_table(folder: Path, names: list[str]) -> list[Row]:
     """Read whole archives, and unpack them without reading their files."""
     rows: list[Row] = []
@@ -121,6 +249,8 @@ def main() -> None:
     print(f"calibration: one planned float32 real FFT of 128,000 samples takes {calibration:.3f} ms")
     files = files_table(rounds)
     print_table(f"one file, median thread time of {rounds}", files)
+    formats = formats_table(rounds)
+    print_table(f"one block of 128,000 samples, lowest wall-clock time of {rounds} (text formats fewer)", formats)
     folder = (
         Path(os.environ.get("SPALLWATCH_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data") / "femto"
     )
@@ -131,7 +261,9 @@ def main() -> None:
         print_table("whole archives, thread time", archives)
     else:
         print("\nno recordings: SPALLWATCH_DATA names no folder with femto archives")
-    write_json(options.json, {"calibration_ms": {"ms": calibration}, "files": files, "archives": archives})
+    write_json(
+        options.json, {"calibration_ms": {"ms": calibration}, "files": files, "formats": formats, "archives": archives}
+    )
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ _COMMANDS = {
     "warmup": ("monitor.commands.warmup", "Compile the bearing model and plan transforms ahead."),
     "forecast": ("monitor.commands.forecast", "Time to threshold from a V_eq history."),
     "score": ("monitor.commands.score", "How good the forecasts were as issued, once the end is known."),
+    "send": ("monitor.commands.send", "Stream any recording to a receiver over TCP or MQTT."),
 }
 
 

@@ -23,6 +23,7 @@ from monitor.config_sections import (
     SourceSection,
     TrackSection,
 )
+from monitor.network_config import FILE_KEYS
 
 __all__ = ["ChannelSection", "Config", "ConfigError", "SourceSection", "load_config", "validate"]
 
@@ -122,4 +123,10 @@ def _with_absolute_paths(config: Config, folder: Path) -> Config:
         )
         for channel in config.channel
     )
-    return config.model_copy(update={"machine": machine, "channel": channels})
+    sources = tuple(
+        source.model_copy(
+            update={key: folder / getattr(source, key) for key in FILE_KEYS if getattr(source, key) is not None}
+        )
+        for source in config.source
+    )
+    return config.model_copy(update={"machine": machine, "source": sources, "channel": channels})

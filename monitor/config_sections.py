@@ -12,7 +12,9 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from models.bearing import Bearing, catalogue, from_catalogue
 from models.scene import Rig
+from monitor.condition_config import ConditionKeys
 from monitor.health.detect import DetectSettings
+from monitor.network_config import NetworkKeys
 from streams.block import STANDARD_GRAVITY
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -140,14 +142,11 @@ class RigSection(Section):
         )
 
 
-class OperatingSection(Section):
+class OperatingSection(ConditionKeys, Section):
     """Shaft speed and radial load; a speed that a recording states itself takes precedence."""
 
-    speed_hz: Positive | None = None
-    load_newton: NotNegative | None = None
 
-
-class SourceSection(Section):
+class SourceSection(NetworkKeys, Section):
     """Where blocks come from."""
 
     name: Name

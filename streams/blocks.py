@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.readers.reading import ReaderError, Reading
-from streams.spec import ChannelSpec
+from streams.spec import UNITS, ChannelSpec
 
 TAIL = 0.9
 """A last block of at least this part of the full length is kept."""
 
-_RATE_TOLERANCE = 1e-4
+RATE_TOLERANCE = 1e-4
+"""Rates that differ by no more than this part are the same rate, written or measured differently."""
 
 
 @dataclass(frozen=True)
@@ -45,14 +46,26 @@ def choose_rows(reading: Reading, channels: Sequence[ChannelSpec], unit: str | N
             another unit than the configuration, or neither states one.
     """
     if not channels:
-        stated = reading.unit or unit
-        if stated is None:
-            raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
-        return tuple(Row(index, channel, stated) for index, channel in enumerate(reading.channels))
-    return tuple(
-        Row(_row_of(reading, channel, where), channel.name, _unit_of(reading, channel, unit, where))
-        for channel in channels
-    )
+        return tuple(Row(i, name, _own_unit(reading, i, unit, where)) for i, name in enumerate(reading.channels))
+    rows = [(_row_of(reading, channel, where), channel) for channel in channels]
+    return tuple(Row(i, channel.name, _unit_of(reading, i, channel, unit, where)) for i, channel in rows)
+
+
+def _stated_unit(reading: Reading, index: int, unit: str | None) -> str | None:
+    """Return the unit of a row by the file, row by row or as a whole, else by the data set."""
+    return (reading.units[index] if reading.units else None) or reading.unit or unit
+
+
+def _own_unit(reading: Reading, index: int, unit: str | None, where: str) -> str:
+    stated = _stated_unit(reading, index, unit)
+    if stated is None:
+        raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
+    if stated not in UNITS:
+        name = reading.names[index]
+        raise ReaderError("wrong_unit", f"{where}: {name} is in {stated!r}; expected one of {', '.join(UNITS)}")
+    if stated == "V":
+        raise ReaderError("wrong_unit", f"{where}: in V; give [[channel]] sensitivity_mv_per_g or a side-car")
+    return stated
 
 
 def _row_of(reading: Reading, channel: ChannelSpec, where: str) -> int:
@@ -83,14 +96,23 @@ def _both_names(reading: Reading) -> str:
     return ", ".join(f"{channel} ({name})" for channel, name in pairs)
 
 
-def _unit_of(reading: Reading, channel: ChannelSpec, unit: str | None, where: str) -> str:
-    stated = reading.unit or unit
+def _unit_of(reading: Reading, index: int, channel: ChannelSpec, unit: str | None, where: str) -> str:
+    stated = _stated_unit(reading, index, unit)
     configured = channel.unit
+    if reading.scaled and channel.scale != 1.0:
+        raise ReaderError(
+            "wrong_unit",
+            f"{where}: channel {channel.name}: the side-car scales it already, and so does scale = {channel.scale:g}",
+        )
     if stated is None and configured is None:
         raise ReaderError("wrong_unit", f"{where}: channel {channel.name}: no unit is stated; give [[channel]] unit")
     if configured is not None and stated not in (None, "unknown", configured):
         raise ReaderError(
             "wrong_unit", f"{where}: channel {channel.name}: the recording is in {stated}, unit = {configured!r}"
+        )
+    if configured is None and (stated not in UNITS or stated == "V"):
+        raise ReaderError(
+            "wrong_unit", f"{where}: channel {channel.name}: the recording is in {stated}; give [[channel]] unit"
         )
     return configured or stated or "unknown"
 
@@ -112,7 +134,7 @@ def agreed_rate(stated: Sequence[float | None], configured: float | None, where:
     rates = [rate for rate in (*stated, configured) if rate is not None]
     if not rates:
         raise ReaderError("wrong_rate", f"{where}: no sampling rate is stated; give [[source]] rate_hz")
-    if any(abs(rate - rates[0]) > _RATE_TOLERANCE * rates[0] for rate in rates):
+    if any(abs(rate - rates[0]) > RATE_TOLERANCE * rates[0] for rate in rates):
         said = " and ".join(f"{rate:g} Hz" for rate in dict.fromkeys(rates))
         raise ReaderError("wrong_rate", f"{where}: the recording and rate_hz do not agree: {said}")
     return rates[0]

@@ -149,12 +149,13 @@ def _damage(error: BaseException, where: str) -> ReaderError:
     return ReaderError("unreadable", f"{where}: the archive is damaged ({error})")
 
 
-def read_guarded(root: Path, path: str) -> bytes:
+def read_guarded(root: Path, path: str, *, may_grow: bool = False) -> bytes:
     """Read a regular file that lies below a folder, and nothing else.
 
     Args:
         root: the resolved folder.
         path: path of the file relative to it.
+        may_grow: whether it may get longer meanwhile; the bytes that were there at first are given then.
 
     Returns:
         The bytes of the file.
@@ -179,13 +180,15 @@ def read_guarded(root: Path, path: str) -> bytes:
         if before.st_size > MAX_BYTES:
             raise ReaderError("refused", f"{path}: {before.st_size} bytes, {MAX_BYTES} are allowed")
         with open(handle, "rb", closefd=False) as stream:
-            data = stream.read()
+            data = stream.read(before.st_size) if may_grow else stream.read()
         after = os.fstat(handle)
     except OSError as error:
         raise ReaderError("unreadable", f"{path}: cannot be read ({error.strerror})") from error
     finally:
         os.close(handle)
-    if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns) or len(data) != after.st_size:
+    grown = may_grow and after.st_size >= before.st_size == len(data)
+    same = (before.st_size, before.st_mtime_ns) == (after.st_size, after.st_mtime_ns) and len(data) == after.st_size
+    if not (same or grown):
         raise ReaderError("changed", f"{path}: changed while it was read")
     return data
 

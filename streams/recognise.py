@@ -2,28 +2,44 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable
-from pathlib import PurePosixPath
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
 from zoneinfo import ZoneInfo
 
 from streams.dataset import DATA_SETS, DataSet, FileFacts, data_set_named
 from streams.files import Files, Item, is_archive, natural_key
+from streams.readers.child import isolated
+from streams.readers.hdf5 import read_hdf5
+from streams.readers.layout import read_layout
 from streams.readers.mat import mat_variables, read_mat
+from streams.readers.netcdf import read_netcdf
 from streams.readers.npy import read_npy
 from streams.readers.packed import unpack, unpacked_name
 from streams.readers.reading import ReaderError, Reading
-from streams.readers.text import read_text
+from streams.readers.sidecar import FOLDER_NAMES, apply_sidecar, find_sidecar
+from streams.readers.tdms import read_tdms
+from streams.readers.uff import read_uff
 from streams.readers.wav import read_wav
 from streams.spec import SourceError, SourceSpec
 
 FORMATS = {
-    "csv": (".csv", ".txt", ".tsv", ".dat", ".asc"),
+    "csv": (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"),
     "npy": (".npy",),
     "wav": (".wav", ".flac"),
     "mat": (".mat",),
+    "tdms": (".tdms",),
+    "hdf5": (".h5", ".hdf5", ".hdf"),
+    "uff": (".uff", ".unv", ".bunv", ".uf"),
+    "netcdf": (".nc", ".nc4", ".cdf"),
 }
 """The plain formats and the endings by which they are recognised."""
 
+_ALIASES = {"text": "csv", "lvm": "csv", "flac": "wav", "h5": "hdf5", "uff58": "uff", "unv": "uff", "nc": "netcdf"}
+_STATE_RATE = ("csv", "wav", "tdms", "hdf5", "uff", "netcdf")
+_STATE_UNIT = ("csv", "tdms", "hdf5", "uff", "netcdf")
+_EXTRAS = {"tdms": ("nptdms", "tdms"), "hdf5": ("h5py", "hdf5"), "uff": ("pyuff", "uff")}
 _XJTU_HEADER = "Horizontal_vibration_signals"
 
 
@@ -36,14 +52,31 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
         endings: of the files that are meant; none: all are.
 
     Returns:
-        A data set without a unit and, but for WAV, without a rate.
+        A data set whose files may state rate and unit, or not.
+
+    Raises:
+        SourceError: the format needs a library that is not installed.
     """
-    keys = tuple(channel.key for channel in spec.channels if channel.key is not None)
+    if kind in _EXTRAS and importlib.util.find_spec(_EXTRAS[kind][0]) is None:
+        library, extra = _EXTRAS[kind]
+        raise SourceError(
+            f"[[source]] {spec.name}: {kind} files need {library}, which is not installed: "
+            f'pip install "spallwatch[{extra}]"'
+        )
+    keys = [channel.key for channel in spec.channels if channel.key is not None]
+    if len(keys) < len(spec.channels):
+        # A channel that is found by its column or name may be any of them.
+        keys = []
+    zone = spec.timezone
     readers: dict[str, Callable[[bytes, str], Reading]] = {
-        "csv": read_text,
+        "csv": lambda data, path: read_layout(data, path, zone),
         "npy": read_npy,
         "wav": read_wav,
-        "mat": lambda data, path: read_mat(data, path, keys or ("*",)),
+        "mat": isolated(read_mat, keys or ["*"]),
+        "tdms": isolated(read_tdms, keys, zone),
+        "hdf5": isolated(read_hdf5, keys, zone),
+        "uff": isolated(read_uff, keys, zone),
+        "netcdf": isolated(read_netcdf, keys, zone),
     }
 
     def facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
@@ -51,7 +84,15 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
         return FileFacts(natural_key(path)) if meant else None
 
     shown = ", ".join(f"*{ending}" for ending in endings) or "any name"
-    return DataSet(kind, shown, facts, readers[kind], unit=None, states_rate=kind == "wav")
+    return DataSet(
+        kind,
+        shown,
+        facts,
+        readers[kind],
+        unit=None,
+        states_rate=kind in _STATE_RATE,
+        states_unit=kind in _STATE_UNIT,
+    )
 
 
 def data_set_of(spec: SourceSpec, files: Files, kind: str) -> DataSet:
@@ -63,14 +104,50 @@ def data_set_of(spec: SourceSpec, files: Files, kind: str) -> DataSet:
         kind: name of a data set or of a format, or "auto".
 
     Returns:
-        The data set, or the description of a plain format.
+        The data set, or the description of a plain format; where there are side-cars, its reader heeds them.
 
     Raises:
-        SourceError: the name is not known, or nothing is recognised.
+        SourceError: the name is not known, nothing is recognised, or a library is missing.
     """
+    found = _found_data_set(spec, files, kind)
+    return found if files.sequential else _with_sidecars(found, spec, files)
+
+
+def _with_sidecars(data_set: DataSet, spec: SourceSpec, files: Files) -> DataSet:
+    """Let a reader look for the side-car of each file that it reads."""
+    root, bare = files.root, data_set.read
+
+    def read(data: bytes, path: str) -> Reading:
+        sidecar = find_sidecar(root, path, spec.timezone)
+        reading = bare(data, path)
+        return reading if sidecar is None else apply_sidecar(reading, sidecar, path)
+
+    there = _has_sidecars(root, files)
+    return replace(
+        data_set,
+        read=read,
+        states_rate=data_set.states_rate or there,
+        states_unit=data_set.states_unit or there,
+    )
+
+
+def _has_sidecars(root: Path, files: Files) -> bool:
+    """Tell whether there may be side-cars: one beside the first file with one, or one for a folder."""
+    if any((root / name).exists() for name in FOLDER_NAMES):
+        return True
+    if files.several:
+        names = {PurePosixPath(item.path).name for item in files}
+    else:
+        names = {path.name for path in root.iterdir()}
+    return any(name in names for name in FOLDER_NAMES) or any(
+        name.endswith(".json") and name.removesuffix(".json") in names for name in names
+    )
+
+
+def _found_data_set(spec: SourceSpec, files: Files, kind: str) -> DataSet:
     where = f"[[source]] {spec.name}"
     wanted = kind.strip().lower()
-    wanted = {"text": "csv", "flac": "wav"}.get(wanted, wanted)
+    wanted = _ALIASES.get(wanted, wanted)
     if wanted in FORMATS:
         return plain(wanted, spec, FORMATS[wanted] if files.several else ())
     if wanted != "auto":
@@ -112,7 +189,7 @@ def _nothing(paths: list[str]) -> str:
 
 
 def _recognised_by_name(item: Item, files: Files) -> DataSet | None:
-    for name in ("pronostia", "ims"):
+    for name in ("pronostia", "ims", "paderborn"):
         if DATA_SETS[name].facts(item.path, str(files.root), ZoneInfo("UTC")) is not None:
             return DATA_SETS[name]
     return None
@@ -139,7 +216,7 @@ def _recognised_by_content(item: Item, spec: SourceSpec, files: Files) -> DataSe
 def _is_numbers(item: Item) -> bool:
     data = _bytes(item)
     try:
-        return data is not None and bool(read_text(data, item.path).names)
+        return data is not None and bool(read_layout(data, item.path).names)
     except ReaderError:
         return False
 
@@ -157,9 +234,10 @@ def _recognised_mat(item: Item, files: Files) -> DataSet | None:
     if data is None:
         return None
     try:
-        variables = mat_variables(data, item.path)
+        listed = isolated(mat_variables)(data, item.path)
     except ReaderError:
         return None
+    variables = {name: (tuple(shape), kind) for name, (shape, kind) in listed.items()}
     if any(name.startswith("X") and name.endswith(("_DE_time", "_FE_time", "_BA_time")) for name in variables):
         return DATA_SETS["cwru"]
     if variables.get("bearing", ((), ""))[1] == "struct":

@@ -76,7 +76,7 @@ class Recording:
         origin: float | None = None
         for loaded in self._in_order():
             if origin is None:
-                origin = loaded.facts.start
+                origin = _start_of(loaded)
             for item in self._blocks(loaded, sequence, origin):
                 sequence = max(sequence, item.sequence)
                 yield item
@@ -88,28 +88,41 @@ class Recording:
         """Refuse at once what no block could come of."""
         where = f"[[source]] {self.name}"
         first: FileFacts | None = None
+        reading: Reading | None = None
         try:
             for item in self._files:
                 first = self._facts(item.path)
                 if first is not None:
+                    reading = self._peek(item, first)
                     break
         except ReaderError as error:
             raise SourceError(f"{where}: url: {error}") from error
         if first is None:
             place = "holds no file" if self._files.several else "is not a file"
             raise SourceError(f"{where}: url: {self._files.root} {place} of {self._set.name} ({self._set.files})")
-        if first.rate is None and not self._set.states_rate and self._spec.rate is None:
+        states_rate = self._set.states_rate and (reading is None or reading.rate is not None)
+        if first.rate is None and not states_rate and self._spec.rate is None:
             raise SourceError(f"{where}: rate_hz is missing: neither the files nor {self._set.name} state a rate")
-        if self._set.unit is None and not self._spec.channels:
+        states_unit = self._set.states_unit and (
+            reading is None or reading.unit is not None or any(unit is not None for unit in reading.units)
+        )
+        if self._set.unit is None and not states_unit and not self._spec.channels:
             raise SourceError(f"{where}: a [[channel]] with its unit is missing: these files do not state one")
         for channel in self._spec.channels:
             stated = self._set.unit
-            if stated is None and channel.unit is None:
+            if stated is None and channel.unit is None and not states_unit:
                 raise SourceError(f"[[channel]] {channel.name}: unit is missing: the files of {self.name} state none")
             if channel.unit is not None and stated not in (None, "unknown", channel.unit):
                 raise SourceError(
                     f"[[channel]] {channel.name}: unit is {channel.unit!r}, but {self._set.name} is in {stated}"
                 )
+
+    def _peek(self, item: Item, facts: FileFacts) -> Reading | None:
+        """Read the first file where only it can state rate or unit; None where there is no need or no sense in it."""
+        configured = bool(self._spec.channels) and all(channel.unit is not None for channel in self._spec.channels)
+        rate_known = facts.rate is not None or self._spec.rate is not None or not self._set.states_rate
+        unit_known = self._set.unit is not None or configured or not self._set.states_unit
+        return None if rate_known and unit_known else self._load(item, facts).reading
 
     def _in_order(self) -> Iterator[_Loaded]:
         if not self._files.sequential:
@@ -206,7 +219,7 @@ class Recording:
             if piece.missing:
                 yield Rejected(self.name, number + index, name, "short", _too_short(name, piece, rate, length), digest)
                 continue
-            elapsed, start = self._times(loaded.facts, origin, piece.offset / rate)
+            elapsed, start = self._times(loaded, origin, piece.offset / rate)
             yield Block(
                 samples=piece.samples,
                 rate=rate,
@@ -231,19 +244,27 @@ class Recording:
         if found > expected:
             raise ReaderError("wrong_shape", f"{path}: {found} samples, {expected} were expected")
 
-    def _times(self, facts: FileFacts, origin: float | None, offset: float) -> tuple[float | None, float | None]:
+    def _times(self, loaded: _Loaded, origin: float | None, offset: float) -> tuple[float | None, float | None]:
         """Return (elapsed, start) of a block that begins ``offset`` s into its file.
 
         The stamp of a file goes before the configured start. Without stamps and without numbers in known intervals
         nothing says how much time lies between two files, so only a recording of one file has times then.
         """
-        if facts.start is not None:
-            elapsed = facts.start - origin + offset if origin is not None else None
-            return elapsed, facts.start + offset
+        facts, stamp = loaded.facts, _start_of(loaded)
+        if stamp is not None:
+            elapsed = stamp - origin + offset if origin is not None else None
+            return elapsed, stamp + offset
         if facts.elapsed is None and self._files.several:
             return None, None
         elapsed = (facts.elapsed or 0.0) + offset
         return elapsed, None if self._spec.start is None else self._spec.start + elapsed
+
+
+def _start_of(loaded: _Loaded) -> float | None:
+    """Return when a file begins: by its name, else by what it or its side-car states."""
+    if loaded.facts.start is not None or loaded.reading is None:
+        return loaded.facts.start
+    return loaded.reading.start
 
 
 def _too_short(name: str, piece: Piece, rate: float, length: int | None) -> str:

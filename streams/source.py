@@ -1,14 +1,25 @@
-"""The Source protocol, and open_source."""
+"""The Source protocol, open_source for recordings and open_live for what goes on for ever."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from typing import Protocol, runtime_checkable
 
 from streams.block import Block, Rejected
+from streams.ledger import Ledger
+from streams.live import LiveSource
 from streams.spec import ChannelSpec, SourceError, SourceSpec
 
-__all__ = ["ChannelSpec", "Source", "SourceError", "SourceSpec", "open_source"]
+__all__ = [
+    "ChannelSpec",
+    "LiveSource",
+    "Source",
+    "SourceError",
+    "SourceSpec",
+    "open_live",
+    "open_source",
+]
 
 
 @runtime_checkable
@@ -61,3 +72,55 @@ def open_source(spec: SourceSpec) -> Source:
     if scheme == "folder" and colon:
         return open_recording(spec, rest, spec.format, must_be_folder=True)
     return open_recording(spec, spec.url, spec.format)
+
+
+def open_live(specs: Sequence[SourceSpec], ledger: Ledger) -> list[LiveSource]:
+    """Open sources that go on for ever, from what the ledger has on.
+
+    Args:
+        specs: the configuration of the sources; a URL is ``folder:PATH``, ``tcp://HOST:PORT`` or
+            ``mqtt://HOST:PORT/TOPIC``. Sources at one address are opened as one; their blocks bear their names.
+        ledger: what was committed.
+
+    Returns:
+        The sources, listening; whoever has them closes them.
+
+    Raises:
+        SourceError: another URL, an address that cannot be listened to, a folder that is none.
+    """
+    with ExitStack() as opened:
+        sources = [opened.enter_context(source) for source in _live(specs)]
+        for source in sources:
+            source.open(ledger)
+        opened.pop_all()
+    return sources
+
+
+def _live(specs: Sequence[SourceSpec]) -> Iterator[LiveSource]:
+    # Each transport brings its own library; only the one that is named is loaded.
+    at_address: dict[tuple[str, str, int], list[SourceSpec]] = {}
+    for spec in specs:
+        scheme, _, rest = spec.url.partition(":")
+        if scheme == "folder" and rest:
+            from streams.folder.source import FolderSource
+
+            yield FolderSource(spec, rest)
+        elif scheme in ("tcp", "mqtt"):
+            from streams.network import parse_address
+
+            place = parse_address(spec.url, f"[[source]] {spec.name}: url")
+            at_address.setdefault((place.scheme, place.host, place.port), []).append(spec)
+        else:
+            raise SourceError(
+                f"[[source]] {spec.name}: url {spec.url!r}: is not a source that goes on for ever; expected "
+                "folder:PATH, tcp://HOST:PORT or mqtt://HOST:PORT/TOPIC"
+            )
+    for (scheme, _, _), group in at_address.items():
+        if scheme == "tcp":
+            from streams.tcp import TcpReceiver
+
+            yield TcpReceiver(group)
+        else:
+            from streams.mqtt import MqttReceiver
+
+            yield MqttReceiver(group)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 from zoneinfo import ZoneInfo
+
+if TYPE_CHECKING:
+    from streams.network import NetworkSpec
 
 DEFAULT_BLOCK_SECONDS = 5.0
 UNITS = ("g", "m/s2", "V", "unknown")
@@ -69,6 +72,9 @@ class SourceSpec:
         range_g: range of the sensor in g, or None where unknown; no concern of the readers.
         channels: the channels to give; empty gives all that the data set knows.
         timezone: IANA name of the zone in which local time stamps of file names are read.
+        settle_s: seconds for which a file of a watched folder must not have changed before it is read, unless it was
+            closed or moved in.
+        network: limits and credentials of a ``tcp:`` or ``mqtt:`` source, or None for the usual ones.
     """
 
     name: str
@@ -80,6 +86,8 @@ class SourceSpec:
     range_g: float | None = None
     channels: tuple[ChannelSpec, ...] = ()
     timezone: str = "UTC"
+    settle_s: float = 2.0
+    network: NetworkSpec | None = None
 
     def __post_init__(self) -> None:
         """Refuse values that no recording could have."""
@@ -88,6 +96,8 @@ class SourceSpec:
             raise SourceError(f'{where}: block_s must be a positive number of seconds or "file", got {self.block_s!r}')
         if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0.0):
             raise SourceError(f"{where}: rate_hz must be positive, got {self.rate}")
+        if not (math.isfinite(self.settle_s) and self.settle_s >= 0.0):
+            raise SourceError(f"{where}: settle_s must be a number of seconds from 0, got {self.settle_s}")
         names = [channel.name for channel in self.channels]
         if len(set(names)) != len(names):
             raise SourceError(f"{where}: channel names must differ, got {', '.join(names)}")

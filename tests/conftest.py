@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.broker import broker_program
+
 _REPOSITORY = Path(__file__).resolve().parents[1]
 
 
@@ -16,10 +18,14 @@ def recordings_folder() -> Path:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip a test that needs recordings where there are none; under CI that is a failure."""
-    if item.get_closest_marker("real") is None or recordings_folder().is_dir():
+    """Skip a test where what it needs is missing; under CI that is a failure."""
+    reason = None
+    if item.get_closest_marker("real") is not None and not recordings_folder().is_dir():
+        reason = "the recordings are missing: SPALLWATCH_DATA names no folder"
+    if item.get_closest_marker("broker") is not None and broker_program() is None:
+        reason = "the MQTT broker mosquitto is missing (Debian package mosquitto)"
+    if reason is None:
         return
-    reason = "the recordings are missing: SPALLWATCH_DATA names no folder"
     if os.environ.get("CI"):
         pytest.fail(reason, pytrace=False)
     pytest.skip(reason)

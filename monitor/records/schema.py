@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from monitor.health.condition import SOURCES as CONDITION_SOURCES
 from monitor.health.detect import STAGES
 from monitor.health.quality import FLAGS, REJECTIONS
 
@@ -219,6 +220,12 @@ _TABLE: list[Variable] = [
     ),
     *_floats("Hz", "speed | f_s | rotation frequency of the shaft |"),
     *_floats("N", "load | P | radial load |"),
+    *_floats(
+        "Hz", "speed_sd | | standard deviation of the error of speed | monitor/health/condition.py", optional=True
+    ),
+    *_floats("N", "load_sd | | standard deviation of load over the block | monitor/health/condition.py", optional=True),
+    Variable("speed_source", (), None, "where speed comes from", kind="flag", values=CONDITION_SOURCES, optional=True),
+    Variable("load_source", (), None, "where load comes from", kind="flag", values=CONDITION_SOURCES, optional=True),
 ]
 
 VARIABLES: dict[str, Variable] = {variable.name: variable for variable in _TABLE}

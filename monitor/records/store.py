@@ -12,7 +12,7 @@ import json
 import os
 import sqlite3
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -133,24 +133,35 @@ class Store:
         """Return schema version, machine, and the software version and configuration hash of the latest run."""
         return dict(self.rows("SELECT key, value FROM meta"))
 
-    def commit(self, record: Record, states: Mapping[str, Mapping[str, Any]]) -> Commit:
+    def commit(
+        self,
+        record: Record,
+        states: Mapping[str, Mapping[str, Any]],
+        beside: Callable[[sqlite3.Connection], None] | None = None,
+    ) -> Commit:
         """Commit one block: its ledger row, record, forecasts and events, and the states after it, all or nothing.
 
         Args:
             record: what the block said.
             states: state of each stage as plain values for JSON, by the stage's name; others stay as they are.
+            beside: writes, in the same transaction, what else belongs to the block.
 
         Returns:
             "committed"; "duplicate" where this very block is in the ledger already; "changed" where its place is taken
             by a block with another content. In the last two cases nothing is overwritten and the offer is counted.
         """
-        return self.commit_many([(record, states)])[0]
+        return self.commit_many([(record, states)], beside)[0]
 
-    def commit_many(self, items: Iterable[tuple[Record, Mapping[str, Mapping[str, Any]]]]) -> list[Commit]:
+    def commit_many(
+        self,
+        items: Iterable[tuple[Record, Mapping[str, Mapping[str, Any]]]],
+        beside: Callable[[sqlite3.Connection], None] | None = None,
+    ) -> list[Commit]:
         """Commit several blocks in one transaction, all or nothing; for replays, where a block can be had again.
 
         Args:
             items: records with the states after them, in order.
+            beside: writes, in the same transaction, what else belongs to the blocks.
 
         Returns:
             The outcome of each, as :meth:`commit` gives it.
@@ -167,6 +178,8 @@ class Store:
                 connection.execute(
                     "INSERT OR REPLACE INTO stage_states VALUES (?, ?, ?)", (name, block, _state_text(name, state))
                 )
+            if beside is not None:
+                beside(connection)
         return outcomes
 
     def _insert(self, connection: sqlite3.Connection, record: Record) -> tuple[Commit, int]:

@@ -37,6 +37,8 @@ def block_record(
     channels: Mapping[str, tuple[ChannelState, ChannelOutput]],
     truth: Mapping[str, Any] | None = None,
     methods: Mapping[str, str] | None = None,
+    *,
+    conditions: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Record:
     """Return the record of a block.
 
@@ -48,8 +50,11 @@ def block_record(
         channels: state after the block and output, by channel.
         truth: what a simulated rig knows (``v_eq_true``, ``tt_true``), for its tracked channels.
         methods: by which method each channel is forecast, for the archive; the thesis' where it does not say.
+        conditions: by channel, where speed and load come from and how exact they are.
     """
     values = {name: channel_values(state, output) for name, (state, output) in channels.items()}
+    for name, condition in (conditions or {}).items():
+        values[name] |= {key: plain(value) for key, value in condition.items()}
     if truth:
         for name, (_, output) in channels.items():
             if output.damage is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -14,6 +14,7 @@ from models.population import Population
 from models.rms_map import MapError, OutsideMapError, RmsMap, load_map
 from models.scene import Rig
 from monitor.config import ChannelSection, Config, ConfigError, SourceSection
+from monitor.health.condition import ConditionSettings
 from monitor.health.damage import DamageSettings, MapAt, SpreadAt
 from monitor.health.edv import EdvSettings, EdvStatus, MapSlice
 from monitor.health.filter import FilterSettings
@@ -28,7 +29,7 @@ Slice = TypeVar("Slice")
 
 _MOST_SLICES = 64
 _GEOMETRY = ("n_elements", "rows", "element_diameter", "pitch_diameter", "contact_angle", "outer_race_radius")
-_PARAMETERS = tuple(field.name for field in fields(Rig) if field.name != "calibrated")
+_PARAMETERS = tuple(item.name for item in fields(Rig) if item.name != "calibrated")
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,14 @@ class ChannelSetup:
         settings: for the health stages.
         map: the RMS map it is tracked on, or None.
         library: the library of simulated lives that it is compared with, or None.
+        condition: where speed and load come from.
     """
 
     section: ChannelSection
     settings: ChannelSettings
     map: RmsMap | None
     library: Library | None = None
+    condition: ConditionSettings = field(default_factory=ConditionSettings)
 
 
 def source_spec(config: Config, source: SourceSection, path: str | None = None) -> SourceSpec:
@@ -77,8 +80,10 @@ def source_spec(config: Config, source: SourceSection, path: str | None = None) 
         format=source.format,
         rate=source.rate_hz,
         range_g=source.range_g,
-        channels=channels,
+        channels=(*channels, *config.operating.channel_specs()),
         timezone=config.machine.timezone,
+        settle_s=source.settle_s,
+        network=source.to_network(),
     )
 
 
@@ -128,7 +133,7 @@ def channel_setups(
         if library is not None:
             _check_library(config, channel, library)
         settings = _settings(config, source, channel, rms_map, library)
-        setups[channel.name] = ChannelSetup(channel, settings, rms_map, library)
+        setups[channel.name] = ChannelSetup(channel, settings, rms_map, library, config.operating.to_condition())
     return setups
 
 

@@ -6,7 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from monitor.config import ConfigError
+from monitor.health.condition import Quantity, load_of, speed_of
 from monitor.health.pipeline import BlockInfo, ChannelOutput, judge, step
 from monitor.health.quality import (
     FLAGS,
@@ -49,6 +53,7 @@ class Watcher:
         tracked = ((name, setup.settings.damage) for name, setup in channels.items())
         self._methods = {name: damage.forecast_method for name, damage in tracked if damage is not None}
         self._checked_rates: set[float] = set()
+        self._conditions: dict[str, dict[str, Any]] = {}
         self.outputs: dict[str, ChannelOutput] = {}
         """What the latest block said of each channel, for whoever draws it."""
         self.latest: dict[str, Mapping[str, Any]] = {}
@@ -115,11 +120,12 @@ class Watcher:
         if not verdict.accepted:
             return block_record(item, verdict.status, (), verdict.reason, {}, None)
         self._check_fit(item)
+        self._conditions = {}
         outputs = {name: self._channel_step(name, item, time, flags) for name in self.channels}
         status, flags, reason = _block_verdict({name: output.verdict for name, output in outputs.items()}, flags)
         self.outputs = outputs
         channels = {name: (self._states[name], output) for name, output in outputs.items()}
-        record = block_record(item, status, flags, reason, channels, truth, self._methods)
+        record = block_record(item, status, flags, reason, channels, truth, self._methods, conditions=self._conditions)
         self._remember(record)
         return record
 
@@ -138,17 +144,37 @@ class Watcher:
             verdict = rejected("wrong_unit", f"unit {unit!r}, configured is {setup.section.unit!r}")
         else:
             verdict = judge(samples, state, setup.settings)
+        speed, load = self._condition(setup, block, samples if verdict.accepted else None)
+        if verdict.accepted and speed.value is None:
+            verdict = rejected("incomplete", "the shaft speed is not known: neither stated nor found in the signal")
         info = BlockInfo(
             sequence=block.sequence,
             time=time,
             rate=block.rate,
             duration=block.duration,
-            speed=block.speed,
-            load=block.load,
+            speed=speed.value,
+            load=load.value,
         )
         state, output = step(state, samples, info, with_flags(verdict, flags), setup.settings)
         self._states[name] = state
+        if output.features is not None:
+            self._conditions[name] = {
+                "speed_source": speed.source,
+                "speed_sd": speed.sd,
+                "load_source": load.source,
+                "load_sd": load.sd,
+            }
         return output
+
+    @staticmethod
+    def _condition(
+        setup: ChannelSetup, block: Block, samples: NDArray[np.floating] | None
+    ) -> tuple[Quantity, Quantity]:
+        """Return speed and load of a block for a channel, which is given where its samples are usable."""
+        settings = setup.condition
+        rows = {name: block.samples[block.channels.index(name)] for name in settings.channels if name in block.channels}
+        speed = speed_of(block.speed, rows, samples, block.rate, setup.settings.bearing, settings)
+        return speed, load_of(block.load, rows, settings)
 
     def _check_fit(self, block: Block) -> None:
         """Refuse what no later block would mend: a missing channel, an unknown speed, a band above Nyquist."""
@@ -159,7 +185,7 @@ class Watcher:
                 f"{', '.join(block.channels)}"
             )
         for setup in self.channels.values():
-            if block.speed is None and setup.settings.speed is None:
+            if block.speed is None and setup.condition.speed is None and not setup.condition.varies:
                 raise ConfigError(
                     f"operating.speed_hz is missing, and {block.name} does not state the shaft speed: the fault "
                     "frequencies cannot be computed"

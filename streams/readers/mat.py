@@ -1,4 +1,4 @@
-"""MATLAB files of version 5 to 7.2, with a guard against what they claim to hold."""
+"""MATLAB files, with a guard against what they claim to hold: version 5 to 7.2 through scipy, 7.3 as HDF5."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from streams.readers.reading import MAX_BYTES, ReaderError, Reading, plain_reading, rows_of
+from streams.readers.hdf5 import SIGNATURE, attributes, load, open_hdf5, walk
+from streams.readers.reading import MAX_BYTES, ReaderError, Reading, plain_reading, rows_of, stack_rows
 
 _COMPRESSED = 15
+_MOST_RECORDS = 256
 _ITEM_BYTES = {
     "int8": 1,
     "uint8": 1,
@@ -43,15 +45,15 @@ def mat_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], st
         For each variable its shape and MATLAB class ("double", "struct", ...).
 
     Raises:
-        ReaderError: ``unreadable`` where it is not a MAT file of version 5 to 7.2, ``incomplete`` where it breaks off,
+        ReaderError: ``unreadable`` where it is not a MAT file of version 5 to 7.3, ``incomplete`` where it breaks off,
             ``refused`` where it claims more than ``MAX_BYTES``.
     """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
-    if data.startswith((b"MATLAB 7.3", b"\x89HDF")):
-        raise ReaderError("unreadable", f"{name}: a MAT file of version 7.3 (HDF5); save it with '-v7'")
+    if _is_hdf5(data):
+        return _hdf5_variables(data, name)
     if not data.startswith(b"MATLAB 5.0 MAT-file") or len(data) < 136 or data[126:128] not in (b"IM", b"MI"):
-        raise ReaderError("unreadable", f"{name}: not a MAT file of version 5 to 7.2")
+        raise ReaderError("unreadable", f"{name}: not a MAT file of version 5 to 7.3")
     declared = _declared_bytes(data, name)
     try:
         with warnings.catch_warnings():
@@ -63,6 +65,40 @@ def mat_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], st
     if declared > MAX_BYTES:
         raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
     return {variable: (tuple(shape), kind) for variable, shape, kind in found}
+
+
+def _is_hdf5(data: bytes) -> bool:
+    return data.startswith((b"MATLAB 7.3", SIGNATURE)) or data[512:520] == SIGNATURE
+
+
+def _hdf5_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], str]]:
+    """List the variables of a version 7.3 file; its arrays are stored transposed."""
+    with open_hdf5(data, name) as file:
+        found: dict[str, tuple[tuple[int, ...], str]] = {}
+        for key in sorted(file):
+            if key.startswith("#") or type(file.get(key, getlink=True)).__name__ != "HardLink":
+                continue
+            item = file[key]
+            kind = str(attributes(item).get("matlabclass", "struct" if hasattr(item, "keys") else "unknown"))
+            shape = tuple(int(n) for n in reversed(getattr(item, "shape", None) or (1, 1)))
+            found[key] = ((1, 1) if kind == "struct" else shape), kind
+        return found
+
+
+def _load_hdf5(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDArray[np.generic]]:
+    with open_hdf5(data, name) as file:
+        values: dict[str, NDArray[np.generic]] = {}
+        for item in walk(file, name, patterns, separator="."):
+            if item.dataset.dtype.hasobject or "matlabempty" in item.own:
+                continue
+            array = load(item, name).T
+            if item.own.get("matlabclass") == "char":
+                # Text is stored as UTF-16 units.
+                array = np.array([[array.astype("<u2").tobytes("F").decode("utf-16-le", "replace")]])
+            values[item.path] = array
+            if sum(value.nbytes for value in values.values()) > MAX_BYTES:
+                raise ReaderError("refused", f"{name}: claims more than {MAX_BYTES} bytes when loaded")
+        return values
 
 
 def _declared_bytes(data: bytes, name: str) -> int:
@@ -98,8 +134,10 @@ def load_mat(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDArr
     Raises:
         ReaderError: as :func:`mat_variables`.
     """
+    if _is_hdf5(data):
+        return _load_hdf5(data, name, patterns)
     variables = mat_variables(data, name)
-    wanted = [v for v in variables if any(fnmatchcase(v, pattern.partition(".")[0]) for pattern in patterns)]
+    wanted = [v for v in variables if any(fnmatchcase(v, _variable(pattern)) for pattern in patterns)]
     if not wanted:
         return {}
     try:
@@ -115,15 +153,21 @@ def load_mat(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDArr
     return {key: array for key, array in values.items() if any(fnmatchcase(key, pattern) for pattern in patterns)}
 
 
+def _variable(pattern: str) -> str:
+    """Return the part of a pattern that names a variable: what stands before the first field or index."""
+    return pattern.partition(".")[0].partition("(")[0]
+
+
 def _flat(key: str, value: object) -> dict[str, NDArray[np.generic]]:
-    """Name the fields of a 1 x 1 structure ``key.field``, of nested ones likewise."""
+    """Name the fields of a structure ``key.field``, of an array of them ``key(1).field``, of nested ones likewise."""
     array = np.asarray(value)
-    if array.dtype.names is None or array.size != 1:
+    if array.dtype.names is None or not 1 <= array.size <= _MOST_RECORDS:
         return {key: array}
-    record = array.reshape(-1)[0]
     flat: dict[str, NDArray[np.generic]] = {}
-    for field in array.dtype.names:
-        flat.update(_flat(f"{key}.{field}", record[field]))
+    for index, record in enumerate(array.reshape(-1), start=1):
+        place = key if array.size == 1 else f"{key}({index})"
+        for field in array.dtype.names:
+            flat.update(_flat(f"{place}.{field}", record[field]))
     return flat
 
 
@@ -137,6 +181,14 @@ def scalar(values: MatValues, key: str) -> float | None:
     except (TypeError, ValueError):
         return None
     return number if np.isfinite(number) else None
+
+
+def text(values: MatValues, key: str) -> str | None:
+    """Return a value that is a text, or None where there is none such."""
+    array = values.get(key)
+    if array is None or array.size != 1 or array.dtype.kind not in "U":
+        return None
+    return str(array.reshape(-1)[0])
 
 
 def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Reading:
@@ -168,7 +220,7 @@ def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Readin
     if len(lengths) > 1:
         sizes = ", ".join(f"{key} {row.size}" for key, row in zip(names, rows, strict=True))
         raise ReaderError("wrong_shape", f"{name}: vectors of different lengths: {sizes}")
-    return plain_reading(np.stack(rows), tuple(names))
+    return plain_reading(stack_rows(rows), tuple(names))
 
 
 def _held(data: bytes, name: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,9 +35,12 @@ class Reading:
         columns: 1-based number of each row in the file.
         channels: what the data set calls each row; the names where it does not.
         rate: sampling rate in Hz, or None where the file is silent; likewise what follows.
-        unit: "g", "m/s2", "V" or None.
+        unit: of every row, "g", "m/s2", "V" or None; another one, such as "Pa", as the file spells it.
         speed: shaft speed in Hz.
         load: radial load in N.
+        start: seconds since 1970 UTC of the first sample.
+        units: unit of each row where the file states them one by one, else empty.
+        scaled: whether a side-car has said what the numbers mean, so that the configuration must not scale them again.
     """
 
     samples: NDArray[np.floating]
@@ -47,6 +51,9 @@ class Reading:
     unit: str | None = None
     speed: float | None = None
     load: float | None = None
+    start: float | None = None
+    units: tuple[str | None, ...] = ()
+    scaled: bool = False
 
 
 def plain_reading(
@@ -65,6 +72,11 @@ def plain_reading(
     columns = tuple(range(1, samples.shape[0] + 1))
     names = tuple(f"column_{column}" for column in columns) if names is None else names
     return Reading(samples, names, columns, names, rate)
+
+
+def stack_rows(rows: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
+    """Join rows of equal length to shape (row, sample); a single one is not copied."""
+    return np.ascontiguousarray(rows[0])[np.newaxis] if len(rows) == 1 else np.stack(rows)
 
 
 def rows_of(array: NDArray[np.generic], where: str) -> NDArray[np.floating]:

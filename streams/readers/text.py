@@ -8,7 +8,6 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from streams.readers.reading import ReaderError, Reading, plain_reading
@@ -30,13 +29,18 @@ class _Dialect:
         return [part.strip() for part in parts]
 
     def is_number(self, field: str) -> bool:
-        if "_" in field:
-            return False
-        try:
-            float(field.replace(self.decimal, "."))
-        except ValueError:
-            return False
-        return True
+        return is_number(field, self.decimal)
+
+
+def is_number(field: str, decimal: str = ",") -> bool:
+    """Tell whether a field is a number, the decimal sign being a point or the one given."""
+    if "_" in field:
+        return False
+    try:
+        float(field.replace(decimal, "."))
+    except ValueError:
+        return False
+    return True
 
 
 def read_text(
@@ -72,15 +76,15 @@ def read_text(
             where the last line breaks off, ``unreadable`` for anything else; the message has line and column.
     """
     body, first_line = _body(data, name)
-    head, _, rest = body.partition(b"\n")
+    head = first_line_of(body)
     dialect = _sniff(head, body, separators)
     names: tuple[str, ...] | None = None
     if header or (header is None and not any(dialect.is_number(field) for field in dialect.fields(head))):
         names = tuple(field.strip('"') for field in dialect.fields(head))
-        body, first_line = rest, first_line + 1
+        body, first_line = body[len(head) + 1 :], first_line + 1
         if not body.strip():
             raise ReaderError("empty", f"{name}: no line of numbers" + (f" after the header {names[0]!r}"[:60]))
-    fields = dialect.fields(body.partition(b"\n")[0])
+    fields = dialect.fields(first_line_of(body))
     width = len(fields)
     if width == 1 and not dialect.is_number(fields[0]):
         raise _located(body, name, dialect, width, first_line, "no number")
@@ -94,13 +98,31 @@ def read_text(
     return Reading(values, chosen, columns, chosen)
 
 
-def _body(data: bytes, name: str) -> tuple[bytes, int]:
-    """Return the text without byte order mark and leading comments, and the number of its first line."""
+def first_line_of(body: bytes, begin: int = 0) -> bytes:
+    """Return the line that begins at a place, without its newline and without a copy of all the rest."""
+    end = body.find(b"\n", begin)
+    return body[begin:] if end < 0 else body[begin:end]
+
+
+def clean_text(data: bytes, name: str) -> bytes:
+    """Return a text without byte order mark and with line ends that hold a newline.
+
+    Raises:
+        ReaderError: ``unreadable`` for binary data, ``empty`` where there is nothing but blanks.
+    """
     if b"\0" in data:
         raise ReaderError("unreadable", f"{name}: expected text, found binary data (or UTF-16)")
     body = data.removeprefix(_BOM)
     if b"\n" not in body and b"\r" in body:
         body = body.replace(b"\r", b"\n")
+    if not body or body.isspace():
+        raise ReaderError("empty", f"{name}: no line of numbers ({len(data)} bytes)")
+    return body
+
+
+def _body(data: bytes, name: str) -> tuple[bytes, int]:
+    """Return the text without byte order mark and leading comments, and the number of its first line."""
+    body = clean_text(data, name)
     first_line = 1
     while body[:1] in (b"#", b"%"):
         body = body.partition(b"\n")[2]
@@ -156,6 +178,9 @@ def _parse(
 def _parse_with_pandas(
     body: bytes, dialect: _Dialect, columns: tuple[int, ...] | None, precision: type[np.float32] | type[np.float64]
 ) -> NDArray[np.floating]:
+    # The one import here that takes half a second.
+    import pandas as pd
+
     frame = pd.read_csv(
         io.BytesIO(body),
         header=None,

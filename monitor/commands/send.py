@@ -1,0 +1,136 @@
+"""``spallwatch send``: any recording to a receiver over TCP or MQTT."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from monitor.commands.common import InputError, config_option, emit, output_options, progress_bar, read_config
+
+if TYPE_CHECKING:
+    from streams.source import Source
+
+_FILE = click.Path(path_type=Path, dir_okay=False, exists=True)
+
+
+class _Seconds(click.ParamType):
+    """A positive number of seconds, or "file"."""
+
+    name = "SECONDS|file"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        try:
+            return value if value == "file" else float(value)
+        except ValueError:
+            self.fail(f"{value!r} is neither a number of seconds nor file", param, ctx)
+
+
+@click.command("send")
+@click.argument("path")
+@click.option("--to", "url", required=True, help="tcp://HOST:PORT or mqtt://HOST[:PORT]/TOPIC.")
+@click.option("--stream", help="Stream id at a TCP receiver: the name of its [[source]]; the name of the recording.")
+@config_option()
+@click.option("--format", "kind", default="auto", show_default=True, help="Without --config: format or data set.")
+@click.option("--rate-hz", type=click.FloatRange(min=0, min_open=True), help="Without --config: sampling rate.")
+@click.option("--block-s", type=_Seconds(), default=5.0, show_default=True, help="Without --config: block length.")
+@click.option("--pace", type=click.FloatRange(min=0, min_open=True), help="Times real time; as fast as it goes.")
+@click.option("--limit", type=click.IntRange(min=1), help="Send no block behind this number.")
+@click.option(
+    "--patience-s", type=click.FloatRange(min=0), default=300.0, show_default=True, help="Give up after so long."
+)
+@click.option("--username-file", type=_FILE, help="User name for the broker: the first line of this file.")
+@click.option("--password-file", type=_FILE, help="Password for the broker: likewise.")
+@click.option("--ca-file", type=_FILE, help="Certificates (PEM) that the broker's must descend from; switches TLS on.")
+@click.option("--cert-file", type=_FILE, help="Certificate of this machine (PEM).")
+@click.option("--key-file", type=_FILE, help="Its private key (PEM).")
+@output_options
+def command(
+    path: str,
+    url: str,
+    stream: str | None,
+    config_path: Path | None,
+    kind: str,
+    rate_hz: float | None,
+    block_s: float,
+    pace: float | None,
+    limit: int | None,
+    patience_s: float,
+    as_json: bool,
+    quiet: bool,
+    **files: Any,
+) -> None:
+    """Send a recording: PATH is a file, a folder, an archive or a source URL, as for replay.
+
+    It ends when the receiver has committed all of it. A receiver that is not there, or is restarted, is tried again; it
+    says what it has, and the recording goes on from there.
+    """
+    from streams.network import NetworkSpec, parse_address
+    from streams.sender import Link, Sender, TcpLink
+    from streams.wire import WireError
+
+    address = parse_address(url, "--to")
+    source = _recording(path, config_path, kind, rate_hz, block_s)
+    name = stream or source.name
+    link: Link
+    if address.scheme == "mqtt":
+        from streams.mqtt import MqttLink
+
+        link = MqttLink(address, NetworkSpec(**files))
+    else:
+        try:
+            link = TcpLink(address, name)
+        except WireError as error:
+            raise InputError(f"--stream {name!r}: {error}") from None
+    total = len(source) if limit is None else min(len(source), limit)
+    advance = _bar(total, quiet)
+    result = Sender(source, link, pace=pace, limit=limit, patience=patience_s, progress=advance).run()
+    values = {
+        "sent": result.sent,
+        "acknowledged": result.acknowledged,
+        "skipped": result.skipped,
+        "rejected": result.rejected,
+        "reconnects": result.reconnects,
+        "stream": address.topic or name,
+    }
+    emit(values, _lines(values), as_json=as_json)
+
+
+def _recording(path: str, config_path: Path | None, kind: str, rate: float | None, block_s: Any) -> Source:
+    from streams.source import SourceSpec, open_source
+
+    if config_path is None:
+        stem = re.sub(r"[^A-Za-z0-9_.-]", "-", Path(path).name)[:64] or "recording"
+        return open_source(SourceSpec(stem, path, format=kind, rate=rate, block_s=block_s))
+    from monitor.service.setup import open_configured
+
+    config = read_config(config_path)
+    if len(config.source) != 1:
+        raise InputError(f"send takes a configuration with one [[source]], {config_path} has {len(config.source)}")
+    return open_configured(config, config.source[0], path)
+
+
+def _bar(total: int, quiet: bool) -> Any:
+    """Return a callback that moves a progress bar to the number committed last."""
+    steps = iter(progress_bar("send", quiet=quiet)(range(total), total))
+    done = 0
+
+    def advance(committed: int) -> None:
+        nonlocal done
+        while done < committed:
+            done += 1
+            next(steps, None)
+
+    return advance
+
+
+def _lines(values: dict[str, Any]) -> Iterator[str]:
+    yield (
+        f"{values['sent']} blocks sent to {values['stream']}, committed up to block {values['acknowledged']}"
+        + (f"; {values['skipped']} were there already" if values["skipped"] else "")
+        + (f"; {values['rejected']} could not be made" if values["rejected"] else "")
+        + (f"; {values['reconnects']} reconnections" if values["reconnects"] else "")
+    )

@@ -1,0 +1,118 @@
+"""Speed and load of a block, and where they come from: the block itself, a channel of it, the signal, or a constant."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.bearing import Bearing
+from monitor.health.speed import SpeedStatus, estimate_speed
+
+SOURCES = ("block", "channel", "estimate", "configured")
+
+
+@dataclass(frozen=True)
+class ConditionSettings:
+    """What is configured of the operating condition, SI.
+
+    Attributes:
+        speed: constant shaft speed, Hz, or None.
+        load: constant load, N, or None.
+        speed_channel: channel whose mean is the speed, or None.
+        speed_scale: Hz in one unit of that channel.
+        load_channel: channel whose mean is the load, or None.
+        load_scale: N in one unit of that channel.
+        speed_limits: lowest and highest speed to look for in the signal, Hz, or None: it is not looked for.
+    """
+
+    speed: float | None = None
+    load: float | None = None
+    speed_channel: str | None = None
+    speed_scale: float = 1.0
+    load_channel: str | None = None
+    load_scale: float = 1.0
+    speed_limits: tuple[float, float] | None = None
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels that are no vibration."""
+        return tuple(name for name in (self.speed_channel, self.load_channel) if name is not None)
+
+    @property
+    def varies(self) -> bool:
+        """Whether more than constants is configured."""
+        return bool(self.channels) or self.speed_limits is not None
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A speed or a load.
+
+    Attributes:
+        value: Hz or N, or None where nothing tells it.
+        source: one of ``SOURCES``, or None.
+        sd: standard deviation of its error, or None where nothing tells it.
+    """
+
+    value: float | None = None
+    source: str | None = None
+    sd: float | None = None
+
+
+def speed_of(
+    stated: float | None,
+    rows: Mapping[str, NDArray[np.floating]],
+    samples: NDArray[np.floating] | None,
+    rate: float,
+    bearing: Bearing,
+    settings: ConditionSettings,
+) -> Quantity:
+    """Return the shaft speed of a block for one channel.
+
+    Args:
+        stated: what the block says itself, Hz, or None.
+        rows: samples of the channels that are no vibration, each of shape (sample,).
+        samples: of the vibration channel, shape (sample,), or None where they are not usable.
+        rate: sampling rate, Hz.
+        bearing: that the channel listens to.
+        settings: what is configured.
+
+    Returns:
+        The first of: what the block states, its speed channel, the estimate, the constant.
+    """
+    if stated is not None:
+        return Quantity(stated, "block")
+    found = _mean(rows, settings.speed_channel, settings.speed_scale, least=0.0)
+    if found is not None:
+        return found
+    if settings.speed_limits is not None and samples is not None:
+        estimate = estimate_speed(samples, rate, bearing, settings.speed_limits)
+        if estimate.status == SpeedStatus.OK:
+            return Quantity(estimate.speed, "estimate", estimate.sd)
+    return Quantity(settings.speed, "configured") if settings.speed is not None else Quantity()
+
+
+def load_of(stated: float | None, rows: Mapping[str, NDArray[np.floating]], settings: ConditionSettings) -> Quantity:
+    """Return the load of a block; arguments and order as in :func:`speed_of`, but a load is never estimated."""
+    if stated is not None:
+        return Quantity(stated, "block")
+    found = _mean(rows, settings.load_channel, settings.load_scale, least=-math.inf)
+    if found is not None:
+        return found
+    return Quantity(settings.load, "configured") if settings.load is not None else Quantity()
+
+
+def _mean(rows: Mapping[str, NDArray[np.floating]], channel: str | None, scale: float, least: float) -> Quantity | None:
+    """Return the mean and the spread of a channel; None unless the mean is finite and above ``least``."""
+    row = None if channel is None else rows.get(channel)
+    if row is None or row.size == 0:
+        return None
+    values = row.astype(np.float64) * scale
+    mean = float(values.mean())
+    if not (math.isfinite(mean) and mean > least):
+        return None
+    return Quantity(mean, "channel", float(values.std()))

@@ -1,0 +1,154 @@
+"""The ledger that live sources ask, on the database of the store.
+
+Blocks are the store's own rows. What is known of the files of watched folders has a table of its own, written in the
+transaction of the block that it belongs to: a process that dies between two commits leaves both or neither.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+from collections.abc import Iterable
+from types import TracebackType
+from typing import Any, Self
+
+from monitor.records.store import Store
+from monitor.records.tables import StoreError
+from streams.block import Rejected
+from streams.ledger import FileProgress
+
+_TABLES = (
+    """CREATE TABLE IF NOT EXISTS files (
+    source TEXT NOT NULL, path TEXT NOT NULL, size INTEGER NOT NULL, mtime_ns INTEGER NOT NULL, inode INTEGER NOT NULL,
+    head_hash TEXT NOT NULL, content_hash TEXT NOT NULL, read_bytes INTEGER NOT NULL, samples INTEGER NOT NULL,
+    verdict TEXT NOT NULL, PRIMARY KEY (source, path)
+) WITHOUT ROWID""",
+    "CREATE INDEX IF NOT EXISTS files_by_content ON files (source, head_hash, content_hash)",
+    "CREATE INDEX IF NOT EXISTS files_by_verdict ON files (source, verdict)",
+    "CREATE INDEX IF NOT EXISTS blocks_by_content ON blocks (source, content_hash)",
+)
+_COLUMNS = "path, size, mtime_ns, inode, head_hash, content_hash, read_bytes, samples, verdict"
+_ALIKE = 8
+
+
+class StoreLedger:
+    """A :class:`streams.ledger.Ledger` on an open store; questions may come from any thread.
+
+    All methods raise :class:`StoreError` where the database cannot be read or written.
+    """
+
+    def __init__(self, store: Store) -> None:
+        """Take an open store, whose database gets what it lacks; close the ledger before the store."""
+        self._store = store
+        if store.writable:
+            with store.transaction() as connection:
+                for statement in _TABLES:
+                    connection.execute(statement)
+        self._lock = threading.Lock()
+        try:
+            # Its own connection: the store's may be used by the thread that commits only.
+            self._reader = sqlite3.connect(
+                f"{store.path.absolute().as_uri()}?mode=ro",
+                uri=True,
+                isolation_level=None,
+                timeout=5.0,
+                check_same_thread=False,
+            )
+        except sqlite3.Error as error:
+            raise StoreError(f"{store.path}: {error}") from error
+
+    def close(self) -> None:
+        """Close the ledger's own connection."""
+        with self._lock:
+            self._reader.close()
+
+    def __enter__(self) -> Self:
+        """Return the ledger itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the ledger."""
+        self.close()
+
+    def _rows(self, query: str, *values: Any) -> list[Any]:
+        with self._lock:
+            try:
+                return self._reader.execute(query, values).fetchall()
+            except sqlite3.Error as error:
+                raise StoreError(f"{self._store.path}: {error}") from error
+
+    def committed(self, source: str) -> int:
+        """Return the highest committed sequence number of a source, 0 where there is none."""
+        return self._rows("SELECT coalesce(max(sequence), 0) FROM blocks WHERE source = ?", source)[0][0]
+
+    def content_of(self, source: str, sequence: int) -> str | None:
+        """Return the content hash of the block committed under a number, or None."""
+        found = self._rows("SELECT content_hash FROM blocks WHERE source = ? AND sequence = ?", source, sequence)
+        return found[0][0] if found else None
+
+    def known(self, source: str, content_hash: str) -> int | None:
+        """Return the number of a committed block with this content, or None."""
+        query = "SELECT min(sequence) FROM blocks WHERE source = ? AND content_hash = ?"
+        return self._rows(query, source, content_hash)[0][0]
+
+    def file(self, source: str, path: str) -> FileProgress | None:
+        """Return what is known of a file, or None."""
+        found = self._rows(f"SELECT {_COLUMNS} FROM files WHERE source = ? AND path = ?", source, path)
+        return FileProgress(*found[0]) if found else None
+
+    def files_like(self, source: str, head_hash: str, content_hash: str) -> list[FileProgress]:
+        """Return files with this content, then some that begin in the same way."""
+        query = f"SELECT {_COLUMNS} FROM files WHERE source = ? AND head_hash = ? AND content_hash"
+        same = self._rows(f"{query} = ? LIMIT {_ALIKE}", source, head_hash, content_hash)
+        alike = self._rows(f"{query} <> ? LIMIT {_ALIKE}", source, head_hash, content_hash)
+        return [FileProgress(*row) for row in (*same, *alike)]
+
+    def pending_files(self, source: str) -> list[FileProgress]:
+        """Return the files of which samples wait."""
+        query = f"SELECT {_COLUMNS} FROM files WHERE source = ? AND verdict = 'pending'"
+        return [FileProgress(*row) for row in self._rows(query, source)]
+
+    def file_counts(self, source: str) -> dict[str, int]:
+        """Return how many files have which verdict."""
+        return dict(self._rows("SELECT verdict, count(*) FROM files WHERE source = ? GROUP BY verdict", source))
+
+    def remember(self, source: str, progress: Iterable[FileProgress]) -> None:
+        """Store the progress of files in a transaction of its own."""
+        with self._store.transaction() as connection:
+            write_progress(connection, source, progress)
+
+    def move(self, source: str, path: str, progress: FileProgress) -> None:
+        """Store what is known of a file under the name that it has now, in place of ``path``."""
+        with self._store.transaction() as connection:
+            connection.execute("DELETE FROM files WHERE source = ? AND path = ?", (source, path))
+            write_progress(connection, source, [progress])
+
+    def refuse(self, item: Rejected, progress: Iterable[FileProgress]) -> None:
+        """Count the offer of a block whose place is taken, ``duplicate`` or ``changed``; the block itself stays.
+
+        Args:
+            item: the rejection, with the number of the block that has the place.
+            progress: of the files that it came from.
+        """
+        with self._store.transaction() as connection:
+            connection.execute(
+                "INSERT INTO refusals VALUES (?, ?, ?, ?, ?, 1) ON CONFLICT DO UPDATE SET times = times + 1",
+                (item.source, item.sequence, item.content_hash, item.name, item.status),
+            )
+            write_progress(connection, item.source, progress)
+
+
+def write_progress(connection: sqlite3.Connection, source: str, progress: Iterable[FileProgress]) -> None:
+    """Write the progress of files within an open transaction."""
+    connection.executemany(
+        f"INSERT OR REPLACE INTO files (source, {_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        [
+            (
+                *(source, item.path, item.size, item.mtime_ns, item.inode, item.head_hash, item.content_hash),
+                *(item.read_bytes, item.samples, item.verdict),
+            )
+            for item in progress
+        ],
+    )

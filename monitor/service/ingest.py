@@ -1,0 +1,202 @@
+"""From live sources to the store: each delivery is judged, committed, and only then acknowledged."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any, Self
+
+from monitor.config import Config, ConfigError
+from monitor.records.ledger import StoreLedger, write_progress
+from monitor.records.record import Record
+from monitor.records.store import Store, StoreError
+from monitor.service.setup import channel_setups, source_spec
+from monitor.service.watcher import Watcher
+from streams.block import Block, Rejected
+from streams.live import Backlog, Delivery, LiveSource
+from streams.source import SourceError, open_live
+
+_LOG = logging.getLogger(__name__)
+_TURN = 0.2
+_RETRY = 1.0
+
+
+class Ingest:
+    """Takes deliveries from sources in turn and commits them, in one thread.
+
+    A block whose number the ledger has already is counted as ``duplicate`` or ``changed`` and never judged. Where the
+    store cannot commit (a full disk, say), nothing is acknowledged and the same block is tried again until it can.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        ledger: StoreLedger,
+        sources: Sequence[LiveSource],
+        watchers: Mapping[str, Watcher],
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        """Take what others have opened.
+
+        Args:
+            store: open for writing, in this thread.
+            ledger: on that store; the sources were opened with it.
+            sources: open; they are closed with the ingest.
+            watchers: by the name of the source that their blocks bear.
+            clock: UTC seconds since 1970.
+        """
+        self.sources = tuple(sources)
+        self.watchers = dict(watchers)
+        self._store, self._ledger, self._clock = store, ledger, clock
+        self._trouble: str | None = None
+        self._turn = 0
+
+    @classmethod
+    def open(cls, config: Config, store: Store) -> Self:
+        """Open all sources of a configuration where the store ends.
+
+        Args:
+            config: the machine.
+            store: open for writing.
+
+        Raises:
+            ConfigError: a source cannot be opened as configured.
+        """
+        try:
+            with ExitStack() as opened:
+                ledger = opened.enter_context(StoreLedger(store))
+                watchers: dict[str, Watcher] = {}
+                states = store.load_states()
+                for section in config.source:
+                    watcher = Watcher(section.name, channel_setups(config, section), section.rate_hz)
+                    watcher.restore(states, store.record(section.name, store.last(section.name)))
+                    watchers[section.name] = watcher
+                specs = [source_spec(config, section) for section in config.source]
+                sources = [opened.enter_context(source) for source in open_live(specs, ledger)]
+                # All are open: from here on the ingest closes them.
+                opened.pop_all()
+        except SourceError as error:
+            raise ConfigError(str(error)) from None
+        return cls(store, ledger, sources, watchers)
+
+    def run(self, stop: threading.Event, seen: Callable[[Record], None] | None = None) -> None:
+        """Take deliveries until told to stop; a delivery that was begun is finished first if the store lets it.
+
+        Args:
+            stop: set by whoever wants an end.
+            seen: called with each record after its commit.
+        """
+        while not stop.is_set():
+            record = self.step(stop)
+            if record is not None and seen is not None:
+                seen(record)
+
+    def step(self, stop: threading.Event) -> Record | None:
+        """Wait a moment for a delivery and commit it.
+
+        Args:
+            stop: set by whoever wants an end; ends the attempts to commit.
+
+        Returns:
+            The committed record, or None where nothing came or the block was refused.
+        """
+        for _ in self.sources:
+            source = self.sources[self._turn]
+            self._turn = (self._turn + 1) % len(self.sources)
+            delivery = self._next(source, stop)
+            if delivery is not None:
+                return self._take(source, delivery, stop)
+        return None
+
+    def _next(self, source: LiveSource, stop: threading.Event) -> Delivery | None:
+        found: list[Delivery | None] = []
+        # A source that asks the ledger meets the same full disk as a commit does.
+        self._insist(lambda: found.append(source.next(_TURN / len(self.sources))), stop)
+        return found[0] if found else None
+
+    def _take(self, source: LiveSource, delivery: Delivery, stop: threading.Event) -> Record | None:
+        item = self._with_place(delivery.item)
+        record: Record | None = None
+        if isinstance(item, Rejected) and item.status in ("duplicate", "changed"):
+            refused = item
+            done = self._insist(lambda: self._ledger.refuse(refused, delivery.progress), stop)
+        else:
+            watcher = self.watchers[item.source]
+            judged = record = self._judged(watcher, item)
+            states = watcher.states()
+            done = self._insist(
+                lambda: self._store.commit(
+                    judged, states, lambda connection: write_progress(connection, item.source, delivery.progress)
+                ),
+                stop,
+            )
+        if not done:
+            return None
+        source.acknowledge(delivery)
+        return record
+
+    def _with_place(self, item: Block | Rejected) -> Block | Rejected:
+        """Return the item, or the rejection of one whose number is taken."""
+        if isinstance(item, Rejected) and item.status in ("duplicate", "changed"):
+            return item
+        had = self._ledger.content_of(item.source, item.sequence)
+        if had is None:
+            return item
+        status = "duplicate" if had == item.content_hash else "changed"
+        reason = f"block {item.sequence} is there already"
+        return Rejected(item.source, item.sequence, item.name, status, reason, item.content_hash)
+
+    def _judged(self, watcher: Watcher, item: Block | Rejected) -> Record:
+        now = self._clock()
+        try:
+            return watcher.process(item, now=now)
+        except ConfigError as error:
+            # A recording would be given up here; of a live source the next block may be better.
+            refused = Rejected(item.source, item.sequence, item.name, "wrong_shape", str(error), item.content_hash)
+            return watcher.process(refused, now=now)
+
+    def _insist(self, action: Callable[[], Any], stop: threading.Event) -> bool:
+        """Do what needs the database, however often it takes; return False where the end came first."""
+        while True:
+            try:
+                action()
+            except StoreError as error:
+                if self._trouble is None:
+                    _LOG.error("the store fails, nothing is committed: %s", error)
+                self._trouble = str(error)
+                if stop.wait(_RETRY):
+                    return False
+                continue
+            if self._trouble is not None:
+                _LOG.warning("the store works again")
+            self._trouble = None
+            return True
+
+    def backlogs(self) -> dict[str, Backlog]:
+        """Return how far each source has come, by name."""
+        return {source.name: source.backlog() for source in self.sources}
+
+    def problems(self) -> dict[str, str]:
+        """Return what is wrong, by the name of the source, and under "store" why nothing can be committed."""
+        found = {source.name: problem for source in self.sources if (problem := source.problem()) is not None}
+        return found | ({"store": self._trouble} if self._trouble is not None else {})
+
+    def close(self) -> None:
+        """Close the sources and the ledger; the store stays open."""
+        for source in self.sources:
+            source.close()
+        self._ledger.close()
+
+    def __enter__(self) -> Self:
+        """Return the ingest itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the ingest."""
+        self.close()

@@ -1,0 +1,1 @@
+"""The published data sets, one module for each kind of file."""

@@ -1,0 +1,102 @@
+"""How much of a file is there, by its own header: files that are still being written say more than they hold."""
+
+from __future__ import annotations
+
+import struct
+
+_TDMS_LEAD = 28
+_TDMS_UNKNOWN = 0xFFFFFFFFFFFFFFFF
+
+
+def declared_size(data: bytes, name: str) -> int | None:
+    """Return the least size in bytes that a file's header promises, or None where it promises none.
+
+    Known are WAV (RIFF), .npy, HDF5 with netCDF4 and MAT v7.3 (end-of-file address of the superblock) and TDMS.
+
+    Args:
+        data: the file, or its first 4 KiB (for TDMS the whole of it).
+        name: its name.
+    """
+    ending = name.lower().rpartition(".")[2]
+    if data[:4] == b"RIFF" and len(data) >= 8:
+        return _riff_size(data)
+    if data[:6] == b"\x93NUMPY":
+        return _npy_size(data)
+    if data[:4] == b"TDSm" and ending == "tdms":
+        return _tdms_size(data)
+    for base in (0, 512):
+        if data[base : base + 8] == b"\x89HDF\r\n\x1a\n":
+            return _hdf5_size(data, base)
+    return None
+
+
+def _riff_size(data: bytes) -> int | None:
+    size = struct.unpack_from("<I", data, 4)[0]
+    # Writers to a pipe put 0 or the largest number there, and never come back to it.
+    return None if size in (0, 0xFFFFFFFF, 0x7FFFFFFF) else size + 8
+
+
+def _npy_size(data: bytes) -> int | None:
+    import ast
+    import math
+
+    import numpy as np
+
+    wide = data[6:7] != b"\x01"
+    try:
+        (length,) = struct.unpack_from("<I" if wide else "<H", data, 8)
+        begin = 12 if wide else 10
+        if begin + length > 1 << 16:
+            return None
+        header = ast.literal_eval(data[begin : begin + length].decode("latin-1"))
+        return begin + length + math.prod(header["shape"]) * np.dtype(header["descr"]).itemsize
+    except (struct.error, ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError):
+        # A header that cannot be read promises nothing; the reader says what is wrong with it.
+        return None
+
+
+def _hdf5_size(data: bytes, base: int) -> int | None:
+    version = data[base + 8] if len(data) > base + 8 else 255
+    if version in (0, 1):
+        width = data[base + 13] if len(data) > base + 13 else 0
+        place = base + (24 if version == 0 else 28) + 2 * width
+    elif version in (2, 3):
+        width = data[base + 9] if len(data) > base + 9 else 0
+        place = base + 12 + 2 * width
+    else:
+        return None
+    field = data[place : place + width]
+    if width not in (2, 4, 8) or len(field) < width or field == b"\xff" * width:
+        return None
+    return int.from_bytes(field, "little")
+
+
+def _tdms_segments(data: bytes) -> tuple[int, int | None]:
+    """Return the end of the last whole segment, and what the one after it promises (None: nothing)."""
+    end = 0
+    while data[end : end + 4] == b"TDSm" and len(data) >= end + _TDMS_LEAD:
+        (following,) = struct.unpack_from("<Q", data, end + 12)
+        if following == _TDMS_UNKNOWN:
+            return end, None
+        target = end + _TDMS_LEAD + following
+        if target > len(data):
+            return end, target
+        end = target
+    return end, (end + _TDMS_LEAD if end < len(data) else None)
+
+
+def _tdms_size(data: bytes) -> int | None:
+    end, promised = _tdms_segments(data)
+    return promised if promised is not None else (end or None)
+
+
+def whole_part(data: bytes, kind: str) -> bytes:
+    """Return the part of a file that is still being written whose samples are final.
+
+    Args:
+        data: what is there of it.
+        kind: "csv": up to the last end of a line; "tdms": up to the end of the last whole segment.
+    """
+    if kind == "tdms":
+        return data[: _tdms_segments(data)[0]]
+    return data[: data.rfind(b"\n") + 1]

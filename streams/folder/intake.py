@@ -1,0 +1,360 @@
+"""From the files whose turn it is to deliveries: each becomes blocks, a rejection with a reason, or waits."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from zoneinfo import ZoneInfo
+
+import numpy as np
+
+from streams.block import Block, Rejected
+from streams.blocks import TAIL
+from streams.dataset import DataSet, FileFacts
+from streams.folder.listing import look_at
+from streams.folder.loading import GROWS, Parsed, Raw, UnfinishedError, is_more_of, parse, read_raw
+from streams.folder.names import unshown
+from streams.folder.register import ARCHIVED, INCOMPLETE_AFTER, Entry, Register
+from streams.ledger import ACCEPTED, PENDING, FileProgress, Ledger
+from streams.live import Delivery
+from streams.readers.reading import ReaderError
+from streams.reblock import Chunk, Cut, Reblocker, samples_hash
+from streams.spec import SourceSpec
+
+_LOOK_AHEAD = 8
+_LOOK_AHEAD_BYTES = 1 << 26
+_PATIENCE = {"incomplete": INCOMPLETE_AFTER, "empty": INCOMPLETE_AFTER}
+# A side-car may come after its file.
+_RETRIED = ("unreadable", "short", "wrong_shape", "wrong_rate", "wrong_unit")
+_RETRY = 10.0
+_REFUSED = ("duplicate", "changed")
+
+Loaded = tuple[Entry, Raw, FileFacts, Parsed]
+
+
+class Intake:
+    """Takes the files of a register in turn and keeps the deliveries that come of them.
+
+    Attributes:
+        ready: deliveries that nobody has asked for yet.
+    """
+
+    def __init__(self, spec: SourceSpec, root: Path, data_set: DataSet, ledger: Ledger, register: Register) -> None:
+        """Begin where the ledger ends.
+
+        Args:
+            spec: configuration of the source.
+            root: the resolved folder.
+            data_set: what its files are.
+            ledger: what was committed.
+            register: the files that wait.
+        """
+        self.root = root
+        self.ready: deque[Delivery] = deque()
+        self.name = spec.name
+        self._spec, self._set, self._ledger, self._register = spec, data_set, ledger, register
+        self._zone = ZoneInfo(spec.timezone)
+        one_a_file = data_set.snapshot or spec.block_s == "file"
+        self._reblocker = None if one_a_file or spec.block_s == "file" else Reblocker(spec.block_s)
+        self._grows = self._reblocker is not None and data_set.name in GROWS
+        self._period = spec.block_s if self._grows and spec.block_s != "file" else None
+        self._on_the_way: dict[int, str] = {}
+        self._highest = ledger.committed(spec.name)
+
+    def advance(self, now: float) -> bool:
+        """Take the next files; return whether anything happened.
+
+        Names need not sort by time, but the files themselves often state it: a few of them are looked at at once.
+        """
+        batch: list[Loaded] = []
+        size, happened = 0, False
+        while len(batch) < (1 if self._reblocker is None else _LOOK_AHEAD) and size < _LOOK_AHEAD_BYTES:
+            entry = self._register.take(now, self._period)
+            if entry is None:
+                break
+            happened = True
+            loaded = self._load(entry, now)
+            if loaded is not None:
+                batch.append(loaded)
+                size += loaded[3].samples.nbytes
+            elif self.ready:
+                break
+        if all(loaded[3].start is not None for loaded in batch):
+            batch.sort(key=lambda loaded: loaded[3].start or 0.0)
+        for loaded in batch:
+            self._emit(*loaded)
+        return self._flush_late(now) or happened
+
+    def acknowledge(self, delivery: Delivery) -> None:
+        """Take note that a delivery is committed."""
+        item = delivery.item
+        if not (isinstance(item, Rejected) and item.status in _REFUSED):
+            self._on_the_way.pop(item.sequence, None)
+        entries: tuple[Entry, ...] = delivery.token
+        for entry, progress in zip(entries, delivery.progress, strict=True):
+            entry.outstanding -= 1
+            entry.base = progress
+            if not entry.outstanding and entry.phase == "delivered" and progress.verdict != PENDING:
+                self._register.settle(entry, progress)
+
+    def _facts(self, path: str) -> FileFacts | None:
+        return self._set.facts(path, str(self.root), self._zone)
+
+    def _load(self, entry: Entry, now: float) -> Loaded | None:
+        """Read a file whose turn it is; whatever is wrong with it becomes a status."""
+        facts = self._facts(entry.path)
+        if facts is None:
+            self._register.leave(entry, entry.counted)
+            return None
+        growing = self._grows and not self._register.settled(entry, now)
+        raw: Raw | None = None
+        try:
+            if entry.absent is not None:
+                raise ReaderError("unreadable", f"{entry.key}: is gone, before all of it could be read")
+            entry.read_at = now
+            raw = read_raw(self.root, entry, self._set.name if growing else None)
+            if self._is_known(entry, raw, facts):
+                return None
+            parsed = parse(raw, entry, facts, self._set, self._spec)
+            self._check_length(parsed, entry)
+        except UnfinishedError as error:
+            self._wait_again(entry, error, now)
+            return None
+        except ReaderError as error:
+            patience = _PATIENCE.get(error.status, _RETRY * self._spec.settle_s if error.status in _RETRIED else 0.0)
+            if now - entry.changed < patience and entry.absent is None:
+                self._register.put_aside(entry, entry.changed + patience)
+            else:
+                self._reject(entry, raw, facts, error)
+            return None
+        except BaseException:
+            # The ledger failed; the file keeps its turn.
+            self._register.queue(entry)
+            raise
+        return entry, raw, facts, parsed
+
+    def _wait_again(self, entry: Entry, error: UnfinishedError, now: float) -> None:
+        entry.changed, entry.closed = now, False
+        if error.stat is None:
+            entry.absent = now
+        else:
+            entry.stat = error.stat
+        self._register.queue(entry)
+
+    def _reject(self, entry: Entry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
+        if self._reblocker is not None:
+            # Nothing may be joined over a file that could not be read.
+            self._give(self._reblocker.flush())
+        digest = "" if raw is None else raw.progress.content_hash
+        number, status = self._number_of(facts), error.status
+        if number is None:
+            number = self._next_number()
+        elif not self._free(number):
+            status = "changed"
+        stat = entry.stat
+        known = entry.base or (raw.progress if raw is not None else FileProgress(entry.key, 0, 0, 0))
+        progress = replace(
+            known, path=entry.key, size=stat.size, mtime_ns=stat.mtime_ns, inode=stat.inode, verdict=status
+        )
+        self._deliver(
+            Rejected(self.name, number, entry.key, status, _printable(str(error)), digest), [(entry, progress)]
+        )
+
+    def _is_known(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+        """Tell files apart by content: True where nothing of this one is new."""
+        last = entry.read or entry.base
+        if last is not None:
+            touched = last.content_hash == raw.progress.content_hash
+            if touched and entry.base is not None and entry.base.verdict != PENDING:
+                progress = replace(raw.progress, samples=entry.base.samples, verdict=entry.base.verdict)
+                self._ledger.remember(self.name, [progress])
+                self._register.settle(entry, progress)
+                return True
+            if touched or (self._grows and is_more_of(raw, last)):
+                entry.fed = max(entry.fed, 0 if entry.base is None else entry.base.samples)
+                return False
+            if self._reblocker is not None:
+                self._give(self._reblocker.flush())
+            self._register.renew(entry)
+        return self._is_copy(entry, raw, facts) or self._is_taken(entry, raw, facts)
+
+    def _is_copy(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+        """Recognise a file that was taken under another name."""
+        digest = raw.progress.content_hash
+        for known in self._ledger.files_like(self.name, raw.progress.head_hash, digest):
+            if known.path == entry.key or known.verdict == PENDING or not known.samples or not is_more_of(raw, known):
+                continue
+            if known.content_hash != digest:
+                if self._grows:
+                    # A log that was copied away and went on in the copy: what came before is committed.
+                    entry.fed = known.samples
+                    return False
+                continue
+            if known.inode == entry.stat.inode and look_at(str(self.root), unshown(known.path)) is None:
+                self._register.adopt(entry, known)
+                return True
+            if self._is_flat(entry, raw, facts):
+                continue
+            reason = f"{entry.key}: holds the same bytes as {known.path.partition(ARCHIVED)[0]}"
+            number = self._ledger.known(self.name, digest) or max(1, self._ledger.committed(self.name))
+            rejected = Rejected(self.name, number, entry.key, "duplicate", reason, digest)
+            self._deliver(rejected, [(entry, replace(raw.progress, samples=known.samples, verdict="duplicate"))])
+            return True
+        return False
+
+    def _is_flat(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+        """Tell whether all samples of a file are alike: a dead sensor gives the same bytes every time."""
+        try:
+            samples = parse(raw, entry, facts, self._set, self._spec).samples
+        except ReaderError:
+            return False
+        return bool(np.all(samples == samples[:, :1]))
+
+    def _is_taken(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+        """Refuse a file whose own number another block has already."""
+        number, digest = self._number_of(facts), raw.progress.content_hash
+        if number is None or self._free(number):
+            return False
+        had = self._on_the_way.get(number) or self._ledger.content_of(self.name, number)
+        status = "duplicate" if had == digest else "changed"
+        reason = f"{entry.key}: block {number} is there already" + (", with other samples" if had != digest else "")
+        rejected = Rejected(self.name, number, entry.key, status, reason, digest)
+        self._deliver(rejected, [(entry, replace(raw.progress, verdict=status))])
+        return True
+
+    def _number_of(self, facts: FileFacts) -> int | None:
+        """Return the number that a file claims for its block, None where blocks are numbered as they come."""
+        return facts.number if self._reblocker is None else None
+
+    def _free(self, number: int) -> bool:
+        return number not in self._on_the_way and self._ledger.content_of(self.name, number) is None
+
+    def _check_length(self, parsed: Parsed, entry: Entry) -> None:
+        expected, found = self._set.samples, parsed.samples.shape[1]
+        if expected is not None and found < TAIL * expected:
+            raise ReaderError("short", f"{entry.key}: {found} samples, {expected} were expected")
+        if expected is not None and found > expected:
+            raise ReaderError("wrong_shape", f"{entry.key}: {found} samples, {expected} were expected")
+
+    def _emit(self, entry: Entry, raw: Raw, facts: FileFacts, parsed: Parsed) -> None:
+        """Give the blocks of a file."""
+        entry.read, entry.total = raw.progress, parsed.samples.shape[1]
+        if self._reblocker is None:
+            number = self._number_of(facts)
+            if number is None:
+                number = self._next_number()
+            elif self._is_taken(entry, raw, facts):
+                return
+            progress = replace(raw.progress, samples=entry.total, verdict=ACCEPTED)
+            block = _block(self.name, parsed, number, entry.key, raw.progress.content_hash)
+            self._deliver(block, [(entry, progress)])
+            return
+        begin = min(entry.fed, entry.total)
+        start = None if parsed.start is None else parsed.start + begin / parsed.rate
+        chunk = Chunk(parsed.samples[:, begin:], parsed.rate, parsed.channels, parsed.units, start, entry, begin)
+        entry.fed = entry.total
+        entry.phase = "held"
+        self._give(self._reblocker.feed(chunk), parsed)
+        if parsed.start is None and not self._grows:
+            # Nothing says when the next file begins, so nothing can be joined to this one.
+            self._give(self._reblocker.flush(), parsed)
+        self._let_go(entry)
+
+    def _flush_late(self, now: float) -> bool:
+        """Cut off what waited long enough for more."""
+        if self._reblocker is None or not self._reblocker.held:
+            return False
+        if any(now - entry.changed < INCOMPLETE_AFTER for entry in self._reblocker.origins if isinstance(entry, Entry)):
+            return False
+        self._give(self._reblocker.flush())
+        return True
+
+    def _let_go(self, entry: Entry) -> None:
+        """Let an entry whose samples are all on their way (or committed) wait for nothing but acknowledgements."""
+        if entry.phase != "held" or (self._reblocker is not None and entry in self._reblocker.origins):
+            return
+        if not entry.outstanding and entry.read is not None:
+            # A growing file was read and had nothing new.
+            progress = replace(entry.read, path=entry.key, samples=entry.total, verdict=ACCEPTED)
+            self._ledger.remember(self.name, [progress])
+            self._register.settle(entry, progress)
+        entry.phase = "delivered"
+
+    def _give(self, cuts: Iterable[Cut], parsed: Parsed | None = None) -> None:
+        for cut in cuts:
+            pairs = list(self._progress_of(cut))
+            first, offset = cut.first
+            name = first.key if isinstance(first, Entry) else ""
+            length = cut.samples.shape[1]
+            name += f"[{round(offset / cut.rate, 3):g} s]" if offset or len(pairs) > 1 else ""
+            digest = samples_hash(cut.samples, cut.rate, cut.channels)
+            number = self._next_number()
+            if cut.missing:
+                whole = (length + cut.missing) / cut.rate
+                reason = f"{name}: {length / cut.rate:g} s are left before a gap, a block has {whole:g} s"
+                item: Block | Rejected = Rejected(self.name, number, name, "short", reason, digest)
+            else:
+                speed, load = (None, None) if parsed is None else (parsed.speed, parsed.load)
+                item = Block(
+                    samples=cut.samples,
+                    rate=cut.rate,
+                    channels=cut.channels,
+                    units=cut.units,
+                    source=self.name,
+                    sequence=number,
+                    name=name,
+                    start=cut.start,
+                    speed=speed,
+                    load=load,
+                    content_hash=digest,
+                )
+            self._deliver(item, pairs)
+            for entry, _ in pairs:
+                self._let_go(entry)
+
+    def _progress_of(self, cut: Cut) -> Iterator[tuple[Entry, FileProgress]]:
+        for entry, end in cut.used:
+            if not isinstance(entry, Entry) or entry.read is None:
+                continue
+            entry.blocks += not cut.missing
+            verdict = PENDING
+            if end >= entry.total:
+                verdict = ACCEPTED if entry.blocks or (entry.base and entry.base.samples) else "short"
+            yield entry, replace(entry.read, path=entry.key, samples=end, verdict=verdict)
+
+    def _next_number(self) -> int:
+        return self._highest + 1
+
+    def _deliver(self, item: Block | Rejected, pairs: list[tuple[Entry, FileProgress]]) -> None:
+        if not (isinstance(item, Rejected) and item.status in _REFUSED):
+            self._on_the_way[item.sequence] = item.content_hash
+            self._highest = max(self._highest, item.sequence)
+        for entry, _ in pairs:
+            entry.outstanding += 1
+            if entry.phase != "held":
+                entry.phase = "delivered"
+        self.ready.append(Delivery(item, tuple(entry for entry, _ in pairs), tuple(progress for _, progress in pairs)))
+
+
+def _printable(text: str) -> str:
+    """Replace what no terminal and no database should be given."""
+    return "".join(character if character.isprintable() else "?" for character in text)
+
+
+def _block(source: str, parsed: Parsed, number: int, name: str, digest: str) -> Block:
+    return Block(
+        samples=parsed.samples,
+        rate=parsed.rate,
+        channels=parsed.channels,
+        units=parsed.units,
+        source=source,
+        sequence=number,
+        name=name,
+        start=parsed.start,
+        elapsed=parsed.elapsed,
+        speed=parsed.speed,
+        load=parsed.load,
+        content_hash=digest,
+    )

@@ -1,0 +1,254 @@
+"""A watched folder as a live source.
+
+The truth is a periodic scan against the ledger; events only wake it. What waits, waits on the disk.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+from zoneinfo import ZoneInfo
+
+from streams.dataset import DataSet, FileFacts
+from streams.files import Item, natural_key, read_guarded
+from streams.folder.intake import Intake
+from streams.folder.listing import list_files, look_at
+from streams.folder.names import left_alone
+from streams.folder.register import INCOMPLETE_AFTER, Order, Register
+from streams.folder.watch import Watch
+from streams.ledger import Ledger
+from streams.live import Backlog, Delivery
+from streams.recognise import data_set_of
+from streams.spec import SourceError, SourceSpec
+
+_LOG = logging.getLogger(__name__)
+_SHARE_OF_SCAN = 20.0
+
+
+class Clock(Protocol):
+    """What tells the time, so that tests need not wait."""
+
+    def monotonic(self) -> float:
+        """Return seconds that never go back."""
+        ...
+
+    def wait(self, event: threading.Event, seconds: float) -> None:
+        """Wait until an event is set, or for so many seconds."""
+        ...
+
+
+class SystemClock:
+    """The clock of the machine."""
+
+    def monotonic(self) -> float:
+        """Return seconds that never go back."""
+        return time.monotonic()
+
+    def wait(self, event: threading.Event, seconds: float) -> None:
+        """Wait until an event is set, or for so many seconds."""
+        event.wait(seconds)
+
+
+class FolderSource:
+    """The files of a folder, each accepted, rejected with a reason, or pending; see :class:`streams.live.LiveSource`.
+
+    A file has its turn when it was closed after writing or moved in, or has not changed for the settling time, and as
+    much of it is there as its header promises. A data set of snapshots gives one block a file, under the file's own
+    number where it has one; other files are cut into blocks that go on from file to file where their start times say
+    so. A CSV or TDMS file that grows is taken up where the last block of it ended.
+    """
+
+    def __init__(self, spec: SourceSpec, root: str, clock: Clock | None = None) -> None:
+        """Take a folder; nothing is looked at before :meth:`open`.
+
+        Args:
+            spec: configuration of the source.
+            root: the folder.
+            clock: what tells the time.
+        """
+        self.name = spec.name
+        self._spec = spec
+        self._root = Path(root).expanduser()
+        self._real = self._root
+        self._clock = clock or SystemClock()
+        self._zone = ZoneInfo(spec.timezone)
+        self._set: DataSet | None = None
+        self._intake: Intake | None = None
+        self._wake = threading.Event()
+        self._watch = Watch(self._wake.set)
+        self._identity: tuple[int, int] | None = None
+        self._problem: str | None = None
+        self._unknown: str | None = None
+        self._next_scan = 0.0
+        self._ledger: Ledger | None = None
+        self._files: Register | None = None
+
+    def open(self, ledger: Ledger) -> None:
+        """Begin with what the ledger has.
+
+        Raises:
+            SourceError: the folder is a file, or the configuration names no known format.
+        """
+        where = f"[[source]] {self.name}"
+        if self._root.exists() and not self._root.is_dir():
+            raise SourceError(f"{where}: url: expected a folder, {str(self._root)!r} is a file")
+        self._real = self._root.resolve()
+        if self._spec.format.strip().lower() != "auto":
+            self._set = data_set_of(self._spec, _Some(self._real, ()), self._spec.format)
+        self._ledger = ledger
+        self._intake = None
+        now = self._clock.monotonic()
+        self._files = Register(self.name, ledger, self._spec.settle_s, self._order_of, now)
+        self._next_scan = now
+
+    def next(self, timeout: float) -> Delivery | None:
+        """Return the next delivery, or None after ``timeout`` seconds without one."""
+        deadline = self._clock.monotonic() + timeout
+        while True:
+            now = self._clock.monotonic()
+            if self._intake is not None and self._intake.ready:
+                return self._intake.ready.popleft()
+            self._wake.clear()
+            self._listen(now)
+            if self._advance(now):
+                continue
+            if now >= deadline:
+                return None
+            left = min(deadline, self._next_scan) - now
+            self._clock.wait(self._wake, max(0.01, min(left, self._spec.settle_s / 4)))
+
+    def acknowledge(self, delivery: Delivery) -> None:
+        """Take note that a delivery is committed."""
+        if self._intake is not None:
+            self._intake.acknowledge(delivery)
+
+    def backlog(self) -> Backlog:
+        """Return how far the folder has come."""
+        return self._register.backlog(self._clock.monotonic())
+
+    def problem(self) -> str | None:
+        """Return what keeps the folder from giving anything, or None."""
+        return self._problem or self._unknown
+
+    def close(self) -> None:
+        """Stop watching; what is not acknowledged comes again."""
+        self._watch.stop()
+        self._intake = None
+        self._identity = None
+
+    def __enter__(self) -> Self:
+        """Return the source itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the source."""
+        self.close()
+
+    @property
+    def _register(self) -> Register:
+        if self._files is None:
+            raise RuntimeError(f"source {self.name}: is not open")
+        return self._files
+
+    def _listen(self, now: float) -> None:
+        """Look at what the events name, and scan where it is time."""
+        for path in self._watch.finished():
+            stat = look_at(str(self._real), path)
+            if stat is not None and not any(map(left_alone, path.split("/"))):
+                self._register.look(path, stat, now, closed=True)
+        if now < self._next_scan:
+            return
+        self._scan(now)
+        took = self._clock.monotonic() - now
+        self._next_scan = now + max(self._spec.settle_s / 2, _SHARE_OF_SCAN * took, 0.1)
+
+    def _scan(self, now: float) -> None:
+        """Compare the folder with the ledger; watch it first, so that nothing falls between the two."""
+        try:
+            status = self._root.stat()
+            if (status.st_dev, status.st_ino) != self._identity or not self._watch.alive():
+                if self._identity is not None:
+                    _LOG.warning(
+                        "source %s: %s was made anew or is no longer heard; watched again", self.name, self._root
+                    )
+                self._real = self._root.resolve()
+                self._watch.start(self._real)
+                self._identity = (status.st_dev, status.st_ino)
+            listing = list_files(str(self._real))
+        except OSError as error:
+            self._say(f"{self._root}: cannot be read ({error.strerror})")
+            self._identity = None
+            return
+        self._say(None)
+        self._register.update(listing, now)
+
+    def _say(self, problem: str | None) -> None:
+        if problem != self._problem:
+            _LOG.warning("source %s: %s", self.name, problem or f"{self._root} is there again")
+        self._problem = problem
+
+    def _order_of(self, path: str) -> Order | None:
+        if self._set is None:
+            return natural_key(path)
+        facts = self._facts(path)
+        return None if facts is None else facts.order
+
+    def _facts(self, path: str) -> FileFacts | None:
+        return None if self._set is None else self._set.facts(path, str(self._real), self._zone)
+
+    def _recognise(self, now: float) -> bool:
+        """Find out by the first files what kind they are."""
+        register = self._register
+        for entry in [entry for entry in register.waiting.values() if entry.absent is not None]:
+            # Nobody will ever know what it was; it was none of the files that could be told.
+            if now - (entry.absent or 0.0) >= INCOMPLETE_AFTER:
+                _LOG.warning("source %s: %s is gone before it could be recognised", self.name, entry.key)
+                register.leave(entry, None)
+        tried = [
+            entry.path
+            for entry in register.waiting.values()
+            if entry.stat.regular and entry.stat.size > 0 and register.settled(entry, now) and entry.absent is None
+        ][:3]
+        if not tried:
+            return False
+        try:
+            self._set = data_set_of(self._spec, _Some(self._real, tuple(tried)), "auto")
+        except SourceError as error:
+            self._unknown = str(error)
+            return False
+        self._unknown = None
+        register.reorder()
+        return True
+
+    def _advance(self, now: float) -> bool:
+        """Take the next files; return whether anything happened."""
+        if self._set is None and not self._recognise(now):
+            return False
+        if self._intake is None and self._set is not None and self._ledger is not None:
+            self._intake = Intake(self._spec, self._real, self._set, self._ledger, self._register)
+        if self._intake is None:
+            return False
+        self._intake.root = self._real
+        return self._intake.advance(now)
+
+
+class _Some:
+    """A few files of a folder, for recognition."""
+
+    sequential = False
+    several = True
+
+    def __init__(self, root: Path, paths: tuple[str, ...]) -> None:
+        self.root = root
+        self._paths = paths
+
+    def __iter__(self) -> Iterator[Item]:
+        for path in self._paths:
+            yield Item(path, lambda path=path: read_guarded(self.root, path))

@@ -1,0 +1,106 @@
+"""Events of the file system: they only wake the scan, and say which files were closed or moved in."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from streams.mounts import NETWORK_FILE_SYSTEMS, file_system_type
+
+_LOG = logging.getLogger(__name__)
+_MOST = 10_000
+"""Names kept between two looks; with more the next scan finds the files, only a settling time later."""
+
+
+class Watch:
+    """Watches one folder and all below it; of a network share it hears nothing, and the scan alone has to do."""
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        """Take what is to be called, from another thread, whenever something happens."""
+        self._wake = wake
+        self._lock = threading.Lock()
+        self._finished: set[str] = set()
+        self._observer: Any = None
+        self._root = ""
+        self.lost = 0
+        """Number of names for which there was no room."""
+
+    def start(self, root: Path) -> None:
+        """Watch a folder, in place of the one before. Where that is impossible it is said, and the scan has to do."""
+        self.stop()
+        # The type of the file system is asked anew: a share may have been mounted here meanwhile.
+        kind = file_system_type(root)
+        if kind in NETWORK_FILE_SYSTEMS:
+            _LOG.info("%s lies on a network share (%s): found by scanning only", root, kind)
+            return
+        from watchdog.events import FileClosedEvent, FileCreatedEvent, FileMovedEvent
+        from watchdog.observers import Observer
+
+        self._root = str(root)
+        observer: Any = Observer()
+        try:
+            events = [FileClosedEvent, FileCreatedEvent, FileMovedEvent]
+            observer.schedule(_Handler(self), self._root, recursive=True, event_filter=events)
+            observer.start()
+        except (OSError, RuntimeError) as error:
+            # Too many watches or instances, most often; nothing is lost by it but time.
+            _LOG.warning("%s cannot be watched (%s): found by scanning only", root, error)
+            with contextlib.suppress(RuntimeError):
+                observer.stop()
+            return
+        self._observer = observer
+
+    @property
+    def listening(self) -> bool:
+        """Whether events are to be expected at all."""
+        return self._observer is not None
+
+    def alive(self) -> bool:
+        """Tell whether whoever should report events still does; an observer outlives its dead emitters."""
+        observer = self._observer
+        return observer is None or (
+            observer.is_alive() and bool(observer.emitters) and all(emitter.is_alive() for emitter in observer.emitters)
+        )
+
+    def finished(self) -> set[str]:
+        """Return, once, the paths below the folder of files that were closed or moved in since the last call."""
+        with self._lock:
+            found, self._finished = self._finished, set()
+        return found
+
+    def note(self, path: str, finished: bool) -> None:
+        """Take note of an event; called by the thread that hears it."""
+        if finished:
+            with self._lock:
+                if len(self._finished) < _MOST:
+                    self._finished.add(os.path.relpath(path, self._root))
+                else:
+                    self.lost += 1
+        self._wake()
+
+    def stop(self) -> None:
+        """Stop watching."""
+        observer, self._observer = self._observer, None
+        if observer is not None:
+            observer.stop()
+            observer.join(timeout=5.0)
+        with self._lock:
+            self._finished.clear()
+
+
+class _Handler:
+    """What the observer calls."""
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch = watch
+
+    def dispatch(self, event: Any) -> None:
+        """Pass an event on: a file is finished when it was closed after writing, or moved here."""
+        moved = event.event_type == "moved"
+        path = os.fsdecode(event.dest_path if moved else event.src_path)
+        self._watch.note(path, finished=moved or event.event_type == "closed")

@@ -1,0 +1,315 @@
+"""Unsafe parsers behind a wall: they run in a child process with limits on memory, processor time and time.
+
+The child is kept for many files and then replaced. Its death is the status ``reader_crashed`` of the file that it read,
+and nothing more.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from streams.readers.memory_file import read_into, write_all
+from streams.readers.reading import MAX_BYTES, ReaderError, Reading
+
+_ANSWER_BYTES = 1 << 22
+_START = "import json, sys; sys.path[:] = json.loads(sys.argv.pop()); from streams.readers.worker import main; main()"
+_ENVIRONMENT = {
+    # Threads of a linear algebra that no parser needs would take address space from the parser.
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    # Memory of one file is kept for the next instead of being given back and faulted in again.
+    "MALLOC_MMAP_THRESHOLD_": str(32 << 20),
+    "MALLOC_TRIM_THRESHOLD_": str(256 << 20),
+    "MALLOC_TOP_PAD_": str(16 << 20),
+    # No file may make the HDF5 library load code.
+    "HDF5_PLUGIN_PRELOAD": "::",
+    "HDF5_USE_FILE_LOCKING": "FALSE",
+}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one child may use.
+
+    Attributes:
+        memory: address space in bytes.
+        cpu_s: processor time for one file, whole seconds.
+        wall_s: time for one file in s.
+        files: number of files after which the child is replaced.
+    """
+
+    memory: int = 4 << 30
+    cpu_s: int = 20
+    wall_s: float = 20.0
+    files: int = 1000
+
+
+class ReaderProcess:
+    """A child process that parses files, one at a time; started when it is first needed.
+
+    It may be used from any thread (calls take turns), as a context manager, or for the life of the program.
+    """
+
+    def __init__(self, limits: Limits | None = None) -> None:
+        """Take the limits; nothing is started yet."""
+        self._limits = limits or Limits()
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._handles: list[int] = []
+        self._files = 0
+        self._closed = False
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the process, or None where none is running."""
+        return None if self._process is None else self._process.pid
+
+    def call(self, function: Callable[..., Any], data: bytes, name: str, *arguments: Any) -> Any:
+        """Call a reader in the child.
+
+        Args:
+            function: a function of a module, called with ``data``, ``name`` and the arguments.
+            data: the bytes of the file.
+            name: its name, for messages.
+            arguments: whatever JSON can carry.
+
+        Returns:
+            What the function returns: a Reading, or a value as JSON would bring it back.
+
+        Raises:
+            ReaderError: whatever the reader raises; ``unreadable`` for its other exceptions; ``reader_crashed`` where
+                the child died or had to be killed; ``refused`` where the file is larger than ``MAX_BYTES``.
+        """
+        if len(data) > MAX_BYTES:
+            raise ReaderError("refused", f"{name}: {len(data)} bytes, {MAX_BYTES} are allowed")
+        request = {
+            "module": function.__module__,
+            "function": function.__name__,
+            "name": name,
+            "arguments": arguments,
+            "size": len(data),
+        }
+        line = json.dumps(request).encode() + b"\n"
+        with self._lock:
+            try:
+                answer = self._ask(line, data)
+                return self._result(answer)
+            except _DiedError as error:
+                self._kill()
+                raise ReaderError("reader_crashed", f"{name}: the reader {error}") from error
+            except (OSError, EOFError, ValueError, KeyError, TypeError) as error:
+                self._kill()
+                raise ReaderError("reader_crashed", f"{name}: the reader did not answer sensibly ({error})") from error
+
+    def close(self) -> None:
+        """End the child; a call that is under way in another thread ends with ``reader_crashed``."""
+        self._closed = True
+        if not self._lock.acquire(timeout=0.5):
+            process = self._process
+            if process is not None:
+                process.kill()
+            self._lock.acquire()
+        try:
+            self._stop()
+        finally:
+            self._lock.release()
+
+    def __enter__(self) -> Self:
+        """Return the process itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close it."""
+        self.close()
+
+    def forget(self) -> None:
+        """Let go of a child that belongs to the process from which this one was forked."""
+        for handle in self._handles:
+            os.close(handle)
+        self._handles = []
+
+    def _ask(self, request: bytes, data: bytes) -> dict[str, Any]:
+        if self._process is not None and (self._files >= self._limits.files or self._process.poll() is not None):
+            # Worn out, or gone since the last file, for which this one is not to blame.
+            self._stop()
+        if self._process is None:
+            self._start()
+        self._files += 1
+        requests, answers, inputs, _ = self._handles
+        write_all(inputs, data)
+        try:
+            view = memoryview(request)
+            while view:
+                view = view[os.write(requests, view) :]
+        except BrokenPipeError as error:
+            raise _DiedError(self._cause()) from error
+        return json.loads(self._line(answers, time.monotonic() + self._limits.wall_s))
+
+    def _line(self, answers: int, deadline: float) -> bytes:
+        """Wait for one line of the child."""
+        poll = select.poll()
+        poll.register(answers, select.POLLIN)
+        line = b""
+        while not line.endswith(b"\n"):
+            left = deadline - time.monotonic()
+            if left <= 0 or not poll.poll(1e3 * left):
+                raise _DiedError(f"gave no answer within {self._limits.wall_s:g} s and was stopped")
+            part = os.read(answers, 1 << 16)
+            if not part:
+                raise _DiedError(self._cause())
+            line += part
+            if len(line) > _ANSWER_BYTES:
+                raise _DiedError("gave an answer without end")
+        return line
+
+    def _result(self, answer: dict[str, Any]) -> Any:
+        if "status" in answer:
+            raise ReaderError(str(answer["status"]), str(answer["reason"]))
+        if "value" in answer:
+            return answer["value"]
+        rows, length = answer["shape"]
+        dtype = {4: np.float32, 8: np.float64}[answer["itemsize"]]
+        output = self._handles[3]
+        if min(rows, length) < 0 or rows * length * answer["itemsize"] != os.fstat(output).st_size:
+            raise ValueError("the samples do not fit their shape")
+        samples = np.empty((rows, length), dtype=dtype)
+        read_into(output, samples.reshape(-1).data)
+        fields = answer["reading"]
+        lists = {key: tuple(value) for key, value in fields.items() if isinstance(value, list)}
+        return Reading(samples, **{**fields, **lists})
+
+    def _start(self) -> None:
+        if self._closed:
+            raise _DiedError("was closed")
+        opened: list[int] = []
+        try:
+            opened += os.pipe()
+            opened += os.pipe()
+            opened += [os.memfd_create(name, os.MFD_CLOEXEC) for name in ("input", "output")]
+        except OSError:
+            for handle in opened:
+                os.close(handle)
+            raise
+        child_reads, requests, answers, child_writes, *memory = opened
+        self._handles = [requests, answers, *memory]
+        theirs = [child_reads, child_writes]
+        passed = [*theirs, *memory]
+        try:
+            # A plain new interpreter: a fork of a process with threads may hang in its first allocation.
+            self._process = subprocess.Popen(
+                [
+                    sys.executable,
+                    "-c",
+                    _START,
+                    *map(str, passed),
+                    str(self._limits.memory),
+                    str(self._limits.cpu_s),
+                    json.dumps(sys.path),
+                ],
+                pass_fds=passed,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                env={**os.environ, **_ENVIRONMENT},
+            )
+        finally:
+            for handle in theirs:
+                os.close(handle)
+            if self._process is None:
+                self.forget()
+        self._files = 0
+
+    def _cause(self) -> str:
+        """Say why the child is gone."""
+        process = self._process
+        if process is None:
+            return "is gone"
+        try:
+            code = process.wait(timeout=2.0)
+        except subprocess.TimeoutExpired:
+            return "closed its end"
+        if code == -signal.SIGXCPU:
+            return f"used more than {self._limits.cpu_s} s of processor time"
+        return f"died of {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+
+    def _stop(self) -> None:
+        """End the child in peace."""
+        process = self._process
+        for handle in self._handles:
+            os.close(handle)
+        self._handles = []
+        if process is not None:
+            try:
+                process.wait(timeout=1.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        self._process = None
+
+    def _kill(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+        self._stop()
+
+
+class _DiedError(Exception):
+    """The child is gone or has to go."""
+
+
+_shared = ReaderProcess()
+_inherited: list[ReaderProcess] = []
+
+
+def _after_fork() -> None:
+    """Begin anew in a forked process: the lock may be held by a thread that does not exist here."""
+    global _shared
+    _inherited.append(_shared)
+    _shared.forget()
+    _shared = ReaderProcess()
+
+
+def _close() -> None:
+    _shared.close()
+
+
+os.register_at_fork(after_in_child=_after_fork)
+atexit.register(_close)
+
+
+def shared_process() -> ReaderProcess:
+    """Return the process that all readers of this program share; it is closed when the program ends."""
+    return _shared
+
+
+def isolated(function: Callable[..., Any], *arguments: Any) -> Callable[[bytes, str], Any]:
+    """Turn a reader into one that runs in the shared child process.
+
+    Args:
+        function: a function of a module that takes bytes, a name and ``arguments``.
+        arguments: whatever JSON can carry.
+
+    Returns:
+        A function of bytes and name that returns and raises what the reader does; see :meth:`ReaderProcess.call`.
+    """
+
+    def read(data: bytes, name: str) -> Any:
+        return shared_process().call(function, data, name, *arguments)
+
+    return read

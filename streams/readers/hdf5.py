@@ -1,0 +1,263 @@
+"""HDF5 files through h5py, with guards against what the format allows: links out of the file, lies about sizes.
+
+It serves plain HDF5, netCDF-4 and MAT files of version 7.3, which are HDF5 files with conventions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from math import prod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from streams.readers.reading import MAX_BYTES, ReaderError, Reading, rows_of, stack_rows
+from streams.readers.stated import Facts, known_unit, plain_key, stated_rate, stated_start, stated_unit
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_DEEPEST = 16
+_MOST_OBJECTS = 10_000
+_MOST_ATTRIBUTES = 256
+_LONGEST_TEXT = 4096
+
+
+@dataclass(frozen=True)
+class Found:
+    """A data set that was found in a file.
+
+    Attributes:
+        path: names of the groups and its own, joined by "/".
+        dataset: the h5py object.
+        facts: attributes of the file, the groups on the way and the data set itself, the nearest winning.
+        own: attributes of the data set alone.
+    """
+
+    path: str
+    dataset: Any
+    facts: Facts
+    own: Facts = field(default_factory=dict)
+
+
+def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Reading:
+    """Read the numeric data sets of an HDF5 file.
+
+    Rate, unit and time of the first sample are taken from the attributes of the data set, else of the groups that hold
+    it, else of the file: ``rate_hz``, ``sampling_rate``, ``fs``, ``dt`` and the like; ``unit``, ``units``;
+    ``start_utc``, ``start_time`` and the like.
+
+    Args:
+        data: the bytes of the file.
+        name: its name, for messages.
+        patterns: of the paths of the wanted data sets, such as ``run1/acc*``; none: all.
+        zone: IANA name of the time zone of stamps that name none.
+
+    Returns:
+        A row for each vector; a matrix gives a row for each vector of it, named ``PATH_1`` and so on.
+
+    Raises:
+        ReaderError: ``empty``; ``refused`` for links, external storage, virtual data sets and claims above
+            ``MAX_BYTES``; ``incomplete`` where the file breaks off or samples were never written; ``wrong_shape`` where
+            nothing matches or lengths differ; ``wrong_rate`` where rates differ; ``unreadable``.
+    """
+    with open_hdf5(data, name) as file:
+        found = list(walk(file, name, patterns))
+        rows: list[NDArray[np.floating]] = []
+        names: list[str] = []
+        facts: list[Facts] = []
+        for item in found:
+            if not _is_samples(item.dataset):
+                continue
+            block = rows_of(load(item, name), f"{name}: data set {item.path}")
+            rows.extend(block)
+            names.extend([item.path] if len(block) == 1 else [f"{item.path}_{i}" for i in range(1, len(block) + 1)])
+            facts.extend([item.facts] * len(block))
+            if len(rows) > _MOST_OBJECTS or sum(row.nbytes for row in rows) > MAX_BYTES:
+                raise ReaderError("refused", f"{name}: claims more than {MAX_BYTES} bytes when loaded")
+        held = ", ".join(f"{item.path}{list(item.dataset.shape or ())}"[:60] for item in found[:12]) or "no data set"
+        return rows_reading(rows, names, facts, name, zone, f"no vector matches {', '.join(patterns) or '*'}; {held}")
+
+
+def rows_reading(
+    rows: Sequence[NDArray[np.floating]], names: Sequence[str], facts: Sequence[Facts], name: str, zone: str, none: str
+) -> Reading:
+    """Join rows to a reading.
+
+    Args:
+        rows: one-dimensional arrays.
+        names: of the rows.
+        facts: what is stated of each.
+        name: of the file, for messages.
+        zone: of stamps that name none.
+        none: what to say where there is no row.
+
+    Returns:
+        The reading.
+
+    Raises:
+        ReaderError: ``wrong_shape`` without rows or for different lengths, ``wrong_rate`` for different rates.
+    """
+    if not rows:
+        raise ReaderError("wrong_shape", f"{name}: {none}")
+    if len({row.size for row in rows}) > 1:
+        sizes = ", ".join(f"{key} {row.size}" for key, row in zip(names, rows, strict=True))
+        raise ReaderError("wrong_shape", f"{name}: vectors of different lengths: {sizes[:400]}")
+    rates = [stated_rate(item, f"{name}: {key}") for item, key in zip(facts, names, strict=True)]
+    stated = sorted({rate for rate in rates if rate is not None})
+    if stated and stated[-1] - stated[0] > 1e-4 * stated[0]:
+        raise ReaderError("wrong_rate", f"{name}: rows of different rates: {', '.join(f'{r:g}' for r in stated)} Hz")
+    starts = (stated_start(item, zone) for item in facts)
+    short = tuple(key.rpartition("/")[2] for key in names)
+    return Reading(
+        samples=stack_rows(rows),
+        names=tuple(names),
+        columns=tuple(range(1, len(names) + 1)),
+        channels=short if len(set(short)) == len(short) else tuple(names),
+        rate=stated[0] if stated else None,
+        start=next((start for start in starts if start is not None), None),
+        units=tuple(known_unit(stated_unit(item)) for item in facts),
+    )
+
+
+@contextmanager
+def open_hdf5(data: bytes, name: str) -> Iterator[Any]:
+    """Open the bytes of an HDF5 file; every failure of the library while it is open becomes a ReaderError."""
+    if not data:
+        raise ReaderError("empty", f"{name}: the file has 0 bytes")
+    base = next((place for place in (0, 512, 1024, 2048) if data[place : place + 8] == SIGNATURE), None)
+    if base is None:
+        raise ReaderError("unreadable", f"{name}: not an HDF5 file")
+    declared = _declared_end(data, base)
+    if declared > len(data):
+        raise ReaderError("incomplete", f"{name}: {declared} bytes are declared, {len(data)} are there")
+    try:
+        import h5py
+    except ImportError as error:
+        raise ReaderError("unreadable", f'{name}: needs h5py: pip install "spallwatch[hdf5]"') from error
+    try:
+        with h5py.File(h5py.h5f.open_file_image(data)) as file:
+            yield file
+    except (ReaderError, MemoryError):
+        raise
+    except Exception as error:  # The library raises whatever its corrupt input leads it to.
+        raise ReaderError("unreadable", f"{name}: not a readable HDF5 file ({str(error)[:200]})") from error
+
+
+def _declared_end(data: bytes, base: int) -> int:
+    """Return the end of the file by its superblock, which the library does not check for bytes in memory."""
+    version = data[base + 8] if len(data) > base + 8 else 255
+    if version > 3 or len(data) < base + 16:
+        return 0
+    width = data[base + 13] if version < 2 else data[base + 9]
+    place = base + (24, 28, 12, 12)[version] + 2 * width
+    field = data[place : place + width]
+    return int.from_bytes(field, "little") if len(field) == width and field != b"\xff" * width else 0
+
+
+def walk(
+    file: Any, name: str, patterns: Sequence[str] = (), separator: str = "/", hidden: str = "#"
+) -> Iterator[Found]:
+    """Find the data sets whose paths match, along hard links only.
+
+    Args:
+        file: an open h5py file.
+        name: of the file, for messages.
+        patterns: of paths; none: all.
+        separator: between the names of a path.
+        hidden: groups whose names begin so are passed over (MATLAB keeps its own there).
+
+    Yields:
+        What matches, by name within each group.
+
+    Raises:
+        ReaderError: ``refused`` where a matching path is a soft or external link, or the file has too many objects.
+    """
+    count = 0
+    seen: set[Any] = set()
+    stack: list[tuple[str, Any, Facts]] = [("", file, attributes(file))]
+    while stack:
+        prefix, group, inherited = stack.pop()
+        below: list[tuple[str, Any, Facts]] = []
+        for key in sorted(group):
+            if key.startswith(hidden):
+                continue
+            count += 1
+            path = f"{prefix}{separator}{key}" if prefix else key
+            if count > _MOST_OBJECTS or path.count(separator) > _DEEPEST:
+                raise ReaderError("refused", f"{name}: more than {_MOST_OBJECTS} objects or {_DEEPEST} levels")
+            matches = not patterns or any(fnmatchcase(path, pattern) for pattern in patterns)
+            kind = type(group.get(key, getlink=True)).__name__
+            if kind != "HardLink":
+                if matches:
+                    raise ReaderError("refused", f"{name}: {path[:100]} is a link ({kind}), which are never followed")
+                continue
+            item = group[key]
+            own = attributes(item)
+            if hasattr(item, "keys"):
+                if hash(item.id) not in seen:
+                    seen.add(hash(item.id))
+                    below.append((path, item, {**inherited, **own}))
+            elif hasattr(item, "shape") and matches:
+                yield Found(path, item, {**inherited, **own}, own)
+        stack.extend(reversed(below))
+
+
+def attributes(item: Any) -> dict[str, object]:
+    """Return the attributes of an object that are one number or one text, under their plain keys."""
+    found: dict[str, object] = {}
+    for key in list(item.attrs)[:_MOST_ATTRIBUTES]:
+        attribute = item.attrs.get_id(key)
+        if prod(attribute.shape or ()) != 1 or attribute.dtype.itemsize > _LONGEST_TEXT:
+            continue
+        value = np.asarray(item.attrs[key]).reshape(-1)[0]
+        if isinstance(value, bytes):
+            value = value.decode("utf-8", "replace")
+        if isinstance(value, str):
+            found[plain_key(key)] = str(value)[:_LONGEST_TEXT]
+        elif isinstance(value, np.number) and np.isrealobj(value):
+            found[plain_key(key)] = float(value)
+    return found
+
+
+def _is_samples(dataset: Any) -> bool:
+    shape = dataset.shape
+    return bool(shape) and dataset.dtype.kind in "fiu" and max(shape) > 1
+
+
+def load(item: Found, name: str) -> NDArray[Any]:
+    """Read a data set once its claims are checked.
+
+    Args:
+        item: what :func:`walk` found.
+        name: of the file, for messages.
+
+    Returns:
+        The array as it is stored.
+
+    Raises:
+        ReaderError: see :func:`read_hdf5`.
+    """
+    dataset, where = item.dataset, f"{name}: data set {item.path[:100]}"
+    if dataset.external:
+        raise ReaderError("refused", f"{where} lies in other files, which are never read")
+    if dataset.is_virtual:
+        raise ReaderError("refused", f"{where} is virtual, made of other files, which are never read")
+    if dataset.dtype.hasobject or dataset.dtype.names is not None:
+        raise ReaderError("unreadable", f"{where}: expected numbers, got type {dataset.dtype}")
+    shape = dataset.shape or ()
+    declared = prod(shape) * dataset.dtype.itemsize
+    if declared > MAX_BYTES:
+        raise ReaderError("refused", f"{where} claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
+    if dataset.chunks is None:
+        stored = dataset.id.get_storage_size()
+        if stored < declared:
+            raise ReaderError("incomplete", f"{where} claims {declared} bytes, {stored} are there")
+    else:
+        expected = prod(-(-size // chunk) for size, chunk in zip(shape, dataset.chunks, strict=True))
+        written = dataset.id.get_num_chunks()
+        if written < expected:
+            raise ReaderError("incomplete", f"{where}: {expected} chunks are promised, {written} were written")
+    return np.asarray(dataset[()])

@@ -1,0 +1,148 @@
+"""netCDF files: the classic formats through scipy, netCDF-4 as the HDF5 file that it is."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+import scipy.io
+from numpy.typing import NDArray
+
+from streams.readers.hdf5 import Found, load, open_hdf5, rows_reading, walk
+from streams.readers.reading import MAX_BYTES, ReaderError, Reading, rows_of
+from streams.readers.stated import Facts, plain_key, rate_of_times, seconds_utc, stated_rate
+
+_TIMES = ("time", "t")
+
+
+def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Reading:
+    """Read the numeric variables of a netCDF file.
+
+    Rate, unit and time of the first sample are taken from the attributes as in :func:`streams.readers.hdf5.read_hdf5`,
+    else rate and time from a coordinate ``time`` in ``seconds since ...``. ``scale_factor``, ``add_offset`` and fill
+    values are applied; a fill value becomes NaN.
+
+    Args:
+        data: the bytes of the file.
+        name: its name, for messages.
+        patterns: of the names of the variables; none: all but coordinates.
+        zone: IANA name of the time zone of stamps that name none.
+
+    Returns:
+        A row for each vector.
+
+    Raises:
+        ReaderError: as :func:`streams.readers.hdf5.read_hdf5`.
+    """
+    if not data:
+        raise ReaderError("empty", f"{name}: the file has 0 bytes")
+    arrays = _classic(data, name) if data[:3] == b"CDF" else _netcdf4(data, name)
+    coordinates = {key for key, (_, facts) in arrays.items() if facts.get("class") == "DIMENSION_SCALE"}
+    rows: list[NDArray[np.floating]] = []
+    names: list[str] = []
+    stated: list[Facts] = []
+    time = _time(arrays, name, zone)
+    for key, (array, facts) in arrays.items():
+        wanted = (
+            any(fnmatchcase(key, p) for p in patterns) if patterns else key not in coordinates and key not in _TIMES
+        )
+        if not wanted or array.dtype.kind not in "fiu" or array.size < 2:
+            continue
+        block = rows_of(_unpacked(array, facts), f"{name}: variable {key}")
+        both = {**time, **facts} if block.shape[1] == time.get("length") else facts
+        rows.extend(block)
+        names.extend([key] if len(block) == 1 else [f"{key}_{i}" for i in range(1, len(block) + 1)])
+        stated.extend([both] * len(block))
+    held = ", ".join(f"{key}{list(array.shape)}" for key, (array, _) in list(arrays.items())[:12]) or "no variable"
+    return rows_reading(
+        rows, names, stated, name, zone, f"no vector matches {', '.join(patterns) or '*'}; it holds {held}"
+    )
+
+
+def _netcdf4(data: bytes, name: str) -> dict[str, tuple[NDArray[Any], Facts]]:
+    arrays: dict[str, tuple[NDArray[Any], Facts]] = {}
+    total = 0
+    with open_hdf5(data, name) as file:
+        for item in walk(file, name):
+            if not _is_variable(item):
+                continue
+            total += item.dataset.size * item.dataset.dtype.itemsize
+            if total > MAX_BYTES:
+                raise ReaderError("refused", f"{name}: claims more than {MAX_BYTES} bytes when loaded")
+            arrays[item.path] = load(item, name), item.facts
+    return arrays
+
+
+def _is_variable(item: Found) -> bool:
+    # A dimension without values is stored as a data set that says so in its name.
+    named = str(item.own.get("name", "")).startswith("This is a netCDF dimension but not a netCDF variable")
+    return not named and item.dataset.dtype.kind in "fiu" and bool(item.dataset.shape)
+
+
+def _classic(data: bytes, name: str) -> dict[str, tuple[NDArray[Any], Facts]]:
+    found: dict[str, tuple[NDArray[Any], Facts]] = {}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with scipy.io.netcdf_file(io.BytesIO(data), "r", mmap=False, maskandscale=False) as file:
+                shared = _facts(file._attributes)
+                for key, variable in file.variables.items():
+                    found[str(key)] = np.array(variable.data), {**shared, **_facts(variable._attributes)}
+    except MemoryError:
+        raise
+    except Exception as error:  # The parser raises whatever its corrupt input leads it to.
+        raise ReaderError("unreadable", f"{name}: not a readable netCDF file ({type(error).__name__})") from error
+    if not found and len(data) > 32:
+        raise ReaderError("unreadable", f"{name}: holds no variable")
+    return found
+
+
+def _facts(values: dict[str, Any]) -> dict[str, object]:
+    facts: dict[str, object] = {}
+    for key, value in values.items():
+        array = np.asarray(value).reshape(-1)
+        if isinstance(value, bytes):
+            facts[plain_key(key)] = value.decode("utf-8", "replace")
+        elif array.size == 1 and array.dtype.kind in "fiu":
+            facts[plain_key(key)] = float(array[0])
+    return facts
+
+
+def _unpacked(array: NDArray[Any], facts: Facts) -> NDArray[Any]:
+    fills = [fill for key in ("fillvalue", "missingvalue") if isinstance(fill := facts.get(key), float)]
+    scale, offset = facts.get("scalefactor"), facts.get("addoffset")
+    holes = np.logical_or.reduce([array == fill for fill in fills]) if fills else None
+    if isinstance(scale, float) or isinstance(offset, float):
+        factor = scale if isinstance(scale, float) else 1.0
+        array = array * factor + (offset if isinstance(offset, float) else 0.0)
+    if holes is not None and holes.any():
+        array = np.where(holes, np.nan, array.astype(np.float64))
+    return array
+
+
+def _time(arrays: dict[str, tuple[NDArray[Any], Facts]], name: str, zone: str) -> dict[str, object]:
+    """Return what a coordinate of times states, and its length."""
+    key = next((key for key in _TIMES if key in arrays), None)
+    if key is None:
+        return {}
+    times, facts = arrays[key]
+    words = str(facts.get("units", "")).strip().split(maxsplit=2)
+    if (
+        times.ndim != 1
+        or times.dtype.kind not in "fiu"
+        or not words
+        or words[0] not in ("s", "sec", "second", "seconds")
+    ):
+        return {}
+    found: dict[str, object] = {"length": len(times)}
+    rate = None if stated_rate(facts, name) is not None else rate_of_times(times, name)
+    if rate is not None:
+        found["rate"] = rate
+    epoch = seconds_utc(words[2].replace(" UTC", "+00:00"), zone) if len(words) == 3 and words[1] == "since" else None
+    if epoch is not None and len(times):
+        found["start"] = epoch + float(times[0])
+    return found

@@ -1,0 +1,188 @@
+"""Side-cars: what a recording does not say of itself, in a file beside it.
+
+``FILE.json`` beside ``FILE``, else ``spallwatch.json`` or ``spallwatch.toml`` in its folder, which then counts for all
+files of the folder. Keys: ``rate_hz``, ``start_utc``, ``unit``, ``scale``, ``sensitivity_mv_per_g``, ``speed_hz``,
+``load_newton``, ``channels``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tomllib
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from streams.files import read_guarded
+from streams.readers.reading import ReaderError, Reading
+from streams.readers.stated import seconds_utc
+
+FOLDER_NAMES = ("spallwatch.json", "spallwatch.toml")
+_UNITS = ("g", "m/s2", "V", "unknown")
+_MOST_BYTES = 1 << 16
+
+
+@dataclass(frozen=True)
+class SideCar:
+    """What a side-car says.
+
+    Attributes:
+        path: of the side-car below the root, for messages.
+        rate: sampling rate in Hz.
+        start: seconds since 1970 UTC of the first sample.
+        unit: of every row.
+        scale: factor from the stored numbers to the unit.
+        sensitivity_mv_per_g: of the sensor, for rows in V, which then are given in g.
+        speed: shaft speed in Hz.
+        load: radial load in N.
+        channels: names of the rows.
+    """
+
+    path: str
+    rate: float | None = None
+    start: float | None = None
+    unit: str | None = None
+    scale: float | None = None
+    sensitivity_mv_per_g: float | None = None
+    speed: float | None = None
+    load: float | None = None
+    channels: tuple[str, ...] | None = None
+
+
+def find_sidecar(root: Path, path: str, zone: str = "UTC") -> SideCar | None:
+    """Look for the side-car of a file.
+
+    Args:
+        root: the resolved folder of the recording.
+        path: of the file below it.
+        zone: IANA name of the zone of a ``start_utc`` that names none.
+
+    Returns:
+        What it says, or None where there is none.
+
+    Raises:
+        ReaderError: ``unreadable`` where it is no valid side-car, naming the key; ``refused`` as for any file.
+    """
+    folder = path.rpartition("/")[0]
+    beside = [f"{folder}/{name}" if folder else name for name in FOLDER_NAMES]
+    for candidate in (f"{path}.json", *beside):
+        if not os.path.lexists(root / candidate):
+            continue
+        raw = read_guarded(root, candidate)
+        if len(raw) > _MOST_BYTES:
+            raise ReaderError("refused", f"{candidate}: {len(raw)} bytes, a side-car has at most {_MOST_BYTES}")
+        return _parsed(raw, candidate, zone)
+    return None
+
+
+def _parsed(raw: bytes, path: str, zone: str) -> SideCar:
+    try:
+        text = raw.decode("utf-8-sig")
+        values: Any = tomllib.loads(text) if path.endswith(".toml") else json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ReaderError("unreadable", f"{path}: not a readable side-car ({str(error)[:200]})") from error
+    if not isinstance(values, dict):
+        raise ReaderError("unreadable", f"{path}: expected a table of keys, got {type(values).__name__}")
+    known = {"rate_hz", "start_utc", "unit", "scale", "sensitivity_mv_per_g", "speed_hz", "load_newton", "channels"}
+    unknown = sorted(set(values) - known)
+    if unknown:
+        raise ReaderError("unreadable", f"{path}: unknown key {unknown[0][:40]!r}; expected {', '.join(sorted(known))}")
+    unit = values.get("unit")
+    if unit is not None and unit not in _UNITS:
+        raise ReaderError("wrong_unit", f"{path}: unit must be one of {', '.join(_UNITS)}, got {str(unit)[:40]!r}")
+    return SideCar(
+        path=path,
+        rate=_number(values, "rate_hz", path, positive=True),
+        start=_start(values, path, zone),
+        unit=unit,
+        scale=_number(values, "scale", path),
+        sensitivity_mv_per_g=_number(values, "sensitivity_mv_per_g", path, positive=True),
+        speed=_number(values, "speed_hz", path),
+        load=_number(values, "load_newton", path),
+        channels=_channels(values, path),
+    )
+
+
+def _number(values: dict[str, Any], key: str, path: str, positive: bool = False) -> float | None:
+    value = values.get(key)
+    if value is None:
+        return None
+    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if not good or (positive and value <= 0) or (key == "scale" and value == 0):
+        wanted = "a positive number" if positive else "a finite number" + (" that is not zero" * (key == "scale"))
+        raise ReaderError("unreadable", f"{path}: {key} must be {wanted}, got {str(value)[:40]!r}")
+    return float(value)
+
+
+def _start(values: dict[str, Any], path: str, zone: str) -> float | None:
+    value = values.get("start_utc")
+    if value is None:
+        return None
+    start = seconds_utc(value, zone) if isinstance(value, str | int | float | datetime) else None
+    if start is None:
+        raise ReaderError("unreadable", f"{path}: start_utc must be an ISO 8601 time, got {str(value)[:40]!r}")
+    return start
+
+
+def _channels(values: dict[str, Any], path: str) -> tuple[str, ...] | None:
+    value = values.get("channels")
+    if value is None:
+        return None
+    if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
+        raise ReaderError("unreadable", f"{path}: channels must be a list of names, got {str(value)[:60]!r}")
+    if len(set(value)) != len(value):
+        raise ReaderError("unreadable", f"{path}: channels must differ")
+    return tuple(value)
+
+
+def apply_sidecar(reading: Reading, sidecar: SideCar, name: str) -> Reading:
+    """Add what a side-car says to a reading.
+
+    Args:
+        reading: of the file.
+        sidecar: its side-car.
+        name: of the file, for messages.
+
+    Returns:
+        The reading with what both say; samples scaled, volts with a sensitivity turned to g.
+
+    Raises:
+        ReaderError: ``wrong_rate``, ``wrong_unit`` or ``wrong_shape`` where file and side-car contradict.
+    """
+    where = f"{name}: {sidecar.path}"
+    if sidecar.rate is not None and reading.rate is not None and abs(sidecar.rate - reading.rate) > 1e-4 * reading.rate:
+        raise ReaderError("wrong_rate", f"{where} states {sidecar.rate:g} Hz, the file {reading.rate:g} Hz")
+    own = {unit for unit in (reading.unit, *reading.units) if unit is not None}
+    if sidecar.unit is not None and own - {"unknown", sidecar.unit}:
+        raise ReaderError("wrong_unit", f"{where} states {sidecar.unit}, the file {', '.join(sorted(own))}")
+    if sidecar.channels is not None and len(sidecar.channels) != len(reading.names):
+        count = len(sidecar.channels)
+        raise ReaderError("wrong_shape", f"{where} names {count} channels, the file has {len(reading.names)} rows")
+    units = tuple(sidecar.unit or unit or reading.unit for unit in reading.units or (None,) * len(reading.names))
+    samples, factor = reading.samples, sidecar.scale or 1.0
+    if sidecar.sensitivity_mv_per_g is not None:
+        if set(units) != {"V"}:
+            raise ReaderError("wrong_unit", f"{where}: sensitivity_mv_per_g is for rows in V, these are in {units[0]}")
+        factor *= 1e3 / sidecar.sensitivity_mv_per_g
+        units = ("g",) * len(units)
+    if factor != 1.0:
+        # What leaves the range of the numbers becomes inf or nan, which the quality stage names.
+        with np.errstate(over="ignore", invalid="ignore"):
+            samples = samples * factor
+    return replace(
+        reading,
+        samples=samples,
+        channels=sidecar.channels or reading.channels,
+        rate=reading.rate if reading.rate is not None else sidecar.rate,
+        start=reading.start if reading.start is not None else sidecar.start,
+        speed=reading.speed if reading.speed is not None else sidecar.speed,
+        load=reading.load if reading.load is not None else sidecar.load,
+        units=units,
+        unit=None,
+        scaled=reading.scaled or sidecar.scale is not None or sidecar.sensitivity_mv_per_g is not None,
+    )

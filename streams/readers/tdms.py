@@ -1,0 +1,162 @@
+"""TDMS files of LabVIEW, through nptdms, with the lengths checked that it takes on trust."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from streams.readers.reading import MAX_BYTES, ReaderError, Reading, stack_rows
+from streams.readers.stated import Facts, known_unit, nice_rate, plain_key, seconds_utc, stated_rate, stated_unit
+
+_LEAD_IN = 28
+_OPEN_END = 0xFFFFFFFFFFFFFFFF
+_MOST_CHANNELS = 4096
+_LABVIEW_ZERO = -2082844800.0
+"""Seconds from 1970 to 1904-01-01, the stamp of a waveform whose time was never set."""
+
+
+def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Reading:
+    """Read the numeric channels of a TDMS file.
+
+    Rate (``wf_increment``), time of the first sample (``wf_start_time`` and ``wf_start_offset``) and unit
+    (``unit_string``) are taken from the properties of the channels.
+
+    Args:
+        data: the bytes of the file.
+        name: its name, for messages.
+        patterns: of the channels that are wanted, as ``CHANNEL`` or ``GROUP/CHANNEL``; none: all.
+        zone: IANA name of the time zone of stamps that name none.
+
+    Returns:
+        A row for each channel, scaled as the file says.
+
+    Raises:
+        ReaderError: ``empty``; ``incomplete`` where a segment is shorter than declared; ``refused`` above
+            ``MAX_BYTES``; ``wrong_shape`` where no channel matches or their lengths differ; ``wrong_rate`` where
+            their rates do; ``unreadable``.
+    """
+    if not data:
+        raise ReaderError("empty", f"{name}: the file has 0 bytes")
+    _check_segments(data, name)
+    tdms = _nptdms()
+    try:
+        with tdms.TdmsFile.open(io.BytesIO(data)) as file:
+            wanted = _wanted(file, name, patterns)
+            declared = sum(len(channel) * 8 for channel in wanted)
+            if declared > MAX_BYTES:
+                raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
+            rows = [np.asarray(channel[:]) for channel in wanted]
+            properties = [_properties(channel) for channel in wanted]
+            lengths = [len(channel) for channel in wanted]
+            titles = [(str(channel.group_name), str(channel.name)) for channel in wanted]
+    except ReaderError:
+        raise
+    except Exception as error:  # nptdms raises whatever its corrupt input leads it to.
+        raise ReaderError("unreadable", f"{name}: not a readable TDMS file ({type(error).__name__})") from error
+    for row, length, title in zip(rows, lengths, titles, strict=True):
+        if len(row) != length:
+            raise ReaderError("incomplete", f"{name}: channel {title[1]}: {length} samples promised, {len(row)} there")
+    if len(set(lengths)) > 1:
+        sizes = ", ".join(f"{title[1]} {length}" for title, length in zip(titles, lengths, strict=True))
+        raise ReaderError("wrong_shape", f"{name}: channels of different lengths: {sizes}")
+    return _reading(_stacked(rows), titles, properties, name, zone)
+
+
+def _nptdms() -> Any:
+    try:
+        import nptdms
+        from nptdms.log import log_manager
+    except ImportError as error:
+        raise ReaderError("unreadable", 'TDMS files need nptdms: pip install "spallwatch[tdms]"') from error
+    # On a string that it cannot decode it logs the bytes of the file.
+    log_manager.set_level(60)
+    return nptdms
+
+
+def _check_segments(data: bytes, name: str) -> None:
+    """Compare the lengths that the lead-ins declare with what is there: nptdms reads what there is without a word."""
+    position = 0
+    while position < len(data):
+        lead = data[position : position + _LEAD_IN]
+        if not b"TDSm".startswith(lead[:4]):
+            raise ReaderError("unreadable", f"{name}: not a TDMS file (no segment begins at byte {position})")
+        if len(lead) < _LEAD_IN:
+            raise ReaderError("incomplete", f"{name}: breaks off in the head of a segment, after {len(data)} bytes")
+        order = ">" if struct.unpack_from("<I", lead, 4)[0] & (1 << 6) else "<"
+        following, raw = struct.unpack_from(order + "QQ", lead, 12)
+        if following == _OPEN_END:
+            raise ReaderError("incomplete", f"{name}: the segment at byte {position} was never closed")
+        end = position + _LEAD_IN + following
+        if end > len(data):
+            raise ReaderError("incomplete", f"{name}: {end} bytes are declared, {len(data)} are there")
+        if raw > following:
+            raise ReaderError("unreadable", f"{name}: the segment at byte {position} contradicts itself")
+        position = end
+
+
+def _wanted(file: Any, name: str, patterns: Sequence[str]) -> list[Any]:
+    channels = [channel for group in file.groups() for channel in group.channels()]
+    if len(channels) > _MOST_CHANNELS:
+        raise ReaderError("refused", f"{name}: {len(channels)} channels, {_MOST_CHANNELS} are allowed")
+    numeric = [c for c in channels if c.dtype is not None and np.dtype(c.dtype).kind in "fiu" and len(c)]
+    found = [
+        channel
+        for channel in numeric
+        if not patterns
+        or any(
+            fnmatchcase(title, p) for p in patterns for title in (channel.name, f"{channel.group_name}/{channel.name}")
+        )
+    ]
+    if not found:
+        held = ", ".join(f"{c.group_name}/{c.name}"[:60] for c in channels[:12]) or "no channel"
+        status = "wrong_shape" if numeric else "empty"
+        raise ReaderError(
+            status, f"{name}: no channel with numbers matches {', '.join(patterns) or '*'}; it holds {held}"
+        )
+    return found
+
+
+def _properties(channel: Any) -> Facts:
+    return {plain_key(str(key)): value for key, value in channel.properties.items()}
+
+
+def _stacked(rows: list[NDArray[Any]]) -> NDArray[np.floating]:
+    exact = all(row.dtype.itemsize <= (4 if row.dtype.kind == "f" else 2) for row in rows)
+    return stack_rows([row.astype(np.float32 if exact else np.float64, copy=False) for row in rows])
+
+
+def _reading(
+    samples: NDArray[np.floating], titles: list[tuple[str, str]], properties: list[Facts], name: str, zone: str
+) -> Reading:
+    rates = [stated_rate(facts, f"{name}: {title[1]}") for facts, title in zip(properties, titles, strict=True)]
+    stated = sorted({rate for rate in rates if rate is not None})
+    if stated and stated[-1] - stated[0] > 1e-4 * stated[0]:
+        raise ReaderError(
+            "wrong_rate", f"{name}: channels of different rates: {', '.join(f'{r:g}' for r in stated)} Hz"
+        )
+    short = [channel for _, channel in titles]
+    names = tuple(f"{group}/{channel}" for group, channel in titles)
+    return Reading(
+        samples=samples,
+        names=names,
+        columns=tuple(range(1, len(names) + 1)),
+        channels=tuple(short) if len(set(short)) == len(short) else names,
+        rate=nice_rate(stated[0], 1e-9) if stated else None,
+        start=_start(properties, zone),
+        units=tuple(known_unit(stated_unit(facts)) for facts in properties),
+    )
+
+
+def _start(properties: list[Facts], zone: str) -> float | None:
+    for facts in properties:
+        start = seconds_utc(facts.get("wfstarttime"), zone)
+        if start is not None and start > _LABVIEW_ZERO + 1.0:
+            offset = facts.get("wfstartoffset", 0.0)
+            return start + (float(offset) if isinstance(offset, int | float) and abs(offset) < 1e9 else 0.0)
+    return None

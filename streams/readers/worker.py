@@ -1,0 +1,76 @@
+"""The child process in which unsafe parsers run: one request a line, one answer a line, samples in shared memory.
+
+The parent is trusted, the files are not. Nothing is pickled in either direction.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import logging
+import math
+import os
+import resource
+import sys
+import warnings
+from typing import Any
+
+import numpy as np
+
+from streams.readers.memory_file import read_all, write_all
+from streams.readers.reading import MAX_BYTES, ReaderError, Reading
+
+_FIELDS = ("names", "columns", "channels", "rate", "unit", "speed", "load", "start", "units", "scaled")
+
+
+def main() -> None:
+    """Answer requests until the parent closes its end; the arguments are four file descriptors and two limits."""
+    requests_fd, answers_fd, input_fd, output_fd, memory, cpu_s = map(int, sys.argv[1:7])
+    # A growing heap, a core dump and a written disk are three things that no parser has any business with.
+    _limit(resource.RLIMIT_AS, memory)
+    _limit(resource.RLIMIT_CORE, 0)
+    _limit(resource.RLIMIT_FSIZE, MAX_BYTES)
+    # nptdms logs the bytes of the files that it cannot read.
+    logging.disable(logging.CRITICAL)
+    warnings.simplefilter("ignore")
+    with os.fdopen(requests_fd, "rb") as requests, os.fdopen(answers_fd, "wb") as answers:
+        for line in requests:
+            # The limit counts all that the process has used, so it moves on with each file.
+            _limit(resource.RLIMIT_CPU, math.ceil(sum(os.times()[:2])) + cpu_s)
+            answer = _answer(json.loads(line), input_fd, output_fd)
+            answers.write(json.dumps(answer).encode() + b"\n")
+            answers.flush()
+
+
+def _limit(kind: int, value: int) -> None:
+    """Set a soft limit, within the hard one that the process was given."""
+    _, hard = resource.getrlimit(kind)
+    resource.setrlimit(kind, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))
+
+
+def _answer(request: dict[str, Any], input_fd: int, output_fd: int) -> dict[str, Any]:
+    name = request["name"]
+    try:
+        data = read_all(input_fd, request["size"])
+        function = getattr(importlib.import_module(request["module"]), request["function"])
+        found = function(data, name, *request["arguments"])
+        return _reading(found, output_fd) if isinstance(found, Reading) else {"value": found}
+    except ReaderError as error:
+        return {"status": error.status, "reason": str(error)}
+    except MemoryError:
+        return {"status": "refused", "reason": f"{name}: reading it needs more memory than is allowed"}
+    except RecursionError:
+        return {"status": "unreadable", "reason": f"{name}: nested too deeply"}
+    except Exception as error:
+        # Parsers of other people raise whatever their corrupt input leads them to.
+        return {"status": "unreadable", "reason": f"{name}: the reader failed ({type(error).__name__})"}
+
+
+def _reading(reading: Reading, output_fd: int) -> dict[str, Any]:
+    samples = reading.samples
+    if samples.dtype.kind != "f" or samples.dtype.itemsize not in (4, 8) or samples.ndim != 2:
+        raise TypeError(f"a reader gave {samples.dtype} of {samples.ndim} dimensions")
+    array = np.ascontiguousarray(samples, dtype=samples.dtype.newbyteorder("="))
+    write_all(output_fd, array.reshape(-1).data)
+    fields = {field: getattr(reading, field) for field in _FIELDS}
+    return {"shape": array.shape, "itemsize": array.dtype.itemsize, "reading": fields}

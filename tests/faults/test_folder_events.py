@@ -1,0 +1,177 @@
+"""The watched folder with the events and the clock of the machine: woken at once, and recovered where they fail."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from streams.folder.source import FolderSource
+from streams.folder.watch import Watch
+from streams.ledger import MemoryLedger
+from streams.live import LiveSource
+from streams.mounts import file_system_type
+from streams.source import SourceError, open_live
+from streams.spec import SourceSpec
+from tests.effort import effort_count
+from tests.streams.folders import CHANNELS, RATE, csv_bytes, noise
+
+SETTLE = 1.0
+
+
+def spec(root: Path, **more: Any) -> SourceSpec:
+    values: dict[str, Any] = {"rate": RATE, "channels": CHANNELS, "block_s": "file", "format": "csv"}
+    return SourceSpec(name="s", url=f"folder:{root}", settle_s=SETTLE, **(values | more))
+
+
+class Collector:
+    """A source and the names of what it delivered; everything is committed."""
+
+    def __init__(self, root: Path) -> None:
+        self.ledger = MemoryLedger()
+        self.source = FolderSource(spec(root), str(root))
+        self.source.open(self.ledger)
+        self.names: list[str] = []
+
+    def collect(self, seconds: float, until: int | None = None) -> float:
+        """Collect for a while, or until so many have come; return the seconds it took."""
+        began = time.monotonic()
+        while time.monotonic() - began < seconds and (until is None or len(self.names) < until):
+            delivery = self.source.next(0.05)
+            if delivery is not None:
+                assert self.ledger.commit(delivery.item, delivery.progress) == "committed"
+                self.source.acknowledge(delivery)
+                self.names.append(delivery.item.name)
+        return time.monotonic() - began
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    root = tmp_path / "in"
+    root.mkdir()
+    return root
+
+
+@pytest.fixture
+def collector(folder: Path) -> Iterator[Collector]:
+    found = Collector(folder)
+    yield found
+    found.source.close()
+
+
+def write(folder: Path, name: str, seed: int) -> None:
+    (folder / name).write_bytes(csv_bytes(noise(50, seed)))
+
+
+def test_it_is_a_live_source(collector: Collector) -> None:
+    assert isinstance(collector.source, LiveSource)
+    assert collector.source.next(0.0) is None
+
+
+def test_closed_files_are_taken_before_they_settle(folder: Path, collector: Collector) -> None:
+    write(folder, "f1.csv", 1)
+    collector.collect(20.0, until=1)
+    for number in range(2, 6):
+        write(folder, f"f{number}.csv", number)
+        assert collector.collect(20.0, until=number) < SETTLE
+    assert collector.names == [f"f{number}.csv" for number in range(1, 6)]
+
+
+def test_moved_in_files_and_new_folders_are_found(folder: Path, collector: Collector, tmp_path: Path) -> None:
+    write(folder, "f1.csv", 1)
+    collector.collect(20.0, until=1)
+    write(tmp_path, "f2.csv", 2)
+    (tmp_path / "f2.csv").rename(folder / "f2.csv")
+    collector.collect(20.0, until=2)
+    (folder / "sub").mkdir()
+    count = 50
+    for number in range(count):
+        write(folder / "sub", f"f{number}.csv", 100 + number)
+    collector.collect(30.0, until=2 + count)
+    assert len(set(collector.names)) == 2 + count
+
+
+def test_a_dead_observer_and_a_root_made_anew_are_recovered(folder: Path, collector: Collector) -> None:
+    write(folder, "f1.csv", 1)
+    collector.collect(20.0, until=1)
+    shutil.rmtree(folder)
+    collector.collect(2 * SETTLE)
+    assert collector.source.problem() is not None
+    folder.mkdir()
+    write(folder, "f2.csv", 2)
+    collector.collect(20.0, until=2)
+    assert collector.source.problem() is None
+    source = collector.source
+    for emitter in source._watch._observer.emitters:
+        emitter.stop()
+        emitter.join()
+    assert not source._watch.alive()
+    write(folder, "f3.csv", 3)
+    collector.collect(20.0, until=3)
+    assert source._watch.alive()
+
+
+@pytest.mark.timeout(effort_count(quick=120, full=900))
+def test_more_files_than_the_kernel_keeps_events_for(folder: Path, collector: Collector) -> None:
+    count = effort_count(quick=1500, full=30_000)
+
+    def produce() -> None:
+        for number in range(count):
+            write(folder, f"f{number:06d}.csv", number)
+
+    producer = threading.Thread(target=produce)
+    producer.start()
+    # Nobody listens for a while, so that events pile up.
+    time.sleep(1.0)
+    collector.collect(effort_count(quick=60, full=600), until=count)
+    producer.join()
+    assert sorted(collector.names) == [f"f{number:06d}.csv" for number in range(count)]
+    collector.collect(2 * SETTLE)
+    backlog = collector.source.backlog()
+    assert (backlog.offered, backlog.accepted, backlog.pending) == (count, count, 0)
+
+
+def test_a_network_share_is_not_watched(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    watch = Watch(lambda: None)
+    watch.start(folder)
+    assert watch.listening
+    monkeypatch.setattr("streams.folder.watch.file_system_type", lambda path: "cifs")
+    watch.start(folder)
+    assert not watch.listening
+    assert watch.alive()
+    watch.stop()
+    assert file_system_type(folder) is not None
+
+
+def test_names_beyond_the_room_for_them_are_left_to_the_scan(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("streams.folder.watch._MOST", 3)
+    woken = []
+    watch = Watch(lambda: woken.append(1))
+    for number in range(5):
+        watch.note(str(folder / f"{number}"), finished=True)
+    watch.note(str(folder / "6"), finished=False)
+    assert len(watch.finished()) == 3
+    assert watch.finished() == set()
+    assert (watch.lost, len(woken)) == (2, 6)
+
+
+def test_a_url_opens_it(folder: Path) -> None:
+    write(folder, "f1.csv", 1)
+    (source,) = open_live([spec(folder)], MemoryLedger())
+    with source:
+        delivery = source.next(20.0)
+        assert delivery is not None
+        assert delivery.item.name == "f1.csv"
+
+
+def test_what_is_no_live_source_is_refused(folder: Path) -> None:
+    for url in ("folder:", str(folder), "dataset:ims:x", "ftp://x"):
+        with pytest.raises(SourceError, match="goes on for ever"):
+            open_live([SourceSpec(name="s", url=url)], MemoryLedger())
+    with pytest.raises(SourceError, match="not known"):
+        open_live([spec(folder, format="nonsense")], MemoryLedger())

@@ -1,0 +1,146 @@
+"""A process that reads a watched folder is killed at any moment: every file is in the ledger, once."""
+
+from __future__ import annotations
+
+import random
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.config import Config, validate
+from monitor.records.ledger import StoreLedger
+from monitor.records.store import Store
+from monitor.service.ingest import Ingest
+from tests.effort import effort_count
+from tests.streams.folders import csv_bytes, noise
+
+KILLS = effort_count(quick=5, full=200)
+FILES_A_KILL = 12
+_ROOT = Path(__file__).parents[2]
+_RATE = 2560
+_CHILD = """
+import sys, threading
+from pathlib import Path
+from monitor.records.store import Store
+from monitor.service.ingest import Ingest
+from tests.faults.test_folder_kill import config
+
+with Store.open(Path(sys.argv[2]), machine="m") as store, Ingest.open(config(sys.argv[1]), store) as ingest:
+    print("open", flush=True)
+    ingest.run(threading.Event(), lambda record: print(record.sequence, flush=True))
+"""
+
+
+def config(folder: str) -> Config:
+    return validate(
+        {
+            "machine": {"name": "m"},
+            "bearing": [{"name": "b", "designation": "1205 ETN9"}],
+            "operating": {"speed_hz": 40.0},
+            "source": [
+                {
+                    "name": "s",
+                    "url": f"folder:{folder}",
+                    "rate_hz": _RATE,
+                    "settle_s": 0.2,
+                    "block_s": 0.1,
+                    "format": "csv",
+                }
+            ],
+            "channel": [
+                {"name": "x", "source": "s", "column": 1, "unit": "g", "bearing": "b", "band_hz": [[300, 1200]]}
+            ],
+        },
+        Path("machine.toml"),
+    )
+
+
+def drain(folder: Path, database: Path, most_s: float = 60.0) -> None:
+    """Run until nothing waits any more."""
+    stop, until = threading.Event(), time.monotonic() + most_s
+    with Store.open(database, machine="m") as store, Ingest.open(config(str(folder)), store) as ingest:
+        quiet = 0
+        while quiet < 3 and time.monotonic() < until:
+            quiet = 0 if ingest.step(stop) or ingest.backlogs()["s"].pending else quiet + 1
+        backlog = ingest.backlogs()["s"]
+        assert backlog.offered == backlog.accepted + backlog.rejected + backlog.pending
+        assert backlog.pending == 0
+        assert ingest.problems() == {}
+
+
+def write(folder: Path, number: int, generator: random.Random) -> int:
+    """Write a file of two or three blocks in one of the ways in which loggers do; return the number of its blocks."""
+    count = generator.choice([2, 3])
+    data = csv_bytes(noise(256 * count, number))
+    path = folder / f"f{number:05d}.csv"
+    way = generator.randrange(3)
+    if way == 0:
+        path.write_bytes(data)
+    elif way == 1:
+        temporary = folder / f"{path.name}.tmp"
+        temporary.write_bytes(data)
+        temporary.rename(path)
+    else:
+        with path.open("wb") as file:
+            file.write(data[: len(data) // 2])
+            file.flush()
+            time.sleep(0.01)
+            file.write(data[len(data) // 2 :])
+    return count
+
+
+@pytest.mark.timeout(effort_count(quick=300, full=3600))
+def test_every_file_is_in_the_ledger_once_however_often_the_reader_is_killed(tmp_path: Path) -> None:
+    generator = random.Random(20251121)
+    folder, database = tmp_path / "in", tmp_path / "state.db"
+    folder.mkdir()
+    number = blocks = committed = 0
+    for _ in range(KILLS):
+        child = subprocess.Popen(
+            [sys.executable, "-c", _CHILD, str(folder), str(database)],
+            cwd=_ROOT,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert child.stdout is not None
+        if generator.random() < 0.8:
+            assert child.stdout.readline() == "open\n"
+        for _ in range(FILES_A_KILL):
+            number += 1
+            blocks += write(folder, number, generator)
+        time.sleep(generator.uniform(0.0, 1.2))
+        child.kill()
+        output = child.stdout.read()
+        child.stdout.close()
+        child.wait()
+        lines = output[: output.rfind("\n") + 1].split()
+        committed = max([committed, *(int(line) for line in lines if line != "open")])
+    drain(folder, database)
+    with Store.open(database, machine="m") as store, StoreLedger(store) as ledger:
+        assert store.check() == []
+        records = list(store.records())
+        assert [record.sequence for record in records] == list(range(1, len(records) + 1))
+        assert committed > 0
+        assert len(records) == blocks
+        assert all(record.accepted for record in records)
+        hashes = [record.content_hash for record in records]
+        assert len(set(hashes)) == len(hashes)
+        assert store.counts().keys().isdisjoint({"duplicate", "changed"})
+        assert ledger.file_counts("s") == {"accepted": number}
+
+
+def test_the_samples_behind_the_records_are_those_of_the_files(tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    samples = noise(256 * 4, 7)
+    (folder / "a.csv").write_bytes(csv_bytes(samples))
+    drain(folder, tmp_path / "state.db")
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        found = [record.channels["x"]["rms"] for record in store.records()]
+    expected = [9.80665 * float(np.std(samples[k * 256 : (k + 1) * 256])) for k in range(4)]
+    np.testing.assert_allclose(found, expected, rtol=1e-6)

@@ -1,0 +1,223 @@
+"""Connection, sender, broker and receiver are killed at random: every block arrives, once, as it was sent."""
+
+from __future__ import annotations
+
+import random
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor.config import Config, validate
+from monitor.records.store import Store
+from streams.block import Block
+from streams.mqtt import MqttLink
+from streams.network import parse_address
+from streams.reblock import samples_hash
+from streams.sender import Link, Sender, TcpLink
+from tests.broker import Broker
+from tests.effort import effort_count
+from tests.proxy import Proxy
+
+KILLS = effort_count(quick=3, full=50)
+"""Of each kind."""
+_ROOT = Path(__file__).parents[2]
+_RATE, _SAMPLES = 2560.0, 256
+_LAST = 10**6
+
+_RECEIVER = """
+import sys, threading
+from pathlib import Path
+from monitor.records.store import Store
+from monitor.service.ingest import Ingest
+from tests.faults.test_network_kill import config
+
+with Store.open(Path(sys.argv[2]), machine="m") as store, Ingest.open(config(sys.argv[1]), store) as ingest:
+    print("open", flush=True)
+    ingest.run(threading.Event(), lambda record: print(record.sequence, flush=True))
+"""
+_SENDER = """
+import sys
+from tests.faults.test_network_kill import Made, link
+from streams.sender import Sender
+
+print("open", flush=True)
+Sender(Made(), link(sys.argv[1]), pace=4.0, stall=2.0, patience=1e9).run()
+"""
+
+
+class Made:
+    """A recording that never ends; every block is another one."""
+
+    name = "s"
+
+    def __len__(self) -> int:
+        return _LAST
+
+    def __iter__(self) -> Iterator[Block]:
+        for number in range(1, _LAST + 1):
+            yield block(number)
+
+
+def block(number: int) -> Block:
+    samples = np.random.default_rng(number).standard_normal((1, _SAMPLES)).astype(np.float32)
+    return Block(samples, _RATE, ("x",), ("g",), "s", number, str(number), start=1.7e9 + 0.1 * number)
+
+
+def link(url: str) -> Link:
+    address = parse_address(url, "test")
+    return TcpLink(address, "s", 5.0) if address.scheme == "tcp" else MqttLink(address, timeout=5.0)
+
+
+def config(url: str) -> Config:
+    return validate(
+        {
+            "machine": {"name": "m"},
+            "bearing": [{"name": "b", "designation": "1205 ETN9"}],
+            "operating": {"speed_hz": 40.0},
+            "source": [{"name": "s", "url": url}],
+            "channel": [{"name": "x", "source": "s", "unit": "g", "bearing": "b", "band_hz": [[300, 1200]]}],
+        },
+        Path("machine.toml"),
+    )
+
+
+class Child:
+    """A process of the test that can be killed and started again."""
+
+    def __init__(self, program: str, *arguments: str) -> None:
+        self._command = [sys.executable, "-c", program, *arguments]
+        self._process: subprocess.Popen[str] | None = None
+
+    def start(self) -> None:
+        self._process = subprocess.Popen(self._command, cwd=_ROOT, stdout=subprocess.PIPE, text=True)
+
+    def wait_for_line(self) -> None:
+        assert self._process is not None
+        assert self._process.stdout is not None
+        assert self._process.stdout.readline(), "the process ended"
+
+    def kill(self) -> None:
+        if self._process is not None:
+            assert self._process.poll() is None, "the process ended by itself"
+            self._process.kill()
+            assert self._process.stdout is not None
+            self._process.stdout.close()
+            self._process.wait()
+            self._process = None
+
+    def restart(self) -> None:
+        self.kill()
+        self.start()
+
+
+@contextmanager
+def running(*children: Child) -> Iterator[None]:
+    try:
+        for child in children:
+            child.start()
+        for child in children:
+            child.wait_for_line()
+        yield
+    finally:
+        for child in children:
+            child.kill()
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+def last_of(database: Path) -> int:
+    with Store.open(database, read_only=True) as store:
+        return store.last("s")
+
+
+def wait_for_progress(database: Path, least: int) -> int:
+    deadline = time.monotonic() + 60.0
+    while (last := last_of(database)) < least:
+        assert time.monotonic() < deadline, f"nothing is committed after block {last}"
+        time.sleep(0.05)
+    return last
+
+
+def check(database: Path, last: int) -> None:
+    with Store.open(database, read_only=True) as store:
+        assert store.check() == []
+        rows = store.rows("SELECT sequence, content_hash, status FROM blocks WHERE source = 's' ORDER BY sequence")
+        changed = store.counts().get("changed", 0)
+    sent = [block(number) for number in range(1, last + 1)]
+    assert rows == [(b.sequence, samples_hash(b.samples, b.rate, b.channels), "ok") for b in sent]
+    assert changed == 0
+
+
+def kill_at_random(
+    kinds: dict[str, Callable[[], None]], database: Path, generator: random.Random, finish: Callable[[int], None]
+) -> None:
+    """Kill each kind so many times, in random order and at random moments, then send what is left."""
+    order = [kind for kind in kinds for _ in range(KILLS)]
+    generator.shuffle(order)
+    last = wait_for_progress(database, 1)
+    for number, kind in enumerate(order):
+        time.sleep(generator.uniform(0.0, 0.3))
+        kinds[kind]()
+        if number % 4 == 3:
+            # Else a run of kills would go by before anything is sent again.
+            last = wait_for_progress(database, last + 1)
+    last = wait_for_progress(database, last + 1) + 50
+    finish(last)
+    check(database, last)
+
+
+@pytest.mark.timeout(1500)
+def test_tcp_with_connection_sender_and_receiver_killed(tmp_path: Path) -> None:
+    generator, database, port = random.Random(7), tmp_path / "state.db", free_port()
+    receiver = Child(_RECEIVER, f"tcp://127.0.0.1:{port}", str(database))
+    with Proxy(port) as proxy:
+        url = f"tcp://127.0.0.1:{proxy.port}"
+        sender = Child(_SENDER, url)
+        with running(receiver, sender):
+
+            def finish(last: int) -> None:
+                sender.kill()
+                assert Sender(Made(), link(url), limit=last, patience=60.0).run().acknowledged == last
+
+            kinds = {
+                "connection": lambda: proxy.cut(reset=generator.random() < 0.5),
+                "sender": sender.restart,
+                "receiver": receiver.restart,
+            }
+            kill_at_random(kinds, database, generator, finish)
+
+
+@pytest.mark.broker
+@pytest.mark.timeout(1500)
+def test_mqtt_with_connection_sender_broker_and_receiver_killed(tmp_path: Path) -> None:
+    generator, database = random.Random(8), tmp_path / "state.db"
+    with Broker(tmp_path / "broker") as broker, Proxy(broker.port) as proxy:
+        url = f"mqtt://127.0.0.1:{proxy.port}/plant/press"
+        receiver, sender = Child(_RECEIVER, url, str(database)), Child(_SENDER, url)
+
+        def restart_broker() -> None:
+            broker.kill()
+            broker.start()
+
+        def finish(last: int) -> None:
+            sender.kill()
+            assert Sender(Made(), link(url), limit=last, stall=2.0, patience=60.0).run().acknowledged == last
+
+        with running(receiver, sender):
+            kinds = {
+                "connection": lambda: proxy.cut(reset=generator.random() < 0.5),
+                "sender": sender.restart,
+                "receiver": receiver.restart,
+                "broker": restart_broker,
+            }
+            kill_at_random(kinds, database, generator, finish)

@@ -1,0 +1,210 @@
+"""The child process: what it returns, what kills it, and that nothing of it stays behind."""
+
+from __future__ import annotations
+
+import gc
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from signal import SIGKILL
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from streams.readers.child import Limits, ReaderProcess, isolated, shared_process
+from streams.readers.mat import mat_variables, read_mat
+from streams.readers.reading import ReaderError, Reading
+from tests.streams import misbehave
+from tests.streams.format_makers import mat_bytes, signal
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def child() -> Iterator[ReaderProcess]:
+    with ReaderProcess(Limits(memory=2 << 30, cpu_s=2, wall_s=4.0, files=5)) as process:
+        yield process
+
+
+def crash(child: ReaderProcess, how: object) -> str:
+    assert callable(how)
+    with pytest.raises(ReaderError) as caught:
+        child.call(how, b"data", "x.bin")
+    return f"{caught.value.status}: {caught.value}"
+
+
+def open_files() -> set[str]:
+    return {path.name for path in Path("/proc/self/fd").iterdir() if path.exists()}
+
+
+def alive(pid: int | None) -> bool:
+    return pid is not None and Path(f"/proc/{pid}").exists()
+
+
+def test_readings_values_and_errors_come_back_as_they_are(child: ReaderProcess) -> None:
+    samples = signal()
+    data = mat_bytes(samples)
+    here, there = read_mat(data, "x.mat"), child.call(read_mat, data, "x.mat")
+    assert isinstance(there, Reading)
+    assert_array_equal(there.samples, here.samples)
+    assert there.samples.dtype == here.samples.dtype
+    for field in ("names", "columns", "channels", "rate", "unit", "speed", "load", "start", "units", "scaled"):
+        assert getattr(there, field) == getattr(here, field)
+    assert child.call(mat_variables, data, "x.mat") == {"acc_1": [[1, 1000], "double"], "acc_2": [[1, 1000], "double"]}
+    with pytest.raises(ReaderError, match=r"ü\n<b>: not a MAT file") as caught:
+        child.call(read_mat, b"MATLAB?", "ü\n<b>")
+    assert caught.value.status == "unreadable"
+    assert child.call(misbehave.answer_name, b"", "\udcff") == "\udcff"
+
+
+def test_float32_and_empty_arrays(child: ReaderProcess) -> None:
+    reading = child.call(misbehave.single, b"", "x")
+    assert reading.samples.dtype == np.float32
+    assert_array_equal(reading.samples, [[1.0, np.inf, -np.inf]])
+
+
+def test_the_child_is_kept_and_then_replaced(child: ReaderProcess) -> None:
+    pids = [child.call(misbehave.pid, b"", "x") for _ in range(12)]
+    assert [pids.count(pid) for pid in dict.fromkeys(pids)] == [5, 5, 2]
+    assert os.getpid() not in pids
+    assert not alive(pids[0])
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        (misbehave.segfault, "reader_crashed: .*died of SIGSEGV"),
+        (misbehave.leave, "reader_crashed: .*ended with code 3"),
+        (misbehave.sleep, "reader_crashed: .*no answer within 4 s"),
+        (misbehave.burn, r"reader_crashed: .*(used more than 2 s of processor time|no answer within 4 s)"),
+        (misbehave.eat, "refused: .*more memory"),
+        (misbehave.write_much, "reader_crashed|unreadable"),
+        (misbehave.nonsense, "unreadable: .*TypeError"),
+        (misbehave.fail, "unreadable: .*ZeroDivisionError"),
+        (misbehave.recurse, "unreadable: .*nested too deeply"),
+        (misbehave.endless, "reader_crashed: .*without end"),
+        (misbehave.not_json, "reader_crashed: .*ended with code 1"),
+    ],
+)
+def test_whatever_a_reader_does_the_parent_goes_on(child: ReaderProcess, how: object, words: str) -> None:
+    answer = crash(child, how)
+    assert re.match(words, answer), answer
+    assert "x.bin" in answer
+    assert_array_equal(child.call(read_mat, mat_bytes(signal()), "x").samples, signal())
+
+
+def test_a_child_that_is_killed_between_files_is_replaced(child: ReaderProcess) -> None:
+    first = child.call(misbehave.pid, b"", "x")
+    os.kill(first, SIGKILL)
+    deadline = time.monotonic() + 5
+    while Path(f"/proc/{first}/stat").read_text().split()[2] != "Z" and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert child.call(misbehave.pid, b"", "x") != first
+
+
+def test_many_threads_take_turns() -> None:
+    data = {seed: mat_bytes(signal(seed=seed)) for seed in range(4)}
+    wrong: list[int] = []
+
+    def work(seed: int) -> None:
+        for _ in range(5):
+            reading = isolated(read_mat)(data[seed], f"{seed}")
+            if not np.array_equal(reading.samples, signal(seed=seed)):
+                wrong.append(seed)
+
+    threads = [threading.Thread(target=work, args=(seed,), daemon=True) for seed in data]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert not wrong
+    assert not any(thread.is_alive() for thread in threads)
+
+
+def test_closing_ends_a_call_that_is_under_way() -> None:
+    child = ReaderProcess(Limits(wall_s=60.0))
+    answers: list[str] = []
+    child.call(misbehave.pid, b"", "x")
+    thread = threading.Thread(target=lambda: answers.append(crash(child, misbehave.sleep)), daemon=True)
+    thread.start()
+    time.sleep(0.3)
+    pid = child.pid
+    start = time.monotonic()
+    child.close()
+    thread.join(10)
+    assert time.monotonic() - start < 10
+    assert answers
+    assert answers[0].startswith("reader_crashed")
+    assert not alive(pid)
+    assert "was closed" in crash(child, misbehave.pid)
+
+
+def test_nothing_stays_open() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        before = open_files()
+        for _ in range(3):
+            with ReaderProcess() as child:
+                child.call(misbehave.pid, b"", "x")
+        gc.collect()
+        assert open_files() <= before
+
+
+PROGRAM = """
+import contextlib, os, sys, threading, time
+from streams.readers.child import isolated, shared_process
+from streams.readers.reading import ReaderError
+from tests.streams import misbehave
+mode = sys.argv[1]
+if mode == "daemon":
+    print(isolated(misbehave.pid)(b"", "x"), flush=True)
+    def work():
+        with contextlib.suppress(ReaderError):
+            isolated(misbehave.sleep)(b"", "x")
+    threading.Thread(target=work, daemon=True).start()
+    time.sleep(0.5)
+elif mode == "fork":
+    first = isolated(misbehave.pid)(b"", "x")
+    read, write = os.pipe()
+    if os.fork() == 0:
+        os.write(write, str(isolated(misbehave.pid)(b"", "x")).encode())
+        shared_process().close()
+        os._exit(0)
+    os.wait()
+    second = int(os.read(read, 100))
+    assert first != second and isolated(misbehave.pid)(b"", "x") == first
+    print(second, flush=True)
+elif mode == "killed":
+    print(isolated(misbehave.pid)(b"", "x"), flush=True)
+    os.kill(os.getpid(), 9)
+"""
+
+
+@pytest.mark.parametrize(("mode", "code"), [("daemon", 0), ("fork", 0), ("killed", -9)])
+def test_no_process_outlives_the_program(mode: str, code: int) -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", PROGRAM, mode],
+        cwd=REPOSITORY,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stderr if code == 0 else "") == (code, "")
+    pid = int(done.stdout.split()[-1])
+    deadline = time.monotonic() + 5
+    while alive(pid) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not alive(pid)
+
+
+def test_the_shared_process_is_one() -> None:
+    assert shared_process() is shared_process()

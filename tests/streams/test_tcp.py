@@ -1,0 +1,452 @@
+"""The TCP receiver and the reference sender: each block once, whatever breaks between them."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from streams.block import Block, Rejected
+from streams.ledger import MemoryLedger
+from streams.live import Delivery, LiveSource
+from streams.network import NetworkSpec, parse_address
+from streams.sender import Sender, SendError, TcpLink
+from streams.spec import ChannelSpec, SourceError, SourceSpec
+from streams.tcp import TcpReceiver
+from streams.wire import HEAD, Frame, block_frame, encode_frame, hello
+
+URL = "tcp://127.0.0.1:0"
+
+
+def block(sequence: int, samples: int = 64) -> Block:
+    rows = np.random.default_rng(sequence).standard_normal((2, samples)).astype(np.float32)
+    return Block(rows, 100.0, ("x", "y"), ("g", "g"), "made", sequence, str(sequence), start=1.7e9 + sequence)
+
+
+class Recorded:
+    """A recording of blocks, some of which could not be made."""
+
+    name = "made"
+
+    def __init__(self, numbers: range, bad: tuple[int, ...] = (), samples: int = 64) -> None:
+        self.numbers, self.bad, self.samples = numbers, bad, samples
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def __iter__(self) -> Iterator[Block | Rejected]:
+        for n in self.numbers:
+            yield Rejected("made", n, str(n), "nan", "bad") if n in self.bad else block(n, self.samples)
+
+
+@contextmanager
+def receiving(
+    ledger: MemoryLedger, network: NetworkSpec | None = None, specs: list[SourceSpec] | None = None
+) -> Iterator[TcpReceiver]:
+    with TcpReceiver(specs or [SourceSpec("press", URL)], network) as receiver:
+        receiver.open(ledger)
+        yield receiver
+
+
+def commit(receiver: TcpReceiver, ledger: MemoryLedger, timeout: float = 5.0) -> Block | Rejected:
+    delivery = receiver.next(timeout)
+    assert delivery is not None
+    ledger.commit(delivery.item)
+    receiver.acknowledge(delivery)
+    return delivery.item
+
+
+@contextmanager
+def committing(receiver: TcpReceiver, ledger: MemoryLedger) -> Iterator[list[Block | Rejected]]:
+    """Commit in the background, and give what was committed."""
+    items: list[Block | Rejected] = []
+    done = threading.Event()
+
+    def work() -> None:
+        while not done.is_set():
+            delivery = receiver.next(0.02)
+            if delivery is not None:
+                ledger.commit(delivery.item)
+                items.append(delivery.item)
+                receiver.acknowledge(delivery)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        yield items
+    finally:
+        done.set()
+        thread.join()
+
+
+def link(receiver: TcpReceiver, stream: str = "press") -> TcpLink:
+    return TcpLink(parse_address(f"tcp://127.0.0.1:{receiver.port}", "test"), stream, 5.0)
+
+
+def raw(receiver: TcpReceiver, stream: str = "press") -> socket.socket:
+    connection = socket.create_connection(("127.0.0.1", receiver.port), 5.0)
+    connection.sendall(hello(stream))
+    return connection
+
+
+def answer(connection: socket.socket) -> int:
+    data = b""
+    while len(data) < 8:
+        more = connection.recv(8 - len(data))
+        assert more, "the receiver closed the connection"
+        data += more
+    return struct.unpack("<Q", data)[0]
+
+
+def frame(sequence: int) -> bytes:
+    return encode_frame(block_frame(block(sequence)))
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 5.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def gone(connection: socket.socket) -> bool:
+    try:
+        while connection.recv(4096):
+            pass
+    except ConnectionError:
+        pass
+    return True
+
+
+def test_receiver_is_a_live_source() -> None:
+    with TcpReceiver([SourceSpec("press", URL)]) as receiver:
+        assert isinstance(receiver, LiveSource)
+
+
+def test_a_recording_arrives_whole() -> None:
+    ledger = MemoryLedger()
+    with receiving(ledger) as receiver:
+        with committing(receiver, ledger) as items:
+            result = Sender(Recorded(range(1, 41)), link(receiver)).run()
+        assert (result.sent, result.acknowledged, result.skipped, result.reconnects) == (40, 40, 0, 0)
+        backlog = receiver.backlog()
+        assert (backlog.offered, backlog.accepted, backlog.pending, backlog.oldest_age_s) == (40, 40, 0, 0.0)
+    assert [item.sequence for item in items] == list(range(1, 41))
+    for item in items:
+        assert isinstance(item, Block)
+        sent = block(item.sequence)
+        np.testing.assert_array_equal(item.samples, sent.samples)
+        assert (item.source, item.rate, item.channels, item.units) == ("press", 100.0, sent.channels, sent.units)
+        assert item.start == sent.start
+
+
+def test_nothing_is_acknowledged_before_its_commit() -> None:
+    ledger = MemoryLedger()
+    with receiving(ledger) as receiver, raw(receiver) as connection:
+        assert answer(connection) == 0
+        connection.sendall(frame(1) + frame(2))
+        first, second = receiver.next(5.0), receiver.next(5.0)
+        assert isinstance(first, Delivery)
+        assert isinstance(second, Delivery)
+        connection.settimeout(0.1)
+        with pytest.raises(TimeoutError):
+            connection.recv(8)
+        connection.settimeout(5.0)
+        assert receiver.backlog().pending == 2
+        receiver.acknowledge(first)
+        assert answer(connection) == 1
+        receiver.acknowledge(second)
+        assert answer(connection) == 2
+        with pytest.raises(ValueError, match="acknowledged already"):
+            receiver.acknowledge(second)
+
+
+def test_what_comes_again_before_the_commit_is_delivered_once() -> None:
+    ledger = MemoryLedger()
+    with receiving(ledger) as receiver:
+        with raw(receiver) as connection:
+            answer(connection)
+            connection.sendall(frame(1))
+            held = receiver.next(5.0)
+            assert held is not None
+        with raw(receiver) as connection:
+            assert answer(connection) == 0
+            connection.sendall(frame(1) + frame(2))
+            second = receiver.next(5.0)
+            assert second is not None
+            assert second.item.sequence == 2
+            receiver.acknowledge(held)
+            assert answer(connection) == 1
+        assert receiver.next(0.05) is None
+
+
+def test_what_comes_again_after_the_commit_is_a_duplicate_and_acknowledged() -> None:
+    ledger = MemoryLedger()
+    with receiving(ledger) as receiver, raw(receiver) as connection:
+        answer(connection)
+        other = encode_frame(Frame(1, 100.0, np.zeros((1, 4), dtype="<i2"), ("x",), ("g",)))
+        connection.sendall(frame(1))
+        commit(receiver, ledger)
+        assert answer(connection) == 1
+        connection.sendall(frame(1) + other)
+        again, changed = commit(receiver, ledger), commit(receiver, ledger)
+        assert [getattr(item, "status", None) for item in (again, changed)] == ["duplicate", "changed"]
+        assert answer(connection) == 1
+        backlog = receiver.backlog()
+        assert (backlog.offered, backlog.accepted, backlog.rejected, backlog.pending) == (3, 1, 2, 0)
+    assert len(ledger.blocks("press")) == 1
+
+
+def test_a_gap_is_stated_and_a_late_block_still_taken() -> None:
+    ledger = MemoryLedger()
+    with receiving(ledger) as receiver, raw(receiver) as connection:
+        answer(connection)
+        connection.sendall(frame(1) + frame(5) + frame(3) + frame(4))
+        items = [commit(receiver, ledger) for _ in range(5)]
+    assert [item.sequence for item in items] == [1, 4, 5, 3, 4]
+    gap = items[1]
+    assert isinstance(gap, Rejected)
+    assert gap.status == "incomplete"
+    assert "frames 2 to 4 never came (3 missing)" in gap.reason
+    assert isinstance(items[3], Block)
+    assert isinstance(items[4], Rejected)
+    assert items[4].status == "changed"
+
+
+def test_a_frame_whose_predecessor_was_lost_on_the_way_is_not_taken() -> None:
+    ledger = MemoryLedger()
+    with receiving(ledger) as receiver:
+        with raw(receiver) as connection:
+            answer(connection)
+            connection.sendall(encode_frame(block_frame(block(1), after=0)))
+            connection.sendall(encode_frame(block_frame(block(5), after=1)))
+            connection.sendall(encode_frame(block_frame(block(7), after=6)))
+            assert gone(connection)
+        items = [commit(receiver, ledger) for _ in range(3)]
+        assert [(item.sequence, getattr(item, "status", "ok")) for item in items] == [
+            (1, "ok"),
+            (4, "incomplete"),
+            (5, "ok"),
+        ]
+        assert receiver.next(0.0) is None
+
+
+def test_what_is_right_by_its_checksum_but_wrong_inside_takes_its_place_and_is_forgotten_by_the_sender() -> None:
+    ledger = MemoryLedger()
+    spec = SourceSpec("press", URL, rate=100.0, channels=(ChannelSpec("x", unit="g"),))
+    samples = np.zeros((1, 4), dtype="<f4")
+    frames = [
+        Frame(1, 50.0, samples, ("x",), ("g",)),
+        Frame(2, 100.0, samples, ("z1",), ("m/s2",)),
+        Frame(3, 100.0, np.zeros((2, 4), dtype="<f4"), ("z", "w"), ("g", "g")),
+        Frame(4, 100.0, np.array([[1, 2], [3, 4]], dtype="<f4"), ("w", "x"), ("V", "g")),
+    ]
+    with receiving(ledger, specs=[spec]) as receiver, raw(receiver) as connection:
+        answer(connection)
+        for item in frames:
+            connection.sendall(encode_frame(item))
+        items = [commit(receiver, ledger) for _ in frames]
+        while answer(connection) != 4:
+            pass
+    assert [getattr(item, "status", "ok") for item in items] == ["wrong_rate", "wrong_unit", "wrong_shape", "ok"]
+    last = items[3]
+    assert isinstance(last, Block)
+    np.testing.assert_array_equal(last.samples, [[3, 4]])
+    assert (last.channels, last.units) == (("x",), ("g",))
+
+
+def test_several_streams_share_an_address_and_each_counts_for_itself() -> None:
+    ledger = MemoryLedger()
+    specs = [SourceSpec("press", URL), SourceSpec("saw", URL)]
+    with receiving(ledger, specs=specs) as receiver:
+        with committing(receiver, ledger):
+            for stream, last in (("press", 7), ("saw", 3)):
+                Sender(Recorded(range(1, last + 1)), link(receiver, stream)).run()
+        with raw(receiver, "saw") as connection:
+            assert answer(connection) == 3
+    assert (len(ledger.blocks("press")), len(ledger.blocks("saw"))) == (7, 3)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"GET / HTTP/1.1\r\n\r\n", "hello"),
+        (hello("lathe"), "not configured"),
+        (hello("press") + b"SPW2" + bytes(60), "SPW1"),
+        (hello("press") + HEAD.pack(b"SPW1", 1, 1000, 1, 1.0, 2**31, 4, 0, 0), "at most"),
+        (hello("press") + frame(1)[:-1] + b"\0", "checksum"),
+        (hello("press") + frame(1)[:-9], "middle"),
+    ],
+)
+def test_nonsense_ends_its_own_connection_only(data: bytes, words: str) -> None:
+    ledger = MemoryLedger()
+    with receiving(ledger) as receiver:
+        with socket.create_connection(("127.0.0.1", receiver.port), 5.0) as connection:
+            connection.sendall(data)
+            with suppress(OSError):
+                connection.shutdown(socket.SHUT_WR)
+            assert gone(connection)
+        wait_until(lambda: words in (receiver.problem() or ""))
+        assert receiver.next(0.0) is None
+        with raw(receiver) as connection:
+            assert answer(connection) == 0
+            connection.sendall(frame(1))
+            assert commit(receiver, ledger).sequence == 1
+            assert receiver.problem() is None
+
+
+def test_a_sender_that_dawdles_is_dropped() -> None:
+    network = NetworkSpec(read_timeout=0.2)
+    with receiving(MemoryLedger(), network) as receiver:
+        with socket.create_connection(("127.0.0.1", receiver.port), 5.0) as connection:
+            connection.sendall(b"SP")
+            assert gone(connection)
+        assert "no whole hello within 0.2 s" in (receiver.problem() or "")
+        with raw(receiver) as connection:
+            answer(connection)
+            connection.sendall(frame(1)[:50])
+            assert gone(connection)
+        wait_until(lambda: "no whole frame within 0.2 s" in (receiver.problem() or ""))
+
+
+def test_one_connection_too_many_is_refused() -> None:
+    with receiving(MemoryLedger(), NetworkSpec(max_connections=1)) as receiver, raw(receiver) as first:
+        answer(first)
+        with socket.create_connection(("127.0.0.1", receiver.port), 5.0) as second:
+            assert gone(second)
+
+
+def test_the_newest_connection_of_a_stream_is_the_one() -> None:
+    ledger = MemoryLedger()
+    with receiving(ledger) as receiver, raw(receiver) as first:
+        answer(first)
+        with raw(receiver) as second:
+            answer(second)
+            assert gone(first)
+            second.sendall(frame(1))
+            commit(receiver, ledger)
+            assert answer(second) == 1
+
+
+def test_reading_stops_while_too_much_waits() -> None:
+    ledger = MemoryLedger()
+    size = len(encode_frame(block_frame(block(1, 20000))))
+    with receiving(ledger, NetworkSpec(max_waiting=3 * size)) as receiver:
+        sender = Sender(Recorded(range(1, 61), samples=20000), link(receiver))
+        thread = threading.Thread(target=sender.run)
+        thread.start()
+        wait_until(lambda: receiver.backlog().pending >= 3)
+        time.sleep(0.3)
+        assert receiver.backlog().pending == 3
+        assert "faster than they are committed" in (receiver.problem() or "")
+        with committing(receiver, ledger):
+            thread.join(20.0)
+    assert sorted(ledger.blocks("press")) == list(range(1, 61))
+
+
+def test_sender_goes_on_where_the_receiver_is() -> None:
+    ledger = MemoryLedger()
+    recording = Recorded(range(1, 21), bad=(4,))
+    with receiving(ledger) as receiver, committing(receiver, ledger):
+        first = Sender(recording, link(receiver), limit=8).run()
+        second = Sender(recording, link(receiver)).run()
+        third = Sender(recording, link(receiver)).run()
+    assert (first.sent, first.acknowledged, first.rejected) == (7, 8, 1)
+    assert (second.sent, second.skipped, second.acknowledged) == (12, 7, 20)
+    assert (third.sent, third.skipped, third.acknowledged) == (0, 19, 20)
+    assert sorted(ledger.blocks("press")) == list(range(1, 21))
+
+
+def test_sender_survives_a_receiver_that_forgot_everything() -> None:
+    first, second = MemoryLedger(), MemoryLedger()
+    with receiving(first) as receiver:
+        port = receiver.port
+        sender = Sender(Recorded(range(1, 31)), link(receiver), patience=20.0)
+        result: list[int] = []
+        thread = threading.Thread(target=lambda: result.append(sender.run().acknowledged))
+        thread.start()
+        for _ in range(10):
+            commit(receiver, first)
+    specs = [SourceSpec("press", f"tcp://127.0.0.1:{port}")]
+    with receiving(second, specs=specs) as receiver, committing(receiver, second):
+        thread.join(20.0)
+    assert result == [30]
+    assert sorted(second.blocks("press")) == list(range(1, 31))
+
+
+def test_sender_gives_up_after_its_patience_and_says_why() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    address = parse_address(f"tcp://127.0.0.1:{port}", "test")
+    with pytest.raises(SendError, match="refused; blocks to 0 are committed"):
+        Sender(Recorded(range(1, 3)), TcpLink(address, "press"), patience=0.0, sleep=lambda _: None).run()
+
+
+def test_pace_follows_the_length_of_the_blocks() -> None:
+    ledger, waits = MemoryLedger(), []
+    with receiving(ledger) as receiver, committing(receiver, ledger):
+        Sender(Recorded(range(1, 4)), link(receiver), pace=16.0, sleep=waits.append).run()
+    assert len(waits) == 3
+    assert waits[0] == 0.0
+    assert 0.0 < waits[1] <= 0.04
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("tcp://127.0.0.1", "expected tcp"),
+        ("tcp://user:secret@127.0.0.1:1", "password_file"),
+        ("tcp://127.0.0.1:99999", "ort"),
+        ("tcp://127.0.0.1:5/path", "expected tcp"),
+        ("mqtt://h/a/+/b", "without"),
+        ("mqtt://h/a/%23", "without"),
+        ("mqtt://h", "expected tcp"),
+        ("udp://h:1", "expected tcp"),
+    ],
+)
+def test_addresses_that_are_none_are_named(url: str, words: str) -> None:
+    with pytest.raises(SourceError, match=words) as caught:
+        parse_address(url, "[[source]] press: url")
+    assert "secret" not in str(caught.value)
+
+
+def test_other_machines_are_kept_out_unless_they_are_named() -> None:
+    spec = SourceSpec("press", "tcp://0.0.0.0:0")
+    with TcpReceiver([spec]) as receiver, pytest.raises(SourceError, match="peers"):
+        receiver.open(MemoryLedger())
+    network = NetworkSpec(peers=("192.168.7.0/24",))
+    assert network.admits("192.168.7.9")
+    assert network.admits("::ffff:192.168.7.9")
+    assert network.admits("127.0.0.1")
+    assert network.admits("::1")
+    assert not network.admits("192.168.8.9")
+    with pytest.raises(SourceError, match="peers"):
+        NetworkSpec(peers=("nowhere",))
+    with TcpReceiver([spec], network) as receiver:
+        receiver.open(MemoryLedger())
+        with raw(receiver) as connection:
+            assert answer(connection) == 0
+
+
+def test_an_address_in_use_is_named() -> None:
+    with receiving(MemoryLedger()) as receiver:
+        spec = SourceSpec("saw", f"tcp://127.0.0.1:{receiver.port}")
+        with TcpReceiver([spec]) as other, pytest.raises(SourceError, match="cannot be listened to"):
+            other.open(MemoryLedger())
+
+
+def test_the_sender_of_the_documentation_works() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "wire.md").read_text(encoding="utf-8")
+    program = text.split("```python\n")[1].split("```")[0]
+    ledger = MemoryLedger()
+    with receiving(ledger) as receiver, committing(receiver, ledger) as items:
+        exec(compile(program.replace("5777", str(receiver.port)), "docs/wire.md", "exec"), {})
+    assert [item.sequence for item in items] == list(range(1, 11))
+    assert all(isinstance(item, Block) and item.speed == 30.0 for item in items)

@@ -1,0 +1,280 @@
+"""The wire: what is written is read back; whatever else comes is refused in words."""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from streams.block import Block
+from streams.crc32c import crc32c
+from streams.wire import (
+    HEAD,
+    MAX_FRAME,
+    Frame,
+    WireError,
+    block_frame,
+    decode_frame,
+    encode_frame,
+    frame_length,
+    hello,
+    hello_length,
+    hello_stream,
+)
+from tests.effort import effort_count
+from tests.oracles.crc32c_oracle import crc32c_bitwise
+
+KINDS = ("<i2", "<i4", "<f4", "<f8")
+
+
+def make(kind: str = "<f4", **changes: Any) -> Frame:
+    samples = (np.arange(20).reshape(2, 10) - 7).astype(kind)
+    values: dict[str, Any] = {
+        "sequence": 3,
+        "rate": 25600.0,
+        "samples": samples,
+        "channels": ("a", "b"),
+        "units": ("g", "V"),
+    }
+    return Frame(**(values | changes))
+
+
+def sealed(body: bytes) -> bytes:
+    return body + struct.pack("<I", crc32c_bitwise(body))
+
+
+def with_header(header: Any, count: int = 4, channels: int = 1, rate: float = 100.0, sequence: int = 9) -> bytes:
+    text = header if isinstance(header, bytes) else json.dumps(header).encode()
+    head = HEAD.pack(b"SPW1", 1, channels, sequence, rate, count, 1, 0, len(text))
+    return sealed(head + text + bytes(2 * channels * count))
+
+
+@pytest.mark.parametrize(
+    ("data", "value"),
+    [
+        (b"123456789", 0xE3069283),
+        # RFC 3720, section B.4
+        (bytes(32), 0x8A9136AA),
+        (b"\xff" * 32, 0x62A8AB43),
+        (bytes(range(32)), 0x46DD794E),
+        (b"", 0),
+    ],
+)
+def test_checksum_of_published_messages(data: bytes, value: int) -> None:
+    assert crc32c(data) == value
+    assert crc32c_bitwise(data) == value
+
+
+@given(st.binary(max_size=200), st.integers(0, 300))
+@settings(max_examples=effort_count(quick=100, full=2000))
+def test_checksum_is_that_of_the_definition(data: bytes, more: int) -> None:
+    data = data + bytes(range(256)) * (more // 4)
+    assert crc32c(data) == crc32c_bitwise(data)
+
+
+@pytest.mark.parametrize("length", [16380, 16383, 16384, 16385, 16388, 16392, 32771, 70001])
+def test_checksum_across_rows(length: int) -> None:
+    data = np.random.default_rng(length).bytes(length)
+    assert crc32c(data) == crc32c_bitwise(data)
+
+
+@given(
+    kind=st.sampled_from(KINDS),
+    shape=st.tuples(st.integers(1, 5), st.integers(1, 40)),
+    sequence=st.integers(1, 2**63 - 1),
+    rate=st.floats(1e-3, 1e7),
+    start=st.none() | st.integers(-(2**63) + 1, 2**63 - 1),
+    scale=st.floats(1e-6, 1e6),
+    speed=st.none() | st.floats(0.1, 1e3),
+    load=st.none() | st.floats(0.0, 1e6),
+    unit=st.sampled_from(["g", "m/s2", "V", "unknown"]),
+    seed=st.integers(0, 1000),
+)
+def test_round_trip(
+    kind: str,
+    shape: tuple[int, int],
+    sequence: int,
+    rate: float,
+    start: int | None,
+    scale: float,
+    speed: float | None,
+    load: float | None,
+    unit: str,
+    seed: int,
+) -> None:
+    size = shape[0] * shape[1] * np.dtype(kind).itemsize
+    samples = np.frombuffer(np.random.default_rng(seed).bytes(size), dtype=kind).reshape(shape)
+    names = tuple(f"\N{LATIN SMALL LETTER U WITH DIAERESIS}{i}" for i in range(shape[0]))
+    frame = Frame(
+        sequence, rate, samples, names, (unit,) * shape[0], start, (scale,) * shape[0], speed, load, 0.5, sequence - 1
+    )
+    back = decode_frame(encode_frame(frame))
+    assert back.samples.dtype == np.dtype(kind)
+    assert back.samples.tobytes() == samples.tobytes()
+    assert back.samples.shape == shape
+    for name in ("sequence", "rate", "channels", "units", "start", "scale", "speed", "load", "elapsed", "after"):
+        assert getattr(back, name) == getattr(frame, name)
+
+
+def test_layout_is_that_of_the_interface() -> None:
+    data = encode_frame(make("<i2", start=5, speed=30.0))
+    assert data[:4] == b"SPW1"
+    assert struct.unpack_from("<HHQdIBqH", data, 4)[:7] == (1, 2, 3, 25600.0, 10, 3 - 2, 5)
+    (length,) = struct.unpack_from("<H", data, 37)
+    assert json.loads(data[39 : 39 + length]) == {"channels": ["a", "b"], "units": ["g", "V"], "speed_hz": 30.0}
+    assert struct.unpack_from("<10h", data, 39 + length) == tuple(range(-7, 3))
+    assert len(data) == 39 + length + 40 + 4
+    assert hello("press 4") == b"SPWH" + struct.pack("<HH", 1, 7) + b"press 4"
+
+
+@pytest.mark.parametrize(("kind", "result"), [("<i2", "f4"), ("<i4", "f8"), ("<f4", "f4"), ("<f8", "f8")])
+def test_scaling_keeps_all_bits_that_were_sampled(kind: str, result: str) -> None:
+    frame = make(kind, scale=(0.5, 2.0))
+    scaled = frame.scaled()
+    assert scaled.dtype == np.dtype(result)
+    np.testing.assert_array_equal(scaled, frame.samples * np.array([[0.5], [2.0]]))
+
+
+def test_scale_that_overflows_is_no_error() -> None:
+    assert np.isinf(decode_frame(encode_frame(make("<f4", scale=(1e300, 1.0)))).scaled()[0, 0])
+
+
+@given(st.binary(max_size=120))
+@settings(max_examples=effort_count(quick=300, full=20000))
+def test_nonsense_is_refused(data: bytes) -> None:
+    with pytest.raises(WireError):
+        decode_frame(data)
+    with pytest.raises(WireError):
+        decode_frame(b"SPW1\x01\x00" + data)
+
+
+@given(st.data())
+@settings(max_examples=effort_count(quick=200, full=5000))
+def test_any_damage_is_refused(data: st.DataObject) -> None:
+    whole = bytearray(encode_frame(make()))
+    for _ in range(data.draw(st.integers(1, 4))):
+        place = data.draw(st.integers(0, len(whole) - 1))
+        whole[place] ^= data.draw(st.integers(1, 255))
+    cut = data.draw(st.integers(0, len(whole)))
+    if bytes(whole) != encode_frame(make()):
+        with pytest.raises(WireError):
+            decode_frame(bytes(whole))
+    if cut < len(whole):
+        with pytest.raises(WireError):
+            decode_frame(bytes(whole[:cut]))
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(
+    st.fixed_dictionaries(
+        {},
+        optional=dict.fromkeys(("channels", "units", "scale", "speed_hz", "load_newton", "elapsed_s", "after"), JSON),
+    )
+)
+@settings(max_examples=effort_count(quick=300, full=10000))
+def test_any_header_is_taken_or_refused(header: dict[str, Any]) -> None:
+    data = with_header({"channels": ["x"], "units": ["g"], **header})
+    sequence = None
+    try:
+        sequence = decode_frame(data).sequence
+    except WireError as error:
+        # The checksum is right, so the frame has a number and takes its place.
+        sequence = error.sequence
+    assert sequence == 9
+
+
+@pytest.mark.parametrize(
+    ("data", "status", "words"),
+    [
+        (with_header(b"[" * 60000), "unreadable", "JSON"),
+        (with_header(b"\xff"), "unreadable", "JSON"),
+        (with_header([1]), "unreadable", "object"),
+        (with_header(b'{"channels": ["x"], "units": ["g"], "scale": NaN}'), "unreadable", "NaN"),
+        (with_header(b'{"channels": ["x"], "units": ["g"], "scale": 1' + b"0" * 400 + b"}"), "wrong_unit", "scale"),
+        (with_header({"channels": ["x"], "units": ["furlong"]}), "wrong_unit", "furlong"),
+        (with_header({"channels": ["x\n"], "units": ["g"]}), "wrong_shape", "printable"),
+        (with_header({"channels": ["x", "x"], "units": ["g", "g"]}, channels=2), "wrong_shape", "different"),
+        (with_header({"channels": ["x"], "units": ["g"], "speed_hz": 0}), "unreadable", "speed_hz"),
+        (with_header({"channels": ["x"], "units": ["g"]}, rate=float("nan")), "wrong_rate", "rate"),
+        (with_header({"channels": ["x"], "units": ["g"]}, rate=-1.0), "wrong_rate", "rate"),
+        (with_header({"channels": ["x"], "units": ["g"]}, count=0), "empty", "samples"),
+    ],
+)
+def test_wrong_content_names_status_and_cause(data: bytes, status: str, words: str) -> None:
+    with pytest.raises(WireError, match=words) as caught:
+        decode_frame(data)
+    assert (caught.value.status, caught.value.sequence) == (status, 9)
+
+
+@pytest.mark.parametrize("sequence", [0, 2**63, 2**64 - 1])
+def test_number_outside_the_range_is_no_number(sequence: int) -> None:
+    with pytest.raises(WireError, match="sequence") as caught:
+        decode_frame(with_header({"channels": ["x"], "units": ["g"]}, sequence=sequence))
+    assert caught.value.sequence is None
+
+
+def test_lying_lengths_are_refused_before_anything_is_allocated() -> None:
+    head = HEAD.pack(b"SPW1", 1, 1024, 1, 1.0, 2**32 - 1, 4, 0, 0)
+    with pytest.raises(WireError, match=f"at most {MAX_FRAME} bytes"):
+        frame_length(head)
+    with pytest.raises(WireError, match="at most 1024 channels"):
+        frame_length(HEAD.pack(b"SPW1", 1, 1025, 1, 1.0, 1, 4, 0, 0))
+    with pytest.raises(WireError, match="sample type"):
+        frame_length(HEAD.pack(b"SPW1", 1, 1, 1, 1.0, 1, 9, 0, 0))
+    with pytest.raises(WireError, match="version 2"):
+        frame_length(HEAD.pack(b"SPW1", 2, 1, 1, 1.0, 1, 1, 0, 0))
+    with pytest.raises(WireError, match="at most"):
+        encode_frame(make(samples=np.zeros((2, 1 << 21), dtype="<f8")))
+
+
+def test_hello_is_checked() -> None:
+    whole = hello("rig-\N{GREEK SMALL LETTER ALPHA}")
+    assert hello_length(whole[:8]) == len(whole)
+    assert hello_stream(whole) == "rig-\N{GREEK SMALL LETTER ALPHA}"
+    for name in ("", "x" * 65):
+        with pytest.raises(WireError, match="64 bytes"):
+            hello(name)
+    for bad in (b"SPWH" + struct.pack("<HH", 1, 0), b"SPWH" + struct.pack("<HH", 2, 3), b"GET / HT"):
+        with pytest.raises(WireError):
+            hello_length(bad)
+    for bad in (whole[:8] + b"\xff\xfe", whole[:8] + b"a\nb"):
+        with pytest.raises(WireError, match="stream id"):
+            hello_stream(bad)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"samples": np.zeros((2, 3), dtype=np.uint8)},
+        {"samples": np.zeros((2, 0), dtype=np.float32)},
+        {"sequence": 0},
+        {"sequence": 2**70},
+        {"rate": float("inf")},
+        {"units": ("g", "parsec")},
+        {"scale": (1.0,)},
+        {"scale": (float("nan"), 1.0)},
+        {"channels": ("a",)},
+        {"channels": ("a" * 40000, "b" * 40000)},
+        {"speed": float("nan")},
+    ],
+)
+def test_what_could_not_be_read_is_not_written(changes: dict[str, Any]) -> None:
+    with pytest.raises(WireError):
+        encode_frame(make(**changes))
+
+
+def test_a_block_keeps_what_it_knows() -> None:
+    block = Block(np.ones((1, 8)), 100.0, ("x",), ("g",), "s", 4, "n", start=1.5e9 + 0.25, elapsed=2.0, speed=30.0)
+    frame = decode_frame(encode_frame(block_frame(block)))
+    assert (frame.start, frame.elapsed, frame.speed, frame.load) == (1_500_000_000_250_000_000, 2.0, 30.0, None)
