@@ -91,6 +91,8 @@ def command(
     check_out(out)
     method = method or ("thesis" if library_path is None else "library")
     other = _Other(other_load_newton, other_speed_hz, direct)
+    if not input_path.exists():
+        raise InputError(f"{input_path}: no such file or folder")
     rms_map = None if map_path is None else load_map(map_path)
     if rms_map is None and (method != "library" or other.asked):
         raise InputError("--map FILE is missing: only --method library does without a map")

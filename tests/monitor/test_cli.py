@@ -120,7 +120,7 @@ def test_wrong_inputs_are_refused_in_words(machine):
     refused(run("simulate", "--dphi-deg", "-3"), "--dphi-deg")
     refused(run("track", "none.csv", "--map", "none.nc", cwd=machine), "none.csv")
     (machine / "history.csv").write_text("time_s,rms\n0,1\n")
-    refused(run("track", "history.csv", "--map", "none.nc", cwd=machine), "history.csv", "rms_g")
+    refused(run("track", "history.csv", "--map", "none.nc", cwd=machine), "none.nc")
     (machine / "v.csv").write_text("time_s,v_eq_mm2\n0,0.01\n10,x\n")
     refused(run("forecast", "v.csv", cwd=machine), "v.csv", "line 3", "v_eq_mm2")
     refused(run("bearing", "--bearing", "unheard-of"), "unheard-of", "6205")

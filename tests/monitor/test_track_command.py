@@ -200,6 +200,13 @@ def test_what_cannot_be_tracked_is_refused(
         run(track_command.command, path, "--map", map_file, *options)
 
 
+def test_a_history_without_rms_is_refused(tmp_path: Path, map_file: Path) -> None:
+    path = tmp_path / "history.csv"
+    path.write_text("time_s,rms\n0,1\n")
+    with pytest.raises(InputError, match=r"history\.csv.*rms_g"):
+        run(track_command.command, path, "--map", map_file)
+
+
 def test_without_a_map_only_the_library_tracks(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--map FILE is missing"):
         run(track_command.command, history(tmp_path))
