@@ -1,9 +1,9 @@
 """Mutated files: what becomes of them, by format.
 
 Run as ``python -m benchmarks.fuzz [--quick] [--json FILE]``: 1000 (quick: 100) mutated files of each binary format go
-through the readers as in a recording; the table counts the verdicts and how often the parser's process died. A file that
-is ``read`` was damaged where nothing checks: in its samples, or in bytes without meaning. ``slowest_s`` is the longest
-time from one verdict to the next, that of starting a new child process included.
+through the readers as in a recording; the table counts the verdicts and how often the parser's process died. A file
+that is ``read`` was damaged where nothing checks: in its samples, or in bytes without meaning. ``slowest_s`` is the
+longest time from one verdict to the next, that of starting a new child process included.
 """
 
 from __future__ import annotations
