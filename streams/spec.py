@@ -67,7 +67,7 @@ class SourceSpec:
         start: seconds since 1970-01-01 UTC of the first sample, for recordings without a date; else None.
         block_s: length of a block in s, or "file" for one block a file. Data sets of snapshots (PRONOSTIA, IMS,
             XJTU-SY) give one block a file whatever it says.
-        format: "auto", "csv", "npy", "wav", "mat" or the name of a data set.
+        format: "auto", one of the formats of docs/formats.md ("csv", "tdms", ...) or the name of a data set.
         rate: sampling rate in Hz where neither the file nor the data set states it; where one does, it must agree.
         range_g: range of the sensor in g, or None where unknown; no concern of the readers.
         channels: the channels to give; empty gives all that the data set knows.

@@ -26,6 +26,7 @@ from streams.readers.memory_file import read_into, write_all
 from streams.readers.reading import MAX_BYTES, ReaderError, Reading
 
 _ANSWER_BYTES = 1 << 22
+_KEPT_BYTES = 64 << 20
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv.pop()); from streams.readers.worker import main; main()"
 _ENVIRONMENT = {
     # Threads of a linear algebra that no parser needs would take address space from the parser.
@@ -108,7 +109,9 @@ class ReaderProcess:
         with self._lock:
             try:
                 answer = self._ask(line, data)
-                return self._result(answer)
+                found = self._result(answer)
+                self._shrink()
+                return found
             except _DiedError as error:
                 self._kill()
                 raise ReaderError("reader_crashed", f"{name}: the reader {error}") from error
@@ -194,6 +197,12 @@ class ReaderProcess:
         fields = answer["reading"]
         lists = {key: tuple(value) for key, value in fields.items() if isinstance(value, list)}
         return Reading(samples, **{**fields, **lists})
+
+    def _shrink(self) -> None:
+        """Give back the memory of a large file; that of a usual one is kept for the next."""
+        for handle in self._handles[2:]:
+            if os.fstat(handle).st_size > _KEPT_BYTES:
+                os.ftruncate(handle, 0)
 
     def _start(self) -> None:
         if self._closed:

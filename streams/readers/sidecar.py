@@ -8,8 +8,8 @@ files of the folder. Keys: ``rate_hz``, ``start_utc``, ``unit``, ``scale``, ``se
 from __future__ import annotations
 
 import json
-import math
 import os
+import sys
 import tomllib
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -112,7 +112,7 @@ def _number(values: dict[str, Any], key: str, path: str, positive: bool = False)
     value = values.get(key)
     if value is None:
         return None
-    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    good = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
     if not good or (positive and value <= 0) or (key == "scale" and value == 0):
         wanted = "a positive number" if positive else "a finite number" + (" that is not zero" * (key == "scale"))
         raise ReaderError("unreadable", f"{path}: {key} must be {wanted}, got {str(value)[:40]!r}")

@@ -157,7 +157,7 @@ def seconds_utc(value: object, zone: str) -> float | None:
         return seconds if math.isfinite(seconds) else None
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
         # Smaller numbers are seconds from something else.
-        return float(value) if 1e8 < float(value) < 1e11 else None
+        return float(value) if 1e8 < value < 1e11 else None
     stamp = value if isinstance(value, datetime) else _parsed(value)
     if stamp is None:
         return None

@@ -1,7 +1,7 @@
 """The matrix of bad input times every format that can carry it: the verdict is as expected, and nothing stops.
 
-One folder a format holds good files and one file for each fault; it is replayed through the whole pipeline, and every
-file must be found in the ledger with its verdict.
+One folder a format holds good files and one file for each fault. It goes through the whole pipeline twice, as a
+recording and as a watched folder; every file must be in the ledger with its verdict, or still wait where it may.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from __future__ import annotations
 import io
 import json
 import struct
+import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +20,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from monitor.config import load_config
+from monitor.config import Config, validate
 from monitor.records.store import Store
+from monitor.service.ingest import Ingest
 from monitor.service.replay import replay
+from streams.folder.names import unshown
 from tests.streams.format_makers import (
     MAKERS,
     RATE,
@@ -40,28 +44,8 @@ LENGTH = 4096
 SOUND = {"x.wav", "x.flac"}
 FLOATS = [name for name in MAKERS if name not in SOUND]
 
-CONFIG = """
-[machine]
-name = "matrix"
-[[bearing]]
-name = "test"
-designation = "6205"
-[operating]
-speed_hz = 30
-[[source]]
-name = "recording"
-url = "{url}"
-block_s = {block_s}
-{rate}
-range_g = 50
-[[channel]]
-name = "de"
-source = "recording"
-column = {column}
-unit = "g"
-bearing = "test"
-band_hz = [[2000, 6000]]
-"""
+Maker = Callable[[str, int], bytes]
+"""From the name of a kind of file and a seed to the bytes of one."""
 
 
 @dataclass(frozen=True)
@@ -69,21 +53,19 @@ class Case:
     """A fault: the formats that can carry it, how the file is made, and the verdicts that may be given."""
 
     formats: list[str]
-    make: Callable[[str], bytes]
+    make: Maker
     verdicts: set[str]
     sidecar: str | None = None
     name: str | None = None
 
 
-def good(name: str) -> bytes:
-    return MAKERS[name](signal(2, LENGTH, seed=3))
+def good(name: str, seed: int = 3) -> bytes:
+    return MAKERS[name](signal(2, LENGTH, seed))
 
 
-def changed(
-    change: Callable[[NDArray[np.floating]], object], length: int = LENGTH, rows: int = 2
-) -> Callable[[str], bytes]:
-    def make(name: str) -> bytes:
-        samples = signal(rows, length, seed=4)
+def changed(change: Callable[[NDArray[np.floating]], object], length: int = LENGTH, rows: int = 2) -> Maker:
+    def make(name: str, seed: int) -> bytes:
+        samples = signal(rows, length, seed)
         change(samples)
         return MAKERS[name](samples)
 
@@ -94,22 +76,22 @@ def one(value: float) -> Callable[[NDArray[np.floating]], object]:
     return lambda samples: samples.__setitem__((1, 100), value)
 
 
-def cut(share: float) -> Callable[[str], bytes]:
-    return lambda name: good(name)[: int(share * len(good(name)))]
+def cut(share: float) -> Maker:
+    return lambda name, seed: good(name, seed)[: int(share * len(good(name, seed)))]
 
 
-def corrupt(name: str) -> bytes:
+def corrupt(name: str, seed: int) -> bytes:
     """Nonsense over the head, where the formats say what they are."""
-    data = bytearray(good(name))
+    data = bytearray(good(name, seed))
     # In front of the HDF5 file that a MAT file of version 7.3 is, there is only a greeting.
     begin = 512 if name == "x73.mat" else 0
     data[begin : begin + 160] = np.random.default_rng(0).integers(0, 256, 160, dtype=np.uint8).tobytes()
     return bytes(data)
 
 
-def huge(name: str) -> bytes:
+def huge(name: str, seed: int) -> bytes:
     """A header that claims far more than there is, and than anybody has memory for."""
-    data = bytearray(good(name))
+    data = bytearray(good(name, seed))
     if name == "x.npy":
         return bytes(data).replace(b"'shape': (2, 4096), }        ", b"'shape': (2, 99999999999), } ", 1)
     if name == "x.wav":
@@ -152,8 +134,8 @@ MAKE_AT = {
 }  # fmt: skip
 
 
-def rewritten(change: Callable[[bytes], bytes]) -> Callable[[str], bytes]:
-    return lambda name: change(csv_bytes(signal(2, LENGTH, seed=5)))
+def rewritten(change: Callable[[bytes], bytes]) -> Maker:
+    return lambda name, seed: change(csv_bytes(signal(2, LENGTH, seed)))
 
 
 def decimal_comma(data: bytes) -> bytes:
@@ -167,7 +149,7 @@ def started(stamp: str) -> dict[str, str]:
 CSV = ["x.csv"]
 UNDATED = [name for name in MAKERS if name not in STATES_START]
 CASES: dict[str, Case] = {
-    "empty": Case(list(MAKERS), lambda name: b"", {"empty"}),
+    "empty": Case(list(MAKERS), lambda name, seed: b"", {"empty"}),
     "half": Case([n for n in MAKERS if n != "x.csv"], cut(0.45), {"incomplete", "unreadable"}),
     "half_a_text": Case(CSV, cut(0.5), {"incomplete", "short", "wrong_shape"}),
     "corrupt": Case(list(MAKERS), corrupt, {"unreadable", "incomplete", "empty"}),
@@ -179,12 +161,12 @@ CASES: dict[str, Case] = {
     "clipped": Case(FLOATS, changed(lambda s: np.clip(s * 100, -50, 50, out=s)), {"clipped"}),
     "too_large": Case(FLOATS, changed(lambda s: np.multiply(s, 1e4, out=s)), {"out_of_range"}),
     "wrong_rate": Case(
-        sorted(STATES_RATE), lambda n: MAKE_AT[n](signal(2, LENGTH), rate=20000.0), {"wrong_rate"}
+        sorted(STATES_RATE), lambda n, seed: MAKE_AT[n](signal(2, LENGTH, seed), rate=20000.0), {"wrong_rate"}
     ),
     "wrong_length": Case(list(MAKERS), changed(lambda s: None, LENGTH // 2), {"short"}),
     "wrong_channel_count": Case(list(MAKERS), changed(lambda s: None, rows=1), {"wrong_shape"}),
     "scale_overflow": Case(FLOATS, good, {"nan", "out_of_range"}, sidecar='{"scale": 1e307}'),
-    "wrong_unit": Case(sorted(STATES_UNIT), lambda n: MAKE_AT[n](signal(2, LENGTH), unit="Pa"), {"wrong_unit"}),
+    "wrong_unit": Case(sorted(STATES_UNIT), lambda n, s: MAKE_AT[n](signal(2, LENGTH, s), unit="Pa"), {"wrong_unit"}),
     "wrong_unit_beside": Case(list(MAKERS), good, {"wrong_unit"}, sidecar='{"unit": "m/s2"}'),
     "bad_sidecar": Case(list(MAKERS), good, {"unreadable"}, sidecar='{"rate": 25600}'),
     "bom": Case(CSV, rewritten(lambda data: b"\xef\xbb\xbf" + data), {"ok"}),
@@ -203,36 +185,61 @@ def test_every_fault_is_carried_by_some_format() -> None:
     assert {name for case in CASES.values() for name in case.formats} == set(MAKERS)
 
 
-@pytest.mark.parametrize("name", MAKERS)
-def test_matrix(name: str, tmp_path: Path) -> None:
-    folder = tmp_path / "recording"
+def write_matrix(name: str, folder: Path) -> dict[str, set[str]]:
+    """Write all files of a kind, no two of the same content, and return the verdicts that each may get."""
     folder.mkdir()
     ending = Path(name).suffix
+    # All files of a kind that is dated bear the same date, which is a flag from the second on.
+    fine = {"ok", "clock"} if name in STATES_START else {"ok"}
     expected: dict[str, set[str]] = {}
 
     def put(stem: str, data: bytes, verdicts: set[str], sidecar: str | None = None) -> None:
-        (folder / f"{stem}{ending}").write_bytes(data)
         if sidecar is not None:
             (folder / f"{stem}{ending}.json").write_text(sidecar)
-        expected[f"{stem}{ending}"] = verdicts
+        (folder / f"{stem}{ending}").write_bytes(data)
+        expected[f"{stem}{ending}"] = fine if verdicts == {"ok"} else verdicts
 
-    # All files of a kind that is dated bear the same date, which is a flag from the second on.
-    fine = {"ok", "clock"} if name in STATES_START else {"ok"}
-    put("00_good", good(name), {"ok"})
+    put("00_good", good(name, 100), {"ok"})
     for number, (fault, case) in enumerate(CASES.items(), start=1):
         if name in case.formats:
-            put(
-                case.name or f"{number:02d}_{fault}",
-                case.make(name),
-                fine if case.verdicts == {"ok"} else case.verdicts,
-                case.sidecar,
-            )
-    put("99_good", good(name), {"ok", "clock", "gap"})
-    column = '"acc_2"' if name not in ("x.npy", "x.wav", "x.flac") else "2"
-    rate = f"rate_hz = {RATE}"
-    text = CONFIG.format(url=f"folder:{folder}", block_s=LENGTH / RATE, rate=rate, column=column)
-    (tmp_path / "machine.toml").write_text(text)
-    done = replay(load_config(tmp_path / "machine.toml"), None, tmp_path / "out")
+            put(case.name or f"{number:02d}_{fault}", case.make(name, number), case.verdicts, case.sidecar)
+    put("99_good", good(name, 101), {"ok", "clock", "gap"})
+    return expected
+
+
+def configured(name: str, folder: Path, block_s: float | str) -> Config:
+    source = {
+        "name": "s",
+        "url": f"folder:{folder}",
+        "block_s": block_s,
+        "rate_hz": RATE,
+        "range_g": 50,
+        "settle_s": 0.1,
+    }
+    column = "acc_2" if name not in ("x.npy", "x.wav", "x.flac") else 2
+    channel = {
+        "name": "de",
+        "source": "s",
+        "column": column,
+        "unit": "g",
+        "bearing": "b",
+        "band_hz": [[2000, 6000]],
+    }
+    values = {
+        "machine": {"name": "matrix"},
+        "bearing": [{"name": "b", "designation": "6205"}],
+        "operating": {"speed_hz": 30.0},
+        "source": [source],
+        "channel": [channel],
+    }
+    return validate(values, Path("machine.toml"))
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_matrix_in_a_recording(name: str, tmp_path: Path) -> None:
+    expected = write_matrix(name, tmp_path / "recording")
+    config = configured(name, tmp_path / "recording", LENGTH / RATE)
+    done = replay(config, None, tmp_path / "out")
     summary = done.summary
     assert summary["blocks"] == len(expected)
     assert summary["pending"] == 0
@@ -244,3 +251,34 @@ def test_matrix(name: str, tmp_path: Path) -> None:
         key: f"{found[key].status}: {found[key].reason}" for key in expected if found[key].status not in expected[key]
     }
     assert wrong == {}
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_matrix_in_a_watched_folder(name: str, tmp_path: Path) -> None:
+    expected = write_matrix(name, tmp_path / "watched")
+    # What may still become whole waits, and is given up after ten minutes only; a block is a file here, of any length.
+    waiting = {"empty", "incomplete", "refused", "unreadable"}
+    config = configured(name, tmp_path / "watched", "file")
+    until = time.monotonic() + 60.0
+    with Store.open(tmp_path / "state.db", machine="matrix") as store:
+        with Ingest.open(config, store) as ingest:
+            quiet = 0
+            while quiet < 8 and time.monotonic() < until:
+                quiet = 0 if ingest.step(threading.Event()) is not None else quiet + 1
+            backlog = ingest.backlogs()["s"]
+            assert ingest.problems() == {}
+        found = {unshown(record.name): record for record in store.records()}
+    assert backlog.offered == len(expected)
+    assert backlog.offered == backlog.accepted + backlog.rejected + backlog.pending
+    pending = set(expected) - set(found)
+    assert len(pending) == backlog.pending
+    assert {key: expected[key] for key in pending if not expected[key] & waiting} == {}
+    wrong = {
+        key: f"{record.status}: {record.reason}"
+        for key, record in found.items()
+        if record.status not in (expected[key] if expected[key] != {"short"} else {"ok", "clock"})
+    }
+    assert wrong == {}
+    if name not in STATES_START:
+        future = next(record for key, record in found.items() if "future" in key)
+        assert "clock" in future.flags

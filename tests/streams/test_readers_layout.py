@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -16,6 +16,7 @@ from streams.readers.layout import read_layout
 from streams.readers.reading import ReaderError
 from streams.readers.stated import known_unit, number_of, rate_of_times, seconds_utc, stated_rate
 from streams.source import ChannelSpec, SourceError, SourceSpec, open_source
+from tests.effort import effort_count
 from tests.streams.format_makers import RATE, npy_bytes, signal
 
 NOON = 1714564800.0
@@ -126,6 +127,52 @@ def test_numbers_rates_and_stamps() -> None:
     assert [seconds_utc(stamp, "UTC") for stamp in ("soon", None, 5, True)] == [None] * 4
 
 
+WORDS = st.sampled_from(
+    [
+        "time",
+        "t",
+        "x [g]",
+        "fs",
+        "Start",
+        "25600",
+        "0",
+        "1",
+        "2.5",
+        "-1e308",
+        "nan",
+        "inf",
+        "",
+        "2024-05-01",
+        "Pa",
+        "g",
+        "s",
+    ]
+)
+LINE = st.builds(
+    lambda words, separator, head: head + separator.join(words),
+    st.lists(WORDS, max_size=4),
+    st.sampled_from([",", ";", "\t", " ", ": ", "="]),
+    st.sampled_from(["", "", "", "# ", '"']),
+)
+
+
+@settings(max_examples=effort_count(quick=150, full=5000), deadline=None)
+@given(lines=st.lists(LINE, max_size=12), end=st.sampled_from(["\n", "\r\n", "\r"]))
+def test_any_text_is_read_or_refused(lines: list[str], end: str) -> None:
+    data = end.join(lines).encode()
+    reading, reason = None, ""
+    try:
+        reading = read_layout(data, "x.csv")
+    except ReaderError as error:
+        reason = str(error)
+    if reading is None:
+        assert reason.startswith("x.csv")
+        return
+    assert reading.samples.shape[0] == len(reading.names) == len(reading.columns) == len(reading.channels)
+    assert len(reading.units) in (0, len(reading.names))
+    assert reading.rate is None or 0 < reading.rate < np.inf
+
+
 def put(folder: Path, sidecar: dict[str, object] | str, name: str = "x.npy.json") -> str:
     (folder / "x.npy").write_bytes(npy_bytes(signal()))
     (folder / name).write_text(sidecar if isinstance(sidecar, str) else json.dumps(sidecar))
@@ -219,6 +266,10 @@ def test_side_cars_that_contradict(
         ('{"rate_hz": 0}', "unreadable"),
         ('{"rate_hz": "fast"}', "unreadable"),
         ('{"scale": 0}', "unreadable"),
+        ('{"scale": NaN}', "unreadable"),
+        ('{"scale": 1' + 400 * "0" + "}", "unreadable"),
+        ('{"start_utc": 1' + 400 * "0" + "}", "unreadable"),
+        ('{"start_utc": NaN}', "unreadable"),
         ('{"unit": "Pa"}', "wrong_unit"),
         ('{"start_utc": "soon"}', "unreadable"),
         ('{"channels": ["a", "a"]}', "unreadable"),
