@@ -27,8 +27,8 @@ from streams.readers.reading import MAX_BYTES, ReaderError, Reading
 
 _ANSWER_BYTES = 1 << 22
 _KEPT_BYTES = 64 << 20
-# A service manager stops all processes at once. The file that is being read is not to blame, and the child ends with its
-# parent.
+# A service manager stops all processes at once. The file that is being read is not to blame, and the child ends with
+# its parent.
 _START = """
 import signal, sys
 for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
