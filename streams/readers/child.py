@@ -27,7 +27,17 @@ from streams.readers.reading import MAX_BYTES, ReaderError, Reading
 
 _ANSWER_BYTES = 1 << 22
 _KEPT_BYTES = 64 << 20
-_START = "import json, sys; sys.path[:] = json.loads(sys.argv.pop()); from streams.readers.worker import main; main()"
+# A service manager stops all processes at once. The file that is being read is not to blame, and the child ends with
+# its parent.
+_START = """
+import signal, sys
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    signal.signal(number, signal.SIG_IGN)
+import json
+sys.path[:] = json.loads(sys.argv.pop())
+from streams.readers.worker import main
+main()
+"""
 _ENVIRONMENT = {
     # Threads of a linear algebra that no parser needs would take address space from the parser.
     "OPENBLAS_NUM_THREADS": "1",
@@ -95,6 +105,7 @@ class ReaderProcess:
         Raises:
             ReaderError: whatever the reader raises; ``unreadable`` for its other exceptions; ``reader_crashed`` where
                 the child died or had to be killed; ``refused`` where the file is larger than ``MAX_BYTES``.
+            SystemExit: the process was closed, before or meanwhile: the program ends, which is no verdict on a file.
         """
         if len(data) > MAX_BYTES:
             raise ReaderError("refused", f"{name}: {len(data)} bytes, {MAX_BYTES} are allowed")
@@ -114,13 +125,15 @@ class ReaderProcess:
                 return found
             except _DiedError as error:
                 self._kill()
+                if self._closed:
+                    raise SystemExit("the reader process is closed") from error
                 raise ReaderError("reader_crashed", f"{name}: the reader {error}") from error
             except (OSError, EOFError, ValueError, KeyError, TypeError) as error:
                 self._kill()
                 raise ReaderError("reader_crashed", f"{name}: the reader did not answer sensibly ({error})") from error
 
     def close(self) -> None:
-        """End the child; a call that is under way in another thread ends with ``reader_crashed``."""
+        """End the child; a call that is under way in another thread ends with SystemExit."""
         self._closed = True
         if not self._lock.acquire(timeout=0.5):
             process = self._process
@@ -236,6 +249,7 @@ class ReaderProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
+                start_new_session=True,
                 env={**os.environ, **_ENVIRONMENT},
             )
         finally:

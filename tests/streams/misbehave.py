@@ -36,6 +36,11 @@ def sleep(data: bytes, name: str) -> None:
     time.sleep(100)
 
 
+def nap(data: bytes, name: str) -> int:
+    time.sleep(0.6)
+    return os.getpid()
+
+
 def burn(data: bytes, name: str) -> None:
     while True:
         pass
