@@ -16,6 +16,8 @@ DONE, FAILED, WRONG = 0, 1, 2
 
 _COMMANDS = {
     "demo": ("monitor.commands.demo", "A simulated bearing wears out and is monitored; ends with a report."),
+    "run": ("monitor.commands.run", "The daemon: follows the configured sources until it is stopped."),
+    "status": ("monitor.commands.status", "What the daemon of a machine is doing now."),
     "replay": ("monitor.commands.replay", "The pipeline over a recording, as fast as it goes or at a pace."),
     "report": ("monitor.commands.report", "One self-contained HTML report of records."),
     "check": ("monitor.commands.check", "Validate a configuration and say what would be monitored."),

@@ -7,7 +7,7 @@ one that holds the old file open is never in the writer's way. Everything here c
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -19,6 +19,7 @@ import xarray as xr
 from monitor.records.dataset import INT_FILL, to_dataset
 from monitor.records.filesystem import replace_durably
 from monitor.records.filing import SECONDS_PER_DAY
+from monitor.records.published import Published, note_published
 from monitor.records.schema import SCHEMA_VERSION, VARIABLES
 from monitor.records.store import Store, StoreError
 
@@ -40,6 +41,7 @@ def publish(
     attributes: Mapping[str, Any] | None = None,
     *,
     rebuild: bool = False,
+    note: Callable[[Published], None] | None = None,
 ) -> list[Path]:
     """Write the files of the days that changed since they were last written, or whose file is lost or damaged.
 
@@ -50,6 +52,8 @@ def publish(
         attributes: global attributes that every file written now gets, in addition to those of the runs that committed
             its records (:meth:`Store.describe`), which they override. They alone do not make a day be written again.
         rebuild: write all days again.
+        note: told what was written, so that the store gets to know it; by default the store is, where it is open for
+            writing.
 
     Returns:
         The files written, by day, the undated one first.
@@ -67,11 +71,11 @@ def publish(
         if not rebuild and _is_fresh(store, path, last_block):
             continue
         size = _write(day_dataset(store, day, attributes or {}), path)
-        if store.writable:
-            with store.transaction() as connection:
-                connection.execute(
-                    "INSERT OR REPLACE INTO published VALUES (?, ?, ?, ?)", (path.name, day, last_block, size)
-                )
+        done = Published(path.name, day, last_block, size)
+        if note is not None:
+            note(done)
+        elif store.writable:
+            note_published(store, done)
         written.append(path)
     return written
 

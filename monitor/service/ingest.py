@@ -39,6 +39,7 @@ class Ingest:
         sources: Sequence[LiveSource],
         watchers: Mapping[str, Watcher],
         clock: Callable[[], float] = time.time,
+        idle: Callable[[], object] = lambda: None,
     ) -> None:
         """Take what others have opened.
 
@@ -48,20 +49,29 @@ class Ingest:
             sources: open; they are closed with the ingest.
             watchers: by the name of the source that their blocks bear.
             clock: UTC seconds since 1970.
+            idle: called in this thread each time that the store was in vain asked to commit.
         """
         self.sources = tuple(sources)
         self.watchers = dict(watchers)
-        self._store, self._ledger, self._clock = store, ledger, clock
+        self._store, self._ledger, self._clock, self._idle = store, ledger, clock, idle
         self._trouble: str | None = None
         self._turn = 0
 
     @classmethod
-    def open(cls, config: Config, store: Store) -> Self:
+    def open(
+        cls,
+        config: Config,
+        store: Store,
+        clock: Callable[[], float] = time.time,
+        idle: Callable[[], object] = lambda: None,
+    ) -> Self:
         """Open all sources of a configuration where the store ends.
 
         Args:
             config: the machine.
             store: open for writing.
+            clock: UTC seconds since 1970.
+            idle: called in this thread each time that the store was in vain asked to commit.
 
         Raises:
             ConfigError: a source cannot be opened as configured.
@@ -81,7 +91,7 @@ class Ingest:
                 opened.pop_all()
         except SourceError as error:
             raise ConfigError(str(error)) from None
-        return cls(store, ledger, sources, watchers)
+        return cls(store, ledger, sources, watchers, clock, idle)
 
     def run(self, stop: threading.Event, seen: Callable[[Record], None] | None = None) -> None:
         """Take deliveries until told to stop; a delivery that was begun is finished first if the store lets it.
@@ -104,18 +114,20 @@ class Ingest:
         Returns:
             The committed record, or None where nothing came or the block was refused.
         """
-        for _ in self.sources:
-            source = self.sources[self._turn]
-            self._turn = (self._turn + 1) % len(self.sources)
-            delivery = self._next(source, stop)
-            if delivery is not None:
-                return self._take(source, delivery, stop)
+        # Whoever has something is served before anyone is waited for: a quiet source does not slow down a busy one.
+        for timeout in (0.0, _TURN / len(self.sources)):
+            for _ in self.sources:
+                source = self.sources[self._turn]
+                self._turn = (self._turn + 1) % len(self.sources)
+                delivery = self._next(source, timeout, stop)
+                if delivery is not None:
+                    return self._take(source, delivery, stop)
         return None
 
-    def _next(self, source: LiveSource, stop: threading.Event) -> Delivery | None:
+    def _next(self, source: LiveSource, timeout: float, stop: threading.Event) -> Delivery | None:
         found: list[Delivery | None] = []
         # A source that asks the ledger meets the same full disk as a commit does.
-        self._insist(lambda: found.append(source.next(_TURN / len(self.sources))), stop)
+        self._insist(lambda: found.append(source.next(timeout)), stop)
         return found[0] if found else None
 
     def _take(self, source: LiveSource, delivery: Delivery, stop: threading.Event) -> Record | None:
@@ -168,6 +180,7 @@ class Ingest:
                 if self._trouble is None:
                     _LOG.error("the store fails, nothing is committed: %s", error)
                 self._trouble = str(error)
+                self._idle()
                 if stop.wait(_RETRY):
                     return False
                 continue

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,8 @@ from numpy.typing import NDArray
 
 from models.bearing import kinematics
 from models.rms_map import RmsMap
-from monitor import __version__
 from monitor.config import Config, ConfigError
 from monitor.health.bands import find_band
-from monitor.health.detect import Mark
 from monitor.health.features import fundamentals
 from monitor.health.library_model import Library
 from monitor.health.quality import FLAGS, REJECTIONS
@@ -26,6 +23,7 @@ from monitor.records.publish import publish
 from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
 from monitor.service.setup import ChannelSetup, channel_setups, open_configured
+from monitor.service.summary import channel_summary, run_attributes
 from monitor.service.watcher import Watcher
 from streams.block import STANDARD_GRAVITY, Block, Rejected
 from streams.source import Source
@@ -92,7 +90,7 @@ def replay(
     watcher = Watcher(section.name, setups, section.rate_hz)
     store = _open_store(out, config, resume)
     with store:
-        store.describe(_attributes(config, setups))
+        store.describe(run_attributes(config, setups))
         if resume:
             watcher.restore(store.load_states(), _last_record(store, section.name))
         done = store.last(section.name) if resume else 0
@@ -121,40 +119,6 @@ def _open_store(out: Path, config: Config, resume: bool) -> Store:
 def _last_record(store: Store, source: str) -> Record | None:
     """Return the record of the block that was committed last."""
     return store.record(source, store.last(source))
-
-
-def _attributes(config: Config, setups: Mapping[str, ChannelSetup]) -> dict[str, Any]:
-    """Return what the records say of how they were made, by channel where channels differ."""
-    bands = {name: setup.settings.rms_band for name, setup in setups.items()}
-    damage = {name: s.settings.damage for name, s in setups.items() if s.settings.damage is not None}
-    leaning = {name: settings for name, settings in damage.items() if settings.prior is not None}
-    libraries = {
-        name: settings.library.hash
-        for name, settings in leaning.items()
-        if settings.asks_library and settings.library is not None
-    }
-
-    def listed(values: Mapping[str, Any]) -> str:
-        return "; ".join(f"{name}: {value}" for name, value in values.items())
-
-    attributes = {
-        "software_version": __version__,
-        "config_hash": config.hash,
-        "map_hash": listed({name: setup.map.hash for name, setup in setups.items() if setup.map is not None}),
-        "calibrated": "yes" if config.rig.calibrated else "no",
-        "rms_band_hz": listed(
-            {name: "full bandwidth" if band is None else f"{band[0]:g} to {band[1]:g}" for name, band in bands.items()}
-        ),
-        "track_method": listed({name: settings.track_method for name, settings in damage.items()}),
-        "forecast_method": listed({name: settings.forecast_method for name, settings in damage.items()}),
-    }
-    if leaning:
-        attributes |= {
-            "interval_level": config.forecast.interval,
-            "library_hash": listed(libraries),
-            "prior": listed({name: settings.prior for name, settings in leaning.items()}),
-        }
-    return attributes
 
 
 def _settle_short(source: Source, watcher: Watcher, setups: Mapping[str, ChannelSetup]) -> None:
@@ -283,43 +247,5 @@ def _summary(
         "seconds": seconds,
         "blocks_per_second": taken / seconds if seconds > 0 else None,
         "records": [str(file) for file in files],
-        "channels": {name: _channel_summary(watcher, name) for name in watcher.channels},
+        "channels": {name: channel_summary(watcher, name) for name in watcher.channels},
     }
-
-
-def _channel_summary(watcher: Watcher, name: str) -> dict[str, Any]:
-    state = watcher.channel(name)
-    values = watcher.latest.get(name, {})
-    detector, named = state.detect, state.named
-
-    def first(value: Any) -> Any:
-        return value[0] if isinstance(value, tuple) else value
-
-    def in_mm2(key: str) -> float | None:
-        value = values.get(key)
-        return None if value is None else value * 1e6
-
-    return {
-        "stage": detector.stage,
-        "t_fs_block": detector.t_fs and detector.t_fs.sequence,
-        "t_fs_known_block": detector.t_fs_known and detector.t_fs_known.sequence,
-        "t_fs_utc": _utc(detector.t_fs) if watcher.dated else None,
-        "t_eol_block": detector.t_eol and detector.t_eol.sequence,
-        "fault": named and named.fault,
-        "fault_snr": named and named.snr,
-        "v_eq_mm2": in_mm2("v_eq"),
-        "v_eq_lower_mm2": in_mm2("v_eq_lower"),
-        "v_eq_upper_mm2": in_mm2("v_eq_upper"),
-        "edv_status": values.get("edv_status"),
-        "tt_s": first(values.get("tt")),
-        "tt_lower_s": first(values.get("tt_lower")),
-        "tt_upper_s": first(values.get("tt_upper")),
-        "tt_status": first(values.get("tt_status")),
-        "p_threshold": first(values.get("p_threshold")),
-    }
-
-
-def _utc(mark: Mark | None) -> str | None:
-    if mark is None or mark.time is None:
-        return None
-    return datetime.fromtimestamp(mark.time, UTC).isoformat()

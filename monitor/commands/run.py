@@ -1,0 +1,69 @@
+"""``spallwatch run``: the daemon."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from monitor.commands.common import config_option, read_config
+from monitor.config import ConfigError
+
+
+@click.command("run")
+@config_option()
+@click.option("--verbose", is_flag=True, help="Log accepted blocks, too.")
+@click.option("--quiet", is_flag=True, help="Log warnings and errors only.")
+def command(config_path: Path | None, verbose: bool, quiet: bool) -> None:
+    """Follow the configured sources until SIGTERM or Ctrl-C; what it does is logged on standard error."""
+    with _asked_to_stop() as stop:
+        level = logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO
+        logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
+        for package in ("monitor", "streams"):
+            logging.getLogger(package).setLevel(level)
+        if config_path is not None and config_path.is_dir():
+            raise ConfigError(
+                f"--config {config_path}: is a folder; one process follows one machine: start one for each file in it"
+            )
+        config = read_config(config_path)
+        from monitor.service.daemon import Daemon
+
+        Daemon(config).run(stop)
+
+
+@contextmanager
+def _asked_to_stop() -> Iterator[threading.Event]:
+    """Give an event that SIGTERM and SIGINT set.
+
+    It is set by a thread: a handler of Python runs within the main thread, which may hold the lock of the event.
+    """
+    stop = threading.Event()
+    theirs, ours = socket.socketpair()
+    theirs.setblocking(False)
+    chosen = (signal.SIGTERM, signal.SIGINT)
+    before = {number: signal.signal(number, lambda *_: None) for number in chosen}
+    wakeup = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
+
+    def wait() -> None:
+        while (heard := ours.recv(1)) and heard[0] not in chosen:
+            pass
+        stop.set()
+
+    thread = threading.Thread(target=wait, name="signals", daemon=True)
+    thread.start()
+    try:
+        yield stop
+    finally:
+        signal.set_wakeup_fd(wakeup)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        theirs.close()
+        thread.join()
+        ours.close()

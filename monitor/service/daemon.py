@@ -1,0 +1,249 @@
+"""The daemon: follows all sources of a machine until it is told to stop, and says all the while how it is doing."""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from monitor import __version__
+from monitor.config import Config
+from monitor.records.record import Record
+from monitor.records.store import Store
+from monitor.service.disk import DiskGuard, free_bytes
+from monitor.service.ingest import Ingest
+from monitor.service.publisher import Publisher
+from monitor.service.standing import channel_state, worst
+from monitor.service.status_file import StatusFile
+from monitor.service.summary import channel_summary, run_attributes
+from monitor.service.systemd import Notifier
+
+_LOG = logging.getLogger(__name__)
+_STATUS_EVERY = 1.0
+_STATUS_SHARE = 50.0
+_PAUSE = 0.5
+_LAST_PUBLICATION = 3.0
+_FIRST_SILENCE = 600.0
+_SHORTEST_SILENCE = 60.0
+_SILENT_INTERVALS = 10.0
+
+
+class Daemon:
+    """One machine, watched in the calling thread; use :meth:`run` once."""
+
+    def __init__(
+        self,
+        config: Config,
+        *,
+        monotonic: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = time.time,
+        free: Callable[[Path], int] = free_bytes,
+        publish_every: float = 60.0,
+    ) -> None:
+        """Take the configuration; nothing is opened yet.
+
+        Args:
+            config: the machine.
+            monotonic: seconds that never go back, for everything that is waited for.
+            clock: UTC seconds since 1970, against which the times of blocks are held.
+            free: gives the free bytes of a folder's file system.
+            publish_every: seconds from one publication of the records to the next.
+        """
+        self._config = config
+        self._monotonic, self._clock, self._free, self._publish_every = monotonic, clock, free, publish_every
+        self._notifier = Notifier()
+        self._began = monotonic()
+        self._since = clock()
+        self._blocks = 0
+        self._last: dict[str, _Last] = {}
+        self._status_due = float("-inf")
+        self._status_problem: str | None = None
+
+    def run(self, stop: threading.Event) -> None:
+        """Follow the sources until ``stop`` is set, then publish a last time and return, within five seconds.
+
+        Raises:
+            ConfigError: a source, a map or a library cannot be opened as configured.
+            StoreError: the store cannot be opened, or another daemon has it.
+        """
+        machine = self._config.machine
+        with ExitStack() as opened:
+            self._file = opened.enter_context(StatusFile.open(machine.state_dir))
+            self._store = opened.enter_context(Store.open(machine.state_dir / "state.db", machine=machine.name))
+            self._disk = DiskGuard(machine.state_dir, self._free)
+            self._publisher = Publisher(self._store, machine.records_dir, self._publish_every, self._monotonic)
+            opened.callback(self._publisher.close)
+            self._ingest = opened.enter_context(Ingest.open(self._config, self._store, self._clock, self._beat))
+            watchers = self._ingest.watchers
+            setups = {name: setup for watcher in watchers.values() for name, setup in watcher.channels.items()}
+            self._store.describe(run_attributes(self._config, setups))
+            self._last = {name: self._last_of(name) for name in watchers}
+            self._notifier.tell("READY=1", f"STATUS=watching {', '.join(watchers)}")
+            _LOG.info("machine %s: ready, watching %s", machine.name, ", ".join(watchers))
+            self._follow(stop)
+            self._notifier.tell("STOPPING=1")
+            _LOG.info("stopping after %d blocks", self._blocks)
+            self._end()
+
+    def _follow(self, stop: threading.Event) -> None:
+        while not stop.is_set():
+            if not self._beat():
+                # Nothing is taken, so nothing is acknowledged: senders and folders keep what they have.
+                stop.wait(_PAUSE)
+                continue
+            record = self._ingest.step(stop)
+            if record is not None:
+                self._seen(record)
+
+    def _end(self) -> None:
+        if self._disk.problem is None and not self._publisher.finish(_LAST_PUBLICATION):
+            _LOG.warning("the last records are not published yet; they are safe, and will be at the next start")
+        self._write_status("stopped")
+        _LOG.info("stopped; %d blocks were committed", self._blocks)
+
+    def _seen(self, record: Record) -> None:
+        self._blocks += 1
+        self._publisher.changed()
+        last = self._last[record.source]
+        self._last[record.source] = last.after(record, self._monotonic())
+        for event in record.events:
+            _LOG.warning("%s: block %d: %s", record.source, record.sequence, event)
+        if not record.accepted:
+            _LOG.warning("%s: block %d rejected: %s: %s", record.source, record.sequence, record.status, record.reason)
+        else:
+            _LOG.debug("%s: block %d: %s", record.source, record.sequence, record.status)
+
+    def _beat(self) -> bool:
+        """Do what is due; return whether there is room on the disk to go on."""
+        now = self._monotonic()
+        self._notifier.alive(now)
+        before = self._disk.problem
+        room = self._disk.check(now)
+        if self._disk.problem is not None and before is None:
+            _LOG.error("nothing more is taken: %s", self._disk.problem)
+        elif room and before is not None:
+            _LOG.warning("there is room on the disk again; going on")
+        if room:
+            self._publisher.tick()
+        if now >= self._status_due:
+            self._write_status("running")
+            self._status_due = now + max(_STATUS_EVERY, _STATUS_SHARE * (self._monotonic() - now))
+        return room
+
+    def _write_status(self, status: str) -> None:
+        try:
+            self._file.write(self.status(status))
+        except OSError as error:
+            problem = f"{self._file.path}: cannot be written ({error.strerror or error})"
+            if problem != self._status_problem:
+                _LOG.error("%s", problem)
+            self._status_problem = problem
+            return
+        self._status_problem = None
+
+    def problems(self) -> dict[str, str]:
+        """Return what is wrong by now, in one sentence each, by the name of a source or of what else it is."""
+        others = {"disk": self._disk.problem, "publisher": self._publisher.problem}
+        return self._ingest.problems() | {name: problem for name, problem in others.items() if problem is not None}
+
+    def status(self, status: str = "running") -> dict[str, Any]:
+        """Return what the daemon is doing, plain values for JSON; ``degraded`` where it runs but something is wrong."""
+        now, problems = self._monotonic(), self.problems()
+        channels = {
+            name: self._channel(source, name, now)
+            for source, watcher in self._ingest.watchers.items()
+            for name in watcher.channels
+        }
+        machine = self._config.machine
+        return {
+            "status": "degraded" if problems and status == "running" else status,
+            "machine": machine.name,
+            "state": worst(channel["state"] for channel in channels.values()),
+            "pid": os.getpid(),
+            "version": __version__,
+            "since_utc": _utc(self._since),
+            "updated_utc": _utc(self._clock()),
+            "up_s": round(now - self._began, 3),
+            "config_hash": self._config.hash,
+            "blocks": self._blocks,
+            "sources": {name: vars(backlog) for name, backlog in self._ingest.backlogs().items()},
+            "problems": problems,
+            "channels": channels,
+        }
+
+    def _channel(self, source: str, name: str, now: float) -> dict[str, Any]:
+        last = self._last[source]
+        known = channel_summary(self._ingest.watchers[source], name)
+        silent = now - (self._began if last.came is None else last.came) > last.patience
+        state, reason = channel_state(known, silent=silent, refused=last.refused)
+        if silent:
+            reason = f"no block for {now - (self._began if last.came is None else last.came):.0f} s"
+        elif last.refused:
+            reason = f"block {last.sequence} was rejected: {last.status}"
+        return {
+            "source": source,
+            "state": state,
+            "reason": reason,
+            "last_block": last.sequence or None,
+            "last_block_utc": _utc(last.time),
+            "last_block_status": last.status,
+            "last_block_age_s": None if last.came is None else round(now - last.came, 3),
+            **known,
+        }
+
+    def _last_of(self, source: str) -> _Last:
+        record = self._store.record(source, self._store.last(source))
+        return _Last() if record is None else _Last().after(record, None)
+
+
+@dataclass(frozen=True)
+class _Last:
+    """The latest block of a source.
+
+    Attributes:
+        sequence: its number, 0 before the first.
+        time: its UTC time, s, or None.
+        status: its status, or None.
+        refused: whether it was rejected.
+        came: when it was committed, s of the monotonic clock, or None where that was before the start.
+        interval: shortest time from one block to the next, s, or None.
+    """
+
+    sequence: int = 0
+    time: float | None = None
+    status: str | None = None
+    refused: bool = False
+    came: float | None = None
+    interval: float | None = None
+
+    def after(self, record: Record, came: float | None) -> _Last:
+        """Return what is known after another block."""
+        interval = self.interval
+        if record.time is not None and self.time is not None and record.time > self.time:
+            step = record.time - self.time
+            interval = step if interval is None else min(step, interval)
+        time = record.time if record.time is not None else self.time
+        return _Last(record.sequence, time, record.status, not record.accepted, came, interval)
+
+    @property
+    def patience(self) -> float:
+        """Seconds after which silence is a state of its own."""
+        if self.interval is None:
+            return _FIRST_SILENCE
+        return max(_SHORTEST_SILENCE, _SILENT_INTERVALS * self.interval)
+
+
+def _utc(time: float | None) -> str | None:
+    if time is None:
+        return None
+    try:
+        return datetime.fromtimestamp(time, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    except (OverflowError, OSError, ValueError):
+        return None

@@ -1,0 +1,53 @@
+"""The child process that publishes: it alone loads xarray and netCDF. One request a line, one answer a line, JSON."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any, TextIO
+
+from monitor.records.published import Published
+from monitor.records.store import Store, StoreError
+
+_LOCK = "publisher.lock"
+
+
+def main() -> None:
+    """Answer each line of standard input until it ends; the arguments are the store and the folder of the files."""
+    store, records_dir = Path(sys.argv[1]), Path(sys.argv[2])
+    # Whoever commits goes first.
+    os.nice(10)
+    lock = os.open(store.with_name(_LOCK), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    # The publisher of a daemon that was killed may still be writing, under the same temporary names.
+    fcntl.flock(lock, fcntl.LOCK_EX)
+    serve(sys.stdin, sys.stdout, store, records_dir)
+
+
+def serve(requests: TextIO, answers: TextIO, store: Path, records_dir: Path) -> None:
+    """Publish once for each line that comes.
+
+    Args:
+        requests: each line asks for one publication.
+        answers: gets one JSON object for each: ``published``, a list of what was written, and ``problem``, or null.
+        store: the database, which is opened for reading.
+        records_dir: folder of the files.
+    """
+    for _ in requests:
+        answers.write(json.dumps(_publish(store, records_dir)) + "\n")
+        answers.flush()
+
+
+def _publish(path: Path, records_dir: Path) -> dict[str, Any]:
+    from monitor.records.publish import PublishError, publish
+
+    written: list[Published] = []
+    problem = None
+    try:
+        with Store.open(path, create=False, read_only=True) as store:
+            publish(store, records_dir, note=written.append)
+    except (PublishError, StoreError) as error:
+        problem = str(error)
+    return {"published": written, "problem": problem}

@@ -1,0 +1,191 @@
+"""Publishing beside the daemon: asked for by the thread that commits, done by a child process, never waited for."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from monitor.records.published import Published, note_published
+from monitor.records.store import Store, StoreError
+
+_LOG = logging.getLogger(__name__)
+_LONGEST = 600.0
+_SHARE = 20.0
+_LOOK_AGAIN = 10
+_KILLED_WITHIN = 0.5
+_START = """
+import signal, sys
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    signal.signal(number, signal.SIG_IGN)
+import json
+sys.path[:] = json.loads(sys.argv.pop())
+from monitor.service.publish_worker import main
+main()
+"""
+"""A service manager stops all processes at once; the child ends with its parent, after the last publication."""
+
+
+class Publisher:
+    """Has the files of records written now and then; its failure is a :attr:`problem`, never an exception.
+
+    All methods are called from the thread that owns the store.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        records_dir: Path,
+        every: float = 60.0,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Start the child, which loads what it needs while the daemon goes on.
+
+        Args:
+            store: what is published; open for writing.
+            records_dir: folder of the files.
+            every: seconds from one publication to the next; more where it takes long.
+            monotonic: seconds that never go back.
+        """
+        self._store, self._records_dir = store, records_dir
+        self._every, self._monotonic = every, monotonic
+        self._child: subprocess.Popen[bytes] | None = None
+        self._buffer = b""
+        self._asked: float | None = None
+        self._due = monotonic()
+        # Files may have been lost or damaged while nobody looked.
+        self._changed = True
+        self._idle_turns = 0
+        self.problem: str | None = None
+        """What keeps files from being published, in one sentence, or None."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether a publication is under way."""
+        return self._asked is not None
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the child process, or None where none is running."""
+        return None if self._child is None else self._child.pid
+
+    def changed(self) -> None:
+        """Take note that there is more to publish."""
+        self._changed = True
+
+    def tick(self) -> None:
+        """Take an answer that has come, and ask anew when it is time."""
+        now = self._monotonic()
+        if self.busy:
+            self._collect(0.0)
+            if self._asked is not None and now - self._asked > _LONGEST:
+                self._fail(f"publishing takes longer than {_LONGEST:.0f} s")
+        elif now >= self._due:
+            self._idle_turns += 1
+            if self._changed or self._idle_turns >= _LOOK_AGAIN:
+                self._ask()
+            else:
+                self._due = now + self._every
+
+    def finish(self, seconds: float) -> bool:
+        """Publish all that there is, within so many seconds; return whether it succeeded."""
+        until = time.monotonic() + seconds
+        while self.busy and time.monotonic() < until:
+            self._collect(until - time.monotonic())
+        if self.busy:
+            return False
+        if self._changed:
+            self._ask()
+        while self.busy and time.monotonic() < until:
+            self._collect(until - time.monotonic())
+        return not self.busy and self.problem is None
+
+    def close(self) -> None:
+        """End the child; a file that it was writing stays as it was."""
+        child, self._child = self._child, None
+        self._asked, self._buffer = None, b""
+        if child is None:
+            return
+        for pipe in (child.stdin, child.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):
+                    pipe.close()
+        try:
+            child.wait(_KILLED_WITHIN)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            # One that hangs in a dead network share cannot even be killed; it is left behind.
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                child.wait(_KILLED_WITHIN)
+
+    def _ask(self) -> None:
+        self._asked, self._changed, self._idle_turns = self._monotonic(), False, 0
+        try:
+            if self._child is None:
+                self._child = self._start()
+            assert self._child.stdin is not None
+            self._child.stdin.write(b"publish\n")
+            self._child.stdin.flush()
+        except OSError as error:
+            self._fail(f"the publisher cannot be asked: {error.strerror or error}")
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        arguments = [str(self._store.path.absolute()), str(self._records_dir.absolute()), json.dumps(sys.path)]
+        command = [sys.executable, "-c", _START, *arguments]
+        child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert child.stdout is not None
+        os.set_blocking(child.stdout.fileno(), False)
+        return child
+
+    def _collect(self, timeout: float) -> None:
+        """Read what the child says, and wait for it at most so long."""
+        assert self._child is not None
+        assert self._child.stdout is not None
+        if not select.select([self._child.stdout], [], [], max(timeout, 0.0))[0]:
+            return
+        part = os.read(self._child.stdout.fileno(), 1 << 20)
+        self._buffer += part
+        if not part:
+            self._fail("the publisher ended unexpectedly")
+        elif self._buffer.endswith(b"\n"):
+            line, self._buffer = self._buffer, b""
+            self._take(json.loads(line))
+
+    def _take(self, answer: dict[str, Any]) -> None:
+        """Note what was written; what cannot be noted is written again."""
+        now = self._monotonic()
+        took = now - (self._asked or now)
+        self._asked = None
+        self._due = now + max(self._every, _SHARE * took)
+        try:
+            for done in answer["published"]:
+                note_published(self._store, Published(*done))
+        except StoreError as error:
+            _LOG.warning("what was published cannot be noted: %s", error)
+            self._changed = True
+        if answer["published"]:
+            _LOG.info("published %s in %.1f s", ", ".join(str(done[0]) for done in answer["published"]), took)
+        self._say(answer["problem"])
+
+    def _fail(self, problem: str) -> None:
+        self.close()
+        self._due = self._monotonic() + self._every
+        self._say(problem)
+
+    def _say(self, problem: str | None) -> None:
+        if problem is not None:
+            self._changed = True
+        if problem != self.problem:
+            if problem is None:
+                _LOG.warning("publishing works again")
+            else:
+                _LOG.error("publishing fails: %s", problem)
+        self.problem = problem
