@@ -18,6 +18,7 @@ from monitor.config_sections import (
     ForecastSection,
     MachineSection,
     OperatingSection,
+    PublishSection,
     RigSection,
     Section,
     SourceSection,
@@ -44,6 +45,7 @@ class Config(Section):
     detect: DetectSection = DetectSection()
     track: TrackSection = TrackSection()
     forecast: ForecastSection = ForecastSection()
+    publish: PublishSection = PublishSection()
 
     @model_validator(mode="after")
     def _connected(self) -> Self:

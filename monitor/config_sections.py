@@ -36,6 +36,8 @@ class MachineSection(Section):
     state_dir: Path = Path("state")
     records_dir: Path = Path("records")
     timezone: str = "UTC"
+    min_free_mb: NotNegative = 200.0
+    """Below so much free room on the disk of the state, the daemon takes nothing more."""
 
     @field_validator("timezone")
     @classmethod
@@ -45,6 +47,12 @@ class MachineSection(Section):
         except (zoneinfo.ZoneInfoNotFoundError, ValueError):
             raise ValueError("not a time zone of the tz database, such as UTC or Europe/Rome") from None
         return value
+
+
+class PublishSection(Section):
+    """How the daemon writes the files of records."""
+
+    interval_s: Annotated[float, Field(ge=0.1, le=86400.0)] = 60.0
 
 
 class BearingSection(Section):

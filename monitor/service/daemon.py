@@ -45,7 +45,6 @@ class Daemon:
         monotonic: Callable[[], float] = time.monotonic,
         clock: Callable[[], float] = time.time,
         free: Callable[[Path], int] = free_bytes,
-        publish_every: float = 60.0,
     ) -> None:
         """Take the configuration; nothing is opened yet.
 
@@ -54,10 +53,9 @@ class Daemon:
             monotonic: seconds that never go back, for everything that is waited for.
             clock: UTC seconds since 1970, against which the times of blocks are held.
             free: gives the free bytes of a folder's file system.
-            publish_every: seconds from one publication of the records to the next.
         """
         self._config = config
-        self._monotonic, self._clock, self._free, self._publish_every = monotonic, clock, free, publish_every
+        self._monotonic, self._clock, self._free = monotonic, clock, free
         self._notifier = Notifier()
         self._began = monotonic()
         self._since = clock()
@@ -77,8 +75,9 @@ class Daemon:
         with ExitStack() as opened:
             self._file = opened.enter_context(StatusFile.open(machine.state_dir))
             self._store = opened.enter_context(Store.open(machine.state_dir / "state.db", machine=machine.name))
-            self._disk = DiskGuard(machine.state_dir, self._free)
-            self._publisher = Publisher(self._store, machine.records_dir, self._publish_every, self._monotonic)
+            self._disk = DiskGuard(machine.state_dir, self._free, round(1e6 * machine.min_free_mb))
+            every = self._config.publish.interval_s
+            self._publisher = Publisher(self._store, machine.records_dir, every, self._monotonic)
             opened.callback(self._publisher.close)
             self._ingest = opened.enter_context(Ingest.open(self._config, self._store, self._clock, self._beat))
             watchers = self._ingest.watchers

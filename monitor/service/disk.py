@@ -6,9 +6,6 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-LEAST_FREE = 200 << 20
-"""Bytes that are left to others; below, nothing more is taken."""
-
 _EVERY = 5.0
 _ENOUGH = 1.25
 
@@ -26,7 +23,7 @@ def free_bytes(folder: Path) -> int:
 class DiskGuard:
     """Says when a file system is too full to go on, and when it is no longer."""
 
-    def __init__(self, folder: Path, free: Callable[[Path], int] = free_bytes, least: int = LEAST_FREE) -> None:
+    def __init__(self, folder: Path, free: Callable[[Path], int], least: int) -> None:
         """Take the folder.
 
         Args:
