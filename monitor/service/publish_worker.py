@@ -6,6 +6,7 @@ import fcntl
 import json
 import os
 import sys
+import time
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -23,7 +24,11 @@ def main() -> None:
     lock = os.open(store.with_name(_LOCK), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     # The publisher of a daemon that was killed may still be writing, under the same temporary names.
     fcntl.flock(lock, fcntl.LOCK_EX)
-    serve(sys.stdin, sys.stdout, store, records_dir)
+    try:
+        serve(sys.stdin, sys.stdout, store, records_dir)
+    except BrokenPipeError:
+        # The daemon is gone; python would complain once more while closing its output.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def serve(requests: TextIO, answers: TextIO, store: Path, records_dir: Path) -> None:
@@ -31,7 +36,8 @@ def serve(requests: TextIO, answers: TextIO, store: Path, records_dir: Path) -> 
 
     Args:
         requests: each line asks for one publication.
-        answers: gets one JSON object for each: ``published``, a list of what was written, and ``problem``, or null.
+        answers: gets one JSON object for each: ``published``, a list of what was written, ``problem``, or null, and
+            the ``seconds`` that it took.
         store: the database, which is opened for reading.
         records_dir: folder of the files.
     """
@@ -43,6 +49,7 @@ def serve(requests: TextIO, answers: TextIO, store: Path, records_dir: Path) -> 
 def _publish(path: Path, records_dir: Path) -> dict[str, Any]:
     from monitor.records.publish import PublishError, publish
 
+    began = time.monotonic()
     written: list[Published] = []
     problem = None
     try:
@@ -50,4 +57,4 @@ def _publish(path: Path, records_dir: Path) -> dict[str, Any]:
             publish(store, records_dir, note=written.append)
     except (PublishError, StoreError) as error:
         problem = str(error)
-    return {"published": written, "problem": problem}
+    return {"published": written, "problem": problem, "seconds": time.monotonic() - began}

@@ -161,10 +161,9 @@ class Publisher:
 
     def _take(self, answer: dict[str, Any]) -> None:
         """Note what was written; what cannot be noted is written again."""
-        now = self._monotonic()
-        took = now - (self._asked or now)
+        took = float(answer["seconds"])
         self._asked = None
-        self._due = now + max(self._every, _SHARE * took)
+        self._due = self._monotonic() + max(self._every, _SHARE * took)
         try:
             for done in answer["published"]:
                 note_published(self._store, Published(*done))

@@ -1,0 +1,72 @@
+"""A machine with watched folders, and its daemon as a process of its own."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+RATE = 2560
+_CLI = "from monitor.cli import main; main()"
+
+
+def machine_text(*folders: Path, interval_s: float = 0.3) -> str:
+    """Return the configuration of a machine m with sources s0, s1, ... and channels x0, x1, ...; one a folder."""
+    parts = [
+        '[machine]\nname = "m"\nmin_free_mb = 1\n',
+        f"[publish]\ninterval_s = {interval_s}\n",
+        '[[bearing]]\nname = "b"\ndesignation = "1205 ETN9"\n',
+        "[operating]\nspeed_hz = 40.0\n",
+    ]
+    for number, folder in enumerate(folders):
+        parts.append(
+            f'[[source]]\nname = "s{number}"\nurl = "folder:{folder}"\nformat = "csv"\n'
+            f"rate_hz = {RATE}\nsettle_s = 0.2\nblock_s = 0.1\n"
+            f'[[channel]]\nname = "x{number}"\nsource = "s{number}"\ncolumn = 1\nunit = "g"\nbearing = "b"\n'
+            "band_hz = [[300, 1200]]\n"
+        )
+    return "".join(parts)
+
+
+def make_machine(folder: Path, sources: int = 1) -> Path:
+    """Make a configuration below a folder, with input folders in0, in1, ...; return its path."""
+    inputs = [folder / f"in{number}" for number in range(sources)]
+    for path in inputs:
+        path.mkdir()
+    config = folder / "m.toml"
+    config.write_text(machine_text(*inputs))
+    return config
+
+
+def start(config: Path, *options: str, **more: Any) -> subprocess.Popen[str]:
+    """Start a daemon."""
+    command = [sys.executable, "-c", _CLI, "run", "--config", str(config), *options]
+    return subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, **more)
+
+
+def call(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end."""
+    return subprocess.run(
+        [sys.executable, "-c", _CLI, *arguments], cwd=ROOT, capture_output=True, text=True, check=False, timeout=60
+    )
+
+
+def status(config: Path) -> dict[str, Any]:
+    """Return what the status file says, {} where there is none."""
+    try:
+        return json.loads((config.parent / "state" / "status.json").read_text())
+    except FileNotFoundError:
+        return {}
+
+
+def wait_for(what: Callable[[], object], most_s: float = 30.0) -> None:
+    """Wait until something is true."""
+    until = time.monotonic() + most_s
+    while not what():
+        assert time.monotonic() < until, "it did not happen in time"
+        time.sleep(0.02)

@@ -1,0 +1,157 @@
+"""The daemon as a process: killed at any moment, stopped in order, started twice; its files open all the while."""
+
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+from monitor.config import load_config
+from monitor.records.ledger import StoreLedger
+from monitor.records.store import Store
+from tests.effort import effort_count
+from tests.faults.daemons import ROOT, call, make_machine, start, status, wait_for
+from tests.faults.test_folder_kill import write
+from tests.streams.folders import csv_bytes, noise
+
+KILLS = effort_count(quick=3, full=100)
+FILES_A_KILL = 10
+
+
+def published_blocks(config: Path) -> int:
+    """Open every published file, read all of it, and return how many blocks they hold."""
+    blocks = 0
+    for path in sorted((config.parent / "records").glob("m-*.nc")):
+        with xr.open_dataset(path) as dataset:
+            dataset.load()
+            assert list(dataset.sequence.values) == sorted(set(dataset.sequence.values))
+            blocks += dataset.sizes["time"]
+    return blocks
+
+
+def end(process: subprocess.Popen[str]) -> tuple[int, str, float]:
+    """Ask a daemon to stop; return its exit code, what it logged, and the seconds that it took."""
+    began = time.monotonic()
+    process.send_signal(signal.SIGTERM)
+    _, said = process.communicate(timeout=20)
+    return process.returncode, said, time.monotonic() - began
+
+
+@pytest.mark.timeout(effort_count(quick=300, full=3600))
+def test_killed_at_random_nothing_is_lost_and_nothing_comes_twice(tmp_path: Path) -> None:
+    generator = random.Random(20261121)
+    config = make_machine(tmp_path)
+    database = tmp_path / "state" / "state.db"
+    number = blocks = committed = published = 0
+    for _ in range(KILLS):
+        daemon = start(config, "--quiet")
+        for _ in range(FILES_A_KILL):
+            number += 1
+            blocks += write(tmp_path / "in0", number, generator)
+        until = time.monotonic() + generator.uniform(0.5, 3.5)
+        while time.monotonic() < until:
+            now = published_blocks(config)
+            assert now >= published
+            published = now
+            time.sleep(0.05)
+        daemon.kill()
+        _, said = daemon.communicate()
+        assert "Traceback" not in said
+        if database.exists():
+            with Store.open(database, read_only=True) as store:
+                kept = [record.sequence for record in store.records()]
+            assert kept == list(range(1, len(kept) + 1))
+            assert len(kept) >= committed
+            committed = len(kept)
+    daemon = start(config)
+    wait_for(lambda: status(config).get("pid") == daemon.pid and status(config)["sources"]["s0"]["accepted"] == number)
+    assert status(config)["sources"]["s0"]["pending"] == 0
+    code, said, seconds = end(daemon)
+    assert code == 0, said
+    assert seconds < 5.0
+    with Store.open(database, machine="m") as store, StoreLedger(store) as ledger:
+        assert store.check() == []
+        records = list(store.records())
+        assert [record.sequence for record in records] == list(range(1, blocks + 1))
+        assert all(record.accepted for record in records)
+        assert len({record.content_hash for record in records}) == blocks
+        assert store.counts().keys().isdisjoint({"duplicate", "changed"})
+        assert ledger.file_counts("s0") == {"accepted": number}
+    assert published_blocks(config) == blocks
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_stop_is_clean_and_publishes_what_there_is(tmp_path: Path, number: signal.Signals) -> None:
+    config = make_machine(tmp_path)
+    config.write_text(config.read_text().replace("interval_s = 0.3", "interval_s = 3600"))
+    daemon = start(config)
+    wait_for(lambda: (tmp_path / "records").exists() or status(config).get("pid") == daemon.pid)
+    for k in range(3):
+        (tmp_path / "in0" / f"f{k}.csv").write_bytes(csv_bytes(noise(512, k)))
+    wait_for(lambda: status(config).get("blocks") == 6)
+    second = call("run", "--config", str(config))
+    assert second.returncode == 2
+    assert "another daemon" in second.stderr
+    assert "Traceback" not in second.stderr
+    assert "is running (since" in call("status", "--config", str(config)).stdout
+    began = time.monotonic()
+    daemon.send_signal(number)
+    _, said = daemon.communicate(timeout=20)
+    assert daemon.returncode == 0, said
+    assert time.monotonic() - began < 5.0
+    assert "stopped; 6 blocks" in said
+    assert published_blocks(config) == 6
+    assert "was stopped" in call("status", "--config", str(config)).stdout
+
+
+def test_a_daemon_that_died_is_said_to_have(tmp_path: Path) -> None:
+    config = make_machine(tmp_path)
+    assert "has never run" in call("status", "--config", str(config)).stdout
+    daemon = start(config)
+    wait_for(lambda: status(config))
+    daemon.kill()
+    daemon.communicate()
+    said = call("status", "--config", str(config), "--json")
+    assert said.returncode == 0
+    assert '"running": false' in said.stdout
+    assert '"status": "died"' in said.stdout
+
+
+def test_a_folder_of_configurations_is_refused_in_words(tmp_path: Path) -> None:
+    said = call("run", "--config", str(tmp_path))
+    assert said.returncode == 2
+    assert "is a folder" in said.stderr
+
+
+def test_the_daemon_loads_no_compiler_no_plotting_and_no_netcdf(tmp_path: Path) -> None:
+    config = make_machine(tmp_path)
+    (tmp_path / "in0" / "f.csv").write_bytes(csv_bytes(noise(512, 1)))
+    code = """
+import sys, threading
+for name in ("numba", "dask", "pymoo", "matplotlib", "xarray", "netCDF4"):
+    sys.modules[name] = None
+from pathlib import Path
+from monitor.config import load_config
+from monitor.service.daemon import Daemon
+stop = threading.Event()
+class Stopping(Daemon):
+    def _seen(self, record):
+        super()._seen(record)
+        stop.set()
+Stopping(load_config(Path(sys.argv[1]))).run(stop)
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", code, str(config)], cwd=ROOT, capture_output=True, text=True, check=False, timeout=60
+    )
+    assert run.returncode == 0, run.stderr
+    machine = load_config(config).machine
+    with Store.open(machine.state_dir / "state.db", read_only=True) as store:
+        assert store.last("s0") >= 1
+    # The publisher is another process, which may load what it needs.
+    assert published_blocks(config) >= 1
