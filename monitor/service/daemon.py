@@ -132,8 +132,9 @@ class Daemon:
         if room:
             self._publisher.tick()
         if now >= self._status_due:
+            began = time.monotonic()
             self._write_status("running")
-            self._status_due = now + max(_STATUS_EVERY, _STATUS_SHARE * (self._monotonic() - now))
+            self._status_due = now + max(_STATUS_EVERY, _STATUS_SHARE * (time.monotonic() - began))
         return room
 
     def _write_status(self, status: str) -> None:
