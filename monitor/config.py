@@ -10,6 +10,7 @@ from typing import Any, Self
 from pydantic import Field, ValidationError, model_validator
 
 from models.bearing import Bearing
+from monitor.alarm_config import AlarmsSection, NotifySection
 from monitor.config_problems import explain_all
 from monitor.config_sections import (
     BearingSection,
@@ -46,6 +47,8 @@ class Config(Section):
     track: TrackSection = TrackSection()
     forecast: ForecastSection = ForecastSection()
     publish: PublishSection = PublishSection()
+    alarms: AlarmsSection = AlarmsSection()
+    notify: NotifySection = NotifySection()
 
     @model_validator(mode="after")
     def _connected(self) -> Self:
@@ -68,6 +71,7 @@ class Config(Section):
             rate = sources[channel.source].rate_hz
             if rate is not None:
                 channel.check_rate(rate)
+        self.alarms.check_channels(tuple(channel.name for channel in self.channel))
         return self
 
     def bearing_of(self, channel: ChannelSection) -> Bearing:
@@ -131,4 +135,5 @@ def _with_absolute_paths(config: Config, folder: Path) -> Config:
         )
         for source in config.source
     )
-    return config.model_copy(update={"machine": machine, "source": sources, "channel": channels})
+    notify = config.notify.with_absolute_paths(folder)
+    return config.model_copy(update={"machine": machine, "source": sources, "channel": channels, "notify": notify})

@@ -14,6 +14,7 @@ from models.population import Population
 from models.rms_map import MapError, OutsideMapError, RmsMap, load_map
 from models.scene import Rig
 from monitor.config import ChannelSection, Config, ConfigError, SourceSection
+from monitor.health.alarms import AlarmSettings
 from monitor.health.condition import ConditionSettings
 from monitor.health.damage import DamageSettings, MapAt, SpreadAt
 from monitor.health.edv import EdvSettings, EdvStatus, MapSlice
@@ -42,6 +43,7 @@ class ChannelSetup:
         map: the RMS map it is tracked on, or None.
         library: the library of simulated lives that it is compared with, or None.
         condition: where speed and load come from.
+        alarms: its alarm levels.
     """
 
     section: ChannelSection
@@ -49,6 +51,7 @@ class ChannelSetup:
     map: RmsMap | None
     library: Library | None = None
     condition: ConditionSettings = field(default_factory=ConditionSettings)
+    alarms: AlarmSettings = field(default_factory=AlarmSettings)
 
 
 def source_spec(config: Config, source: SourceSection, path: str | None = None) -> SourceSpec:
@@ -133,7 +136,9 @@ def channel_setups(
         if library is not None:
             _check_library(config, channel, library)
         settings = _settings(config, source, channel, rms_map, library)
-        setups[channel.name] = ChannelSetup(channel, settings, rms_map, library, config.operating.to_condition())
+        alarms = config.alarms.to_settings(channel.name, config.detect.run_in_blocks)
+        condition = config.operating.to_condition()
+        setups[channel.name] = ChannelSetup(channel, settings, rms_map, library, condition, alarms)
     return setups
 
 

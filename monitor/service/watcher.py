@@ -23,6 +23,7 @@ from monitor.health.quality import (
 )
 from monitor.health.state import ChannelState
 from monitor.records.record import Record
+from monitor.service.alarming import Alarming
 from monitor.service.recording import block_record, rejected_record
 from monitor.service.setup import ChannelSetup
 from streams.block import Block, Rejected
@@ -50,6 +51,8 @@ class Watcher:
         self._rate = rate
         self._order = OrderState()
         self._states = {name: ChannelState() for name in channels}
+        self.alarming = Alarming(source, {name: setup.alarms for name, setup in channels.items()})
+        """The alarms of the channels."""
         tracked = ((name, setup.settings.damage) for name, setup in channels.items())
         self._methods = {name: damage.forecast_method for name, damage in tracked if damage is not None}
         self._checked_rates: set[float] = set()
@@ -72,6 +75,7 @@ class Watcher:
         """
         if latest is not None:
             self._remember(latest)
+        self.alarming.restore(states)
         if self._order_key in states:
             self._order = OrderState.from_dict(states[self._order_key])
         for name in self._states:
@@ -82,7 +86,7 @@ class Watcher:
     def states(self) -> States:
         """Return all states by name, to be committed with the record of the block that led to them."""
         states = {self._channel_key(name): state.to_dict() for name, state in self._states.items()}
-        return {self._order_key: self._order.to_dict(), **states}
+        return {self._order_key: self._order.to_dict(), **states, **self.alarming.states()}
 
     @property
     def thresholds(self) -> tuple[float, ...]:
@@ -113,12 +117,13 @@ class Watcher:
         """
         if isinstance(item, Rejected):
             self._order, _ = check_order(self._order, item.sequence, None, dated=False)
-            return rejected_record(item)
+            return self.alarming.after(rejected_record(item), self._states, None)
         time = item.start if item.start is not None else item.elapsed
         self._order, flags = check_order(self._order, item.sequence, time, dated=item.start is not None, now=now)
         verdict = check_rate(item.rate, self._rate)
         if not verdict.accepted:
-            return block_record(item, verdict.status, (), verdict.reason, {}, None)
+            record = block_record(item, verdict.status, (), verdict.reason, {}, None)
+            return self.alarming.after(record, self._states, None)
         self._check_fit(item)
         self._conditions = {}
         outputs = {name: self._channel_step(name, item, time, flags) for name in self.channels}
@@ -127,7 +132,7 @@ class Watcher:
         channels = {name: (self._states[name], output) for name, output in outputs.items()}
         record = block_record(item, status, flags, reason, channels, truth, self._methods, conditions=self._conditions)
         self._remember(record)
-        return record
+        return self.alarming.after(record, self._states, outputs)
 
     def _remember(self, record: Record) -> None:
         self.sequence = record.sequence

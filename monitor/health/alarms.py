@@ -1,0 +1,337 @@
+"""Alarms of one channel: alert and danger levels with hysteresis, delays, gating and latching, and how it stands.
+
+A block that quality does not let through raises nothing and clears nothing. So does a block outside the operating state
+that a rule is for: its counters wait where they are. Levels are given, or follow from what the blocks of the learning
+stage taught, as medians and robust standard deviations of the logarithm.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal
+
+NORMAL, MAINTENANCE, OUT_OF_SPECIFICATION = "normal", "maintenance_required", "out_of_specification"
+CHECK, FAILURE, NO_DATA, BAD_DATA = "check_function", "failure", "no_data", "bad_data"
+SEVERITIES = ("alert", "danger")
+Span = tuple[float, float]
+
+_MOST_LEARNED = 512
+_WORST_FIRST = (FAILURE, NO_DATA, BAD_DATA, MAINTENANCE, OUT_OF_SPECIFICATION, CHECK, NORMAL)
+_REFUSALS = frozenset(
+    {"above_map", "ambiguous", "outside_conditions", "outside_library", "no_absolute_level", "no_map", "no_library"}
+)
+
+
+@dataclass(frozen=True)
+class Level:
+    """Where an alert or a danger begins: given, or from the baseline (exactly one of the three).
+
+    Attributes:
+        value: SI.
+        factor: times the median of the learning stage.
+        deviations: standard deviations of the learning stage above its median, in the logarithm.
+    """
+
+    value: float | None = None
+    factor: float | None = None
+    deviations: float | None = None
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One quantity and its levels.
+
+    Attributes:
+        name: of the rule, one of its channel.
+        feature: name of the value in a record.
+        side: whether high or low values are bad.
+        alert: where an alert begins, or None.
+        danger: where a danger begins, or None.
+        hysteresis: share of the level by which a value must come back.
+        on_delay: consecutive usable blocks at or beyond the level that raise.
+        off_delay: consecutive usable blocks back beyond the hysteresis that clear.
+        latch: whether it stands until somebody acknowledges it.
+        speed: Hz, for which shaft speeds it is, or None for all.
+        load: N, for which loads it is, or None for all.
+        drift: standard deviation of the logarithm that a healthy machine drifts by; part of ``deviations``.
+    """
+
+    name: str
+    feature: str
+    side: Literal["above", "below"] = "above"
+    alert: Level | None = None
+    danger: Level | None = None
+    hysteresis: float = 0.1
+    on_delay: int = 3
+    off_delay: int = 3
+    latch: bool = False
+    speed: Span | None = None
+    load: Span | None = None
+    drift: float = 0.1
+
+
+@dataclass(frozen=True)
+class AlarmSettings:
+    """Rules of a channel, and when its data count as bad.
+
+    Attributes:
+        rules: with different names.
+        run_in_blocks: first usable blocks, which teach nothing.
+        window: blocks over which bad ones are counted.
+        bad_share: share of bad ones from which the channel is in ``bad_data``.
+    """
+
+    rules: tuple[Rule, ...] = ()
+    run_in_blocks: int = 0
+    window: int = 20
+    bad_share: float = 0.5
+
+
+@dataclass(frozen=True)
+class AlarmInput:
+    """What one block gives.
+
+    Attributes:
+        sequence: number of the block.
+        usable: whether quality lets its values be believed: neither rejected nor flagged as a standing machine.
+        bad: whether it counts as bad data. A standing machine is no bad data, though it is not usable.
+        learning: whether the channel is in its learning stage.
+        values: of the record, SI; of several (thresholds, bands) the worst is taken.
+        speed: shaft speed, Hz, or None.
+        load: N, or None.
+        final: whether the final stage has begun.
+        ended: whether the end of life was reached.
+        edv_status: why the tracker has no volume, or None.
+    """
+
+    sequence: int
+    usable: bool
+    bad: bool
+    learning: bool = False
+    values: Mapping[str, Any] = field(default_factory=dict)
+    speed: float | None = None
+    load: float | None = None
+    final: bool = False
+    ended: bool = False
+    edv_status: str | None = None
+
+
+@dataclass(frozen=True)
+class LevelState:
+    """Of one level: whether it is exceeded, for how long the opposite was seen, when it was raised, if it is held."""
+
+    active: bool = False
+    count: int = 0
+    since: int | None = None
+    held: bool = False
+
+    @property
+    def shown(self) -> bool:
+        """Whether the alarm stands: exceeded, or waiting to be acknowledged."""
+        return self.active or self.held
+
+
+@dataclass(frozen=True)
+class RuleState:
+    """What one rule remembers; ``learned`` are logarithms until the learning stage ends, then a median and a spread."""
+
+    learned: tuple[float, ...] = ()
+    baseline: Span | None = None
+    alert: LevelState = field(default_factory=LevelState)
+    danger: LevelState = field(default_factory=LevelState)
+
+
+@dataclass(frozen=True)
+class AlarmState:
+    """All that the alarms of a channel remember; version 1."""
+
+    version: int = 1
+    seen: int = 0
+    recent_bad: tuple[bool, ...] = ()
+    refusing: bool = False
+    rules: Mapping[str, RuleState] = field(default_factory=dict)
+    condition: str = CHECK
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the state as plain values for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> AlarmState:
+        """Return the state that :meth:`to_dict` gave.
+
+        Raises:
+            ValueError: it is of another version.
+        """
+        if values.get("version") != 1:
+            raise ValueError(f"alarm state of version {values.get('version')!r}, expected 1")
+        rules = {
+            name: RuleState(
+                learned=tuple(rule["learned"]),
+                baseline=None if rule["baseline"] is None else (rule["baseline"][0], rule["baseline"][1]),
+                alert=LevelState(**rule["alert"]),
+                danger=LevelState(**rule["danger"]),
+            )
+            for name, rule in values["rules"].items()
+        }
+        return cls(1, values["seen"], tuple(values["recent_bad"]), values["refusing"], rules, values["condition"])
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a block changed of an alarm: ``raised`` or ``cleared``, with the value and the level (SI) it was held to."""
+
+    kind: Literal["raised", "cleared"]
+    rule: str
+    feature: str
+    severity: str
+    value: float
+    level: float
+
+
+@dataclass(frozen=True)
+class AlarmOutput:
+    """What one block changed, and how the channel stands after it (NAMUR NE 107, or ``bad_data``)."""
+
+    changes: tuple[Change, ...]
+    condition: str
+    condition_before: str
+
+
+def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple[AlarmState, AlarmOutput]:
+    """Take one block into the state and say what it changed."""
+    recent = (*state.recent_bad, block.bad)[-settings.window :]
+    seen = state.seen + (1 if block.usable else 0)
+    rules, changes = {}, []
+    for rule in settings.rules:
+        known = state.rules.get(rule.name, RuleState())
+        value = _worst(block.values.get(rule.feature), rule.side)
+        if block.usable and value is not None and _within(block.speed, rule.speed) and _within(block.load, rule.load):
+            known = _learn(known, value, learning=block.learning, settled=seen > settings.run_in_blocks)
+            known, changed = _judge(known, rule, value, block.sequence)
+            changes += changed
+        rules[rule.name] = known
+    # A block that says nothing of the tracker leaves its refusal standing.
+    refusing = block.edv_status in _REFUSALS if block.usable else state.refusing
+    after = AlarmState(seen=seen, recent_bad=recent, rules=rules, refusing=refusing)
+    condition = _condition(rules, after, block, settings)
+    after = replace(after, condition=condition)
+    return after, AlarmOutput(tuple(changes), condition, state.condition)
+
+
+def acknowledge(state: AlarmState, rule: str, sequence: int) -> AlarmState:
+    """Let go of what a rule holds, if it was raised at or before a block; doing it again changes nothing."""
+    known = state.rules.get(rule)
+    if known is None:
+        return state
+
+    def release(level: LevelState) -> LevelState:
+        past = level.since is not None and level.since <= sequence
+        return replace(level, held=False) if past else level
+
+    released = replace(known, alert=release(known.alert), danger=release(known.danger))
+    return replace(state, rules={**state.rules, rule: released})
+
+
+def limit_of(rule: Rule, level: Level | None, baseline: Span | None) -> float | None:
+    """Return where a level stands, SI; None where it is not configured or its baseline is not learned yet."""
+    if level is None or level.value is not None:
+        return None if level is None else level.value
+    if baseline is None:
+        return None
+    middle, spread = baseline
+    sign = 1.0 if rule.side == "above" else -1.0
+    if level.deviations is not None:
+        return math.exp(middle + sign * level.deviations * math.hypot(spread, rule.drift))
+    return math.exp(middle) * (level.factor or 1.0)
+
+
+def machine_state(*states: str) -> str:
+    """Return the state of a machine: the worst of its channels, ``no_data`` where it has none.
+
+    From the worst: failure, no_data, bad_data, maintenance_required, out_of_specification, check_function, normal. A
+    known danger outranks silence; silence and bad data outrank a lesser alarm, for it can no longer be believed.
+    """
+    return min(states, key=_WORST_FIRST.index, default=NO_DATA)
+
+
+def is_silent(age: float, interval: float, intervals: float) -> bool:
+    """Tell whether a channel has no data: its newest block (``age`` s) is older than so many intervals (s) of it."""
+    return age > intervals * interval
+
+
+def _worst(value: Any, side: str) -> float | None:
+    """Return the worst of one or several values, or None where there is none."""
+    items = value if isinstance(value, list | tuple) else (value,)
+    found = [float(item) for item in items if isinstance(item, float | int) and math.isfinite(item)]
+    if not found:
+        return None
+    return max(found) if side == "above" else min(found)
+
+
+def _within(value: float | None, span: Span | None) -> bool:
+    return span is None or (value is not None and span[0] <= value <= span[1])
+
+
+def _learn(known: RuleState, value: float, *, learning: bool, settled: bool) -> RuleState:
+    """Collect what the learning stage shows; freeze it when the stage is over."""
+    if known.baseline is not None:
+        return known
+    if learning:
+        if not settled or value <= 0.0:
+            return known
+        return replace(known, learned=(*known.learned, math.log(value))[-_MOST_LEARNED:])
+    if not known.learned:
+        return known
+    middle = statistics.median(known.learned)
+    spread = 1.4826 * statistics.median(abs(item - middle) for item in known.learned)
+    return replace(known, learned=(), baseline=(middle, spread))
+
+
+def _judge(known: RuleState, rule: Rule, value: float, sequence: int) -> tuple[RuleState, list[Change]]:
+    changes: list[Change] = []
+    after = known
+    for severity in SEVERITIES:
+        limit = limit_of(rule, getattr(rule, severity), known.baseline)
+        if limit is None:
+            continue
+        before: LevelState = getattr(known, severity)
+        level = _move(before, rule, value, limit, sequence)
+        after = replace(after, **{severity: level})
+        if level.active != before.active:
+            kind = "raised" if level.active else "cleared"
+            changes.append(Change(kind, rule.name, rule.feature, severity, value, limit))
+    return after, changes
+
+
+def _move(level: LevelState, rule: Rule, value: float, limit: float, sequence: int) -> LevelState:
+    """Count towards raising or clearing a level."""
+    sign = 1.0 if rule.side == "above" else -1.0
+    if not level.active:
+        if sign * value < sign * limit:
+            return replace(level, count=0) if level.count else level
+        if level.count + 1 < rule.on_delay:
+            return replace(level, count=level.count + 1)
+        return LevelState(active=True, since=sequence, held=rule.latch)
+    if sign * value >= sign * limit - rule.hysteresis * abs(limit):
+        return replace(level, count=0) if level.count else level
+    if level.count + 1 < rule.off_delay:
+        return replace(level, count=level.count + 1)
+    return replace(level, active=False, count=0)
+
+
+def _condition(rules: Mapping[str, RuleState], state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> str:
+    """Return how the channel stands: what is known of damage first, then whether it can be known at all."""
+    if block.ended or any(rule.danger.shown for rule in rules.values()):
+        return FAILURE
+    recent = state.recent_bad
+    if len(recent) == settings.window and sum(recent) >= settings.bad_share * settings.window:
+        return BAD_DATA
+    if state.refusing:
+        return OUT_OF_SPECIFICATION
+    if block.final or any(rule.alert.shown for rule in rules.values()):
+        return MAINTENANCE
+    return CHECK if block.learning else NORMAL
