@@ -16,7 +16,7 @@ from typing import Any
 from monitor import __version__
 from monitor.config import Config
 from monitor.records.record import Record
-from monitor.records.store import Store
+from monitor.records.store import Store, StoreError
 from monitor.service.disk import DiskGuard, free_bytes
 from monitor.service.ingest import Ingest
 from monitor.service.publisher import Publisher
@@ -31,6 +31,7 @@ _STATUS_SHARE = 50.0
 _PAUSE = 0.5
 _LAST_PUBLICATION = 3.0
 _FIRST_SILENCE = 600.0
+_CHECKED_BYTES = 64 << 20
 _SHORTEST_SILENCE = 60.0
 _SILENT_INTERVALS = 10.0
 
@@ -75,6 +76,7 @@ class Daemon:
         with ExitStack() as opened:
             self._file = opened.enter_context(StatusFile.open(machine.state_dir))
             self._store = opened.enter_context(Store.open(machine.state_dir / "state.db", machine=machine.name))
+            _refuse_damaged(self._store)
             self._disk = DiskGuard(machine.state_dir, self._free, round(1e6 * machine.min_free_mb))
             every = self._config.publish.interval_s
             self._publisher = Publisher(self._store, machine.records_dir, every, self._monotonic)
@@ -238,6 +240,23 @@ class _Last:
         if self.interval is None:
             return _FIRST_SILENCE
         return max(_SHORTEST_SILENCE, _SILENT_INTERVALS * self.interval)
+
+
+def _refuse_damaged(store: Store) -> None:
+    """Read a store of usual size once; whoever goes on with a damaged one commits to what may be lost.
+
+    Raises:
+        StoreError: naming what is wrong, and what to do.
+    """
+    if store.path.stat().st_size > _CHECKED_BYTES:
+        _LOG.info("%s: is larger than %d MB and is not read at the start", store.path, _CHECKED_BYTES >> 20)
+        return
+    problems = store.check()
+    if problems:
+        raise StoreError(
+            f"{store.path}: is damaged ({problems[0]}); move it and the files named after it to another folder, "
+            "restore a copy if there is one, and start again: what is still in the sources is then taken anew"
+        )
 
 
 def _utc(time: float | None) -> str | None:

@@ -215,6 +215,20 @@ def test_a_source_that_cannot_be_opened_is_refused_and_leaves_no_lock(tmp_path: 
     assert read_status(tmp_path / "state") == {"running": False, "status": "never_ran"}
 
 
+def test_a_damaged_store_is_refused_in_words(tmp_path: Path) -> None:
+    config = make_machine(tmp_path)
+    for number in range(20):
+        put(config, number)
+    with running(config):
+        wait_for(lambda: last(config) == 40)
+    database = tmp_path / "state" / "state.db"
+    data = bytearray(database.read_bytes())
+    data[8192:-4096] = bytes(len(data) - 12288)
+    database.write_bytes(data)
+    with pytest.raises(StoreError, match=r"state\.db: .*(damaged|malformed)"):
+        Daemon(load_config(config)).run(threading.Event())
+
+
 def record(sequence: int, when: float) -> Record:
     return Record("s", sequence, f"b{sequence}", str(sequence), "ok", time=when, elapsed=0.0)
 
