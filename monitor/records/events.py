@@ -1,0 +1,215 @@
+"""The event log: what came with blocks, what came without one, and who acknowledged it with which words.
+
+Events that a block led to are rows of ``events``, part of its record. What no block led to (a silence, a failed
+notification) is a row of ``notices``, so that records stay the same however they were made. Nothing is ever changed or
+taken out: an acknowledgement is a row of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from monitor.records.tables import StoreError
+
+_TABLES = (
+    "CREATE TABLE IF NOT EXISTS notices (id INTEGER PRIMARY KEY, utc REAL NOT NULL, body TEXT NOT NULL)",
+    """CREATE TABLE IF NOT EXISTS acknowledgements (
+    id INTEGER PRIMARY KEY, event TEXT NOT NULL, utc REAL NOT NULL, who TEXT NOT NULL, note TEXT NOT NULL
+)""",
+    "CREATE INDEX IF NOT EXISTS acknowledgements_by_event ON acknowledgements (event)",
+)
+_EVENTS = """
+SELECT events.id, CAST(events.id AS TEXT) AS name, source, sequence, time, body
+FROM events JOIN blocks ON blocks.id = block
+"""
+_LONGEST_NOTE, _LONGEST_NAME = 2000, 100
+_NEEDS_NOBODY = ("alarm_cleared", "condition")
+
+
+@dataclass(frozen=True)
+class Acknowledgement:
+    """Who acknowledged an event, when (UTC seconds since 1970), and with which words."""
+
+    who: str
+    utc: float
+    note: str
+
+
+@dataclass(frozen=True)
+class LoggedEvent:
+    """One event.
+
+    Attributes:
+        id: its name in the log: a number, or "n" and a number where no block led to it.
+        source: of the block, or None.
+        block: number of the block, or None.
+        utc: seconds since 1970 of the block (None if undated) or of the notice.
+        body: ``kind``, ``channel`` and what else its maker said.
+        acknowledgements: in the order in which they were given.
+    """
+
+    id: str
+    source: str | None
+    block: int | None
+    utc: float | None
+    body: Mapping[str, Any]
+    acknowledgements: tuple[Acknowledgement, ...] = field(default=())
+
+    @property
+    def open(self) -> bool:
+        """Whether somebody should still acknowledge it; the end of an alarm needs nobody."""
+        return not self.acknowledgements and self.body.get("kind") not in _NEEDS_NOBODY
+
+
+class EventLog:
+    """The log of a store, on a connection of its own; its methods may be called from any thread.
+
+    All raise :class:`StoreError` where the database cannot be read or written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open the log of the store at ``path``, whose database gets the tables that it lacks."""
+        self._path = path
+        self._lock = threading.Lock()
+        try:
+            self._connection = sqlite3.connect(
+                f"{path.absolute().as_uri()}?mode=rw",
+                uri=True,
+                isolation_level=None,
+                timeout=5.0,
+                check_same_thread=False,
+            )
+            self._connection.execute("PRAGMA synchronous = FULL")
+            for statement in _TABLES:
+                self._connection.execute(statement)
+        except sqlite3.Error as error:
+            raise StoreError(f"{path}: {error}") from error
+
+    def events(self, *, limit: int = 200, before: int | None = None) -> list[LoggedEvent]:
+        """Return the newest events that blocks led to, newest first.
+
+        Args:
+            limit: at most so many.
+            before: only those before this number, for the page after.
+        """
+        condition, values = ("", ()) if before is None else ("WHERE events.id < ?", (before,))
+        with self._rows() as connection:
+            rows = connection.execute(f"{_EVENTS} {condition} ORDER BY events.id DESC LIMIT ?", (*values, limit))
+            return [self._logged(row[1:]) for row in rows.fetchall()]
+
+    def after(self, number: int, *, limit: int = 500) -> list[tuple[int, LoggedEvent]]:
+        """Return the oldest events after a number, with their numbers; for whoever follows the log."""
+        with self._rows() as connection:
+            rows = connection.execute(f"{_EVENTS} WHERE events.id > ? ORDER BY events.id LIMIT ?", (number, limit))
+            return [(row[0], self._logged(row[1:])) for row in rows.fetchall()]
+
+    def notices(self, *, limit: int = 200) -> list[LoggedEvent]:
+        """Return the newest events that no block led to, newest first."""
+        with self._rows() as connection:
+            rows = connection.execute(
+                "SELECT 'n' || id, NULL, NULL, utc, body FROM notices ORDER BY id DESC LIMIT ?", (limit,)
+            )
+            return [self._logged(row) for row in rows.fetchall()]
+
+    def event(self, name: str) -> LoggedEvent | None:
+        """Return one event by its name in the log, or None."""
+        table, number = ("notices", name[1:]) if name.startswith("n") else ("events", name)
+        if not (number.isascii() and number.isdigit() and len(number) < 19):
+            return None
+        query = "SELECT 'n' || id, NULL, NULL, utc, body FROM notices WHERE id = ?"
+        with self._rows() as connection:
+            if table == "events":
+                row = connection.execute(f"{_EVENTS} WHERE events.id = ?", (int(number),)).fetchone()
+                return None if row is None else self._logged(row[1:])
+            row = connection.execute(query, (int(number),)).fetchone()
+            return None if row is None else self._logged(row)
+
+    def notice(self, utc: float, body: Mapping[str, Any]) -> str:
+        """Log what no block led to, and return its name in the log."""
+        with self._rows() as connection:
+            text = json.dumps(body, allow_nan=False)
+            return f"n{connection.execute('INSERT INTO notices (utc, body) VALUES (?, ?)', (utc, text)).lastrowid}"
+
+    def acknowledge(self, name: str, who: str, note: str, utc: float) -> LoggedEvent:
+        """Add an acknowledgement to an event and return the event with it.
+
+        Args:
+            name: of the event in the log.
+            who: person.
+            note: their words, which may be empty.
+            utc: now, seconds since 1970.
+
+        Raises:
+            ValueError: there is no such event, nobody is named, or a text is too long.
+        """
+        who = who.strip()
+        if not 0 < len(who) <= _LONGEST_NAME or len(note) > _LONGEST_NOTE:
+            raise ValueError(f"who must have 1 to {_LONGEST_NAME} characters, a note at most {_LONGEST_NOTE}")
+        found = self.event(name)
+        if found is None:
+            raise ValueError(f"there is no event {name!r}")
+        with self._rows() as connection:
+            connection.execute(
+                "INSERT INTO acknowledgements (event, utc, who, note) VALUES (?, ?, ?, ?)", (found.id, utc, who, note)
+            )
+        return self.event(name) or found
+
+    def unacknowledged(self) -> int:
+        """Return how many events and notices wait for somebody."""
+        skipped = ", ".join(f"'{kind}'" for kind in _NEEDS_NOBODY)
+        missing = "NOT EXISTS (SELECT 1 FROM acknowledgements WHERE event = {name})"
+        wanted = f"json_extract(body, '$.kind') NOT IN ({skipped}) AND {missing}"
+        events = wanted.format(name="CAST(events.id AS TEXT)")
+        notices = wanted.format(name="'n' || notices.id")
+        with self._rows() as connection:
+            query = (
+                f"SELECT (SELECT count(*) FROM events WHERE {events}) + (SELECT count(*) FROM notices WHERE {notices})"
+            )
+            return connection.execute(query).fetchone()[0]
+
+    def acknowledged_alarms(self) -> Iterator[tuple[str, str, str, int]]:
+        """Yield source, channel, rule and block of each alarm that was acknowledged, to release what it holds."""
+        query = f"{_EVENTS} WHERE CAST(events.id AS TEXT) IN (SELECT event FROM acknowledgements) ORDER BY events.id"
+        with self._rows() as connection:
+            rows = connection.execute(query).fetchall()
+        for _, _, source, sequence, _, text in rows:
+            body = json.loads(text)
+            if body.get("kind") == "alarm_raised":
+                yield source, body["channel"], body["rule"], sequence
+
+    def _logged(self, row: Any) -> LoggedEvent:
+        name, source, block, utc, body = row
+        query = "SELECT who, utc, note FROM acknowledgements WHERE event = ? ORDER BY id"
+        given = tuple(Acknowledgement(*item) for item in self._connection.execute(query, (name,)))
+        return LoggedEvent(name, source, block, utc, json.loads(body), given)
+
+    @contextmanager
+    def _rows(self) -> Iterator[sqlite3.Connection]:
+        with self._lock:
+            try:
+                yield self._connection
+            except sqlite3.Error as error:
+                raise StoreError(f"{self._path}: {error}") from error
+
+    def close(self) -> None:
+        """Close the log; closing twice does nothing."""
+        with self._lock:
+            self._connection.close()
+
+    def __enter__(self) -> Self:
+        """Return the log itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the log."""
+        self.close()
