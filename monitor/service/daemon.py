@@ -15,12 +15,13 @@ from typing import Any
 
 from monitor import __version__
 from monitor.config import Config
+from monitor.health.alarms import is_silent, machine_state
 from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
 from monitor.service.disk import DiskGuard, free_bytes
 from monitor.service.ingest import Ingest
 from monitor.service.publisher import Publisher
-from monitor.service.standing import channel_state, worst
+from monitor.service.standing import channel_state
 from monitor.service.status_file import StatusFile
 from monitor.service.summary import channel_summary, run_attributes
 from monitor.service.systemd import Notifier
@@ -167,7 +168,7 @@ class Daemon:
         return {
             "status": "degraded" if problems and status == "running" else status,
             "machine": machine.name,
-            "state": worst(channel["state"] for channel in channels.values()),
+            "state": machine_state(*(channel["state"] for channel in channels.values())),
             "pid": os.getpid(),
             "version": __version__,
             "since_utc": _utc(self._since),
@@ -181,13 +182,13 @@ class Daemon:
         }
 
     def _channel(self, source: str, name: str, now: float) -> dict[str, Any]:
-        last = self._last[source]
-        known = channel_summary(self._ingest.watchers[source], name)
-        silent = now - (self._began if last.came is None else last.came) > last.patience
-        state, reason = channel_state(known, silent=silent, refused=last.refused)
-        if silent:
-            reason = f"no block for {now - (self._began if last.came is None else last.came):.0f} s"
-        elif last.refused:
+        last, watcher = self._last[source], self._ingest.watchers[source]
+        age = now - (self._began if last.came is None else last.came)
+        silent = is_silent(age, last.patience, 1.0)
+        state, reason = channel_state(watcher.alarming.state(name).condition, silent=silent, refused=last.refused)
+        if state == "no_data":
+            reason = f"no block for {age:.0f} s"
+        elif state == "bad_data" and last.refused:
             reason = f"block {last.sequence} was rejected: {last.status}"
         return {
             "source": source,
@@ -197,7 +198,7 @@ class Daemon:
             "last_block_utc": _utc(last.time),
             "last_block_status": last.status,
             "last_block_age_s": None if last.came is None else round(now - last.came, 3),
-            **known,
+            **channel_summary(watcher, name),
         }
 
     def _last_of(self, source: str) -> _Last:

@@ -20,7 +20,7 @@ def main() -> None:
     """Answer each line of standard input until it ends; the arguments are the store and the folder of the files."""
     store, records_dir = Path(sys.argv[1]), Path(sys.argv[2])
     # Whoever commits goes first.
-    os.nice(10)
+    os.nice(5)
     lock = os.open(store.with_name(_LOCK), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     # The publisher of a daemon that was killed may still be writing, under the same temporary names.
     fcntl.flock(lock, fcntl.LOCK_EX)

@@ -23,7 +23,7 @@ from monitor.service.daemon import Daemon
 from monitor.service.disk import DiskGuard, free_bytes
 from monitor.service.ingest import Ingest
 from monitor.service.publisher import Publisher
-from monitor.service.standing import STATES, channel_state, worst
+from monitor.service.standing import channel_state
 from monitor.service.status_file import StatusFile, read_status
 from monitor.service.systemd import Notifier
 from streams.live import Delivery
@@ -372,19 +372,11 @@ def test_stamps_are_held_against_the_clock(tmp_path: Path) -> None:
 
 
 def test_what_is_not_known_to_be_well_is_not_called_normal() -> None:
-    def state(stage: str, edv: str | None = None, **more: bool) -> str:
-        return channel_state({"stage": stage, "edv_status": edv}, **{"silent": False, "refused": False, **more})[0]
-
-    assert state("healthy") == "normal"
-    assert state("learning") == "check_function"
-    assert state("healthy", silent=True) == "no_data"
-    assert state("healthy", refused=True) == "bad_data"
-    assert state("final", "ok") == "maintenance_required"
-    assert state("final", "above_map") == "out_of_specification"
-    assert state("end_of_life", silent=True) == "failure"
-    assert worst([]) == "no_data"
-    assert worst(["normal", "no_data", "check_function"]) == "no_data"
-    assert worst(STATES) == "failure"
+    assert channel_state("normal", silent=False, refused=False) == ("normal", "healthy")
+    assert channel_state("normal", silent=True, refused=True)[0] == "no_data"
+    assert channel_state("normal", silent=False, refused=True)[0] == "bad_data"
+    assert channel_state("maintenance_required", silent=True, refused=False)[0] == "no_data"
+    assert channel_state("failure", silent=True, refused=True)[0] == "failure"
 
 
 def test_a_status_file_that_is_damaged_is_as_none(tmp_path: Path) -> None:
