@@ -1,0 +1,1 @@
+"""Telling people and programs of events: e-mail, webhook, MQTT."""

@@ -1,0 +1,57 @@
+"""E-mail over SMTP."""
+
+from __future__ import annotations
+
+import smtplib
+import ssl
+from email.message import EmailMessage
+from email.utils import formatdate, make_msgid
+
+from monitor.alarm_config import SmtpSection
+from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, read_secret
+
+
+class SmtpWay:
+    """Sends one e-mail a message."""
+
+    name = "smtp"
+
+    def __init__(self, section: SmtpSection) -> None:
+        """Take the configured server and addresses."""
+        self._section = section
+
+    def send(self, message: Message) -> None:
+        """Send it; :class:`NotifyError` where the server does not take it."""
+        section = self._section
+        mail = EmailMessage()
+        mail["Subject"] = message.title
+        mail["From"], mail["To"] = section.sender, ", ".join(section.to)
+        mail["Date"], mail["Message-ID"] = formatdate(), make_msgid(domain=section.sender.partition("@")[2])
+        mail.set_content(message.text)
+        try:
+            with self._connect() as server:
+                if section.username_file is not None and section.password_file is not None:
+                    server.login(read_secret(section.username_file), read_secret(section.password_file))
+                refused = server.send_message(mail)
+        except smtplib.SMTPAuthenticationError as error:
+            # The server's own words may repeat what was sent.
+            raise NotifyError(f"smtp {section.host}: the server refuses the login ({error.smtp_code})") from None
+        except (OSError, smtplib.SMTPException, ValueError) as error:
+            raise NotifyError(f"smtp {section.host}: {error}") from None
+        if refused:
+            raise NotifyError(f"smtp {section.host}: refused for {', '.join(refused)}")
+
+    def _connect(self) -> smtplib.SMTP:
+        section = self._section
+        if section.security == "none":
+            return smtplib.SMTP(section.host, section.port, timeout=TIMEOUT)
+        context = ssl.create_default_context(cafile=None if section.ca_file is None else str(section.ca_file))
+        if section.security == "tls":
+            return smtplib.SMTP_SSL(section.host, section.port, timeout=TIMEOUT, context=context)
+        server = smtplib.SMTP(section.host, section.port, timeout=TIMEOUT)
+        try:
+            server.starttls(context=context)
+        except BaseException:
+            server.close()
+            raise
+        return server

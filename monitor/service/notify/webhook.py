@@ -1,0 +1,48 @@
+"""A webhook: the message as JSON, posted."""
+
+from __future__ import annotations
+
+import http.client
+import ssl
+from urllib.parse import urlsplit
+
+from monitor.alarm_config import WebhookSection
+from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, read_secret
+
+
+class WebhookWay:
+    """Posts one request a message; redirections are not followed, for they would take the token elsewhere."""
+
+    name = "webhook"
+
+    def __init__(self, section: WebhookSection) -> None:
+        """Take the configured address."""
+        self._section = section
+        self._url = urlsplit(section.url)
+
+    def send(self, message: Message) -> None:
+        """Post it; :class:`NotifyError` where the answer is none of success."""
+        headers = {"Content-Type": "application/json"}
+        if self._section.token_file is not None:
+            headers["Authorization"] = f"Bearer {read_secret(self._section.token_file)}"
+        where = f"webhook {self._url.hostname}"
+        path = (self._url.path or "/") + (f"?{self._url.query}" if self._url.query else "")
+        try:
+            connection = self._connection()
+            try:
+                connection.request("POST", path, message.to_json().encode(), headers)
+                status = connection.getresponse().status
+            finally:
+                connection.close()
+        except (OSError, http.client.HTTPException, ValueError) as error:
+            raise NotifyError(f"{where}: {type(error).__name__}: {error}") from None
+        if not 200 <= status < 300:
+            raise NotifyError(f"{where}: answered {status}")
+
+    def _connection(self) -> http.client.HTTPConnection:
+        host = self._url.hostname or ""
+        if self._url.scheme == "https":
+            return http.client.HTTPSConnection(
+                host, self._url.port, timeout=TIMEOUT, context=ssl.create_default_context()
+            )
+        return http.client.HTTPConnection(host, self._url.port, timeout=TIMEOUT)
