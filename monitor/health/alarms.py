@@ -105,6 +105,7 @@ class AlarmInput:
         final: whether the final stage has begun.
         ended: whether the end of life was reached.
         edv_status: why the tracker has no volume, or None.
+        baselines: median and robust standard deviation of the logarithm that the onset detector has of a feature.
     """
 
     sequence: int
@@ -117,6 +118,7 @@ class AlarmInput:
     final: bool = False
     ended: bool = False
     edv_status: str | None = None
+    baselines: Mapping[str, Span] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -210,7 +212,8 @@ def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple
         known = state.rules.get(rule.name, RuleState())
         value = _worst(block.values.get(rule.feature), rule.side)
         if block.usable and value is not None and _within(block.speed, rule.speed) and _within(block.load, rule.load):
-            known = _learn(known, value, learning=block.learning, settled=seen > settings.run_in_blocks)
+            given = block.baselines.get(rule.feature)
+            known = _learn(known, value, given, learning=block.learning, settled=seen > settings.run_in_blocks)
             known, changed = _judge(known, rule, value, block.sequence)
             changes += changed
         rules[rule.name] = known
@@ -276,14 +279,16 @@ def _within(value: float | None, span: Span | None) -> bool:
     return span is None or (value is not None and span[0] <= value <= span[1])
 
 
-def _learn(known: RuleState, value: float, *, learning: bool, settled: bool) -> RuleState:
-    """Collect what the learning stage shows; freeze it when the stage is over."""
+def _learn(known: RuleState, value: float, given: Span | None, *, learning: bool, settled: bool) -> RuleState:
+    """Collect what the learning stage shows; freeze it when the stage is over, or take what the detector learned."""
     if known.baseline is not None:
         return known
     if learning:
         if not settled or value <= 0.0:
             return known
         return replace(known, learned=(*known.learned, math.log(value))[-_MOST_LEARNED:])
+    if given is not None:
+        return replace(known, learned=(), baseline=given)
     if not known.learned:
         return known
     middle = statistics.median(known.learned)

@@ -77,6 +77,7 @@ class Alarming:
 def _input(record: Record, channel: str, state: ChannelState, verdict: Verdict | None) -> AlarmInput:
     values = record.channels.get(channel, {})
     detector = state.detect
+    learned = detector.baseline
     return AlarmInput(
         sequence=record.sequence,
         usable=verdict is not None and verdict.for_baseline,
@@ -88,6 +89,7 @@ def _input(record: Record, channel: str, state: ChannelState, verdict: Verdict |
         final=detector.t_fs is not None,
         ended=detector.t_eol is not None,
         edv_status=values.get("edv_status"),
+        baselines={} if learned is None else {"rms": (learned.ln_rms, learned.ln_rms_sd)},
     )
 
 

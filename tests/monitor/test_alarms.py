@@ -77,6 +77,9 @@ def test_levels_from_the_learning_stage() -> None:
     assert [change.level for change in output.changes if change.severity == "alert"] == [pytest.approx(2.0)]
     assert state.rules["rms"].baseline is not None
     assert limit_of(rule, rule.alert, None) is None
+    late, output = step(AlarmState(), block(1, 5.0, baselines={"rms": (0.0, 0.1)}), chosen)
+    assert late.rules["rms"].baseline == (0.0, 0.1)
+    assert output.changes[0].level == pytest.approx(2.0)
 
 
 def test_gates_hold_the_counters() -> None:

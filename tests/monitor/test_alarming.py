@@ -1,0 +1,65 @@
+"""The alarm stage in the watcher: events are in the record, states are committed with it, a restart changes nothing."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+
+from monitor.health.alarms import AlarmSettings, Level, Rule
+from monitor.service.setup import channel_setups
+from monitor.service.watcher import Watcher
+from streams.block import Block, Rejected
+from tests.faults.test_folder_kill import config
+
+RATE = 2560.0
+
+
+def block(sequence: int, level: float) -> Block:
+    samples = level * np.random.default_rng(sequence).normal(size=(1, 256))
+    return Block(samples, RATE, ("x",), ("g",), "s", sequence, f"b{sequence}", content_hash=str(sequence))
+
+
+def watcher() -> Watcher:
+    machine = config("nowhere")
+    rule = Rule("rms", "rms", alert=Level(3 * 9.8), on_delay=2, off_delay=2, latch=True)
+    setups = channel_setups(machine, machine.source[0])
+    alarms = AlarmSettings((rule,), window=4)
+    return Watcher("s", {name: replace(setup, alarms=alarms) for name, setup in setups.items()}, RATE)
+
+
+ITEMS = [
+    *[block(n, 1.0) for n in range(1, 4)],
+    *[block(n, 4.0) for n in range(4, 7)],
+    *[Rejected("s", n, "b", "nan", "words", str(n)) for n in range(7, 11)],
+    *[block(n, 1.0) for n in range(11, 16)],
+]
+
+
+def test_alarms_and_conditions_are_events_of_the_record() -> None:
+    found = watcher()
+    events = [event for item in ITEMS for event in found.process(item).events]
+    assert [(event["kind"], event["block"]) for event in events] == [
+        ("alarm_raised", 5),
+        ("condition", 8),
+        ("alarm_cleared", 12),
+        ("condition", 13),
+    ]
+    assert found.alarming.state("x").condition == "maintenance_required"
+    found.alarming.acknowledge("x", "rms", 5)
+    found.process(block(16, 1.0))
+    assert found.alarming.state("x").condition == "check_function"
+
+
+def test_a_restart_at_any_block_gives_the_same_records() -> None:
+    undisturbed = watcher()
+    expected = [undisturbed.process(item) for item in ITEMS]
+    for cut in (2, 4, 7, 9, 12):
+        first = watcher()
+        records = [first.process(item) for item in ITEMS[:cut]]
+        second = watcher()
+        second.restore(json.loads(json.dumps(first.states())), records[-1])
+        records += [second.process(item) for item in ITEMS[cut:]]
+        assert records == expected
+        assert second.states() == undisturbed.states()
