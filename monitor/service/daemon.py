@@ -20,6 +20,7 @@ from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
 from monitor.service.disk import DiskGuard, free_bytes
 from monitor.service.ingest import Ingest
+from monitor.service.notify.notifier import Notifier as EventNotifier
 from monitor.service.publisher import Publisher
 from monitor.service.standing import channel_state
 from monitor.service.status_file import StatusFile
@@ -31,6 +32,7 @@ _STATUS_EVERY = 1.0
 _STATUS_SHARE = 50.0
 _PAUSE = 0.5
 _LAST_PUBLICATION = 3.0
+_LAST_NOTIFICATION = 0.5
 _FIRST_SILENCE = 600.0
 _CHECKED_BYTES = 64 << 20
 _SHORTEST_SILENCE = 60.0
@@ -82,6 +84,8 @@ class Daemon:
             every = self._config.publish.interval_s
             self._publisher = Publisher(self._store, machine.records_dir, every, self._monotonic)
             opened.callback(self._publisher.close)
+            self._events = EventNotifier.from_settings(machine.name, self._config.notify)
+            opened.callback(self._events.close, _LAST_NOTIFICATION)
             self._ingest = opened.enter_context(Ingest.open(self._config, self._store, self._clock, self._beat))
             watchers = self._ingest.watchers
             setups = {name: setup for watcher in watchers.values() for name, setup in watcher.channels.items()}
@@ -116,6 +120,7 @@ class Daemon:
         last = self._last[record.source]
         self._last[record.source] = last.after(record, self._monotonic())
         for event in record.events:
+            self._events.tell({"source": record.source, **event})
             _LOG.warning("%s: block %d: %s", record.source, record.sequence, event)
         if not record.accepted:
             _LOG.warning("%s: block %d rejected: %s: %s", record.source, record.sequence, record.status, record.reason)
@@ -154,7 +159,8 @@ class Daemon:
     def problems(self) -> dict[str, str]:
         """Return what is wrong by now, in one sentence each, by the name of a source or of what else it is."""
         others = {"disk": self._disk.problem, "publisher": self._publisher.problem}
-        return self._ingest.problems() | {name: problem for name, problem in others.items() if problem is not None}
+        failing = self._ingest.problems() | self._events.problems()
+        return failing | {name: problem for name, problem in others.items() if problem is not None}
 
     def status(self, status: str = "running") -> dict[str, Any]:
         """Return what the daemon is doing, plain values for JSON; ``degraded`` where it runs but something is wrong."""
