@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from itertools import product
@@ -15,7 +12,7 @@ import numpy as np
 
 from models.map_check import condition_errors, interpolation_errors, rms_and_most, step_error
 from models.map_data import RmsMap
-from models.map_nodes import MAP_ACCURACY, Nodes, Progress, scene_at, simulate_node_row
+from models.map_nodes import MAP_ACCURACY, Nodes, Progress, in_threads, scene_at, simulate_node_row
 from models.map_plan import HARMONICS, MODEL_VERSION, SCHEMA_VERSION, MapPlan
 from models.map_rig import rig_rows, rig_scenes
 
@@ -89,18 +86,18 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
         status=nodes.status,
         attributes=map_attributes(plan) | {"solver": nodes.solver},
     )
-    _measure(built)
+    _measure(built, workers)
     return built
 
 
-def _measure(built: RmsMap) -> None:
+def _measure(built: RmsMap, workers: int) -> None:
     """Add to the attributes how wrong a map is between its nodes, and between loads and speeds if it has several."""
     points = _POINTS if built.plan.floors == 1 else _POINTS_OF_FLOORS
     measures = {"interpolation": interpolation_errors}
     if len(built.load) > 1 or len(built.speed) > 1:
         measures["condition"] = condition_errors
     for name, measure in measures.items():
-        errors = measure(built, points, _POINT_SEED)
+        errors = measure(built, points, _POINT_SEED, workers)
         built.attributes[f"{name}_error"], built.attributes[f"{name}_error_max"] = rms_and_most(errors)
         built.attributes[f"{name}_points"] = len(errors)
 
@@ -109,11 +106,11 @@ def _row_nodes(plan: MapPlan, workers: int, progress: Progress) -> Nodes:
     values = np.empty((*plan.shape, _COLUMNS))
     tasks = [(plan, i, j, k) for i, j, k in np.ndindex(plan.shape[:3])]
     done = 0
-    for (_, i, j, k), row in zip(tasks, _in_threads(_row, tasks, workers), strict=True):
+    for (_, i, j, k), row in zip(tasks, in_threads(_row, tasks, workers), strict=True):
         values[i, j, k] = row
         done += plan.shape[3] * plan.floors
         progress(done, 0)
-    rms, steps = values[..., 0], step_error(plan)
+    rms, steps = values[..., 0], step_error(plan, workers)
     harmonic_std = values[..., 5 + HARMONICS :]
     settling = (values[..., 3] * rms)[..., None]
     return Nodes(
@@ -155,25 +152,11 @@ def _rig_nodes(plan: MapPlan, workers: int, progress: Progress) -> tuple[NDArray
     if plan.rig_draws == 0:
         return rms, harmonics
     tasks = [(plan, *point) for point in product(plan.load, plan.speed, plan.h_d)]
-    found = _in_threads(lambda task: rig_rows(*task), tasks, workers)
+    found = in_threads(lambda task: rig_rows(*task), tasks, workers)
     for n, (at, (spread, lines)) in enumerate(zip(np.ndindex(plan.shape[:3]), found, strict=True)):
         rms[at], harmonics[at] = spread, lines
         progress((n + 1) * plan.shape[3] * rig_scenes(plan), 0)
     return rms, harmonics
-
-
-def _in_threads(function: Callable[[_T], _R], tasks: list[_T], workers: int) -> Iterator[_R]:
-    workers = (os.cpu_count() or 1) if workers == 0 else workers
-    if workers < 1:
-        raise ValueError(f"workers must not be negative, got {workers!r}")
-    if workers == 1 or len(tasks) == 1:
-        yield from map(function, tasks)
-        return
-    with ThreadPoolExecutor(min(workers, len(tasks))) as pool:
-        try:
-            yield from pool.map(function, tasks)
-        finally:
-            pool.shutdown(cancel_futures=True)
 
 
 def software_version() -> str:

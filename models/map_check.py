@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from models.map_nodes import (
     Progress,
     StepError,
     compare_steps,
+    in_threads,
     nodes_at_random,
     scene_at,
     simulate_node_row,
@@ -34,20 +36,24 @@ _SILENCE = 1e-12
 Point = tuple[float, float, float, float]
 
 
-def mean_rms(plan: MapPlan, points: Sequence[Point], factor: int = 1) -> NDArray[np.float64]:
+def mean_rms(plan: MapPlan, points: Sequence[Point], factor: int = 1, workers: int = 1) -> NDArray[np.float64]:
     """Return the RMS at any points (load, speed, h_d, dphi_d), averaged over the plan's floors, m/s2.
 
     Args:
         plan: what the map is made from.
         points: inside or outside its axes.
         factor: how many times the steps of the map's nodes.
+        workers: threads; 0 means one a core. With slip it is one.
     """
     if plan.slip is not None and plan.slip.phi_slip > 0.0:
         from models.ensemble import ensemble_rms
 
         return ensemble_rms(plan, points, factor)
-    found = [[_rms_at(plan, point, seed, factor) for seed in range(plan.floors)] for point in points]
-    return np.array([sum(levels) / plan.floors for levels in found], dtype=np.float64)
+
+    def at(point: Point) -> float:
+        return sum(_rms_at(plan, point, seed, factor) for seed in range(plan.floors)) / plan.floors
+
+    return np.array(list(in_threads(at, points, workers)), dtype=np.float64)
 
 
 def _rms_at(plan: MapPlan, point: Point, seed: int, factor: int) -> float:
@@ -57,15 +63,15 @@ def _rms_at(plan: MapPlan, point: Point, seed: int, factor: int) -> float:
     return float(simulate_node_row(plan, *point[:3], np.array([point[3]]), seed).rms[0])
 
 
-def step_error(plan: MapPlan) -> StepError:
+def step_error(plan: MapPlan, workers: int = 1) -> StepError:
     """Return the error of the plan's steps at some nodes of its first floor, against twice as many."""
     scenes = [scene_at(plan, *node) for node in nodes_at_random(plan, _ERROR_NODES, _ERROR_SEED)]
-    found = [[simulate_point(plan, scene, factor) for scene in scenes] for factor in (1, 2)]
+    found = [list(in_threads(partial(simulate_point, plan, factor=factor), scenes, workers)) for factor in (1, 2)]
     coarse, fine = ((np.array([r.rms for r in rs]), np.array([r.harmonics for r in rs])) for rs in found)
     return compare_steps(coarse, fine)
 
 
-def interpolation_errors(rms_map: RmsMap, points: int, seed: int) -> NDArray[np.float64]:
+def interpolation_errors(rms_map: RmsMap, points: int, seed: int, workers: int = 1) -> NDArray[np.float64]:
     """Return the errors of a map at random extents and depths, over the largest RMS of its slice, shape (points,).
 
     Each point lies at one of the map's loads and speeds; those whose motion does not stay finite are left out.
@@ -74,10 +80,10 @@ def interpolation_errors(rms_map: RmsMap, points: int, seed: int) -> NDArray[np.
     axes = (rms_map.load, rms_map.speed, rms_map.h_d, rms_map.dphi_d)
     load, speed = (rng.choice(axis, points) for axis in axes[:2])
     h_d, dphi_d = (rng.uniform(axis[0], axis[-1], points) for axis in axes[2:])
-    return _errors_at(rms_map, np.column_stack((load, speed, h_d, dphi_d)))
+    return _errors_at(rms_map, np.column_stack((load, speed, h_d, dphi_d)), workers)
 
 
-def condition_errors(rms_map: RmsMap, points: int, seed: int) -> NDArray[np.float64]:
+def condition_errors(rms_map: RmsMap, points: int, seed: int, workers: int = 1) -> NDArray[np.float64]:
     """Return the errors of a map at random nodes of its extents and depths, but loads and speeds between its own.
 
     They are relative to the largest RMS of the map at that load and speed, shape (points,); points whose motion does
@@ -86,13 +92,13 @@ def condition_errors(rms_map: RmsMap, points: int, seed: int) -> NDArray[np.floa
     rng = np.random.default_rng(seed)
     load, speed = (rng.uniform(axis[0], axis[-1], points) for axis in (rms_map.load, rms_map.speed))
     h_d, dphi_d = (rng.choice(axis, points) for axis in (rms_map.h_d, rms_map.dphi_d))
-    return _errors_at(rms_map, np.column_stack((load, speed, h_d, dphi_d)))
+    return _errors_at(rms_map, np.column_stack((load, speed, h_d, dphi_d)), workers)
 
 
-def _errors_at(rms_map: RmsMap, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _errors_at(rms_map: RmsMap, points: NDArray[np.float64], workers: int) -> NDArray[np.float64]:
     rows: list[Point] = [tuple(row) for row in points.tolist()]
     errors = np.empty(len(rows))
-    for n, (row, true) in enumerate(zip(rows, mean_rms(rms_map.plan, rows), strict=True)):
+    for n, (row, true) in enumerate(zip(rows, mean_rms(rms_map.plan, rows, workers=workers), strict=True)):
         at = rms_map.slice_at(row[0], row[1])
         errors[n] = (float(at.interpolate(row[3], row[2])) - true) / max(float(np.nanmax(at.rms)), _SILENCE)
     return errors[np.isfinite(errors)]

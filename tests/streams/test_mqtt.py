@@ -5,7 +5,6 @@ from __future__ import annotations
 import builtins
 import socket
 import subprocess
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,7 +16,7 @@ import pytest
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from streams.block import Block, Rejected
+from streams.block import Rejected
 from streams.ledger import MemoryLedger
 from streams.live import LiveSource
 from streams.mqtt import COMMITTED, MqttLink, MqttReceiver, make_client
@@ -26,6 +25,7 @@ from streams.sender import Sender, SendError
 from streams.spec import SourceError, SourceSpec
 from streams.wire import ACK, block_frame, encode_frame
 from tests.broker import Broker
+from tests.committing import committing
 from tests.streams.test_tcp import Recorded, block
 
 TOPIC = "plant/press 4"
@@ -50,28 +50,6 @@ def receiving(ledger: MemoryLedger, *specs: SourceSpec) -> Iterator[MqttReceiver
     with MqttReceiver(specs) as receiver:
         receiver.open(ledger)
         yield receiver
-
-
-@contextmanager
-def committing(receiver: MqttReceiver, ledger: MemoryLedger) -> Iterator[list[Block | Rejected]]:
-    items: list[Block | Rejected] = []
-    done = threading.Event()
-
-    def work() -> None:
-        while not done.is_set():
-            delivery = receiver.next(0.02)
-            if delivery is not None:
-                ledger.commit(delivery.item)
-                items.append(delivery.item)
-                receiver.acknowledge(delivery)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    try:
-        yield items
-    finally:
-        done.set()
-        thread.join()
 
 
 @contextmanager

@@ -21,6 +21,7 @@ from streams.sender import Sender, SendError, TcpLink
 from streams.spec import ChannelSpec, SourceError, SourceSpec
 from streams.tcp import TcpReceiver
 from streams.wire import HEAD, Frame, block_frame, encode_frame, hello
+from tests.committing import committing
 
 URL = "tcp://127.0.0.1:0"
 
@@ -61,29 +62,6 @@ def commit(receiver: TcpReceiver, ledger: MemoryLedger, timeout: float = 5.0) ->
     ledger.commit(delivery.item)
     receiver.acknowledge(delivery)
     return delivery.item
-
-
-@contextmanager
-def committing(receiver: TcpReceiver, ledger: MemoryLedger) -> Iterator[list[Block | Rejected]]:
-    """Commit in the background, and give what was committed."""
-    items: list[Block | Rejected] = []
-    done = threading.Event()
-
-    def work() -> None:
-        while not done.is_set():
-            delivery = receiver.next(0.02)
-            if delivery is not None:
-                ledger.commit(delivery.item)
-                items.append(delivery.item)
-                receiver.acknowledge(delivery)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    try:
-        yield items
-    finally:
-        done.set()
-        thread.join()
 
 
 def link(receiver: TcpReceiver, stream: str = "press") -> TcpLink:
