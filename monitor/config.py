@@ -131,9 +131,25 @@ def _with_absolute_paths(config: Config, folder: Path) -> Config:
     )
     sources = tuple(
         source.model_copy(
-            update={key: folder / getattr(source, key) for key in FILE_KEYS if getattr(source, key) is not None}
+            update={
+                "url": _with_absolute_url(source.url, folder),
+                **{key: folder / getattr(source, key) for key in FILE_KEYS if getattr(source, key) is not None},
+            }
         )
         for source in config.source
     )
     notify = config.notify.with_absolute_paths(folder)
     return config.model_copy(update={"machine": machine, "source": sources, "channel": channels, "notify": notify})
+
+
+def _with_absolute_url(url: str | None, folder: Path) -> str | None:
+    """Return a source's URL with the path in it relative to the configuration; what is no path stays as it is."""
+    if url is None or "://" in url or url.startswith("rig:"):
+        return url
+    kind, colon, path = url.partition(":")
+    if kind == "folder" and colon:
+        return f"folder:{folder / Path(path).expanduser()}"
+    if kind == "dataset" and path.count(":"):
+        name, _, path = path.partition(":")
+        return f"dataset:{name}:{folder / Path(path).expanduser()}"
+    return str(folder / Path(url).expanduser()) if not colon else url

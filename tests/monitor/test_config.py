@@ -163,6 +163,27 @@ def test_paths_are_relative_to_the_file(tmp_path):
     assert config.machine.state_dir == tmp_path / "state"
 
 
+@pytest.mark.parametrize(
+    ("url", "expected"),
+    [
+        ("folder:data", "folder:{here}/data"),
+        ("dataset:ims:runs/1st", "dataset:ims:{here}/runs/1st"),
+        ("a.wav", "{here}/a.wav"),
+        ("folder:/data/press", "folder:/data/press"),
+        ("rig:demo?seed=1", "rig:demo?seed=1"),
+        ("tcp://127.0.0.1:7", "tcp://127.0.0.1:7"),
+    ],
+)
+def test_the_path_in_a_url_is_relative_to_the_file(tmp_path, url, expected):
+    path = tmp_path / "machine.toml"
+    path.write_text(
+        '[[bearing]]\nname = "a"\ndesignation = "6205"\n'
+        f'[[source]]\nname = "s"\nurl = "{url}"\n'
+        '[[channel]]\nname = "c"\nsource = "s"\nunit = "g"\nbearing = "a"\n'
+    )
+    assert load_config(path).source[0].url == expected.format(here=tmp_path)
+
+
 def test_the_hash_follows_the_meaning():
     one, two = validate(MINIMAL, Path("a.toml")), validate(MINIMAL, Path("a.toml"))
     other = validate(changed("operating", speed_hz=31.0), Path("a.toml"))
