@@ -20,10 +20,11 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.dynamics.lane_group import block_steps
-from models.dynamics.lanes import LANES, PERIODS, LaneOptions, LaneRunner, in_processes, simulate_lanes
+from models.dynamics.lanes import LANES, PERIODS, LaneOptions, LaneRunner, simulate_lanes
 from models.map_nodes import Nodes, Progress, StepError, compare_steps, scene_at
 from models.map_plan import HARMONICS, MapPlan
 from models.scene import Scene
+from models.workers import in_processes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

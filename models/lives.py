@@ -11,9 +11,7 @@ A life depends on the population and its number alone, so that lives can be had 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -25,6 +23,7 @@ from models.life_laws import GrowthPath, draw_law, grow
 from models.population import Population, Range
 from models.response import HARMONICS
 from models.scene import Defect, Floor, Rig, Scene, Slip
+from models.workers import in_threads
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -244,15 +243,8 @@ def simulate_lives(
     Raises:
         ValueError: if workers is negative, or a scene is outside the model.
     """
-    workers = (os.cpu_count() or 1) if workers == 0 else workers
-    if workers < 1:
-        raise ValueError(f"workers must not be negative, got {workers!r}")
-    # Threads, not processes: the kernels let go of the interpreter.
-    with ThreadPoolExecutor(min(workers, max(1, len(numbers)))) as pool:
-        try:
-            for done, life in enumerate(pool.map(lambda number: simulate_life(population, number), numbers), start=1):
-                if progress is not None:
-                    progress(done, len(numbers))
-                yield life
-        finally:
-            pool.shutdown(cancel_futures=True)
+    lives = in_threads(lambda number: simulate_life(population, number), numbers, workers)
+    for done, life in enumerate(lives, start=1):
+        if progress is not None:
+            progress(done, len(numbers))
+        yield life

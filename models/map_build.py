@@ -12,9 +12,10 @@ import numpy as np
 
 from models.map_check import condition_errors, interpolation_errors, rms_and_most, step_error
 from models.map_data import RmsMap
-from models.map_nodes import MAP_ACCURACY, Nodes, Progress, in_threads, scene_at, simulate_node_row
+from models.map_nodes import MAP_ACCURACY, Nodes, Progress, scene_at, simulate_node_row
 from models.map_plan import HARMONICS, MODEL_VERSION, SCHEMA_VERSION, MapPlan
 from models.map_rig import rig_rows, rig_scenes
+from models.workers import in_threads
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

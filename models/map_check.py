@@ -14,12 +14,12 @@ from models.map_nodes import (
     Progress,
     StepError,
     compare_steps,
-    in_threads,
     nodes_at_random,
     scene_at,
     simulate_node_row,
     simulate_point,
 )
+from models.workers import in_threads
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

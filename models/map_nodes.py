@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,8 +19,6 @@ if TYPE_CHECKING:
     from models.response import Response
 
 Progress = Callable[[int, int], None]
-_T = TypeVar("_T")
-_R = TypeVar("_R")
 
 # What the steps of a map may leave of error (see models.dynamics.six_dof.steps_for); the map says what they did leave.
 MAP_ACCURACY = 1e-3
@@ -86,30 +82,6 @@ class NodeRow:
     settling: NDArray[np.float64]
     spread: NDArray[np.float64]
     status: NDArray[np.int64]
-
-
-def in_threads(function: Callable[[_T], _R], tasks: Sequence[_T], workers: int) -> Iterator[_R]:
-    """Yield the results of tasks in their order, from one thread or several: the kernels let go of the interpreter.
-
-    Args:
-        function: of one task.
-        tasks: what it is called with.
-        workers: threads; 0 means one a core.
-
-    Raises:
-        ValueError: if workers is negative.
-    """
-    workers = (os.cpu_count() or 1) if workers == 0 else workers
-    if workers < 1:
-        raise ValueError(f"workers must not be negative, got {workers!r}")
-    if workers == 1 or len(tasks) == 1:
-        yield from map(function, tasks)
-        return
-    with ThreadPoolExecutor(min(workers, len(tasks))) as pool:
-        try:
-            yield from pool.map(function, tasks)
-        finally:
-            pool.shutdown(cancel_futures=True)
 
 
 def scene_at(plan: MapPlan, load: float, speed: float, h_d: float, dphi_d: float, seed: int = 0) -> Scene:
@@ -186,7 +158,6 @@ __all__ = [
     "Progress",
     "StepError",
     "compare_steps",
-    "in_threads",
     "nodes_at_random",
     "scene_at",
     "simulate_node_row",

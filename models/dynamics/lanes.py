@@ -13,12 +13,9 @@ load until it is there again.
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +23,7 @@ from models.dynamics.lane_group import PERIODS, Grid, Group, Workspace, grid_of
 from models.dynamics.six_dof import check_scene
 from models.kernels.lanes import LANES, mean_squares
 from models.response import HARMONICS, Status, check_band
+from models.workers import in_processes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,8 +33,6 @@ if TYPE_CHECKING:
 __all__ = ["LANES", "PERIODS", "STATUSES", "LaneOptions", "LaneResponse", "LaneRunner", "simulate_lanes"]
 
 DEFAULT_TOLERANCE = 1e-3
-_T = TypeVar("_T")
-_R = TypeVar("_R")
 
 STATUSES: tuple[Status, ...] = ("converged", "not_periodic", "not_converged")
 # With slip: blocks before the measurement begins.
@@ -274,25 +270,3 @@ def simulate_lanes(scenes: Sequence[Scene], options: LaneOptions | None = None, 
     names = ("rms", "rms_se", "rms_resonator", "harmonics", "block_change", "status", "periods")
     merged = {name: np.concatenate([getattr(r, name) for r in found]) for name in names}
     return LaneResponse(**merged, bpfo=found[0].bpfo)
-
-
-def in_processes(function: Callable[[_T], _R], tasks: Sequence[_T], workers: int) -> Iterator[_R]:
-    """Yield the results of tasks in their order, from this process or from several.
-
-    Args:
-        function: a module's function of one task.
-        tasks: what it is called with.
-        workers: processes; 0 means one a core.
-
-    Raises:
-        ValueError: if workers is negative.
-    """
-    workers = (os.cpu_count() or 1) if workers == 0 else workers
-    if workers < 1:
-        raise ValueError(f"workers must not be negative, got {workers!r}")
-    if workers == 1 or len(tasks) == 1:
-        yield from map(function, tasks)
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
-        yield from pool.map(function, tasks)

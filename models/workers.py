@@ -1,0 +1,61 @@
+"""Tasks shared between threads or processes, results in order and independent of how many there are."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from typing import TypeVar
+
+_T = TypeVar("_T")
+_R = TypeVar("_R")
+
+
+def _counted(workers: int) -> int:
+    workers = (os.cpu_count() or 1) if workers == 0 else workers
+    if workers < 1:
+        raise ValueError(f"workers must not be negative, got {workers!r}")
+    return workers
+
+
+def in_threads(function: Callable[[_T], _R], tasks: Sequence[_T], workers: int) -> Iterator[_R]:
+    """Yield the results of tasks in their order, from one thread or several: the kernels let go of the interpreter.
+
+    Args:
+        function: of one task.
+        tasks: what it is called with.
+        workers: threads; 0 means one a core.
+
+    Raises:
+        ValueError: if workers is negative.
+    """
+    workers = _counted(workers)
+    if workers == 1 or len(tasks) <= 1:
+        yield from map(function, tasks)
+        return
+    with ThreadPoolExecutor(min(workers, len(tasks))) as pool:
+        try:
+            yield from pool.map(function, tasks)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def in_processes(function: Callable[[_T], _R], tasks: Sequence[_T], workers: int) -> Iterator[_R]:
+    """Yield the results of tasks in their order, from this process or from several.
+
+    Args:
+        function: a module's function of one task.
+        tasks: what it is called with.
+        workers: processes; 0 means one a core.
+
+    Raises:
+        ValueError: if workers is negative.
+    """
+    workers = _counted(workers)
+    if workers == 1 or len(tasks) <= 1:
+        yield from map(function, tasks)
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
+        yield from pool.map(function, tasks)
