@@ -31,7 +31,7 @@ SELECT events.id, CAST(events.id AS TEXT) AS name, source, sequence, time, body
 FROM events JOIN blocks ON blocks.id = block
 """
 _LONGEST_NOTE, _LONGEST_NAME = 2000, 100
-_NEEDS_NOBODY = ("alarm_cleared", "condition")
+_NEEDS_NOBODY = ("alarm_cleared", "alarm_released", "condition", "data_again")
 
 
 @dataclass(frozen=True)
