@@ -19,13 +19,13 @@ from monitor.config_sections import (
     ForecastSection,
     MachineSection,
     OperatingSection,
-    PublishSection,
     RigSection,
     Section,
     SourceSection,
     TrackSection,
 )
 from monitor.network_config import FILE_KEYS
+from monitor.publish_config import PublishSection
 from monitor.web_config import WebSection
 
 __all__ = ["ChannelSection", "Config", "ConfigError", "SourceSection", "load_config", "validate"]
@@ -140,7 +140,7 @@ def _with_absolute_paths(config: Config, folder: Path) -> Config:
         )
         for source in config.source
     )
-    beside = {"notify": config.notify.with_absolute_paths(folder), "web": config.web.with_absolute_paths(folder)}
+    beside = {name: getattr(config, name).with_absolute_paths(folder) for name in ("notify", "publish", "web")}
     return config.model_copy(update={"machine": machine, "source": sources, "channel": channels, **beside})
 
 

@@ -49,12 +49,6 @@ class MachineSection(Section):
         return value
 
 
-class PublishSection(Section):
-    """How the daemon writes the files of records."""
-
-    interval_s: Annotated[float, Field(ge=0.1, le=86400.0)] = 60.0
-
-
 class BearingSection(Section):
     """A bearing, from the catalogue or by its geometry."""
 
