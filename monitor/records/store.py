@@ -65,7 +65,8 @@ class Store:
             machine: name of the machine, which must be the one the store was made for; needed to make a store.
             create: whether it may be made where there is none.
             read_only: open for reading beside the writer.
-            attributes: what describes the run that will write, see :meth:`describe`.
+            attributes: what describes the run that will write, see :meth:`describe`; without them, and without a call
+                of it, blocks are described by the software version alone.
 
         Raises:
             StoreError: no database, another program's, a newer schema version, another machine's, a network file
@@ -83,8 +84,8 @@ class Store:
             raise
         try:
             store._settle_machine(machine)
-            if not read_only:
-                store.describe(attributes or {})
+            if attributes is not None and not read_only:
+                store.describe(attributes)
         except BaseException:
             store.close()
             raise
@@ -166,6 +167,8 @@ class Store:
         Returns:
             The outcome of each, as :meth:`commit` gives it.
         """
+        if self._run is None:
+            self.describe({})
         outcomes: list[Commit] = []
         latest: dict[str, tuple[int, Mapping[str, Any]]] = {}
         with self.transaction() as connection:
