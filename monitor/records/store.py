@@ -7,9 +7,7 @@ therefore finds the states exactly as they were after the last block of the ledg
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 import sqlite3
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -21,6 +19,7 @@ from typing import Any, Literal, Self
 from monitor import __version__
 from monitor.records.archive import ARCHIVE_QUERY, Archived, archived_of, insert_forecasts
 from monitor.records.filing import STORED_QUERY, Filing, Stored, file_record
+from monitor.records.locks import let_go, take_lock
 from monitor.records.packing import pack
 from monitor.records.record import Record
 from monitor.records.spectra import SpectrumChange, write_changes
@@ -81,7 +80,7 @@ class Store:
         try:
             store = cls(path, connect(path, new=new, read_only=read_only), lock)
         except BaseException:
-            _unlock(lock)
+            let_go(lock)
             raise
         try:
             store._settle_machine(machine)
@@ -330,7 +329,7 @@ class Store:
     def close(self) -> None:
         """Close the database and let another writer in; closing twice does nothing."""
         self._connection.close()
-        _unlock(self._lock)
+        let_go(self._lock)
         self._lock = None
 
     def __enter__(self) -> Self:
@@ -391,16 +390,8 @@ def _state_text(name: str, state: Mapping[str, Any]) -> str:
 
 
 def _lock(path: Path) -> int:
-    """Take the lock that keeps a second writer out; the kernel lets go of it when the process ends, however it ends."""
-    descriptor = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(descriptor)
-        raise StoreError(f"{path}: another process is writing to it") from error
-    return descriptor
-
-
-def _unlock(descriptor: int | None) -> None:
-    if descriptor is not None:
-        os.close(descriptor)
+    """Take the lock that keeps a second writer out."""
+    lock = take_lock(path)
+    if lock is None:
+        raise StoreError(f"{path}: another process is writing to it")
+    return lock
