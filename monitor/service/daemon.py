@@ -73,7 +73,7 @@ class Daemon:
             every = self._config.publish.interval_s
             self._publisher = Publisher(self._store, machine.records_dir, every, self._monotonic)
             opened.callback(self._publisher.close)
-            self._events = EventNotifier.from_settings(machine.name, self._config.notify)
+            self._events = EventNotifier.from_settings(self._config, self._store.path)
             opened.callback(self._events.close, _LAST_NOTIFICATION)
             self._ingest = opened.enter_context(Ingest.open(self._config, self._store, self._clock, self._beat))
             watchers = self._ingest.watchers
@@ -110,8 +110,9 @@ class Daemon:
     def _seen(self, record: Record) -> None:
         self._status.seen(record)
         self._publisher.changed()
+        if record.events:
+            self._events.tell()
         for event in record.events:
-            self._events.tell({"source": record.source, **event})
             _LOG.warning("%s: block %d: %s", record.source, record.sequence, event)
         if not record.accepted:
             _LOG.warning("%s: block %d rejected: %s: %s", record.source, record.sequence, record.status, record.reason)

@@ -42,7 +42,7 @@ class WebhookWay:
     def _connection(self) -> http.client.HTTPConnection:
         host = self._url.hostname or ""
         if self._url.scheme == "https":
-            return http.client.HTTPSConnection(
-                host, self._url.port, timeout=TIMEOUT, context=ssl.create_default_context()
-            )
+            ca_file = None if self._section.ca_file is None else str(self._section.ca_file)
+            context = ssl.create_default_context(cafile=ca_file)
+            return http.client.HTTPSConnection(host, self._url.port, timeout=TIMEOUT, context=context)
         return http.client.HTTPConnection(host, self._url.port, timeout=TIMEOUT)
