@@ -16,7 +16,7 @@ _CLI = "from monitor.cli import main; main()"
 
 
 def machine_text(*folders: Path, interval_s: float = 0.3) -> str:
-    """Return the configuration of a machine m without a page: sources s0, s1, ..., channels x0, x1, ...; one a folder."""
+    """Return the configuration of a machine m without a page: sources s0, ... and channels x0, ..., one a folder."""
     parts = [
         '[machine]\nname = "m"\nmin_free_mb = 1\n',
         f"[publish]\ninterval_s = {interval_s}\n",
