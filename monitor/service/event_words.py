@@ -139,3 +139,13 @@ def local_moment(time: float | None, zone: str = "UTC") -> str | None:
         return f"{utc:%Y-%m-%d %H:%M:%S} UTC"
     other = f"{utc:%H:%M:%S}" if utc.date() == local.date() else f"{utc:%Y-%m-%d %H:%M:%S}"
     return f"{local:%Y-%m-%d %H:%M:%S %Z} ({other} UTC)"
+
+
+def utc_text(time: float | None) -> str | None:
+    """Return a moment (UTC seconds since 1970) as programs read it; None where there is none, or no date has it."""
+    if time is None:
+        return None
+    try:
+        return datetime.fromtimestamp(time, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    except (OverflowError, OSError, ValueError):
+        return None

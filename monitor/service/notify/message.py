@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from typing import Any
 
 from monitor.config import Config
 from monitor.records.events import LoggedEvent
 from monitor.report.wording import duration, fault_words, moment, volume
-from monitor.service.event_words import badness, event_text, local_moment
+from monitor.service.event_words import badness, event_text, local_moment, utc_text
 from monitor.service.notify.channels import Message
+from monitor.service.record_message import first
 from monitor.service.web.columns import COLUMNS
 
 MOST_LISTED = 20
@@ -149,7 +149,7 @@ def _volume(values: Mapping[str, Any]) -> str:
 
 
 def _remaining(values: Mapping[str, Any]) -> str:
-    time, low, high, threshold = (_first(values.get(key)) for key in ("tt", "tt_lower", "tt_upper", "v_th"))
+    time, low, high, threshold = (first(values.get(key)) for key in ("tt", "tt_lower", "tt_upper", "v_th"))
     if time is None:
         return ""
     text = duration(time)
@@ -158,31 +158,19 @@ def _remaining(values: Mapping[str, Any]) -> str:
     return text + (f", until {volume(threshold)}" if threshold else "")
 
 
-def _first(value: Any) -> float | None:
-    return (value[0] if value else None) if isinstance(value, list | tuple) else value
-
-
 def _plain(item: Item) -> dict[str, Any]:
     """Return an event for programs: what the log has of it, its sentence, and the state of its channel."""
     event, values = item.event, item.values
     absolute = values.get("absolute_level") != "no"
-    known = {name: _first(values.get(name)) for name in _VALUES}
+    known = {name: first(values.get(name)) for name in _VALUES}
     state: dict[str, Any] = {name: values.get(name) for name in ("stage", "fault", "t_fs_block")}
     for column in COLUMNS:
         value = known.get(column.feature)
         if value is not None:
             state[column.name] = value * column.of_si(absolute=absolute)
-    when = None if event.utc is None else _iso(event.utc)
-    found = {**event.body, "id": event.id, "block": event.block, "time_utc": when, "text": item.text}
+    found = {**event.body, "id": event.id, "block": event.block, "time_utc": utc_text(event.utc), "text": item.text}
     if event.source is not None:
         found["source"] = event.source
     if values:
         found["state"] = {**state, "unit": "g" if absolute else "unknown"}
     return found
-
-
-def _iso(utc: float) -> str | None:
-    try:
-        return datetime.fromtimestamp(utc, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    except (OverflowError, OSError, ValueError):
-        return None
