@@ -10,19 +10,23 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from monitor.config import Config
+from monitor.records.events import EventLog
 from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
+from monitor.service.acknowledging import Acknowledgements
 from monitor.service.disk import DiskGuard, free_bytes
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus
 from monitor.service.notify.notifier import Notifier as EventNotifier
 from monitor.service.publisher import Publisher
+from monitor.service.silence import SilenceLog
 from monitor.service.status_file import StatusFile
 from monitor.service.summary import run_attributes
 from monitor.service.systemd import Notifier
 
 _LOG = logging.getLogger(__name__)
 _STATUS_EVERY = 1.0
+_LOOK_EVERY = 1.0
 _STATUS_SHARE = 50.0
 _PAUSE = 0.5
 _LAST_PUBLICATION = 3.0
@@ -54,8 +58,9 @@ class Daemon:
         self._notifier = Notifier()
         self._began = monotonic()
         self._since = clock()
-        self._status_due = float("-inf")
+        self._status_due = self._look_due = float("-inf")
         self._status_problem: str | None = None
+        self._held_up = False
 
     def run(self, stop: threading.Event) -> None:
         """Follow the sources until ``stop`` is set, then publish a last time and return, within five seconds.
@@ -75,7 +80,8 @@ class Daemon:
             opened.callback(self._publisher.close)
             self._events = EventNotifier.from_settings(self._config, self._store.path)
             opened.callback(self._events.close, _LAST_NOTIFICATION)
-            self._ingest = opened.enter_context(Ingest.open(self._config, self._store, self._clock, self._beat))
+            self._log = opened.enter_context(EventLog(self._store.path))
+            self._ingest = opened.enter_context(Ingest.open(self._config, self._store, self._clock, self._stuck))
             watchers = self._ingest.watchers
             setups = {name: setup for watcher in watchers.values() for name, setup in watcher.channels.items()}
             self._store.describe(run_attributes(self._config, setups))
@@ -84,6 +90,9 @@ class Daemon:
                 began=self._began,
                 since=self._since,
             )
+            self._acknowledgements = Acknowledgements(self._store, self._log, watchers)
+            channels = {source: tuple(watcher.channels) for source, watcher in watchers.items()}
+            self._silences = SilenceLog(self._store, self._log, channels, self._clock)
             self._notifier.tell("READY=1", f"STATUS=watching {', '.join(watchers)}")
             _LOG.info("machine %s: ready, watching %s", machine.name, ", ".join(watchers))
             self._follow(stop)
@@ -95,8 +104,13 @@ class Daemon:
         while not stop.is_set():
             if not self._beat():
                 # Nothing is taken, so nothing is acknowledged: senders and folders keep what they have.
+                self._held_up = True
                 stop.wait(_PAUSE)
                 continue
+            if self._held_up:
+                self._held_up = False
+                self._status.resumed()
+            self._look()
             record = self._ingest.step(stop)
             if record is not None:
                 self._seen(record)
@@ -119,6 +133,11 @@ class Daemon:
         else:
             _LOG.debug("%s: block %d: %s", record.source, record.sequence, record.status)
 
+    def _stuck(self) -> None:
+        """Go on with all else while the store cannot commit."""
+        self._held_up = True
+        self._beat()
+
     def _beat(self) -> bool:
         """Do what is due; return whether there is room on the disk to go on."""
         now = self._monotonic()
@@ -137,11 +156,26 @@ class Daemon:
             self._status_due = now + max(_STATUS_EVERY, _STATUS_SHARE * (time.monotonic() - began))
         return room
 
+    def _look(self) -> None:
+        """See now and then what was acknowledged, and which sources fell silent."""
+        now = self._monotonic()
+        if now < self._look_due:
+            return
+        self._look_due = now + _LOOK_EVERY
+        try:
+            self._acknowledgements.look()
+        except StoreError as error:
+            _LOG.error("what was acknowledged cannot be read: %s", error)
+        self._status.unacknowledged = self._acknowledgements.unacknowledged
+        if self._silences.look(self._status.heard()):
+            self._events.tell()
+
     def _write_status(self, status: str) -> None:
         try:
             self._file.write(self._status.values(status, self.problems()))
-        except OSError as error:
-            problem = f"{self._file.path}: cannot be written ({error.strerror or error})"
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            problem = f"{self._file.path}: cannot be written ({reason})"
             if problem != self._status_problem:
                 _LOG.error("%s", problem)
             self._status_problem = problem

@@ -120,6 +120,11 @@ class Watcher:
         tracked = (setup.settings.damage for setup in self.channels.values())
         return next((damage.thresholds for damage in tracked if damage is not None), ())
 
+    @property
+    def interval(self) -> float | None:
+        """Usual seconds from block to block, or None before two were seen."""
+        return self._order.interval
+
     def channel(self, name: str) -> ChannelState:
         """Return the state of one channel."""
         return self._states[name]

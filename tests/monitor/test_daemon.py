@@ -372,11 +372,18 @@ def test_stamps_are_held_against_the_clock(tmp_path: Path) -> None:
 
 
 def test_what_is_not_known_to_be_well_is_not_called_normal() -> None:
-    assert channel_state("normal", silent=False, refused=False) == ("normal", "healthy")
-    assert channel_state("normal", silent=True, refused=True)[0] == "no_data"
-    assert channel_state("normal", silent=False, refused=True)[0] == "bad_data"
-    assert channel_state("maintenance_required", silent=True, refused=False)[0] == "no_data"
-    assert channel_state("failure", silent=True, refused=True)[0] == "failure"
+    silent, refused = "no block for 61 s", "block 3 was rejected: nan"
+    assert channel_state("normal") == ("normal", "healthy")
+    assert channel_state("normal", silent=silent, refused=refused) == ("no_data", silent)
+    assert channel_state("normal", refused=refused) == ("bad_data", refused)
+    assert channel_state("maintenance_required", silent=silent)[0] == "no_data"
+    assert channel_state("out_of_specification", refused=refused)[0] == "bad_data"
+    assert channel_state("failure", silent=silent, refused=refused)[0] == "failure"
+    alert = {"rule": "loud", "severity": "alert", "active": True, "since_block": 5}
+    assert channel_state("maintenance_required", [alert])[1] == "alert of loud since block 5"
+    held = {**alert, "severity": "danger", "active": False}
+    assert channel_state("failure", [held, alert])[1].endswith("block 5, which is over and waits to be acknowledged")
+    assert channel_state("bad_data", [alert]) == ("bad_data", "too many blocks are rejected or flagged")
 
 
 def test_a_status_file_that_is_damaged_is_as_none(tmp_path: Path) -> None:
