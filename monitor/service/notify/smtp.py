@@ -27,7 +27,8 @@ class SmtpWay:
         mail["Subject"] = message.title
         mail["From"], mail["To"] = section.sender, ", ".join(section.to)
         mail["Date"], mail["Message-ID"] = formatdate(), make_msgid(domain=section.sender.partition("@")[2])
-        mail.set_content(message.text)
+        # Seven bits: every server takes that.
+        mail.set_content(message.text, cte="quoted-printable")
         try:
             with self._connect() as server:
                 if section.username_file is not None and section.password_file is not None:
