@@ -120,12 +120,13 @@ class Trends:
         known = tables.known_of(self._writer)
         with self._errors(self._store), closing(self._open_store()) as store:
             identity = tables.identity_of(store, self._store)
-            if known.last[0] and (known.identity != identity or not tables.holds(store, known.last)):
-                raise tables.DamagedError("of another store")
+            same = not known.last[0] or (known.identity == identity and tables.holds(store, known.last))
             entries, rows, more = read_after(store, known.last[0], most_blocks)
             parts: dict[tuple[str, str, bool], list[Points]] = {}
             for key, points in points_of(store, self._layouts, entries, rows):
                 parts.setdefault(key, []).append(points)
+        if not same:
+            raise tables.DamagedError("of another store")
         if entries:
             tables.write(self._writer, entries, parts, identity)
         return more
