@@ -29,7 +29,8 @@ FROM events JOIN blocks ON blocks.id = block
 """
 _NOTICES = "SELECT id, 'n' || id, NULL, NULL, utc, body FROM notices"
 _LONGEST_NOTE, _LONGEST_NAME = 2000, 100
-_NEEDS_NOBODY = ("alarm_cleared", "alarm_released", "condition", "data_again")
+NEEDS_NOBODY = ("alarm_cleared", "alarm_released", "condition", "data_again")
+"""Kinds of events that nobody has to acknowledge."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class LoggedEvent:
     @property
     def open(self) -> bool:
         """Whether somebody should still acknowledge it; the end of an alarm needs nobody."""
-        return not self.acknowledgements and self.body.get("kind") not in _NEEDS_NOBODY
+        return not self.acknowledgements and self.body.get("kind") not in NEEDS_NOBODY
 
 
 class EventLog:
@@ -141,7 +142,7 @@ class EventLog:
 
     def unacknowledged(self) -> int:
         """Return how many events and notices wait for somebody."""
-        skipped = ", ".join(f"'{kind}'" for kind in _NEEDS_NOBODY)
+        skipped = ", ".join(f"'{kind}'" for kind in NEEDS_NOBODY)
         missing = "NOT EXISTS (SELECT 1 FROM acknowledgements WHERE event = {name})"
         wanted = f"json_extract(body, '$.kind') NOT IN ({skipped}) AND {missing}"
         events = wanted.format(name="CAST(events.id AS TEXT)")
