@@ -2,18 +2,19 @@
 
 SQLite finds a page through those above it; where one of these is damaged, all below is out of reach. But the leaves
 that hold the rows say by themselves what they are. Read here are all leaves of a database file and of its write-ahead
-log, without SQLite, as its documentation of the file format says (database file format, sections 1.3 to 1.6, 2.1, 4.1).
-The log is believed up to its last commit; what a page says is checked by whoever knows its digest.
+log, without SQLite, as its documentation of the file format says (database file format, sections 1.3 to 1.6, 2.1, 4.1;
+pages without reserved bytes). The log is believed up to its last commit; what a page says is checked by whoever knows
+its digest.
 """
 
 from __future__ import annotations
 
-import mmap
+import os
 import struct
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 Value = None | int | float | str | bytes
 
@@ -47,51 +48,63 @@ def leaf_rows(database: Path) -> Iterator[Row]:
         OSError: the file cannot be read.
     """
     with ExitStack() as opened:
-        main = _map(database, opened)
-        log = b""
+        main = _Bytes(opened.enter_context(database.open("rb")))
+        log = None
         with suppress(OSError):
-            log = _map(database.with_name(f"{database.name}-wal"), opened)
+            log = _Bytes(opened.enter_context(database.with_name(f"{database.name}-wal").open("rb")))
         size = _page_size(main, log)
-        logged = _logged_pages(log, size)
-        latest = dict(logged)
-        pages = _Pages(main, log, size, latest)
-        for number in range(len(main) // size):
-            yield from pages.rows(main[number * size : (number + 1) * size], first=number == 0)
+        logged = [] if log is None else _logged_pages(log, size)
+        pages = _Pages(main, log, size, dict(logged))
+        for number in range(main.length // size):
+            yield from pages.rows(main.read(number * size, size), first=number == 0)
         for number, start in logged:
-            yield from pages.rows(log[start : start + size], first=number == 1)
+            assert log is not None
+            yield from pages.rows(log.read(start, size), first=number == 1)
 
 
-def _map(path: Path, opened: ExitStack) -> mmap.mmap | bytes:
-    file = opened.enter_context(path.open("rb"))
-    if not path.stat().st_size:
-        return b""
-    return opened.enter_context(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+class _Bytes:
+    """A file of which some sectors may not be readable: these are missing."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.length = file.seek(0, os.SEEK_END)
+
+    def read(self, start: int, length: int) -> bytes:
+        """Return bytes, fewer where the file ends, none where they cannot be read."""
+        try:
+            self._file.seek(start)
+            return self._file.read(length)
+        except OSError:
+            return b""
 
 
-def _page_size(main: mmap.mmap | bytes, log: mmap.mmap | bytes) -> int:
+def _page_size(main: _Bytes, log: _Bytes | None) -> int:
     """Return the size of a page as the log or the header says, or the usual one where both make no sense."""
     candidates = []
-    if len(log) >= _WAL_HEAD and struct.unpack(">I", log[:4])[0] in _WAL_MAGIC:
-        candidates.append(struct.unpack(">I", log[8:12])[0])
-    if len(main) >= 18:
-        stated = struct.unpack(">H", main[16:18])[0]
+    head = b"" if log is None else log.read(0, 12)
+    if len(head) == 12 and struct.unpack(">I", head[:4])[0] in _WAL_MAGIC:
+        candidates.append(struct.unpack(">I", head[8:12])[0])
+    head = main.read(16, 2)
+    if len(head) == 2:
+        (stated,) = struct.unpack(">H", head)
         candidates.append(65536 if stated == 1 else stated)
     sensible = (size for size in candidates if 512 <= size <= 65536 and size & (size - 1) == 0)
     return next(sensible, _PAGE_SIZE)
 
 
-def _logged_pages(log: mmap.mmap | bytes, size: int) -> list[tuple[int, int]]:
+def _logged_pages(log: _Bytes, size: int) -> list[tuple[int, int]]:
     """Return number and place of each page in the log that belongs to a committed transaction."""
-    if len(log) < _WAL_HEAD or struct.unpack(">I", log[:4])[0] not in _WAL_MAGIC:
+    head = log.read(0, _WAL_HEAD)
+    if len(head) < _WAL_HEAD or struct.unpack(">I", head[:4])[0] not in _WAL_MAGIC:
         return []
-    salt = log[16:24]
     found: list[tuple[int, int]] = []
     committed = 0
-    for start in range(_WAL_HEAD, len(log) - _FRAME_HEAD - size + 1, _FRAME_HEAD + size):
-        number, pages = struct.unpack(">II", log[start : start + 8])
-        if log[start + 8 : start + 16] != salt:
+    for start in range(_WAL_HEAD, log.length - _FRAME_HEAD - size + 1, _FRAME_HEAD + size):
+        frame = log.read(start, _FRAME_HEAD)
+        if len(frame) < _FRAME_HEAD or frame[8:16] != head[16:24]:
             # Either from before the log was begun anew, or damaged: what comes after it may still be good.
             continue
+        number, pages = struct.unpack(">II", frame[:8])
         found.append((number, start + _FRAME_HEAD))
         if pages:
             committed = len(found)
@@ -101,19 +114,19 @@ def _logged_pages(log: mmap.mmap | bytes, size: int) -> list[tuple[int, int]]:
 class _Pages:
     """Pages by number, the newest version of each, and rows made of them."""
 
-    def __init__(self, main: mmap.mmap | bytes, log: mmap.mmap | bytes, size: int, latest: dict[int, int]) -> None:
+    def __init__(self, main: _Bytes, log: _Bytes | None, size: int, latest: dict[int, int]) -> None:
         self._main, self._log, self._size, self._latest = main, log, size, latest
-        reserved = main[20] if len(main) > 20 else 0
-        self._usable = size - (reserved if reserved <= size - 480 else 0)
 
     def rows(self, page: bytes, *, first: bool) -> Iterator[Row]:
         """Yield the rows of a leaf; none of a page that is something else, or damaged."""
         head = 100 if first else 0
+        if len(page) < self._size:
+            return
         kind = page[head]
         if kind not in (_TABLE_LEAF, _INDEX_LEAF):
             return
         (cells,) = struct.unpack(">H", page[head + 3 : head + 5])
-        if head + 8 + 2 * cells > self._usable:
+        if head + 8 + 2 * cells > self._size:
             return
         for place in struct.unpack(f">{cells}H", page[head + 8 : head + 8 + 2 * cells]):
             with suppress(_DamagedError, IndexError, struct.error, UnicodeDecodeError):
@@ -126,7 +139,7 @@ class _Pages:
             rowid, place = _varint(page, place)
         if length > _MOST_PAYLOAD:
             raise _DamagedError
-        usable = self._usable
+        usable = self._size
         most = usable - 35 if table else (usable - 12) * 64 // 255 - 23
         local = length
         if length > most:
@@ -146,19 +159,18 @@ class _Pages:
         while length > 0:
             page = self._page(number)
             (number,) = struct.unpack(">I", page[:4])
-            part = page[4 : min(self._usable, 4 + length)]
+            part = page[4 : min(self._size, 4 + length)]
             parts.append(part)
             length -= len(part)
         return b"".join(parts)
 
     def _page(self, number: int) -> bytes:
         start = self._latest.get(number)
-        page = (
-            self._log[start : start + self._size]
-            if start is not None
-            else self._main[(number - 1) * self._size : number * self._size]
-        )
-        if number < 1 or len(page) != self._size:
+        if start is not None and self._log is not None:
+            page = self._log.read(start, self._size)
+        else:
+            page = self._main.read((number - 1) * self._size, self._size) if number else b""
+        if len(page) != self._size:
             raise _DamagedError
         return page
 
