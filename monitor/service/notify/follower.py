@@ -15,6 +15,7 @@ from monitor.records.events import EventLog, LoggedEvent
 from monitor.records.store import Store
 from monitor.records.tables import StoreError
 from monitor.records.told import Place, Told
+from monitor.report.wording import count
 from monitor.service.event_words import badness
 from monitor.service.notify.channels import NotifyError, Way
 from monitor.service.notify.message import MOST_LISTED, Item, Machine, compose
@@ -229,7 +230,7 @@ class Follower:
         old = [(number, event) for number, event in waiting if self._since[event.id] < oldest]
         if not old:
             return
-        _LOG.error("%s: %d events are given up after %g h", self.name, len(old), self._settings.give_up_hours)
+        _LOG.error("%s: given up after %g h: %s", self.name, self._settings.give_up_hours, count(len(old), "event"))
         notices = [number for number, event in old if event.id.startswith("n")]
         events = [number for number, event in old if not event.id.startswith("n")]
         self._keep(
