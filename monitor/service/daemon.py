@@ -19,6 +19,7 @@ from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus
 from monitor.service.notify.notifier import Notifier as EventNotifier
 from monitor.service.publisher import Publisher
+from monitor.service.record_mqtt import RecordMqtt
 from monitor.service.silence import SilenceLog
 from monitor.service.status_file import StatusFile
 from monitor.service.summary import run_attributes
@@ -80,6 +81,8 @@ class Daemon:
             opened.callback(self._publisher.close)
             self._events = EventNotifier.from_settings(self._config, self._store.path)
             opened.callback(self._events.close, _LAST_NOTIFICATION)
+            self._records = RecordMqtt.open(self._config)
+            opened.callback(self._records.close, _LAST_NOTIFICATION)
             self._log = opened.enter_context(EventLog(self._store.path))
             self._ingest = opened.enter_context(Ingest.open(self._config, self._store, self._clock, self._stuck))
             watchers = self._ingest.watchers
@@ -124,6 +127,7 @@ class Daemon:
     def _seen(self, record: Record) -> None:
         self._status.seen(record)
         self._publisher.changed()
+        self._records.changed()
         if record.events:
             self._events.tell()
         for event in record.events:
@@ -184,7 +188,11 @@ class Daemon:
 
     def problems(self) -> dict[str, str]:
         """Return what is wrong by now, in one sentence each, by the name of a source or of what else it is."""
-        others = {"disk": self._disk.problem, "publisher": self._publisher.problem}
+        others = {
+            "disk": self._disk.problem,
+            "publisher": self._publisher.problem,
+            "publish.mqtt": self._records.problem,
+        }
         failing = self._ingest.problems() | self._events.problems()
         return failing | {name: problem for name, problem in others.items() if problem is not None}
 

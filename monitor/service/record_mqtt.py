@@ -64,7 +64,7 @@ class RecordMqtt:
 
     def __init__(
         self,
-        section: RecordMqttSection,
+        section: RecordMqttSection | None,
         machine: str,
         channels: Mapping[str, Sequence[str]],
         state_dir: Path,
@@ -73,7 +73,7 @@ class RecordMqtt:
         """Begin to publish what is committed from now on, and what an earlier run has not published.
 
         Args:
-            section: broker and limits.
+            section: broker and limits; None publishes nothing.
             machine: its name.
             channels: names of the channels by source.
             state_dir: folder of the store, the status file and the place.
@@ -81,6 +81,9 @@ class RecordMqtt:
         """
         self.problem: str | None = None
         """What keeps records from being published, in one sentence, or None."""
+        self._thread: threading.Thread | None = None
+        if section is None:
+            return
         self._section, self._machine, self._channels = section, machine, dict(channels)
         self._state_dir, self._monotonic = state_dir, monotonic
         self._topic = f"{section.topic}/{quote(machine, safe='')}"
@@ -106,25 +109,26 @@ class RecordMqtt:
         self._thread.start()
 
     @classmethod
-    def open(cls, config: Config) -> RecordMqtt | None:
-        """Return what publishes the records of a machine, or None where ``[publish.mqtt]`` is not configured."""
-        section = config.publish.mqtt
-        if section is None:
-            return None
+    def open(cls, config: Config) -> RecordMqtt:
+        """Return what publishes the records of a machine as ``[publish.mqtt]`` says."""
         channels = {
             source.name: tuple(item.name for item in config.channel if item.source == source.name)
             for source in config.source
         }
-        return cls(section, config.machine.name, channels, config.machine.state_dir)
+        return cls(config.publish.mqtt, config.machine.name, channels, config.machine.state_dir)
 
     def changed(self) -> None:
         """Take note that there is more to publish; returns at once."""
+        if self._thread is None:
+            return
         with self._wake:
             self._news = True
             self._wake.notify()
 
     def close(self, seconds: float = 0.5) -> None:
         """Publish for at most so many seconds more, then end; what is left is published after the next start."""
+        if self._thread is None:
+            return
         with self._wake:
             self._ending, self._until = True, self._monotonic() + seconds
             self._wake.notify()
