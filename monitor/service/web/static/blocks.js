@@ -12,7 +12,7 @@ export class Blocks {
   /** @param options machine, zone(), info(), onBlocks(blocks) */
   constructor(options) {
     this.options = options;
-    const box = figure("Blocks in doubt");
+    const box = figure("Rejected and flagged blocks");
     this.element = box.element;
     this.body = box.body;
   }

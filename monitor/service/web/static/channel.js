@@ -52,7 +52,7 @@ export class Channel {
   }
 
   /** Called when the view is in the page. */
-  async shown() {
+  async entered() {
     if (!(await this.readInfo())) return;
     await this.readTrends();
     this.waterfall.load();
@@ -65,6 +65,7 @@ export class Channel {
   async readInfo() {
     try {
       this.info = await get(this.path);
+      this.app.model.zones.set(this.machine, this.info.timezone);
     } catch (error) {
       if (this.info) this.app.complain(`What is known of ${this.title} could not be read: ${error.message}`);
       else fill(this.element, h("div", { class: "empty" }, h("strong", null, error.status === 404 ? "There is no such channel" : "The channel could not be read"), error.message, h("p", null, h("a", { href: "#/" }, "All machines"), " ", h("button", { type: "button", onclick: () => this.app.route() }, "Try again"))));

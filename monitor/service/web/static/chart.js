@@ -68,7 +68,7 @@ export function verticalLine(u, x, { stroke, dash = [], label = "", width = 1, r
 }
 
 /** Draw a horizontal line with a label; beyond the chart an arrow says where it lies. */
-export function horizontalLine(u, y, { stroke, dash = [6, 4], label = "" }) {
+export function horizontalLine(u, y, { stroke, dash = [6, 4], label = "", taken = [] }) {
   const { ctx, bbox } = u;
   const scale = devicePixelRatio;
   const { min, max } = u.scales.y;
@@ -87,10 +87,18 @@ export function horizontalLine(u, y, { stroke, dash = [6, 4], label = "" }) {
     ctx.stroke();
   }
   ctx.font = FONT.replace("12px", `${11 * scale}px`);
-  ctx.fillStyle = stroke;
   ctx.textAlign = "right";
-  ctx.textBaseline = above ? "middle" : "bottom";
-  ctx.fillText(above ? `${label} ↑` : label, bbox.left + bbox.width - 4 * scale, at - (above ? 0 : 2 * scale));
+  ctx.textBaseline = "middle";
+  const words = above ? `${label} ↑` : label;
+  const wide = ctx.measureText(words).width + 8 * scale;
+  const middle = above ? at : Math.max(bbox.top + 7 * scale, at - 8 * scale);
+  // Where another label stands already, this one stands to its left.
+  const right = bbox.left + bbox.width - taken.filter((other) => Math.abs(other.middle - middle) < 14 * scale).reduce((sum, other) => sum + other.wide, 0);
+  taken.push({ middle, wide });
+  ctx.fillStyle = translucent("surface", 0.8);
+  ctx.fillRect(right - wide, middle - 7 * scale, wide, 14 * scale);
+  ctx.fillStyle = stroke;
+  ctx.fillText(words, right - 4 * scale, middle);
   ctx.restore();
 }
 

@@ -17,10 +17,10 @@ function oklabToRgb(lightness, a, b) {
 
 /** Red, green and blue (0 to 255) of a share from 0 to 1. */
 function step(share, dark) {
-  const lightness = dark ? 0.2 + 0.74 * share : 0.975 - 0.7 * share;
-  // From blue over green to yellow on a dark ground; from pale yellow over green to deep blue on a light one.
-  const hue = ((dark ? 262 - 160 * share : 105 + 165 * share) * Math.PI) / 180;
-  const chroma = dark ? 0.045 + 0.1 * Math.sin(Math.PI * (0.15 + 0.7 * share)) : 0.015 + 0.115 * Math.sin((Math.PI / 2) * Math.min(1, share * 1.25));
+  const lightness = dark ? 0.22 + 0.73 * share : 0.985 - 0.72 * share;
+  // From blue over green to yellow on a dark ground; from white over cyan to deep blue on a light one.
+  const hue = ((dark ? 255 - 150 * share : 190 + 85 * share) * Math.PI) / 180;
+  const chroma = dark ? 0.02 + 0.1 * Math.sin(Math.PI * (0.05 + 0.75 * share)) : 0.004 + 0.115 * Math.sin((Math.PI / 2) * Math.min(1, share * 1.2));
   return oklabToRgb(lightness, chroma * Math.cos(hue), chroma * Math.sin(hue));
 }
 

@@ -10,11 +10,11 @@ const SYMBOLS = {
   danger: "failure", failure: "failure", alert: "maintenance_required", maintenance_required: "maintenance_required",
   no_data: "no_data", bad_data: "bad_data", out_of_specification: "out_of_specification", check_function: "check_function",
 };
-const BY_KIND = { end_of_life: "failure", final_stage: "maintenance_required", alarm_cleared: "normal", no_data: "no_data" };
+const BY_KIND = { end_of_life: "failure", final_stage: "maintenance_required", no_data: "no_data" };
 
 /** One event as a list item. */
 export function eventItem(app, event, onChange) {
-  const state = SYMBOLS[event.severity] ?? BY_KIND[event.kind] ?? (event.open ? "maintenance_required" : "normal");
+  const state = (event.kind === "alarm_cleared" ? "normal" : SYMBOLS[event.severity]) ?? BY_KIND[event.kind] ?? (event.open ? "maintenance_required" : "normal");
   const dated = event.dated ?? (event.time_s === null || event.time_s > 1e8);
   const place = [event.machine, event.channel].filter(Boolean).join(" / ");
   const link = event.channel ? h("a", { href: channelHref(event.machine, event.channel) }, place) : place;

@@ -77,7 +77,7 @@ const formats = new Map();
 function parts(time, zone) {
   let format = formats.get(zone);
   if (!format) {
-    format = new Intl.DateTimeFormat("en-CA", {
+    format = new Intl.DateTimeFormat("en-GB", {
       timeZone: zone, year: "numeric", month: "2-digit", day: "2-digit",
       hour: "2-digit", minute: "2-digit", second: "2-digit", hourCycle: "h23", timeZoneName: "short",
     });
@@ -103,6 +103,17 @@ export function moment(time, { dated = true, zone = "UTC", seconds = true } = {}
   const p = parts(time, zone);
   const clock = `${p.hour}:${p.minute}${seconds ? `:${p.second}` : ""}`;
   return `${p.year}-${p.month}-${p.day} ${clock} ${zone === "UTC" ? "UTC" : p.timeZoneName}`;
+}
+
+const MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"];
+
+/** A label on a time axis whose labels are `step` seconds apart: the date where a day begins, else the time of day. */
+export function tick(time, step, zone) {
+  const p = parts(time, zone);
+  const day = `${Number(p.day)} ${MONTHS[Number(p.month) - 1]}`;
+  if (step >= 28 * 86400) return `${MONTHS[Number(p.month) - 1]} ${p.year}`;
+  if (step >= 86400 || (p.hour === "00" && p.minute === "00" && p.second === "00")) return day;
+  return step < 60 ? `${p.hour}:${p.minute}:${p.second}` : `${p.hour}:${p.minute}`;
 }
 
 /** A time of day alone. */

@@ -94,7 +94,7 @@ class App {
     this.live.follow(...(parts[0] === "channel" ? parts.slice(1) : []));
     this.view = make();
     fill(at("content"), this.view.element);
-    this.view.shown?.();
+    this.view.entered?.();
     for (const name of ["machines", "events", "files"]) {
       if (name === current && parts[0] !== "channel") at(`nav-${name}`).setAttribute("aria-current", "page");
       else at(`nav-${name}`).removeAttribute("aria-current");

@@ -16,6 +16,7 @@ function standing(machine, channel, silence) {
 export class Model {
   constructor() {
     this.machines = new Map();
+    this.zones = new Map();
     this.loaded = false;
     this.unacknowledged = 0;
     this.offset = 0;
@@ -104,6 +105,6 @@ export class Model {
 
   /** The zone of a machine. */
   zone(machineName) {
-    return this.machines.get(machineName)?.timezone ?? "UTC";
+    return this.machines.get(machineName)?.timezone ?? this.zones.get(machineName) ?? "UTC";
   }
 }

@@ -5,7 +5,7 @@ import { arrange, fill, h, setAttribute, setSymbol, setText, symbol } from "./do
 import * as fmt from "./fmt.js";
 import { STATES, STATE_ORDER, edvSentence, faultWords, stageWord, ttSentence } from "./words.js";
 
-const HEADS = ["", "Channel", "How it stands", "Stage, part", "V_eq (interval)", "Time left (interval)", "Last block"];
+const HEADS = ["", "Channel", "How it stands", "Stage, part", "V_eq, mm³/mm (interval)", "Time left (interval)", "Last block"];
 const REFRESH = 5000;
 
 class Row {
@@ -37,8 +37,9 @@ class Row {
     setText(this.said, `, ${STATES[row.state][0]}`);
     setText(this.why, row.reason);
     setText(this.stage, [stageWord(status.stage), faultWords(status.fault)].filter(Boolean).join(", "));
-    ranged(this.size, fmt.isNumber(status.v_eq_mm2) ? fmt.volume(status.v_eq_mm2) : "", fmt.interval(status.v_eq_lower_mm2, status.v_eq_upper_mm2), refusal(status.edv_status, edvSentence));
-    ranged(this.left, fmt.isNumber(status.tt_s) ? fmt.duration(status.tt_s) : "", fmt.interval(status.tt_lower_s, status.tt_upper_s, fmt.duration), refusal(status.tt_status, ttSentence));
+    ranged(this.size, fmt.isNumber(status.v_eq_mm2) ? fmt.number(status.v_eq_mm2) : "", fmt.interval(status.v_eq_lower_mm2, status.v_eq_upper_mm2), refusal(status.edv_status, edvSentence));
+    const reached = status.tt_status === "already_crossed";
+    ranged(this.left, reached ? "threshold reached" : fmt.isNumber(status.tt_s) ? fmt.duration(status.tt_s) : "", reached ? "" : fmt.interval(status.tt_lower_s, status.tt_upper_s, fmt.duration), refusal(status.tt_status, ttSentence));
     this.setAge(age);
     this.order = [-(status.alarms?.length ?? 0), status.tt_s ?? Infinity, row.machine, row.channel ?? ""];
     this.words = `${row.machine} ${row.channel ?? ""} ${STATES[row.state][0]} ${row.reason} ${this.stage.textContent}`.toLowerCase();

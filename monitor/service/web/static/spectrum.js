@@ -113,7 +113,7 @@ export class Spectrum {
         width: this.width ?? 600, height: 240, legend: { show: false }, padding: [10, 14, 0, 0],
         series: [{}, { stroke: colour("series"), width: 1, fill: translucent("series", 0.12), points: { show: false } }],
         scales: { x: { time: false }, y: { range: (u, min, max) => [0, (max || 1) * 1.15] } },
-        axes: [axis({ size: 40, label: "frequency, Hz", labelSize: 16, labelGap: 0 }), valueAxis()],
+        axes: [axis({ size: 26, label: "frequency, Hz", labelSize: 18, labelGap: 0 }), valueAxis()],
         cursor: { y: false, drag: { x: true, y: false, dist: 6 }, points: { size: 6 } },
         hooks: { draw: [(u) => this.drawLines(u)], setCursor: [(u) => this.moved(u)] },
       },

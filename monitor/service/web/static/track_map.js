@@ -2,7 +2,7 @@
 
 import { channelPath, get } from "./api.js";
 import { Board, colourLegend, picture, ticks } from "./canvas.js";
-import { figure, onWidth, sayInstead } from "./chart.js";
+import { figure, onWidth, sayInstead, translucent } from "./chart.js";
 import { fill, h, setText } from "./dom.js";
 import * as fmt from "./fmt.js";
 import { colour } from "./prefs.js";
@@ -30,6 +30,8 @@ export function contour(x, y, values, level) {
     }
   return segments;
 }
+
+const sentence = (text) => `${text.charAt(0).toUpperCase()}${text.slice(1)}${text.endsWith(".") ? "" : "."}`;
 
 export class TrackMap {
   /** @param options machine, channel, zone(), info() */
@@ -61,7 +63,7 @@ export class TrackMap {
     }
     if (!data.rms_g) {
       this.data = null;
-      sayInstead(this.body, `No map: ${data.reason ?? "this channel has none"}.`);
+      sayInstead(this.body, sentence(data.reason ?? "this channel has no map"));
       return;
     }
     const same = this.data && JSON.stringify(this.data.dphi_deg) === JSON.stringify(data.dphi_deg);
@@ -80,8 +82,7 @@ export class TrackMap {
     if (!this.data || !this.width) return;
     const { board, data } = this;
     const [low, high] = this.range();
-    const span = Math.log(high / low) || 1;
-    const share = (value) => (fmt.isNumber(value) && value > 0 ? Math.log(value / low) / span : NaN);
+    const share = (value) => (fmt.isNumber(value) ? Math.sqrt(Math.max(0, value - low) / (high - low || 1)) : NaN);
     this.image ??= picture(this.resampled().map((row) => row.map(share)).reverse());
     const context = board.begin(this.width, HEIGHT, { bottom: 42 });
     const { left, top, width, height } = board.plot;
@@ -91,9 +92,9 @@ export class TrackMap {
     const [y0, y1] = [data.h_d_um[0], data.h_d_um.at(-1)];
     const x = (value) => left + (width * (value - x0)) / (x1 - x0 || 1);
     const y = (value) => top + height - (height * (value - y0)) / (y1 - y0 || 1);
-    for (let i = 1; i <= LEVELS; i += 1) {
-      const level = low * Math.exp((span * i) / (LEVELS + 1));
-      for (const segment of contour(data.dphi_deg, data.h_d_um, data.rms_g, level)) board.line(segment.map(([a, b]) => [x(a), y(b)]), colour("text"), { width: 0.5 });
+    for (const level of ticks(low, high, LEVELS)) {
+      const ink = translucent(share(level) > 0.55 ? "surface" : "text", 0.55);
+      for (const segment of contour(data.dphi_deg, data.h_d_um, data.rms_g, level)) board.line(segment.map(([a, b]) => [x(a), y(b)]), ink, { width: 0.8 });
     }
     board.frame();
     board.bottomAxis(ticks(x0, x1, width / 80).map((value) => [value, fmt.number(value)]), x, "extent of the damage, degrees");
@@ -151,7 +152,8 @@ export class TrackMap {
     const end = this.points.at(-1);
     const where = end ? `Now ${fmt.number(end.dphi)}° by ${fmt.number(end.h_d)} µm, from the pale to the full end of the path.` : "Nothing is tracked yet.";
     const condition = [fmt.isNumber(data.load_newton) && `${fmt.number(data.load_newton, 4)} N`, fmt.isNumber(data.speed_hz) && fmt.hertz(data.speed_hz)].filter(Boolean).join(", ");
-    const text = `${where}${condition ? ` Map at ${condition}.` : ""}${data.calibrated ? "" : " Not calibrated: the rig's parameters were not found on this machine."}`;
+    const every = ticks(...this.range(), LEVELS);
+    const text = `${where} Contours every ${fmt.number(every[1] - every[0])} g.${condition ? ` Map at ${condition}.` : ""}${data.calibrated ? "" : " Not calibrated: the rig's parameters were not found on this machine."}`;
     setText(this.caption, text);
     this.board.canvas.setAttribute("aria-label", `RMS map over extent and depth of the damage. ${text}`);
   }

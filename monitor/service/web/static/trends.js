@@ -9,6 +9,11 @@ import { trendSpecs } from "./trend_specs.js";
 
 const SYNC = "spallwatch-trends";
 const RUG_HEIGHT = 46;
+/** Steps of an axis without a date, s: round in seconds, minutes, hours or days. */
+const ELAPSED = [
+  0.001, 0.01, 0.1, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400,
+  ...[2, 5, 10, 20, 50, 100, 200, 500, 1000].map((days) => days * 86400),
+];
 
 export class Trends {
   /**
@@ -115,8 +120,11 @@ export class Trends {
   }
 
   timeAxis() {
-    const options = { size: 26, space: 70 };
-    if (!this.data.dated) {
+    const options = { size: 26, space: 76 };
+    const zone = this.options.zone();
+    if (this.data.dated) options.values = (u, splits, index, space, step) => splits.map((time) => fmt.tick(time, step, zone));
+    else {
+      options.incrs = ELAPSED;
       options.values = (u, splits) => {
         const [name, divisor] = fmt.durationUnit(Math.max(...splits.map(Math.abs)));
         return splits.map((value) => `${fmt.number(value / divisor, 5)} ${name}`);
@@ -163,6 +171,7 @@ export class Trends {
       put(one.column, "high");
       put(one.column, "low");
     }
+    if (!chart.spec.series.length) columns.push(new Array(time.length).fill(null));
     chart.plot.setData([time, ...columns], false);
   }
 
@@ -170,7 +179,7 @@ export class Trends {
   addRug(Uplot) {
     const holder = h("div", { class: "plot" });
     const key = h("div", { class: "legend" }, h("span", { class: "item" }, h("i", { class: "swatch", "data-kind": "tick", "data-of": "rejected" }), "rejected"), h("span", { class: "item" }, h("i", { class: "swatch", "data-kind": "tick", "data-of": "flagged" }), "kept with a flag"));
-    this.stack.append(h("div", { class: "trend" }, h("div", { class: "trend-head" }, h("h3", null, "Blocks in doubt"), key), holder));
+    this.stack.append(h("div", { class: "trend" }, h("div", { class: "trend-head" }, h("h3", null, "Rejected and flagged blocks"), key), holder));
     const spec = { height: RUG_HEIGHT, series: [], levels: [] };
     const plot = new Uplot(
       {
@@ -213,8 +222,9 @@ export class Trends {
 
   drawOver(u, chart) {
     const { marks } = this.info;
+    const taken = [];
     for (const { value, label, colour: name } of [...(chart.spec.lines ?? []), ...chart.spec.levels])
-      horizontalLine(u, value * chart.factor, { stroke: colour(name), label });
+      horizontalLine(u, value * chart.factor, { stroke: colour(name), label, taken });
     const named = chart.spec.marks ? (text) => text : () => "";
     const line = colour("mark");
     if (fmt.isNumber(marks?.t_fs_s)) verticalLine(u, marks.t_fs_s, { stroke: line, width: 1.5, label: named("final stage began") });

@@ -23,7 +23,7 @@ export function verdict({ row, info, zone, age, machine }) {
 function standing(row, status, info) {
   const state = row?.state ?? "no_data";
   const alarms = (status.alarms ?? []).map((alarm) => alarmText(alarm, info));
-  const element = answer("How does it stand?", [symbol(state), " ", STATES[state][0]], row?.reason ?? STATES[state][1], ...alarms);
+  const element = answer("How does it stand?", [symbol(state), " ", STATES[state][0]], alarms.length && !row?.stale && state !== "no_data" && state !== "bad_data" ? null : row?.reason ?? STATES[state][1], ...alarms);
   element.dataset.state = state;
   return element;
 }
@@ -32,7 +32,7 @@ function alarmText(alarm, info) {
   const level = (info?.levels ?? []).find((one) => one.rule === alarm.rule && one.feature === alarm.feature);
   const value = level?.[alarm.severity];
   const bound = fmt.isNumber(value) ? ` ${level.side === "below" ? "below" : "above"} ${boundText(value, level.column, info)}` : "";
-  return `${alarm.severity}: ${featureWord(alarm.feature)}${bound}${alarm.latched ? ", stands until acknowledged" : ""}`;
+  return `${alarm.severity}: ${featureWord(alarm.feature)}${bound}${alarm.since_block ? ` since block ${alarm.since_block}` : ""}${alarm.active === false ? ", over by now, waits to be acknowledged" : ""}`;
 }
 
 function boundText(value, column, info) {

@@ -114,14 +114,19 @@ export class Waterfall {
     return whole > 3 * 86400 ? words.slice(0, 10) : words.slice(5, 16);
   }
 
+  /** Where the first lines stand; a name only where it has room, the damaged part's first. */
   markLines(x) {
     const { top, left, width } = this.board.plot;
-    for (const part of PARTS) {
+    const fault = this.options.info()?.state?.fault ?? "";
+    const named = [];
+    for (const part of [...PARTS].sort((a, b) => fault.includes(b) - fault.includes(a))) {
       const first = this.options.lines()?.[part];
       const at = fmt.isNumber(first) ? x(first) : -1;
       if (at < left || at > left + width) continue;
       this.board.line([[at, top - 5], [at, top]], colour(part), { width: 2 });
-      this.board.text(LINE_NAMES[part], at, top - 6, { base: "bottom", ink: colour(part), size: 10 });
+      if (named.some((other) => Math.abs(other - at) < 34)) continue;
+      named.push(at);
+      this.board.text(LINE_NAMES[part], Math.max(at, left + 14), top - 6, { base: "bottom", ink: colour(part), size: 10 });
     }
   }
 

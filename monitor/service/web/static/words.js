@@ -93,7 +93,10 @@ export const FEATURES = {
   kurtosis: "kurtosis",
   h_or: "H_or",
   v_eq: "V_eq",
-  tt: "time to threshold",
+  tt: "time left",
+  tt_lower: "time left, lower end",
+  tt_upper: "time left, upper end",
+  v_eq_upper: "V_eq, upper end",
   p_threshold: "probability of reaching the threshold",
 };
 export const featureWord = (name) => FEATURES[name] ?? name.replaceAll("_", " ");
