@@ -4,17 +4,22 @@ import { channelHref, get, query } from "./api.js";
 import { acknowledge } from "./dialogs.js";
 import { fill, h, symbol } from "./dom.js";
 import * as fmt from "./fmt.js";
+import { STATES } from "./words.js";
 
 const PAGE = 100;
-const SYMBOLS = {
-  danger: "failure", failure: "failure", alert: "maintenance_required", maintenance_required: "maintenance_required",
-  no_data: "no_data", bad_data: "bad_data", out_of_specification: "out_of_specification", check_function: "check_function",
-};
-const BY_KIND = { end_of_life: "failure", final_stage: "maintenance_required", no_data: "no_data" };
+const BY_SEVERITY = { danger: "failure", alert: "maintenance_required" };
+const BY_KIND = { end_of_life: "failure", final_stage: "maintenance_required", no_data: "no_data", alarm_cleared: "normal", alarm_released: "normal", data_again: "normal" };
+
+/** The state whose symbol an event bears. */
+function stateOf(event) {
+  const into = event.kind === "condition" ? event.details?.to : null;
+  const found = into ?? BY_KIND[event.kind] ?? BY_SEVERITY[event.severity];
+  return Object.hasOwn(STATES, found ?? "") ? found : event.open ? "maintenance_required" : "normal";
+}
 
 /** One event as a list item. */
 export function eventItem(app, event, onChange) {
-  const state = (event.kind === "alarm_cleared" ? "normal" : SYMBOLS[event.severity]) ?? BY_KIND[event.kind] ?? (event.open ? "maintenance_required" : "normal");
+  const state = stateOf(event);
   const dated = event.dated ?? (event.time_s === null || event.time_s > 1e8);
   const place = [event.machine, event.channel].filter(Boolean).join(" / ");
   const link = event.channel ? h("a", { href: channelHref(event.machine, event.channel) }, place) : place;

@@ -190,8 +190,9 @@ class App {
   }
 
   labels() {
-    setText(at("zone"), prefs.zone === "utc" ? "Times: UTC" : "Times: machine");
-    setText(at("theme"), `Theme: ${prefs.theme}`);
+    const label = (name, what, value) => fill(at(name), h("span", { class: "what" }, `${what}: `), value);
+    label("zone", "Times", prefs.zone === "utc" ? "UTC" : "machine's");
+    label("theme", "Theme", prefs.theme);
   }
 
   prefsChanged(key) {

@@ -36,7 +36,8 @@ class Row {
     setSymbol(this.symbol, row.state);
     setText(this.said, `, ${STATES[row.state][0]}`);
     setText(this.why, row.reason);
-    setText(this.stage, [stageWord(status.stage), faultWords(status.fault)].filter(Boolean).join(", "));
+    const before = row.stale || row.state === "no_data" || row.state === "bad_data" ? "was " : "";
+    setText(this.stage, [status.stage ? before + stageWord(status.stage) : "", faultWords(status.fault)].filter(Boolean).join(", "));
     ranged(this.size, fmt.isNumber(status.v_eq_mm2) ? fmt.number(status.v_eq_mm2) : "", fmt.interval(status.v_eq_lower_mm2, status.v_eq_upper_mm2), refusal(status.edv_status, edvSentence));
     const reached = status.tt_status === "already_crossed";
     ranged(this.left, reached ? "threshold reached" : fmt.isNumber(status.tt_s) ? fmt.duration(status.tt_s) : "", reached ? "" : fmt.interval(status.tt_lower_s, status.tt_upper_s, fmt.duration), refusal(status.tt_status, ttSentence));

@@ -158,8 +158,14 @@ export class Spectrum {
 
   drawLines(u) {
     const rows = new Map([...PARTS, "shaft"].filter((part) => this.parts.get(part)).map((part, index) => [part, index]));
-    for (const line of this.shownLines())
-      verticalLine(u, line.frequency, { stroke: line.main ? colour(line.part) : translucent(line.part, 0.45), dash: line.main ? [4, 3] : [1, 3], label: line.label, row: rows.get(line.part) });
+    const labelled = new Map();
+    for (const line of this.shownLines()) {
+      // A label that has no room beside the one before is left out; the line stands all the same.
+      const at = u.valToPos(line.frequency, "x");
+      const crowded = line.label && at - (labelled.get(line.part) ?? -Infinity) < 44;
+      if (line.label && !crowded) labelled.set(line.part, at);
+      verticalLine(u, line.frequency, { stroke: line.main ? colour(line.part) : translucent(line.part, 0.45), dash: line.main ? [4, 3] : [1, 3], label: crowded ? "" : line.label, row: rows.get(line.part) });
+    }
   }
 
   moved(u) {

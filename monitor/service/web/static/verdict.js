@@ -12,7 +12,7 @@ export function verdict({ row, info, zone, age, machine }) {
   const status = row?.status ?? info?.state ?? {};
   return h("dl", { class: "answers" }, [
     standing(row, status, info),
-    since(status, info, zone),
+    since(status, info, zone, row),
     part(status),
     size(status, info),
     left(status, info),
@@ -42,7 +42,7 @@ function boundText(value, column, info) {
   return fmt.number(value);
 }
 
-function since(status, info, zone) {
+function since(status, info, zone, row) {
   const marks = info?.marks ?? {};
   const options = { dated: info?.dated, zone, seconds: false };
   const block = (number) => (fmt.isNumber(number) ? `block ${number}` : null);
@@ -53,6 +53,8 @@ function since(status, info, zone) {
     return answer("Since when?", `final stage since ${fmt.isNumber(marks.t_fs_s) ? fmt.moment(marks.t_fs_s, options) : block(status.t_fs_block) ?? "an unknown time"}`, known && `known ${known}`);
   }
   if (status.stage === "learning") return answer("Since when?", "learning", "what healthy means for this channel is being learned; nothing is judged before");
+  if (status.stage === "healthy" && (row?.stale || row?.state === "no_data" || row?.state === "bad_data"))
+    return answer("Since when?", "not known", "there was no sign of a final stage before; nothing is known since");
   if (status.stage === "healthy") return answer("Since when?", "no final stage", "nothing departs from what was learned as healthy");
   return answer("Since when?", stageWord(status.stage) || fmt.MISSING, "no block has been judged yet");
 }
