@@ -74,7 +74,7 @@ def _row(status: Mapping[str, Any]) -> tuple[str, ...]:
         standing(status).replace("_", " "),
         status["status"].replace("_", " "),
         str(status.get("blocks", "")),
-        f"{duration_words(min(ages))} ago" if ages and status["running"] else "",
+        f"{duration_words(round(min(ages)))} ago" if ages and status["running"] else "",
         str(alarms) if alarms else "",
         _remark(status),
     )

@@ -42,7 +42,8 @@ def command(config_path: Path | None, verbose: bool, quiet: bool, supervised: bo
             from monitor.service.supervision import end_with_supervisor
 
             end_with_supervisor(stop)
-        Daemon(config).run(stop)
+        path = None if supervised else config_path or Path("config.toml")
+        Daemon(config, path).run(stop)
 
 
 def _supervise(folder: Path, stop: threading.Event, *, verbose: bool, quiet: bool) -> None:
@@ -50,8 +51,13 @@ def _supervise(folder: Path, stop: threading.Event, *, verbose: bool, quiet: boo
     from monitor.service.fleet import load_fleet
     from monitor.service.supervisor import Supervisor
 
+    fleet, page = load_fleet(folder), None
+    if fleet.web.enabled:
+        from monitor.service.page import PageProcess
+
+        page = PageProcess([machine.path for machine in fleet.machines], fleet.web, fleet.page_dir)
     given = {"--verbose": verbose, "--quiet": quiet}
-    Supervisor(load_fleet(folder), options=[option for option, wanted in given.items() if wanted]).run(stop)
+    Supervisor(fleet, page=page, options=[option for option, wanted in given.items() if wanted]).run(stop)
 
 
 @contextmanager

@@ -26,6 +26,7 @@ _GOOD_RUN = 60.0
 _LONGEST_LINE = 16384
 _MOST_LINES = 200
 _WORDS = 300
+_FINAL = "spallwatch: "
 _KILLED_WITHIN = 0.2
 _CREDENTIALS = struct.Struct("3i")
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv.pop()); from monitor.cli import main; main()"
@@ -72,7 +73,7 @@ class Lines:
         self._name, self._pipe, self._rest = name, pipe, b""
         os.set_blocking(pipe.fileno(), False)
         self.last = ""
-        """The last line that was not empty."""
+        """The last line that says why it ended, as far as one does; else the last one that was not empty."""
 
     def fileno(self) -> int:
         """Return the descriptor to wait on."""
@@ -101,7 +102,8 @@ class Lines:
     def _write(self, line: bytes) -> None:
         text = line.decode("utf-8", "replace").rstrip()
         if text:
-            self.last = text
+            if text.startswith(_FINAL) or not self.last.startswith(_FINAL):
+                self.last = text
             # Whoever reads the log may have gone; that ends nothing.
             with suppress(OSError):
                 sys.stderr.write(f"{self._name}: {text}\n")
@@ -163,7 +165,9 @@ class Supervised:
         self._listen(now)
         code = self._child.poll()
         if code is not None:
-            self._ended(self._hung or f"ended with {_code_words(code)}", now)
+            # Whoever was killed had no last words: what was logged before has nothing to do with it.
+            said = f" ({self._last_words})" if code > 0 and self._last_words else ""
+            self._ended(self._hung or f"ended with {_code_words(code)}", now, said)
             return
         allowed = _HANGS_AFTER if self.ready else _LONGEST_START
         if now - self._heard > allowed:
@@ -244,12 +248,11 @@ class Supervised:
                     _LOG.warning("machine %s: runs again", self.machine.name)
                 self.problem = None
 
-    def _ended(self, how: str, now: float) -> None:
+    def _ended(self, how: str, now: float, said: str = "") -> None:
         self._failures = 1 if self.ready and now - self._began >= _GOOD_RUN else self._failures + 1
         pause = min(_FIRST_PAUSE * 2.0 ** min(self._failures - 1, 20), _LONGEST_PAUSE)
         self._due = now + pause
         often = f", {self._failures} times in a row" if self._failures > 1 else ""
-        said = f" ({self._last_words})" if self._last_words else ""
         self._forget()
         self._say_problem(f"{how}{often}; it is started again after {pause:.0f} s{said}")
 

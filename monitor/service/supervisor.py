@@ -71,7 +71,6 @@ class Supervisor:
         self._notifier = Notifier()
         self._supervisions: dict[str, Supervision] = {}
         self._said: tuple[str, str | None] | None = None
-        self._page_said: tuple[str | None, str | None] = (None, None)
 
     def run(self, stop: threading.Event) -> None:
         """Keep all daemons running until ``stop`` is set, then end them all and return, within five seconds.
@@ -118,7 +117,8 @@ class Supervisor:
         while not stop.is_set():
             for daemon in self.daemons:
                 daemon.tick()
-            self._tend_page()
+            if self._page is not None:
+                self._page.tick()
             self._say()
             now = self._monotonic()
             # A manager of services waits for the start only so long, and a machine may have much to recover.
@@ -128,19 +128,6 @@ class Supervisor:
                 _LOG.info("ready: %s", self.status())
             self._notifier.alive(now)
             self._wait()
-
-    def _tend_page(self) -> None:
-        if self._page is None:
-            return
-        self._page.tick()
-        said = (self._page.url, self._page.problem)
-        if said == self._page_said:
-            return
-        self._page_said = said
-        if said[1] is not None:
-            _LOG.error("page: %s", said[1])
-        elif said[0] is not None:
-            _LOG.info("page: %s", said[0])
 
     def _say(self) -> None:
         """Tell the manager of services and whoever asks for the status of a machine, where something changed."""
