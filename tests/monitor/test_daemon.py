@@ -16,6 +16,7 @@ import pytest
 import xarray as xr
 
 from monitor.config import ConfigError, load_config
+from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger
 from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
@@ -215,18 +216,32 @@ def test_a_source_that_cannot_be_opened_is_refused_and_leaves_no_lock(tmp_path: 
     assert read_status(tmp_path / "state") == {"running": False, "status": "never_ran"}
 
 
-def test_a_damaged_store_is_refused_in_words(tmp_path: Path) -> None:
+def test_a_damaged_store_is_saved_as_far_as_it_can_be_and_the_daemon_goes_on(tmp_path: Path) -> None:
     config = make_machine(tmp_path)
     for number in range(20):
         put(config, number)
     with running(config):
         wait_for(lambda: last(config) == 40)
     database = tmp_path / "state" / "state.db"
+    with Store.open(database, read_only=True) as store:
+        before = {found.sequence: found for found in store.records()}
     data = bytearray(database.read_bytes())
-    data[8192:-4096] = bytes(len(data) - 12288)
+    data[len(data) // 2 : len(data) // 2 + 4096] = bytes(4096)
     database.write_bytes(data)
-    with pytest.raises(StoreError, match=r"state\.db: .*(damaged|malformed)"):
-        Daemon(load_config(config)).run(threading.Event())
+    with running(config):
+        put(config, 100)
+        wait_for(lambda: status(config)["blocks"] == 2)
+        wait_for(lambda: status(config)["unacknowledged"] == 1)
+    assert list(database.parent.glob("state.db.corrupt-*"))
+    with EventLog(database) as log:
+        (notice,) = log.notices()
+        assert notice.body["kind"] == "store_salvaged"
+    with Store.open(database, read_only=True) as store:
+        after = {found.sequence: found for found in store.records()}
+        assert store.check() == []
+    assert sorted(after) == list(range(1, 43))
+    same = [number for number, found in before.items() if after[number] == found]
+    assert len(same) == notice.body["saved"] >= 1
 
 
 def record(sequence: int, when: float) -> Record:
