@@ -22,7 +22,7 @@ _TABLES = (
     "CREATE TABLE IF NOT EXISTS event_marks (event INTEGER PRIMARY KEY, utc REAL NOT NULL)",
 )
 _NEWS = 86400.0
-_SALVAGE = "SELECT min(id) - 1 FROM notices WHERE utc > ? AND json_extract(body, '$.kind') LIKE 'salvage%'"
+_SALVAGE = "SELECT min(id) - 1 FROM notices WHERE utc > ? AND json_extract(body, '$.kind') LIKE '%salvage%'"
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ _CONDITIONS = {
     "no_data": "there is no data",
     "failure": "failure",
 }
-_RANKS = ("end_of_life", "danger", "final_stage", "alert", "no_data", "condition")
+_RANKS = ("end_of_life", "danger", "final_stage", "store_salvaged", "alert", "no_data", "condition")
 _GOOD = ("alarm_cleared", "alarm_released", "condition", "data_again")
 _SHOWN_APART = ("kind", "channel", "source", "block")
 
@@ -73,7 +73,7 @@ def event_text(body: Mapping[str, Any], *, absolute: bool = True) -> str:
         body: as the log has it; keys that it should have may be missing.
         absolute: whether accelerations are in m/s2.
     """
-    kind = str(body.get("kind", "event"))
+    kind = str(body.get("kind") or "event")
     if kind.startswith("alarm_"):
         text = _alarm(kind, body, absolute)
     elif kind == "condition":

@@ -283,7 +283,7 @@ def test_a_store_made_anew_goes_on_from_its_end_and_a_salvage_is_told(tmp_path: 
         told.begin(["way"], NOW)
         told.move("way", Place(700, 30))
     log.add("alarm_raised")
-    log.notice("salvage", utc=NOW)
+    log.notice("store_salvaged", utc=NOW)
     with Telling(log, way, new, clock=lambda: NOW + 60.0) as notifier:
         wait_until(lambda: new.numbers == [2])
         log.add("alarm_cleared")

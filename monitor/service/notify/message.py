@@ -72,13 +72,15 @@ def compose(machine: Machine, items: Sequence[Item], left_out: int = 0) -> Messa
     """
     worst = max(items, key=lambda item: badness(item.event.body), default=None)
     many = len(items) + left_out
+    name = clean(machine.name) or "machine"
     if worst is None:
-        title = f"{clean(machine.name)}: {_number(many)} could not be told in time"
+        title = f"{name}: {_number(many)} could not be told in time"
     else:
         said = f"{worst.where}: {worst.text}" if worst.where else worst.text
-        title = f"{clean(machine.name)}: " + (f"{many} events, worst: {said}" if many > 1 else said)
+        title = f"{name}: " + (f"{many} events, worst: {said}" if many > 1 else said)
+    title = clean(title)
     if len(title) > _LONGEST_TITLE:
-        title = title[: _LONGEST_TITLE - 1] + "…"
+        title = title[: _LONGEST_TITLE - 1].rstrip() + "…"
     lines = [title, ""]
     if many > 1:
         lines += [_line(machine, item) for item in items]
