@@ -20,6 +20,7 @@ from monitor.service.fleet import Machine
 _LOG = logging.getLogger(__name__)
 _HANGS_AFTER = 30.0
 _LONGEST_START = 600.0
+_USUAL_START = 5.0
 _FIRST_PAUSE = 1.0
 _LONGEST_PAUSE = 300.0
 _GOOD_RUN = 60.0
@@ -155,11 +156,15 @@ class Supervised:
         """What to wait on: something came when one of these can be read."""
         return [item for item in (self._ear, self._lines) if item is not None]
 
-    def tick(self) -> None:
-        """Hear what the daemon says; start it where it is time to, and end it where it hangs."""
+    def starting(self) -> bool:
+        """Tell whether it was started a moment ago, and is not ready yet."""
+        return self._child is not None and not self.ready and self._monotonic() - self._began < _USUAL_START
+
+    def tick(self, *, may_start: bool = True) -> None:
+        """Hear what the daemon says; start it where it is time to and allowed, and end it where it hangs."""
         now = self._monotonic()
         if self._child is None:
-            if now >= self._due:
+            if may_start and now >= self._due:
                 self._start(now)
             return
         self._listen(now)
