@@ -177,7 +177,9 @@ def _damage(path: Path, machine: str) -> str | None:
 
 
 def _looks_like_a_store(path: Path) -> bool:
-    """Return whether a file that is no database has pages of one: ours, in a place where nobody else writes."""
+    """Return whether a file that is no database has blocks of ours in it, or is the beginning of one."""
+    if path.stat().st_size < len(_MAGIC):
+        return _MAGIC.startswith(path.read_bytes())
     return any(len(row.values) == 14 and row.rowid is not None for row in leaf_rows(path))
 
 
