@@ -282,6 +282,8 @@ class RecordMqtt:
             status = json.loads((self._state_dir / "status.json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return
+        if self._ending:
+            status["status"] = "stopped"
         message = state_message(self._machine, status)
         if message != self._state:
             link.publish(f"{self._topic}/state", message, retain=True)

@@ -239,8 +239,9 @@ def test_how_the_machine_stands_is_said_when_it_changes_and_when_it_dies(tmp_pat
             # Gone without a word: the broker says so.
             proxy.cut()
             wait_until(lambda: len(heard) == 4)
-        assert [body["status"] for _, body, _ in heard] == ["running", "running", "unreachable", "running"]
-        assert [body["state"] for _, body, _ in heard] == ["normal", "failure", "no_data", "failure"]
+        wait_until(lambda: len(heard) == 5)
+    assert [body["status"] for _, body, _ in heard] == ["running", "running", "unreachable", "running", "stopped"]
+    assert [body["state"] for _, body, _ in heard] == ["normal", "failure", "no_data", "failure", "failure"]
 
 
 def test_nothing_configured_starts_nothing(tmp_path: Path) -> None:
