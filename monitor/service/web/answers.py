@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,6 +15,12 @@ from numpy.typing import NDArray
 
 _WORTH_COMPRESSING = 1000
 JSON_TYPE = "application/json"
+_FOLDERS = re.compile(r"(?<![\w/.])(?:/[^\s/:;,'\"]+)+/([^\s/:;,'\"]*)")
+
+
+def without_folders(text: str) -> str:
+    """Return a sentence with the file names that are in it, but not the folders."""
+    return _FOLDERS.sub(r"\1", text)
 
 
 class RequestError(Exception):

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import re
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from monitor.config import ChannelSection, Config
+from monitor.records.trends import Trends
 from monitor.service.status_file import read_status
-from monitor.service.web.answers import RequestError
+from monitor.service.web.answers import RequestError, without_folders
+from monitor.service.web.latest import LatestValues
+from monitor.service.web.ledger_tally import LedgerTally
 from monitor.service.web.reading import StoreReader
 
 _FRESH = 0.2
-_PATHS = re.compile(r"(?<![\w/.])(?:/[^\s/:;,'\"]+)+/([^\s/:;,'\"]*)")
-
-
-def without_folders(text: str) -> str:
-    """Return a sentence with the file names that are in it, but not the folders."""
-    return _PATHS.sub(r"\1", text)
 
 
 @dataclass(frozen=True)
@@ -31,10 +27,12 @@ class Status:
     Attributes:
         version: another number wherever something else is said.
         values: as ``spallwatch status --json`` gives them; sentences name files without their folders.
+        age: seconds since the file was written; None where there is none.
     """
 
     version: int
     values: Mapping[str, Any]
+    age: float | None = None
 
 
 class Machine:
@@ -45,10 +43,21 @@ class Machine:
         self.config = config
         self.name = config.machine.name
         self.channels: dict[str, ChannelSection] = {channel.name: channel for channel in config.channel}
-        self.store = StoreReader(config.machine.state_dir / "state.db")
+        state_dir = config.machine.state_dir
+        self.store = StoreReader(state_dir / "state.db")
+        self.trends = Trends(state_dir / "trends.db", state_dir / "state.db")
+        self.tally = LedgerTally(self.store)
+        self.latest = LatestValues(self.store)
+        self.updating = True
+        """Whether the trends are behind the store."""
         self._lock = threading.Lock()
         self._status = Status(0, {})
         self._read: float | None = None
+
+    @property
+    def state_dir(self) -> Path:
+        """Folder of its state."""
+        return self.config.machine.state_dir
 
     @property
     def records_dir(self) -> Path:
@@ -66,19 +75,39 @@ class Machine:
             raise RequestError(404, f"machine {self.name} has no such channel")
         return found
 
+    def absolute(self, channel: str | None) -> bool:
+        """Return whether the accelerations of a channel are in m/s2; a channel of the past counts as such."""
+        section = self.channels.get(channel or "")
+        return section is None or section.unit != "unknown"
+
     def status(self) -> Status:
         """Return what its daemon says, at most a moment old."""
         with self._lock:
             now = time.monotonic()
             if self._read is None or now - self._read >= _FRESH:
                 self._read = now
-                found = read_status(self.config.machine.state_dir)
-                found["problems"] = {
-                    name: without_folders(problem) for name, problem in found.get("problems", {}).items()
+                found = {
+                    "name": self.name,
+                    "timezone": self.config.machine.timezone,
+                    "channels": {},
+                    **read_status(self.state_dir),
                 }
-                if found != self._status.values:
-                    self._status = Status(self._status.version + 1, found)
+                problems = found.get("problems", {})
+                found["problems"] = {name: without_folders(problem) for name, problem in problems.items()}
+                version = self._status.version + (found != self._status.values)
+                self._status = Status(version, found, self._age())
             return self._status
+
+    def _age(self) -> float | None:
+        try:
+            return max(0.0, time.time() - (self.state_dir / "status.json").stat().st_mtime)
+        except OSError:
+            return None
+
+    def close(self) -> None:
+        """Close what is open."""
+        self.trends.close()
+        self.store.close()
 
 
 class Machines:
@@ -94,7 +123,7 @@ class Machines:
         if len(self._machines) < len(configs):
             raise ValueError("two machines have the same name; names of machines must be different")
 
-    def __iter__(self) -> Any:
+    def __iter__(self) -> Iterator[Machine]:
         """Yield the machines in the order of their configurations."""
         return iter(self._machines.values())
 

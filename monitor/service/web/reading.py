@@ -74,8 +74,16 @@ class StoreReader:
         for connection in idle:
             connection.close()
 
+    def identity(self) -> tuple[int, int] | None:
+        """Return what tells the file from another of the same name, or None where there is none."""
+        try:
+            found = self.path.stat()
+        except OSError:
+            return None
+        return found.st_dev, found.st_ino
+
     def _take(self) -> tuple[sqlite3.Connection, tuple[int, int] | None]:
-        file = self._identity()
+        file = self.identity()
         with self._lock:
             # A store that was put aside would be read for ever by who has it open.
             old = self._idle if file != self._file else []
@@ -86,13 +94,6 @@ class StoreReader:
         for connection in old:
             connection.close()
         return (found if found is not None else _open(self.path)), file
-
-    def _identity(self) -> tuple[int, int] | None:
-        try:
-            found = self.path.stat()
-        except OSError:
-            return None
-        return found.st_dev, found.st_ino
 
 
 def _open(path: Path) -> sqlite3.Connection:
