@@ -59,6 +59,8 @@ class Ingest:
         self._store, self._ledger, self._clock, self._idle = store, ledger, clock, idle
         self._trouble: str | None = None
         self._failures: dict[str, str] = {}
+        self._deaf: dict[str, str] = {}
+        self._resting: dict[str, float] = {}
         self._turn = 0
 
     @classmethod
@@ -129,9 +131,20 @@ class Ingest:
         return None
 
     def _next(self, source: LiveSource, timeout: float, stop: threading.Event) -> Delivery | None:
+        if time.monotonic() < self._resting.get(source.name, 0.0):
+            stop.wait(timeout)
+            return None
         found: list[Delivery | None] = []
-        # A source that asks the ledger meets the same full disk as a commit does.
-        self._insist(lambda: found.append(source.next(timeout)), stop)
+        try:
+            # A source that asks the ledger meets the same full disk as a commit does.
+            self._insist(lambda: found.append(source.next(timeout)), stop)
+        except Exception as error:  # A fault of one source must not take the others with it.
+            known = source.name in self._deaf
+            self._deaf[source.name] = f"it fails: {type(error).__name__}: {error}"
+            self._resting[source.name] = time.monotonic() + _RETRY
+            _LOG.error("%s: %s", source.name, self._deaf[source.name], exc_info=None if known else error)
+            return None
+        self._deaf.pop(source.name, None)
         return found[0] if found else None
 
     def _take(self, source: LiveSource, delivery: Delivery, stop: threading.Event) -> Record | None:
@@ -243,7 +256,7 @@ class Ingest:
     def problems(self) -> dict[str, str]:
         """Return what is wrong, by the name of the source, and under "store" why nothing can be committed."""
         found = {source.name: problem for source in self.sources if (problem := source.problem()) is not None}
-        for name, failure in self._failures.items():
+        for name, failure in (*self._deaf.items(), *self._failures.items()):
             found[name] = f"{found[name]}; {failure}" if name in found else failure
         return found | ({"store": self._trouble} if self._trouble is not None else {})
 

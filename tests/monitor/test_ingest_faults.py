@@ -20,6 +20,7 @@ from monitor.service.ingest import Ingest
 from monitor.service.setup import channel_setups
 from monitor.service.watcher import Watcher
 from streams.block import Block, Rejected
+from streams.live import Delivery
 from tests.faults.test_folder_kill import config
 from tests.monitor.test_ingest import Queue, block, ingest_of, steps
 
@@ -184,3 +185,28 @@ def test_a_block_that_does_not_fit_bears_the_status_that_fits(store: Store) -> N
     assert "'x'" in found[1].reason
     assert "speed" in found[2].reason
     assert "Nyquist" in found[3].reason
+
+
+def test_a_source_that_fails_is_shown_and_takes_no_other_with_it(
+    store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Broken(Queue):
+        mended = False
+
+        def next(self, timeout: float) -> Delivery | None:
+            if not self.mended:
+                raise RuntimeError("a pump")
+            return super().next(timeout)
+
+    monkeypatch.setattr("monitor.service.ingest._RETRY", 0.01)
+    monkeypatch.setattr("monitor.service.ingest._TURN", 0.02)
+    broken, well = Broken(store, [block(1)]), Queue(store, [block(n, source="t") for n in range(1, 6)], name="t")
+    with ingest_of(store, broken, well) as ingest:
+        steps(ingest, 10)
+        assert well.acknowledged == [1, 2, 3, 4, 5]
+        assert "RuntimeError: a pump" in ingest.problems()["s"]
+        assert sum(found.exc_info is not None for found in caplog.records) == 1
+        broken.mended = True
+        steps(ingest, 4)
+        assert broken.acknowledged == [1]
+        assert "a pump" not in ingest.problems()["s"]
