@@ -33,8 +33,10 @@ from tests.faults.test_daemon_kill import published_blocks
 from tests.faults.test_network_kill import block
 
 BLOCKS = 6
-POINTS = {"state": effort_count(quick=2, full=10**6), "published": effort_count(quick=1, full=300)}
-"""Most places at which it is killed; full effort takes every one of the store, and some of the many of a file."""
+FULL = effort_count(quick=0, full=1) == 1
+MOST = {"state": 10**6, "published": 300}
+"""Most places at which it is killed in full effort: every one of the store, and some of the many of a file."""
+FEW = {"state": [("pwrite64", 144), ("rename", 1)], "published": [("pwrite64", 200)]}
 CALLS = ("write", "pwrite64", "ftruncate", "fsync", "fdatasync", "rename", "renameat", "renameat2", "unlink", "link")
 STRACE = shutil.which("strace")
 NEVER = 65535
@@ -110,12 +112,16 @@ def committed(config: Path) -> list[Record]:
 def finish(config: Path, sending: Sending) -> list[Record]:
     """Let an undisturbed daemon take the rest, stop it, and return what it has."""
     daemon = start(config, "--quiet")
-    wait_for(lambda: status(config).get("pid") == daemon.pid)
-    while sending.thread.is_alive():
-        published_blocks(config)
-        sending.thread.join(0.05)
-    daemon.send_signal(signal.SIGTERM)
-    _, said = daemon.communicate(timeout=20)
+    try:
+        wait_for(lambda: status(config).get("pid") == daemon.pid)
+        while sending.thread.is_alive():
+            published_blocks(config)
+            sending.thread.join(0.05)
+        daemon.send_signal(signal.SIGTERM)
+        _, said = daemon.communicate(timeout=20)
+    finally:
+        daemon.kill()
+        daemon.communicate()
     assert daemon.returncode == 0, said
     assert published_blocks(config) == BLOCKS
     with Store.open(config.parent / "state" / "state.db", machine="m") as store:
@@ -141,7 +147,7 @@ def killed_at(config: Path, kind: str, call: str, n: int, sending: Sending) -> b
     while daemon.poll() is None:
         assert time.monotonic() < until, "the daemon neither died nor came to its end"
         published = published_blocks(config)
-        killed = trace.exists() and "killed by SIGKILL" in trace.read_text()
+        killed = trace.exists() and was_cut_off(trace, call)
         if not asked and (killed or (published == BLOCKS and not sending.thread.is_alive())):
             # A publisher that dies is started again by the daemon, which must be told to end.
             pid = status(config).get("pid")
@@ -152,16 +158,30 @@ def killed_at(config: Path, kind: str, call: str, n: int, sending: Sending) -> b
         time.sleep(0.02)
     _, said = daemon.communicate()
     assert "Traceback" not in said, said
-    return daemon.returncode != 0 if kind == "state" else "killed by SIGKILL" in trace.read_text()
+    return was_cut_off(trace, call)
 
 
-def calls_of(config: Path) -> dict[str, int]:
-    """Return how often the process that did so most made each of the calls."""
-    found = Counter(re.findall(r"^(\d+) +(\w+)\(", (config.parent / "strace").read_text(), re.MULTILINE))
+def was_cut_off(trace: Path, call: str) -> bool:
+    """Return whether a process was killed in such a call, which then has no result."""
+    return re.search(rf"\b{call}(\(| resumed).*= \?$", trace.read_text(errors="replace"), re.MULTILINE) is not None
+
+
+def all_places(folder: Path, kind: str, undisturbed: list[Record]) -> list[tuple[str, int]]:
+    """Return at which calls a daemon can be killed: as many of each as the process that made most of them made."""
+    config, port = make(folder)
+    sending = Sending(port)
+    killed_at(config, kind, "write", NEVER, sending)
+    assert finish(config, sending) == undisturbed
+    trace = (folder / "strace").read_text(errors="replace")
+    found = Counter(re.findall(r"^(\d+) +(\w+)\(", trace, re.MULTILINE))
     most: dict[str, int] = {}
     for (_, call), times in found.items():
         most[call] = max(times, most.get(call, 0))
-    return most
+    assert most["pwrite64"] > 100
+    places = [(call, n) for call, times in most.items() for n in range(1, times + 1)]
+    # A rename or a truncation is rare among so many writes, and comes first.
+    random.Random(20261121).shuffle(places)
+    return sorted(places, key=lambda place: place[0] == "pwrite64")[: MOST[kind]]
 
 
 @pytest.mark.parametrize("kind", ["state", "published"])
@@ -169,19 +189,9 @@ def calls_of(config: Path) -> dict[str, int]:
 def test_killed_at_a_write_nothing_is_lost_and_nothing_comes_twice(
     tmp_path: Path, undisturbed: list[Record], kind: str
 ) -> None:
-    config, port = make(tmp_path / "counted")
-    sending = Sending(port)
-    assert not killed_at(config, kind, "write", NEVER, sending)
-    assert finish(config, sending) == undisturbed
-    counts = calls_of(config)
-    assert counts["pwrite64"] > 100
-    places = [(call, n) for call, times in counts.items() for n in range(1, times + 1)]
-    # A rename or a truncation is rare among so many writes, and comes first.
-    random.Random(20261121).shuffle(places)
-    places.sort(key=lambda place: place[0] == "pwrite64")
-    some = [*places[:1], *places[:0:-1]][: POINTS[kind]]
+    places = all_places(tmp_path / "counted", kind, undisturbed) if FULL else FEW[kind]
     kills = 0
-    for call, n in some:
+    for call, n in places:
         config, port = make(tmp_path / f"{call}{n}")
         sending = Sending(port)
         killed = killed_at(config, kind, call, n, sending)
@@ -192,4 +202,4 @@ def test_killed_at_a_write_nothing_is_lost_and_nothing_comes_twice(
         shutil.rmtree(config.parent)
         kills += killed
     # How often a publisher is asked depends on the time that things take, so that some places are not reached.
-    assert kills >= 0.5 * len(some)
+    assert kills >= 0.5 * len(places)
