@@ -184,12 +184,11 @@ class Trends:
                 return _table(found.dated, None, _no_points(), first=first, last=last)
             level = next((level for level in LEVELS if _number(level, since, until) <= _FINE * points), LEVELS[-1])
             total = tables.count(reader, found, level, since, until)
-            short = level == LEVELS[0] and _number(level, since, until) < points and total <= _MOST_RECORDS
-            if total <= points or short:
+            length = next((item for item in _SHORT if _number(item, since, until) <= points), None)
+            if total <= points or (length is not None and total <= _MOST_RECORDS):
                 records, blocks = self._records(reader, found, source, channel, since, until)
                 if records.time.size <= points:
                     return _table(found.dated, None, records, blocks, first=first, last=last)
-                length = next((item for item in _SHORT if _number(item, since, until) <= points), None)
                 if length is not None:
                     buckets = Buckets.of_records(records.time, records.values, records.status, length)
                     return _bucket_table(found.dated, length, buckets, first, last)
