@@ -141,6 +141,8 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
         if new or not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+            if read_only:
+                raise StoreError(f"{path}: is empty")
             _create(connection)
             sync_folder(path.parent)
         found = _check_version(connection, path)
