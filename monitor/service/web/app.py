@@ -192,7 +192,7 @@ def _api_routes(site: Site) -> list[Route]:
     def of_machine(path: str, make: Callable[[Machine, Query], dict[str, Any]]) -> Route:
         async def endpoint(request: Request) -> Response:
             def find() -> Answer:
-                machine = site.machines.machine(request.path_params["machine"])
+                machine = _begun(site.machines.machine(request.path_params["machine"]))
                 return json_answer(make(machine, request.query_params))
 
             return await site.answer(request, find)
@@ -202,7 +202,7 @@ def _api_routes(site: Site) -> list[Route]:
     def of_channel(path: str, make: Callable[[Machine, str, Query], dict[str, Any]]) -> Route:
         async def endpoint(request: Request) -> Response:
             def find() -> Answer:
-                machine = site.machines.machine(request.path_params["machine"])
+                machine = _begun(site.machines.machine(request.path_params["machine"]))
                 return json_answer(make(machine, request.path_params["channel"], request.query_params))
 
             return await site.answer(request, find)
@@ -224,6 +224,17 @@ def _api_routes(site: Site) -> list[Route]:
         Route("/api/events/{event}/acknowledge", partial(_acknowledge, site), methods=["POST"]),
         Route("/api/stream", partial(_stream, site), methods=["GET"]),
     ]
+
+
+def _begun(machine: Machine) -> Machine:
+    """Return a machine that has a store.
+
+    Raises:
+        RequestError: 503, it has none.
+    """
+    if machine.store.identity() is None:
+        raise RequestError(503, f"nothing is recorded of machine {machine.name} yet: it has no store")
+    return machine
 
 
 async def _acknowledge(site: Site, request: Request) -> Response:

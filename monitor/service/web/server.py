@@ -8,11 +8,10 @@ import json
 import logging
 import os
 import socket
-import ssl
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +42,12 @@ class _Server(uvicorn.Server):
         """Leave the signals to the caller."""
         yield
 
+    async def abandon(self) -> None:
+        """End what is still being answered."""
+        for connection in list(self.server_state.connections):
+            connection.transport.abort()
+        await asyncio.gather(*self.server_state.tasks, return_exceptions=True)
+
 
 async def serve(machines: Machines, web: WebSection, state_dir: Path, say: Say, port: int | None = None) -> None:
     """Serve the page until the task is cancelled.
@@ -57,13 +62,28 @@ async def serve(machines: Machines, web: WebSection, state_dir: Path, say: Say, 
     Raises:
         PageError: the address is taken, or the token or the certificate cannot be used.
     """
-    listening = _listen(web, web.port if port is None else port)
-    try:
-        token = load_token(web.token_file or state_dir / "web.token", make=web.token_file is None)
-    except TokenError as error:
-        raise PageError(str(error)) from None
-    doors = Doors.of(web, listening.getsockname()[1])
-    site = Site(machines, doors, Doorkeeper(token), web.max_streams)
+    with closing(_listen(web, web.port if port is None else port)) as listening:
+        try:
+            token = load_token(web.token_file or state_dir / "web.token", make=web.token_file is None)
+        except TokenError as error:
+            raise PageError(str(error)) from None
+        doors = Doors.of(web, listening.getsockname()[1])
+        site = Site(machines, doors, Doorkeeper(token), web.max_streams)
+        server = _Server(_settings(site, web))
+        with site:
+            beside = [asyncio.create_task(_beat(say, _url(web, doors))), asyncio.create_task(site.hub.run())]
+            serving = asyncio.create_task(server.serve([listening]))
+            try:
+                await asyncio.shield(serving)
+            finally:
+                server.should_exit = server.force_exit = True
+                for task in beside:
+                    task.cancel()
+                await asyncio.gather(serving, *beside, return_exceptions=True)
+                await server.abandon()
+
+
+def _settings(site: Site, web: WebSection) -> uvicorn.Config:
     settings = uvicorn.Config(
         application(site),
         http=PatientProtocol,
@@ -82,17 +102,9 @@ async def serve(machines: Machines, web: WebSection, state_dir: Path, say: Say, 
     logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
     try:
         settings.load()
-    except (OSError, ssl.SSLError) as error:
+    except OSError as error:
         raise PageError(f"[web] cert_file, key_file: cannot be used ({error})") from None
-    server = _Server(settings)
-    with site:
-        beating = asyncio.create_task(_beat(say, _url(web, doors)))
-        following = asyncio.create_task(site.hub.run())
-        try:
-            await server.serve([listening])
-        finally:
-            beating.cancel()
-            following.cancel()
+    return settings
 
 
 async def _beat(say: Say, url: str) -> None:
