@@ -27,6 +27,12 @@ _EVENTS = """
 SELECT events.id, CAST(events.id AS TEXT) AS name, source, sequence, time, body
 FROM events JOIN blocks ON blocks.id = block
 """
+_ACKNOWLEDGED = """
+SELECT acknowledgements.id, acknowledgements.utc, CAST(events.id AS TEXT), source, sequence, time, body
+FROM acknowledgements JOIN events ON events.id = CAST(event AS INTEGER) JOIN blocks ON blocks.id = block
+WHERE acknowledgements.id > ? AND event NOT LIKE 'n%' AND json_extract(body, '$.kind') = 'alarm_raised'
+ORDER BY acknowledgements.id
+"""
 _NOTICES = "SELECT id, 'n' || id, NULL, NULL, utc, body FROM notices"
 _LONGEST_NOTE, _LONGEST_NAME = 2000, 100
 NEEDS_NOBODY = ("alarm_cleared", "alarm_released", "condition", "data_again")
@@ -150,13 +156,17 @@ class EventLog:
         query = f"SELECT (SELECT count(*) FROM events WHERE {events}) + (SELECT count(*) FROM notices WHERE {notices})"
         return self._shared.rows(query)[0][0]
 
-    def acknowledged_alarms(self) -> Iterator[tuple[str, str, str, int]]:
-        """Yield source, channel, rule and block of each alarm that was acknowledged, to release what it holds."""
-        query = f"{_EVENTS} WHERE CAST(events.id AS TEXT) IN (SELECT event FROM acknowledgements) ORDER BY events.id"
-        for _, _, source, sequence, _, text in self._shared.rows(query):
-            body = json.loads(text)
-            if body.get("kind") == "alarm_raised":
-                yield source, body["channel"], body["rule"], sequence
+    def acknowledged_alarms(self, after: int = 0) -> Iterator[tuple[int, float, LoggedEvent]]:
+        """Yield the acknowledgements of raised alarms in the order in which they were given.
+
+        Args:
+            after: leave out those up to this number.
+
+        Yields:
+            The number of the acknowledgement, when it was given (UTC seconds since 1970), and the alarm.
+        """
+        for number, utc, *event in self._shared.rows(_ACKNOWLEDGED, after):
+            yield number, utc, self._logged(event)
 
     def _logged(self, row: Any) -> LoggedEvent:
         name, source, block, utc, body = row

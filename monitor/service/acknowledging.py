@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Mapping
 
@@ -12,11 +11,6 @@ from monitor.service.alarming import Acknowledged
 from monitor.service.watcher import Watcher
 
 _LOG = logging.getLogger(__name__)
-_GIVEN = """
-SELECT acknowledgements.id, acknowledgements.utc, source, sequence, body
-FROM acknowledgements JOIN events ON events.id = CAST(event AS INTEGER) JOIN blocks ON blocks.id = block
-WHERE acknowledgements.id > ? AND event NOT LIKE 'n%' ORDER BY acknowledgements.id
-"""
 _MARKS = """
 SELECT (SELECT max(id) FROM acknowledgements), (SELECT max(id) FROM events), (SELECT max(id) FROM notices)
 """
@@ -58,13 +52,14 @@ class Acknowledgements:
         self._marks = marks
 
     def _take(self) -> None:
-        for number, utc, source, sequence, text in self._store.rows(_GIVEN, self._seen):
+        for number, utc, event in self._log.acknowledged_alarms(self._seen):
             self._seen = number
-            body, watcher = json.loads(text), self._watchers.get(source)
-            if body.get("kind") != "alarm_raised" or watcher is None:
+            watcher = self._watchers.get(event.source or "")
+            if watcher is None:
                 continue
-            given = Acknowledged(source, body["channel"], body["rule"], body["severity"], sequence, utc)
+            body, block = event.body, event.block or 0
+            given = Acknowledged(watcher.source, body["channel"], body["rule"], body["severity"], block, utc)
             if watcher.alarming.acknowledge(given):
                 _LOG.info(
-                    "%s: %s of %s since block %d is acknowledged", source, given.severity, given.rule, given.sequence
+                    "%s: %s of %s since block %d is acknowledged", *(given.source, given.severity, given.rule, block)
                 )
