@@ -172,8 +172,7 @@ def write(
     try:
         numbers = {key: _series(connection, key) for key in _keys(entries, parts)}
         _write_places(connection, entries, numbers)
-        for key, points in parts.items():
-            _write_buckets(connection, numbers[key], points)
+        _write_buckets(connection, {numbers[key]: points for key, points in parts.items()})
         newest = entries[-1]
         last = json.dumps([newest.id, newest.source, newest.sequence])
         connection.executemany("INSERT OR REPLACE INTO meta VALUES (?, ?)", (("last", last), ("identity", identity)))
@@ -229,22 +228,22 @@ def _write_places(connection: sqlite3.Connection, entries: list[Ledgered], numbe
     )
 
 
-def _write_buckets(connection: sqlite3.Connection, series: int, points: list[Points]) -> None:
-    """Join what blocks say of one channel with what is there, level by level."""
+def _write_buckets(connection: sqlite3.Connection, said: Mapping[int, list[Points]]) -> None:
+    """Join what blocks say, by series, with what is there, level by level."""
+    parts = [(series, part) for series, points in said.items() for part in points]
+    series = np.repeat(np.array([number for number, _ in parts], dtype=np.int64), [part.time.size for _, part in parts])
     time, values, status = (
-        np.concatenate([getattr(part, name) for part in points]) for name in ("time", "values", "status")
+        np.concatenate([getattr(part, name) for _, part in parts]) for name in ("time", "values", "status")
     )
-    buckets = Buckets.of_records(time, values, status, LEVELS[0])
+    buckets = Buckets.of_records(series, time, values, status, LEVELS[0])
+    query = f"SELECT series, {_COLUMNS} FROM buckets WHERE series = ? AND level = {{}} AND bucket = ?"
     for level, above in zip(LEVELS, (*LEVELS[1:], None), strict=True):
-        there = connection.execute(
-            f"SELECT {_COLUMNS} FROM buckets WHERE series = ? AND level = ?"
-            " AND bucket IN (SELECT value FROM json_each(?))",
-            (series, level, json.dumps(buckets.index.tolist())),
-        ).fetchall()
+        keys = zip(buckets.series.tolist(), buckets.index.tolist(), strict=True)
+        there = [row for key in keys for row in connection.execute(query.format(level), key)]
         joined = buckets.with_others(_buckets(there))
         connection.executemany(
-            f"INSERT OR REPLACE INTO buckets (series, level, {_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?)",
-            [(series, level, *row) for row in joined.to_rows()],
+            f"INSERT OR REPLACE INTO buckets (level, series, {_COLUMNS}) VALUES ({level}, ?, ?, ?, ?, ?, ?)",
+            joined.to_rows(),
         )
         if above is not None:
             buckets = buckets.coarser(above // level)
@@ -297,7 +296,8 @@ def read(
     """Return the stretches of a level that make up those, ``factor`` times as long, that a range of time touches."""
     first = int(since // (level * factor)) * factor
     last = (int(until // (level * factor)) + 1) * factor - 1
-    query = f"SELECT {_COLUMNS} FROM buckets WHERE series = ? AND level = ? AND bucket BETWEEN ? AND ?"
+    # All as of one series: the blocks of the source that have no channel count for each of its channels.
+    query = f"SELECT 0, {_COLUMNS} FROM buckets WHERE series = ? AND level = ? AND bucket BETWEEN ? AND ?"
     own, common = (
         _buckets(connection.execute(query, (number, level, first, last)).fetchall())
         for number in (series.id, series.of_source)

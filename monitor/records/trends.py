@@ -190,7 +190,9 @@ class Trends:
                 if records.time.size <= points:
                     return _table(found.dated, None, records, blocks, first=first, last=last)
                 if length is not None:
-                    buckets = Buckets.of_records(records.time, records.values, records.status, length)
+                    buckets = Buckets.of_records(
+                        np.zeros_like(records.status), records.time, records.values, records.status, length
+                    )
                     return _bucket_table(found.dated, length, buckets, first, last)
             factor = _factor(level, since, until, points)
             buckets = tables.read(reader, found, level, factor, since, until)

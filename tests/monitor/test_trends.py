@@ -134,18 +134,19 @@ def test_stretches_can_be_cut_joined_and_written_at_will(
     drawn = data.draw(st.lists(st.lists(cells, min_size=3, max_size=3), min_size=size, max_size=size))
     values = np.full((size, len(FEATURES)), np.nan)
     values[:, [0, 5, 20]] = drawn
+    series = np.array(data.draw(st.lists(st.integers(1, 3), min_size=size, max_size=size)), dtype=np.int64)
     status = np.array(data.draw(st.lists(st.integers(0, 20), min_size=size, max_size=size)), dtype=np.int64)
     when = np.array(time)
-    whole = Buckets.of_records(when, values, status, 60.0)
-    parts = Buckets.of_records(when[:cut], values[:cut], status[:cut], 60.0).with_others(
-        Buckets.of_records(when[cut:], values[cut:], status[cut:], 60.0)
+    whole = Buckets.of_records(series, when, values, status, 60.0)
+    parts = Buckets.of_records(series[:cut], when[:cut], values[:cut], status[:cut], 60.0).with_others(
+        Buckets.of_records(series[cut:], when[cut:], values[cut:], status[cut:], 60.0)
     )
     for one, other in (
         (whole, parts),
         (whole, Buckets.from_rows(list(whole.to_rows()))),
-        (whole.coarser(factor), Buckets.of_records(when, values, status, 60.0 * factor)),
+        (whole.coarser(factor), Buckets.of_records(series, when, values, status, 60.0 * factor)),
     ):
-        for name in ("index", "low", "high", "counts"):
+        for name in ("series", "index", "low", "high", "counts"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
