@@ -75,7 +75,7 @@ class Mail:
         certificate: None offers no encryption.
         tls: encrypted from the first byte, rather than by STARTTLS.
         login: name and password that it asks for.
-        refuse: refuses every recipient.
+        refuse: refuses recipients whose address has this in it, such as "@".
         hang: takes the message and never answers.
         received: the messages.
         clear: what came before encryption began.
@@ -85,7 +85,7 @@ class Mail:
     certificate: Certificate | None = None
     tls: bool = False
     login: tuple[str, str] | None = None
-    refuse: bool = False
+    refuse: str | None = None
     hang: bool = False
     port: int = 0
     received: list[EmailMessage] = field(default_factory=list)
@@ -141,7 +141,7 @@ class _MailHandler(socketserver.StreamRequestHandler):
             self._say("235 welcome" if self.known else f"535 not {given[1]}")
         elif word == "RCPT":
             self.owner.recipients.append(line)
-            self._say("550 nobody" if self.owner.refuse else "250 ok")
+            self._say("550 nobody" if self.owner.refuse is not None and self.owner.refuse in line else "250 ok")
         elif word == "DATA" and self.known:
             self._take()
         else:

@@ -43,15 +43,22 @@ class Recorder:
         self.messages: list[Message] = []
         self.attempts = 0
         self.failing = False
+        self.missing: str | None = None
+        self.complaint: str | None = None
         self.go = threading.Event()
         self.go.set()
 
-    def send(self, message: Message) -> None:
+    def check(self) -> None:
+        if self.missing is not None:
+            raise NotifyError(self.missing)
+
+    def send(self, message: Message) -> str | None:
         self.attempts += 1
         self.go.wait(10.0)
         if self.failing:
             raise NotifyError("nobody answers")
         self.messages.append(message)
+        return self.complaint
 
     @property
     def numbers(self) -> list[int]:
@@ -294,11 +301,11 @@ def test_a_store_made_anew_goes_on_from_its_end_and_a_salvage_is_told(tmp_path: 
 
 def test_a_way_that_is_broken_does_not_end_its_thread(log: Log, caplog: pytest.LogCaptureFixture) -> None:
     class Broken(Recorder):
-        def send(self, message: Message) -> None:
+        def send(self, message: Message) -> str | None:
             if not self.attempts:
                 self.attempts += 1
                 raise RuntimeError("a fault")
-            super().send(message)
+            return super().send(message)
 
     way = Broken()
     with Telling(log, way) as notifier:
@@ -306,6 +313,32 @@ def test_a_way_that_is_broken_does_not_end_its_thread(log: Log, caplog: pytest.L
         notifier.tell()
         wait_until(lambda: way.numbers == [1])
     assert "notification by way fails" in caplog.text
+
+
+def test_what_is_missing_is_a_problem_before_the_first_alarm(log: Log) -> None:
+    way = Recorder()
+    way.missing = "password cannot be read"
+    with Telling(log, way) as notifier:
+        wait_until(lambda: notifier.problems() == {"notify.way": "password cannot be read"})
+        way.missing = None
+        wait_until(lambda: not notifier.problems())
+    assert way.attempts == 0
+
+
+def test_what_was_delivered_with_a_complaint_is_not_delivered_again(log: Log) -> None:
+    way = Recorder()
+    way.complaint = "refused for ben"
+    with Telling(log, way) as notifier:
+        for number in (1, 2):
+            log.add("alarm_raised")
+            notifier.tell()
+            wait_until(lambda number=number: len(way.messages) == number)
+            wait_until(lambda: notifier.problems() == {"notify.way": "refused for ben"})
+        way.complaint = None
+        log.add("alarm_raised")
+        notifier.tell()
+        wait_until(lambda: not notifier.problems())
+    assert way.numbers == [1, 2, 3]
 
 
 def test_telling_holds_up_no_commit_and_no_commit_holds_up_telling(log: Log) -> None:

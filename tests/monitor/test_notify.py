@@ -128,8 +128,11 @@ def test_a_refused_login_is_named_without_the_secret(certificate: Certificate, s
 
 
 def test_what_is_not_taken_is_said(tmp_path: Path) -> None:
-    with Mail(refuse=True).serving() as server, pytest.raises(NotifyError, match="smtp"):
+    with Mail(refuse="@").serving() as server, pytest.raises(NotifyError, match=r"refused for anna.*ben"):
         smtp(server.port).send(MESSAGE)
+    with Mail(refuse="ben@").serving() as server:
+        assert smtp(server.port).send(MESSAGE) == "smtp 127.0.0.1: refused for ben@plant.example"
+    assert len(server.received) == 1
     with Hook(answers=[302]).serving() as server, pytest.raises(NotifyError, match="answered 302"):
         hook(server.port).send(MESSAGE)
     assert len(server.received) == 1
@@ -153,6 +156,30 @@ def test_a_webhook_gets_json_and_the_token_from_its_file(tmp_path: Path, certifi
     path, authorization, body = server.received[0]
     assert (path, authorization) == ("/hook?a=1", f"Bearer {SECRET}")
     assert body == {"title": MESSAGE.title, "text": MESSAGE.text, "events": [{"kind": "x"}]}
+
+
+def test_missing_files_are_known_before_they_are_needed(tmp_path: Path) -> None:
+    there, gone = tmp_path / "there", tmp_path / "gone"
+    there.write_text(f"{SECRET}\n")
+    keys = {"username_file": there, "password_file": there}
+    url = "mqtts://127.0.0.1/alarms"
+    for way in (
+        smtp(1, security="tls", username_file=there, password_file=gone),
+        smtp(1, security="tls", ca_file=gone),
+        hook(1, "https", token_file=gone),
+        hook(1, "https", ca_file=there),
+        MqttWay(MqttSection(url=url, username_file=gone)),
+        MqttWay(MqttSection(url=url, ca_file=gone)),
+    ):
+        with pytest.raises(NotifyError, match=r"(gone|there) cannot be (read|used)") as missing:
+            way.check()
+        assert SECRET not in str(missing.value)
+    for way in (
+        smtp(1, security="tls", **keys),
+        hook(1, "https", token_file=there),
+        MqttWay(MqttSection(url=url, **keys)),
+    ):
+        way.check()
 
 
 @pytest.mark.parametrize("other", [0, 1])

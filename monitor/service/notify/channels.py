@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import ssl
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -41,9 +42,42 @@ class Way(Protocol):
 
     name: str
 
-    def send(self, message: Message) -> None:
-        """Deliver one message; :class:`NotifyError` where that fails."""
+    def check(self) -> None:
+        """Look whether the files that it needs can be read; :class:`NotifyError` where not."""
         ...
+
+    def send(self, message: Message) -> str | None:
+        """Deliver one message; :class:`NotifyError` where that fails.
+
+        Returns:
+            What is wrong although it is delivered, in one sentence, or None.
+        """
+        ...
+
+
+def tls_context(ca_file: Path | None) -> ssl.SSLContext:
+    """Return what verifies a server's certificate and name: by the public authorities, or by those in a file.
+
+    Raises:
+        NotifyError: the file cannot be used.
+    """
+    try:
+        return ssl.create_default_context(cafile=None if ca_file is None else str(ca_file))
+    except OSError as error:
+        raise NotifyError(f"{ca_file} cannot be used: {error.strerror or type(error).__name__}") from None
+
+
+def check_files(ca_file: Path | None, *secrets: Path | None) -> None:
+    """Read what a way needs, to know early that it is not there.
+
+    Raises:
+        NotifyError: a file cannot be read, or is none of certificates.
+    """
+    for path in secrets:
+        if path is not None:
+            read_secret(path)
+    if ca_file is not None:
+        tls_context(ca_file)
 
 
 def read_secret(path: Path) -> str:

@@ -85,6 +85,7 @@ class Follower:
         self._machine, self._way, self._settings, self._book = machine, way, settings, book
         self._first_pause, self._clocks = first_pause, clocks
         self._pause = first_pause
+        self._complaint: str | None = None
         self._place: Place | None = None
         self._saved = True
         self._since: dict[str, float] = {}
@@ -163,13 +164,15 @@ class Follower:
         self._age(told, waiting)
         if not waiting and not place.left_out:
             self._keep(told, after)
-            self.problem = None
+            # A password that is not there is known before the first alarm.
+            self._way.check()
+            self.problem, self._pause = self._complaint, self._first_pause
             return more
         wait = self._until_allowed()
         if wait > 0.0:
             return wait
         try:
-            self._send(waiting, place.left_out)
+            self._complaint = self._send(waiting, place.left_out)
         except Exception:
             self._give_up(told, place, waiting)
             raise
@@ -177,7 +180,7 @@ class Follower:
         self._sent.append(now)
         utc = self._clocks.utc()
         self._keep(told, replace(after, left_out=0, sent=tuple(utc - (now - item) for item in self._sent)))
-        self.problem, self._pause = None, self._first_pause
+        self.problem, self._pause = self._complaint, self._first_pause
         return more
 
     def _current(self, told: Told) -> Place:
@@ -212,7 +215,7 @@ class Follower:
             self._since[event.id] = since
         waiting.sort(key=lambda item: self._since[item[1].id])
 
-    def _send(self, waiting: list[tuple[int, LoggedEvent]], left_out: int) -> None:
+    def _send(self, waiting: list[tuple[int, LoggedEvent]], left_out: int) -> str | None:
         events = [event for _, event in waiting]
         # Of two that are equally bad the later one is news.
         ranked = sorted(range(len(events)), key=lambda index: (-badness(events[index].body), -index))
@@ -221,8 +224,11 @@ class Follower:
         with contextlib.suppress(StoreError), Store.open(self._book.path, read_only=True) as store:
             items = [_item(store, event) for event in listed]
         message = compose(self._machine, items, left_out + len(events) - len(items))
-        self._way.send(message)
+        complaint = self._way.send(message)
         _LOG.info("told by %s: %s", self.name, message.title)
+        if complaint is not None:
+            _LOG.error("told by %s, but %s", self.name, complaint)
+        return complaint
 
     def _give_up(self, told: Told, place: Place, waiting: list[tuple[int, LoggedEvent]]) -> None:
         """Pass over what has been waiting for too long; the next message counts it."""

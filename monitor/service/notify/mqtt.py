@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from monitor.alarm_config import MqttSection
 from monitor.service.broker import TIMEOUT, BrokerError, BrokerLink
-from monitor.service.notify.channels import Message, NotifyError, read_secret
+from monitor.service.notify.channels import Message, NotifyError, check_files, read_secret
 
 
 class MqttWay:
@@ -15,6 +15,11 @@ class MqttWay:
     def __init__(self, section: MqttSection) -> None:
         """Take the configured broker and topic."""
         self._section = section
+
+    def check(self) -> None:
+        """Look whether the files that it needs can be read; :class:`NotifyError` where not."""
+        section = self._section
+        check_files(section.ca_file, section.username_file, section.password_file)
 
     def send(self, message: Message) -> None:
         """Publish it; :class:`NotifyError` where the broker does not confirm."""
