@@ -3,7 +3,8 @@
 Run as ``python -m benchmarks.trends [--quick] [--json FILE]``. Three tables:
 
 1. making the trends of a store of one channel with 1,000,000 records of 5 s (58 days; ``--quick``: 50,000), every
-   variable present: microseconds a record, bytes a record beside those of the store, the time of one record more;
+   variable present, and of one with 64 channels: microseconds and bytes a block and channel beside those of the store,
+   and the time of one block more;
 2. milliseconds to answer a query over ranges that begin anywhere, median and 99th percentile, with the rows that come
    back, the time to read the same records whole where there are at most 20,000, and the largest difference between the
    extremes and those of the values that were put in;
@@ -37,6 +38,7 @@ BEGIN = 1_700_006_400.0
 CHANNEL = "horizontal"
 _CHUNK = 20_000
 _BINS = 6500
+_MANY = 64
 _SPANS = {"an hour": 3600.0, "a day": 86400.0, "a week": 604800.0}
 Values = NDArray[np.float64]
 
@@ -80,9 +82,18 @@ def _put(store: Store, begin: int, rows: Values) -> None:
         )
 
 
-def making(folder: Path, count: int) -> list[Row]:
-    """Time the making of the trends, and one record more."""
-    store_path, path = folder / "state.db", folder / "trends.db"
+def fill_many(path: Path, count: int) -> None:
+    """Make a store of blocks of many channels."""
+    with Store.open(path, machine="rig") as store:
+        for record in made_up(count):
+            values = record.channels[CHANNEL]
+            channels = {CHANNEL: values} | {f"c{number}": values for number in range(1, _MANY)}
+            store.commit(Record("rig", record.sequence, "b", "c", time=record.time, channels=channels), {})
+
+
+def making(folder: Path, store_path: Path, count: int, channels: int) -> Row:
+    """Time the making of the trends of a store, and one block more."""
+    path = folder / f"trends-{channels}.db"
     with Trends(path, store_path) as trends:
         thread, wall = time.thread_time(), time.perf_counter()
         while trends.update():
@@ -90,25 +101,24 @@ def making(folder: Path, count: int) -> list[Row]:
         thread, wall = time.thread_time() - thread, time.perf_counter() - wall
         one: list[float] = []
         with Store.open(store_path, machine="rig") as store:
-            values = store.record("rig", 1)
-            assert values is not None
+            first = store.record("rig", 1)
+            assert first is not None
             for number in range(count, count + 50):
                 moment = BEGIN + INTERVAL * number
-                store.commit(Record("rig", number + 1, "b", "c", time=moment, channels=values.channels), {})
+                store.commit(Record("rig", number + 1, "b", "c", time=moment, channels=first.channels), {})
                 began = time.perf_counter()
                 trends.update()
                 one.append(time.perf_counter() - began)
-    return [
-        {
-            "records": count,
-            "s": wall,
-            "us a record": 1e6 * wall / count,
-            "thread us a record": 1e6 * thread / count,
-            "bytes a record": path.stat().st_size / count,
-            "bytes a record of the store": store_path.stat().st_size / count,
-            "ms for one more": 1e3 * statistics.median(one),
-        }
-    ]
+    return {
+        "channels": channels,
+        "blocks": count,
+        "s": wall,
+        "us a block and channel": 1e6 * wall / count / channels,
+        "thread us": 1e6 * thread / count / channels,
+        "bytes": path.stat().st_size / count / channels,
+        "bytes in the store": store_path.stat().st_size / count / channels,
+        "ms for one block more": 1e3 * statistics.median(one),
+    }
 
 
 def asking(folder: Path, values: Values, rounds: int) -> list[Row]:
@@ -116,7 +126,7 @@ def asking(folder: Path, values: Values, rounds: int) -> list[Row]:
     draw = random.Random(1)
     count = len(values)
     whole = INTERVAL * (count - 1)
-    trends = Trends(folder / "trends.db", folder / "state.db")
+    trends = Trends(folder / "trends-1.db", folder / "state.db")
     rows: list[Row] = []
     for name, span in {**_SPANS, "all": whole}.items():
         if span > whole:
@@ -245,9 +255,17 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         values = fill(folder / "state.db", count)
-        tables = {"making": making(folder, count), "asking": asking(folder, values, 10 if options.quick else 100)}
+        many = 100 if options.quick else 2000
+        fill_many(folder / "many.db", many)
+        tables = {
+            "making": [
+                making(folder, folder / "state.db", count, 1),
+                making(folder, folder / "many.db", many, _MANY),
+            ],
+            "asking": asking(folder, values, 10 if options.quick else 100),
+        }
         tables["spectra"] = keeping(folder, 1000 if options.quick else 10_000)
-    print_table("Making the trends of one channel", tables["making"])
+    print_table("Making the trends", tables["making"])
     print_table("Asking for them", tables["asking"])
     print_table("Kept envelope spectra", tables["spectra"])
     write_json(options.json, tables)
