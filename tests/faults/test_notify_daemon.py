@@ -112,7 +112,7 @@ def test_an_alarm_is_told_by_mail_webhook_and_mqtt_and_records_are_published(
             wait_for(lambda: mail.received and hook.received)
             wait_for(lambda: [topic for topic, _, _ in heard].count("plant/records/m/s0/x0") == 4)
             wait_for(lambda: any(topic == "plant/alarms" for topic, _, _ in heard))
-            wait_for(lambda: states(heard)[-1] == ("running", "failure"))
+            wait_for(lambda: states(heard)[-1:] == [("running", "failure")])
             assert status(config)["problems"] == {}
         finally:
             said = end(daemon)
