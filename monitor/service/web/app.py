@@ -119,6 +119,7 @@ def application(site: Site) -> ASGIApp:
     """Return the guarded ASGI application of a site."""
     routes = [*_page_routes(site), *_api_routes(site), *login_routes(site.doors, site.keeper)]
     app = Starlette(routes=routes, exception_handlers={HTTPException: _unknown})
+    app.router.redirect_slashes = False
     return Guard(app, site.doors, site.keeper, site.measures.answered)
 
 

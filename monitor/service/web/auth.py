@@ -41,13 +41,11 @@ def load_token(path: Path, *, make: bool) -> str:
         if make and not path.exists():
             _make(path)
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-        with os.fdopen(descriptor, encoding="utf-8") as file:
-            found = os.fstat(descriptor)
-            if not stat.S_ISREG(found.st_mode):
-                raise TokenError(f"{path}: is not a file")
-            if found.st_mode & 0o026:
-                raise TokenError(f"{path}: others may read or change it; make it safe with: chmod 600 {path}")
-            token = file.readline(4096).strip()
+        try:
+            _check_mode(path, os.fstat(descriptor).st_mode)
+            token = os.read(descriptor, 4096).partition(b"\n")[0].decode("utf-8").strip()
+        finally:
+            os.close(descriptor)
     except FileNotFoundError:
         raise TokenError(f"{path}: there is no such file; its first line is to be the token of the page") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -55,6 +53,13 @@ def load_token(path: Path, *, make: bool) -> str:
     if len(token) < _SHORTEST or not token.isascii() or not token.isprintable():
         raise TokenError(f"{path}: the token must have at least {_SHORTEST} printable ASCII characters")
     return token
+
+
+def _check_mode(path: Path, mode: int) -> None:
+    if not stat.S_ISREG(mode):
+        raise TokenError(f"{path}: is not a file")
+    if mode & 0o026:
+        raise TokenError(f"{path}: others may read or change it; make it safe with: chmod 600 {path}")
 
 
 def _make(path: Path) -> None:
