@@ -123,10 +123,10 @@ def test_a_daemon_that_died_is_said_to_have(tmp_path: Path) -> None:
     assert '"status": "died"' in said.stdout
 
 
-def test_a_folder_of_configurations_is_refused_in_words(tmp_path: Path) -> None:
+def test_a_folder_without_configurations_is_refused_in_words(tmp_path: Path) -> None:
     said = call("run", "--config", str(tmp_path))
     assert said.returncode == 2
-    assert "is a folder" in said.stderr
+    assert "it holds no *.toml" in said.stderr
 
 
 def test_the_daemon_loads_no_compiler_no_plotting_and_no_netcdf(tmp_path: Path) -> None:
