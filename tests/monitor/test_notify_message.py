@@ -123,7 +123,11 @@ def test_an_unknown_unit_is_not_called_g() -> None:
 def test_without_a_date_the_block_says_when() -> None:
     values = {"stage": "end_of_life", "t_fs": 7200.0, "t_fs_block": 4}
     message = compose(Machine("press"), [item({"kind": "end_of_life", "channel": "x"}, values, None)])
-    assert "Since    block 1234" in message.text
+    assert "Since    block 1234\n" in message.text
+    found = Item(LoggedEvent("17", "acq", 1234, None, ALARM), found=UTC)
+    text = compose(ROME, [found, found]).text
+    assert "Since    found 2026-11-21 15:04:05 CET (14:04:05 UTC), block 1234\n" in text
+    assert "- found 2026-11-21 15:04:05 CET (14:04:05 UTC), horizontal, danger" in text
     assert "Stage    end of its life, final since 2 h after the first block (block 4)" in message.text
     assert "Page" not in message.text
     assert message.values["events"][0]["time_utc"] is None
@@ -181,6 +185,7 @@ def test_moments_are_in_the_time_of_the_machine_and_in_utc() -> None:
     assert local_moment(1e300) is None
 
 
+BODY = ("Content-Type", "Content-Transfer-Encoding", "MIME-Version")
 NASTY = (
     "press\r\nBcc: all@plant.example",
     "<script>alert(1)</script>",
@@ -204,9 +209,7 @@ def test_no_name_becomes_a_header_or_a_command(name: str) -> None:
         )
         SmtpWay(section).send(message)
     mail = server.received[0]
-    assert sorted(mail.keys()) == sorted(
-        ["Subject", "From", "To", "Date", "Message-ID", "Content-Type", "Content-Transfer-Encoding", "MIME-Version"]
-    )
+    assert sorted(mail.keys()) == sorted(["Subject", "From", "To", "Date", "Message-ID", "Auto-Submitted", *BODY])
     assert mail.get_content_type() == "text/plain"
     assert len(server.recipients) == 1
     assert mail["Subject"] == message.title

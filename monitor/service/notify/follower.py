@@ -6,9 +6,10 @@ import contextlib
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from monitor.alarm_config import NotifySection
 from monitor.records.events import EventLog, LoggedEvent
@@ -220,9 +221,10 @@ class Follower:
         # Of two that are equally bad the later one is news.
         ranked = sorted(range(len(events)), key=lambda index: (-badness(events[index].body), -index))
         listed = [events[index] for index in sorted(ranked[:MOST_LISTED])]
-        items = [Item(event) for event in listed]
+        later = self._clocks.utc() - self._clocks.monotonic()
+        items = [Item(event, found=self._since[event.id] + later) for event in listed]
         with contextlib.suppress(StoreError), Store.open(self._book.path, read_only=True) as store:
-            items = [_item(store, event) for event in listed]
+            items = [replace(item, values=_values(store, item.event)) for item in items]
         message = compose(self._machine, items, left_out + len(events) - len(items))
         complaint = self._way.send(message)
         _LOG.info("told by %s: %s", self.name, message.title)
@@ -258,10 +260,10 @@ class Follower:
         return 0.0 if len(self._sent) < most else self._sent[-most] + _HOUR - now
 
 
-def _item(store: Store, event: LoggedEvent) -> Item:
-    """Return an event with what the record of its block says of its channel."""
+def _values(store: Store, event: LoggedEvent) -> Mapping[str, Any]:
+    """Return what the record of the block of an event says of its channel."""
     channel = event.body.get("channel")
     if event.source is None or event.block is None or channel is None:
-        return Item(event)
+        return {}
     record = store.record(event.source, event.block)
-    return Item(event, {} if record is None else record.channels.get(channel, {}))
+    return {} if record is None else record.channels.get(channel, {})

@@ -46,10 +46,25 @@ class Machine:
 
 @dataclass(frozen=True)
 class Item:
-    """An event, and what the record of its block says of its channel (SI; empty where there is none)."""
+    """An event, with what the record of its block says of its channel.
+
+    Attributes:
+        event: of the log.
+        values: of the record, SI; empty where there is none.
+        found: UTC seconds at which it was found, which say when where its block has no date.
+    """
 
     event: LoggedEvent
     values: Mapping[str, Any] = field(default_factory=dict)
+    found: float | None = None
+
+    def when(self, zone: str) -> str:
+        """Return its moment in a time zone and in UTC; when it was found where its block has no date."""
+        known = local_moment(self.event.utc, zone)
+        if known is not None:
+            return known
+        found = local_moment(self.found, zone)
+        return "" if found is None else f"found {found}"
 
     @property
     def where(self) -> str:
@@ -110,20 +125,18 @@ def _number(events: int) -> str:
 
 
 def _line(machine: Machine, item: Item) -> str:
-    when = local_moment(item.event.utc, machine.zone)
-    return "- " + ", ".join(part for part in (when, item.where, item.text) if part)
+    return "- " + ", ".join(part for part in (item.when(machine.zone), item.where, item.text) if part)
 
 
 def _details(machine: Machine, item: Item) -> list[str]:
     """Return the lines of a single event: what, where, since when, and how its bearing stands."""
     event, values = item.event, item.values
-    when = local_moment(event.utc, machine.zone)
     block = None if event.block is None else f"block {event.block}"
     rows = [("What", item.text), ("Machine", clean(machine.name))]
     channel = clean(event.body.get("channel", ""))
     source = clean(event.source or event.body.get("source") or "")
     rows.append(("Channel", channel + (f" (source {source})" if source else "")) if channel else ("Source", source))
-    rows.append(("Since", ", ".join(part for part in (when, block) if part) or "no date"))
+    rows.append(("Since", ", ".join(part for part in (item.when(machine.zone), block) if part) or "no date"))
     rows += [("Stage", _stage(machine, event, values)), ("V_eq", _volume(values)), ("TT", _remaining(values))]
     rows.append(("Event", event.id))
     return [f"{key:8} {text}" for key, text in rows if text]

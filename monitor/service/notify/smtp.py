@@ -35,6 +35,8 @@ class SmtpWay:
         mail["Subject"] = message.title
         mail["From"], mail["To"] = section.sender, ", ".join(section.to)
         mail["Date"], mail["Message-ID"] = formatdate(), make_msgid(domain=section.sender.partition("@")[2])
+        # Nobody's absence should be answered to it.
+        mail["Auto-Submitted"] = "auto-generated"
         # Seven bits: every server takes that.
         mail.set_content(message.text, cte="quoted-printable")
         try:
