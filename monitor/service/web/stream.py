@@ -149,7 +149,7 @@ class Hub:
         if beating:
             self._heartbeat = now
         changed: list[dict[str, Any]] = []
-        logged: str | None = None
+        logged, newest = False, None
         for machine in self._machines:
             seen = self._seen.setdefault(machine.name, _Seen())
             difference = _difference(seen, machine, beating)
@@ -157,13 +157,14 @@ class Hub:
                 changed.append(difference)
             try:
                 yield from self._of_channels(machine, seen, [c for m, c in subjects if m == machine.name])
-                logged = _newest_event(machine, seen) or logged
+                changes, name = _logged(machine, seen)
+                logged, newest = logged or changes, name or newest
             except StoreError as error:
                 _LOG.debug("%s: %s", machine.name, error)
         if changed:
             yield _News(message("machines", {"full": False, "machines": changed}))
-        if logged is not None:
-            yield _News(message("events", {"unacknowledged": self._unacknowledged(), "newest": logged}))
+        if logged:
+            yield _News(message("events", {"unacknowledged": self._unacknowledged(), "newest": newest}))
 
     def _unacknowledged(self) -> int:
         total = 0
@@ -197,13 +198,14 @@ def message(kind: str, value: Mapping[str, Any]) -> bytes:
     return f"event: {kind}\ndata: {data}\n\n".encode()
 
 
-def _newest_event(machine: Machine, seen: _Seen) -> str | None:
-    """Return the name of the newest event of a machine where there are new events or acknowledgements."""
+def _logged(machine: Machine, seen: _Seen) -> tuple[bool, str | None]:
+    """Return whether the log of a machine changed, and the name of the newest event where there is a new one."""
     found = marker(machine)
     before, seen.marker = seen.marker, found
     if before is None or found == before:
-        return None
-    return f"{machine.name}:n{found[1]}" if found[1] != before[1] else f"{machine.name}:{found[0]}"
+        return False, None
+    new = {f"{machine.name}:{found[0]}": found[0] != before[0], f"{machine.name}:n{found[1]}": found[1] != before[1]}
+    return True, next((name for name, is_new in new.items() if is_new), None)
 
 
 def _difference(seen: _Seen, machine: Machine, beating: bool) -> dict[str, Any] | None:
