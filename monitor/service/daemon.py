@@ -15,7 +15,7 @@ from monitor.records.record import Record
 from monitor.records.salvage import open_or_salvage
 from monitor.records.store import StoreError
 from monitor.service.acknowledging import Acknowledgements
-from monitor.service.companions import Companions
+from monitor.service.companions import LAST_PUBLICATION, Companions
 from monitor.service.disk import DiskGuard, free_bytes
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus
@@ -42,6 +42,7 @@ class Daemon:
         monotonic: Callable[[], float] = time.monotonic,
         clock: Callable[[], float] = time.time,
         free: Callable[[Path], int] = free_bytes,
+        publish_within: float = LAST_PUBLICATION,
     ) -> None:
         """Take the configuration; nothing is opened yet.
 
@@ -51,7 +52,9 @@ class Daemon:
             monotonic: seconds that never go back, for everything that is waited for.
             clock: UTC seconds since 1970, against which the times of blocks are held.
             free: gives the free bytes of a folder's file system.
+            publish_within: seconds for the last publication, less where many machines stop at once.
         """
+        self._publish_within = publish_within
         self._config, self._path = config, path
         self._monotonic, self._clock, self._free = monotonic, clock, free
         self._notifier = Notifier()
@@ -59,6 +62,7 @@ class Daemon:
         self._since = clock()
         self._status_due = self._look_due = float("-inf")
         self._status_problem: str | None = None
+        self._log_problem: str | None = None
         self._held_up = False
 
     def run(self, stop: threading.Event) -> None:
@@ -114,7 +118,7 @@ class Daemon:
                 self._seen(record)
 
     def _end(self) -> None:
-        self._companions.end(room=self._disk.problem is None)
+        self._companions.end(room=self._disk.problem is None, publish_within=self._publish_within)
         self._write_status("stopped")
         _LOG.info("stopped; %d blocks were committed", self._status.blocks)
 
@@ -159,7 +163,11 @@ class Daemon:
         try:
             self._acknowledgements.look()
         except StoreError as error:
-            _LOG.error("what was acknowledged cannot be read: %s", error)
+            if self._log_problem is None:
+                _LOG.error("what was acknowledged cannot be read: %s", error)
+            self._log_problem = str(error)
+        else:
+            self._log_problem = None
         self._status.unacknowledged = self._acknowledgements.unacknowledged
         if self._silences.look(self._status.heard()):
             self._companions.tell()
@@ -179,6 +187,6 @@ class Daemon:
 
     def problems(self) -> dict[str, str]:
         """Return what is wrong by now, in one sentence each, by the name of a source or of what else it is."""
-        others = {"disk": self._disk.problem, "events": self._silences.problem}
+        others = {"disk": self._disk.problem, "events": self._log_problem or self._silences.problem}
         failing = self._ingest.problems() | self._companions.problems()
         return failing | {name: problem for name, problem in others.items() if problem is not None}

@@ -22,7 +22,7 @@ from monitor.service.setup import channel_setups
 from monitor.service.watcher import Watcher
 from streams.block import Block, Rejected
 from tests.effort import effort_count
-from tests.faults.daemons import make_machine, start, status, wait_for
+from tests.faults.daemons import call, make_machine, start, status, wait_for
 from tests.faults.test_folder_kill import config
 from tests.monitor.test_daemon import last, running
 from tests.monitor.test_ingest import Queue, steps
@@ -278,6 +278,9 @@ def test_the_status_of_a_running_daemon_shows_alarms_levels_and_what_is_open(tmp
                 "danger_si": None,
             }
         ]
+        printed = call("status", "--config", str(path)).stdout
+        assert "1 event waits to be acknowledged\n" in printed
+        assert "stage learning, alert of loud since block 3, last block" in printed
         put(path, 3, 1.0)
         wait_for(lambda: "waits to be acknowledged" in status(path)["channels"]["x0"]["reason"])
         assert status(path)["state"] == "maintenance_required"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import time
@@ -87,6 +88,48 @@ def test_the_page_does_not_outlive_a_daemon_that_is_killed(tmp_path: Path) -> No
     daemon.kill()
     daemon.communicate()
     wait_for(lambda: not alive(child))
+
+
+@pytest.mark.timeout(120)
+def test_what_is_acknowledged_on_the_page_lets_the_alarm_go_and_open_pages_do_not_delay_the_stop(
+    tmp_path: Path,
+) -> None:
+    config = with_page(tmp_path)
+    level = '[[alarms.level]]\nfeature = "rms"\nalert_g = 0.001\non_delay_blocks = 1\nlatch = true\n'
+    config.write_text(config.read_text() + level)
+    put(config, 1)
+    daemon = start(config, "--quiet")
+    try:
+        wait_for(lambda: status(config).get("page") is not None and status(config)["unacknowledged"] == 1)
+        assert status(config)["channels"]["x0"]["alarms"][0]["latched"]
+        page = status(config)["page"]
+        token = (tmp_path / "state" / "web.token").read_text().strip()
+        with urllib.request.urlopen(f"{page}api/events", timeout=10.0) as response:
+            (event,) = [event for event in json.load(response)["events"] if event["open"]]
+        request = urllib.request.Request(
+            f"{page}api/events/{event['id']}/acknowledge",
+            data=json.dumps({"who": "Ada", "note": "seen"}).encode(),
+            headers={"Authorization": f"Bearer {token}", "Content-Type": "application/json"},
+        )
+        with urllib.request.urlopen(request, timeout=10.0) as response:
+            assert response.status == 200
+        wait_for(lambda: status(config)["unacknowledged"] == 0)
+        wait_for(lambda: not status(config)["channels"]["x0"]["alarms"][0]["latched"])
+        put(config, 2)
+        wait_for(lambda: last(config) == 4)
+        with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
+            events = [(event["kind"], event["block"]) for event in store.events()]
+        assert events == [("alarm_raised", 1), ("alarm_released", 3)]
+        with urllib.request.urlopen(f"{page}api/stream", timeout=10.0) as stream:
+            assert stream.readline()
+            began = time.monotonic()
+            daemon.send_signal(signal.SIGTERM)
+            _, said = daemon.communicate(timeout=20)
+            assert time.monotonic() - began < 5.0
+        assert daemon.returncode == 0, said
+    finally:
+        daemon.kill()
+        daemon.communicate()
 
 
 def pages_of(pid: int) -> list[int]:
