@@ -239,19 +239,28 @@ def test_whatever_a_log_holds_becomes_a_message(body: dict[str, Any], utc: float
     json.loads(message.to_json())
 
 
-def test_the_page_is_named_where_it_can_be_known() -> None:
-    values: dict[str, Any] = {
-        "machine": {"name": "press", "timezone": "Europe/Rome"},
-        "bearing": [{"name": "b", "designation": "1205 ETN9"}],
-        "source": [{"name": "s"}],
-        "channel": [{"name": "x", "source": "s", "unit": "g", "bearing": "b"}],
-    }
+CONFIG: dict[str, Any] = {
+    "machine": {"name": "press", "timezone": "Europe/Rome"},
+    "bearing": [{"name": "b", "designation": "1205 ETN9"}],
+    "source": [{"name": "s"}],
+    "channel": [{"name": "x", "source": "s", "unit": "g", "bearing": "b"}],
+}
 
+
+def test_the_page_is_named_where_it_can_be_known() -> None:
     def page(web: dict[str, Any], **notify: Any) -> str | None:
-        return Machine.of_config(Config.model_validate({**values, "web": web, "notify": notify})).page
+        return Machine.of_config(Config.model_validate({**CONFIG, "web": web, "notify": notify})).page
 
     assert page({}) == "http://127.0.0.1:8710/"
     assert page({"host": "::1", "port": 81, "cert_file": "c", "key_file": "k"}) == "https://[::1]:81/"
     assert page({"port": 0}) is None
     assert page({"enabled": False}) is None
     assert page({"enabled": False}, page_url="https://press.plant.example/") == "https://press.plant.example/"
+
+
+def test_who_is_told_is_no_part_of_what_records_are_made_under() -> None:
+    plain = Config.model_validate(CONFIG)
+    mqtt = {"mqtt": {"url": "mqtt://broker/t"}}
+    told = Config.model_validate({**CONFIG, "notify": mqtt, "publish": mqtt, "web": {"port": 1}})
+    other = Config.model_validate({**CONFIG, "detect": {"learn_blocks": 11}})
+    assert plain.hash == told.hash != other.hash
