@@ -223,7 +223,8 @@ class Follower:
         listed = [events[index] for index in sorted(ranked[:MOST_LISTED])]
         later = self._clocks.utc() - self._clocks.monotonic()
         items = [Item(event, found=self._since[event.id] + later) for event in listed]
-        with contextlib.suppress(StoreError), Store.open(self._book.path, read_only=True) as store:
+        # A record that cannot be read takes nothing from the news.
+        with contextlib.suppress(StoreError, ValueError), Store.open(self._book.path, read_only=True) as store:
             items = [replace(item, values=_values(store, item.event)) for item in items]
         message = compose(self._machine, items, left_out + len(events) - len(items))
         complaint = self._way.send(message)
