@@ -141,6 +141,8 @@ class Watcher:
         """Be as it was then: for a block that failed half way, or whose states cannot be stored."""
         for part, values in memory:
             vars(part).update(_copied(values))
+        # What the block before changed in the kept spectra is committed.
+        self.spectra = ()
 
     def process(
         self, item: Block | Rejected, now: float | None = None, truth: Mapping[str, Any] | None = None

@@ -93,6 +93,8 @@ def test_the_block_is_as_one_that_could_not_be_read_and_all_others_as_if_nothing
             steps(undisturbed, 9)
             assert undisturbed.watchers["s"].states() == states
         assert kept(other) == found
+        spectra = "SELECT source, channel, sequence, time, header, hex(amplitude) FROM spectra ORDER BY sequence"
+        assert store.rows(spectra) == other.rows(spectra) != []
     assert store.load_states() == {name: store.load_states()[name] for name in states}
 
 
@@ -135,7 +137,9 @@ def test_not_even_the_alarms_stop_it(store: Store, monkeypatch: pytest.MonkeyPat
     with ingest_of(store, Queue(store, [block(1), block(2), block(3)])) as ingest:
         steps(ingest, 1)
         before = ingest.watchers["s"].states()
+        assert ingest.watchers["s"].spectra
         steps(ingest, 1)
+        assert ingest.watchers["s"].spectra == ()
         assert ingest.watchers["s"].states() == before
         steps(ingest, 1)
     assert [record.status for record in kept(store)] == ["ok", "unreadable", "gap"]
