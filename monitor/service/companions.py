@@ -18,7 +18,8 @@ from monitor.service.publisher import Publisher
 from monitor.service.record_mqtt import RecordMqtt
 
 _LOG = logging.getLogger(__name__)
-_LAST_PUBLICATION = 3.0
+LAST_PUBLICATION = 3.0
+"""Seconds for the last files at the stop; what is missing then is published at the next start."""
 _LAST_MESSAGE = 0.5
 
 
@@ -94,16 +95,17 @@ class Companions:
         }
         return self._events.problems() | {name: problem for name, problem in found.items() if problem is not None}
 
-    def end(self, *, room: bool) -> None:
-        """Publish and tell a last time, and end all within four seconds.
+    def end(self, *, room: bool, publish_within: float = LAST_PUBLICATION) -> None:
+        """Publish and tell a last time, and end all within a second more than that.
 
         Args:
             room: whether there is room on the disk for files.
+            publish_within: seconds for the last files.
         """
         ending = [threading.Thread(target=end, daemon=True) for end in self._ending]
         for thread in ending:
             thread.start()
-        if room and not self._publisher.finish(_LAST_PUBLICATION):
+        if room and not self._publisher.finish(publish_within):
             _LOG.warning("the last records are not published yet; they are safe, and will be at the next start")
         for thread in ending:
             thread.join()

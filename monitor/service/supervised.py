@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import IO
 
+from monitor.service.companions import LAST_PUBLICATION
 from monitor.service.fleet import Machine
 
 _LOG = logging.getLogger(__name__)
@@ -115,7 +116,11 @@ class Supervised:
     """The daemon of one machine as a child process. All methods are called from one thread, and none waits."""
 
     def __init__(
-        self, machine: Machine, options: Sequence[str] = (), monotonic: Callable[[], float] = time.monotonic
+        self,
+        machine: Machine,
+        options: Sequence[str] = (),
+        monotonic: Callable[[], float] = time.monotonic,
+        publish_within: float = LAST_PUBLICATION,
     ) -> None:
         """Take the machine; nothing is started yet.
 
@@ -123,8 +128,10 @@ class Supervised:
             machine: whose daemon it is.
             options: further ones of ``spallwatch run``, such as ``--quiet``.
             monotonic: seconds that never go back.
+            publish_within: seconds for its last publication.
         """
         self.machine = machine
+        self._publish_within = publish_within
         self._options, self._monotonic = tuple(options), monotonic
         self._child: subprocess.Popen[bytes] | None = None
         self._ear: Ear | None = None
@@ -219,7 +226,8 @@ class Supervised:
         self._hung, self._last_words = None, ""
         self._ear = Ear()
         path = str(self.machine.path.absolute())
-        command = [sys.executable, "-c", _START, "run", "--supervised", "--config", path, *self._options]
+        supervised = ["--supervised", f"{self._publish_within:.3f}"]
+        command = [sys.executable, "-c", _START, "run", *supervised, "--config", path, *self._options]
         environment = {
             **os.environ,
             "NOTIFY_SOCKET": self._ear.address,

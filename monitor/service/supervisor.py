@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from typing import Protocol
 
 from monitor.records.tables import StoreError
+from monitor.service.companions import LAST_PUBLICATION
 from monitor.service.fleet import Fleet
 from monitor.service.supervised import Supervised
 from monitor.service.supervision import Supervision
@@ -22,6 +23,7 @@ _TURN = 0.2
 _LONGEST_START = 60.0
 _ENDS_WITHIN = 4.6
 _LONGEST_STATUS = 800
+_PUBLISHING_AT_ONCE = 2
 
 
 class Page(Protocol):
@@ -67,9 +69,13 @@ class Supervisor:
         """
         self._page, self._monotonic = page, monotonic
         self._fleet = fleet
-        self.daemons = tuple(Supervised(machine, options, monotonic) for machine in fleet.machines)
-        self._notifier = Notifier()
         self._most_starting = os.cpu_count() or 1
+        # All publish at once when they stop, and have five seconds in all.
+        share = min(1.0, _PUBLISHING_AT_ONCE * self._most_starting / len(fleet.machines))
+        self.daemons = tuple(
+            Supervised(machine, options, monotonic, share * LAST_PUBLICATION) for machine in fleet.machines
+        )
+        self._notifier = Notifier()
         self._supervisions: dict[str, Supervision] = {}
         self._said: tuple[str, str | None] | None = None
 
