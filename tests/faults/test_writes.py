@@ -110,7 +110,8 @@ def committed(config: Path) -> list[Record]:
             return list(store.records())
     except StoreError as error:
         # Killed before the tables were there.
-        assert "is empty" in str(error)
+        if "is empty" not in str(error):
+            raise
         return []
 
 
