@@ -11,6 +11,7 @@ from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 from tests.browser.machine import Served
 from tests.conftest import chromium_program
+from tests.faults.daemons import wait_for
 
 ALLOWED = ("data:", "blob:", "about:")
 
@@ -26,12 +27,18 @@ class Visit:
         self.addresses: list[str] = []
         self.page.on("console", lambda message: self._console(message.type, message.text))
         self.page.on("pageerror", lambda error: self.trouble.append(f"error: {error}"))
+        self.page.on("response", lambda response: self._answered(response.status, response.url))
         self.page.on("request", lambda request: self._asked(request.url))
         self.page.set_default_timeout(20_000)
 
     def _console(self, kind: str, text: str) -> None:
-        if kind in ("error", "warning"):
+        # What failed to load is written down with its address.
+        if kind in ("error", "warning") and not text.startswith("Failed to load resource: the server responded"):
             self.trouble.append(f"{kind}: {text}")
+
+    def _answered(self, status: int, url: str) -> None:
+        if status >= 400:
+            self.trouble.append(f"{status}: {url}")
 
     def _asked(self, url: str) -> None:
         self.addresses.append(url)
@@ -82,7 +89,7 @@ def visitor(browser: Browser) -> Iterator[Visitor]:
     assert [visit.trouble for visit in visits if visit.trouble] == []
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def pump(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     """A daemon with a bearing that has turned bad, and one that is well."""
     served = Served(tmp_path_factory.mktemp("pump"))
@@ -90,7 +97,9 @@ def pump(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     served.put(30)
     # One file that holds nothing a monitor could use; its name is a trap for whoever writes it into a page.
     served.put_bytes(TRAP, b"this is no csv file\n\x00\x01\x02")
-    served.put(12, damage=12.0)
+    wait_for(lambda: served.status()["sources"]["s"]["rejected"] == 1)
+    served.trapped = 1
+    served.put(12, damage=30.0)
     yield served
     served.stop()
 

@@ -16,10 +16,12 @@ from tests.faults.daemons import start, wait_for
 RATE = 2560
 SECONDS = 0.5
 OUTER_HZ = 180.0
+BEGIN = 1_772_344_800.0
+"""2026-03-01 06:00:00 UTC."""
 
 
 def machine_text(name: str, folder: Path, channels: int, web: str) -> str:
-    """Return the configuration of a machine with one source of several channels, which learn from 8 blocks."""
+    """Return the configuration of a machine with one source of several channels, which learn from 10 blocks."""
     head = f"""
 [machine]
 name = "{name}"
@@ -43,12 +45,12 @@ url = "folder:{folder}"
 format = "csv"
 rate_hz = {RATE}
 settle_s = 0.1
-block_s = {SECONDS}
-start_utc = "2026-03-01T06:00:00Z"
+block_s = "file"
 [detect]
-learn_blocks = 8
+learn_blocks = 10
 run_in_blocks = 1
 persist_blocks = 3
+end_of_life_peak_g = 200
 [[alarms.level]]
 feature = "rms"
 alert_g = 1.5
@@ -58,8 +60,8 @@ latch = true
 {web}
 """
     return head + "".join(
-        f'[[channel]]\nname = "{channel_name(number)}"\nsource = "s"\ncolumn = {number + 1}\nunit = "g"\nbearing = "b"\n'
-        "band_hz = [[300, 1200]]\n"
+        f'[[channel]]\nname = "{channel_name(number)}"\nsource = "s"\ncolumn = "{channel_name(number)}"\nunit = "g"\n'
+        'bearing = "b"\nband_hz = [[300, 1200]]\n'
         for number in range(channels)
     )
 
@@ -88,20 +90,25 @@ class Served:
         self.name, self.channels = name, channels
         self.config = folder / "m.toml"
         self.config.write_text(machine_text(name, self.inbox, channels, web))
-        self.files = 0
+        self.files = self.trapped = 0
         self._process: subprocess.Popen[str] | None = None
 
     def start(self) -> None:
         """Start the daemon and wait for its page."""
         self._process = start(self.config)
-        wait_for(lambda: self.status().get("page"))
+        try:
+            wait_for(lambda: self.status().get("page"))
+        except AssertionError:
+            raise AssertionError(f"the page does not come: {self.status().get('problems')}, {self.stop()}") from None
 
-    def stop(self) -> None:
-        """Stop the daemon in order; the page ends with it."""
-        if self._process is not None:
-            self._process.send_signal(signal.SIGTERM)
-            self._process.communicate(timeout=30)
-            self._process = None
+    def stop(self) -> str:
+        """Stop the daemon in order, the page ends with it; return what it said on its standard error."""
+        if self._process is None:
+            return ""
+        self._process.send_signal(signal.SIGTERM)
+        said = self._process.communicate(timeout=30)[1]
+        self._process = None
+        return said
 
     def status(self) -> dict[str, Any]:
         """Return what the daemon says."""
@@ -129,10 +136,19 @@ class Served:
 
     def put(self, blocks: int, *, level: float = 1.0, damage: float = 0.0) -> None:
         """Feed blocks, the damage in the first channel alone, and wait until they are committed."""
-        count = int(RATE * SECONDS) * blocks
-        columns = [sound(count, 1000 * self.files, level=level, damage=damage)]
-        columns += [sound(count, 1000 * self.files + n, level=1.0) for n in range(1, self.channels)]
-        before = self.status().get("blocks", 0)
-        rows = np.column_stack(columns)
-        self.put_bytes(f"f{self.files:05d}.csv", "\n".join(",".join(f"{v:.3f}" for v in row) for row in rows).encode())
-        wait_for(lambda: self.status().get("blocks", 0) >= before + blocks, 60.0)
+        for _ in range(blocks):
+            self.put_bytes(f"f{self.files:05d}.csv", self._file(level, damage))
+        wait_for(lambda: self.status()["sources"]["s"]["accepted"] + self.trapped >= self.files, 60.0)
+
+    def _file(self, level: float, damage: float) -> bytes:
+        """Return a block as CSV; the first column says when its samples were taken."""
+        count, first = int(RATE * SECONDS), 1000 * self.files
+        columns = [sound(count, first, level=level, damage=damage)]
+        columns += [sound(count, first + n, level=1.0) for n in range(1, self.channels)]
+        times = BEGIN + SECONDS * self.files + np.arange(count) / RATE
+        head = ",".join(["time", *map(channel_name, range(self.channels))])
+        rows = (
+            f"{time:.6f}," + ",".join(f"{v:.3f}" for v in row)
+            for time, row in zip(times, np.column_stack(columns), strict=True)
+        )
+        return "\n".join([head, *rows, ""]).encode()

@@ -37,11 +37,15 @@ def test_every_view_fits_a_phone_in_the_dark(pump: Served, visitor: Visitor, vie
     if "channel" in view:
         expect(page.locator('[data-chart="rms"] canvas')).to_be_visible()
     assert page.evaluate("document.documentElement.scrollWidth") <= 360
-    red, green, blue = map(int, re.findall(r"\d+", page.evaluate("getComputedStyle(document.body).backgroundColor"))[:3])
+    red, green, blue = map(
+        int, re.findall(r"\d+", page.evaluate("getComputedStyle(document.body).backgroundColor"))[:3]
+    )
     assert red + green + blue < 150
     page.get_by_role("button", name=re.compile("Theme")).click()
     assert page.evaluate("document.documentElement.dataset.theme") == "light"
-    red, green, blue = map(int, re.findall(r"\d+", page.evaluate("getComputedStyle(document.body).backgroundColor"))[:3])
+    red, green, blue = map(
+        int, re.findall(r"\d+", page.evaluate("getComputedStyle(document.body).backgroundColor"))[:3]
+    )
     assert red + green + blue > 600
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -49,7 +50,7 @@ def test_a_new_block_and_a_new_state_appear_by_themselves(fixed: Served, visitor
     fixed.put(4, level=5.0)
     expect(answers).to_contain_text("Failure")
     expect(page.get_by_role("region", name="Events")).to_contain_text("RMS")
-    expect(page).to_have_title("(2) pump / x0 – spallwatch")
+    expect(page).to_have_title(re.compile(r"^\(\d\) pump / x0 – spallwatch$"))
     assert page.evaluate("window.same") is True
 
 
@@ -99,44 +100,49 @@ def test_an_alarm_is_acknowledged_with_a_name_and_a_note(fixed: Served, visitor:
     dialog.get_by_role("button", name="Acknowledge").click()
     expect(page.locator(".event[data-open]")).to_have_count(before - 2)
     assert page.evaluate("window.trapped") is None
-    visit.trouble = [text for text in visit.trouble if "401" not in text and "403" not in text]
+    visit.trouble = [text for text in visit.trouble if not text.startswith(("401", "403"))]
 
 
-def test_where_reading_needs_the_token_nothing_is_shown_before(tmp_path: Path, visitor: Visitor) -> None:
+@pytest.fixture
+def restricted(tmp_path: Path) -> Iterator[Served]:
+    """A daemon whose page may be reached by another name, and so asks for the token before it shows anything."""
     served = Served(tmp_path, web='[web]\nport = 0\nallowed_hosts = ["bearings.plant.example"]\n')
     served.start()
-    try:
-        served.put(1)
-        visit = visitor(served.url)
-        page = visit.go()
-        expect(page.get_by_text("This page needs its token")).to_be_visible()
-        assert page.locator(".row").count() == 0
-        page.get_by_label("Token").fill(served.token)
-        page.get_by_role("button", name="Log in").click()
-        expect(page.locator(".row")).to_have_count(2)
-        visit.trouble = [text for text in visit.trouble if "401" not in text]
-    finally:
-        served.stop()
+    yield served
+    served.stop()
 
 
-def test_very_many_channels(tmp_path: Path, visitor: Visitor) -> None:
-    many = effort_count(quick=100, full=1000)
-    served = Served(tmp_path, channels=many)
+def test_where_reading_needs_the_token_nothing_is_shown_before(restricted: Served, visitor: Visitor) -> None:
+    visit = visitor(restricted.url)
+    page = visit.go()
+    expect(page.get_by_text("This page needs its token")).to_be_visible()
+    assert page.locator(".row").count() == 0
+    page.get_by_label("Token").fill(restricted.token)
+    page.get_by_role("button", name="Log in").click()
+    expect(page.locator(".row")).to_have_count(2)
+    visit.trouble = [text for text in visit.trouble if not text.startswith("401")]
+
+
+@pytest.fixture
+def crowd(tmp_path: Path) -> Iterator[Served]:
+    """A daemon with very many channels, each with two blocks."""
+    served = Served(tmp_path, channels=effort_count(quick=100, full=1000))
     served.start()
-    try:
-        served.put(2)
-        page = visitor(served.url).go()
-        expect(page.locator(".row")).to_have_count(many)
-        name = channel_name(many - 1)
-        page.get_by_label("Filter channels").fill(name)
-        expect(page.locator(".row:visible")).to_have_count(1)
-        before = page.locator(".row:visible .when").inner_text()
-        assert before
-        page.get_by_role("link", name=name).click()
-        expect(page.locator(".answers")).to_contain_text("block 2")
-        served.put(1)
-        expect(page.locator(".answers")).to_contain_text("block 3")
-        page.go_back()
-        expect(page.locator(".row")).to_have_count(many)
-    finally:
-        served.stop()
+    served.put(2)
+    yield served
+    served.stop()
+
+
+def test_very_many_channels(crowd: Served, visitor: Visitor) -> None:
+    page = visitor(crowd.url).go()
+    expect(page.locator(".row")).to_have_count(crowd.channels)
+    name = channel_name(crowd.channels - 1)
+    page.get_by_label("Filter channels").fill(name)
+    expect(page.locator(".row:visible")).to_have_count(1)
+    expect(page.locator(".row:visible .when")).not_to_be_empty()
+    page.get_by_role("link", name=name).click()
+    expect(page.locator(".answers")).to_contain_text("block 2")
+    crowd.put(1)
+    expect(page.locator(".answers")).to_contain_text("block 3", timeout=30_000)
+    page.go_back()
+    expect(page.locator(".row")).to_have_count(crowd.channels)

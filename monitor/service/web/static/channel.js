@@ -186,7 +186,10 @@ export class Channel {
   addRecords(answer) {
     if (!this.data) return;
     if (!this.data.size) {
-      this.readTrends();
+      // The first records of all: those that came are all there are.
+      this.data = new TrendData(answer);
+      this.extent = { first_s: answer.columns.time_s?.[0] ?? null, last_s: answer.columns.time_s?.at(-1) ?? null };
+      this.drawTrends([this.extent.first_s, this.extent.last_s]);
       return;
     }
     const end = this.extent.last_s;
