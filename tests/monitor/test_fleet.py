@@ -91,7 +91,7 @@ def test_the_table_has_the_worst_first_and_says_why(tmp_path: Path) -> None:
     with StatusFile.open(tmp_path / "dead" / "state") as file:
         file.write({"status": "running", "pid": 1, "state": "normal", "updated_utc": "2026-11-21T08:00:00.000Z"})
     watching = Supervision(tmp_path / "dead" / "state")
-    watching.say({"pid": 1, "starts": 3, "problem": "ended with exit code 1", "page": None})
+    watching.say({"pid": 1, "starts": 3, "problem": "ended with exit code 1", "page": "http://127.0.0.1:8710/"})
     try:
         table = call("status", "--config", str(tmp_path))
         listed = call("status", "--json", "--config", str(tmp_path))
@@ -100,7 +100,9 @@ def test_the_table_has_the_worst_first_and_says_why(tmp_path: Path) -> None:
         for file in opened:
             file.close()
     assert (table.returncode, listed.returncode) == (0, 0), table.stderr + listed.stderr
-    rows = [line.split(maxsplit=1) for line in table.stdout.splitlines()]
+    *lines, page = table.stdout.splitlines()
+    assert page == "page: http://127.0.0.1:8710/"
+    rows = [line.split(maxsplit=1) for line in lines]
     assert [row[0] for row in rows] == ["machine", "ill", "dead", "new", "young", "odd", "fine"]
     words = dict(rows)
     assert words["ill"].split() == ["failure", "running", "5", "3", "s", "ago", "2", "x:", "danger"]
@@ -108,7 +110,9 @@ def test_the_table_has_the_worst_first_and_says_why(tmp_path: Path) -> None:
     assert words["dead"].endswith("the daemon ended with exit code 1")
     assert words["new"].split() == ["no", "data", "never", "ran", "nobody", "listens"]
     assert words["odd"].endswith("disk: full (and 1 more)")
-    found = json.loads(listed.stdout)["machines"]
+    values = json.loads(listed.stdout)
+    found, page = values["machines"], values["page"]
+    assert page == "http://127.0.0.1:8710/"
     assert [status["machine"] for status in found] == [row[0] for row in rows[1:]]
     assert found[1]["supervisor"]["starts"] == 3
     assert found[0]["file"] == "ill.toml"
