@@ -17,6 +17,7 @@ from typing import IO
 
 from monitor.service.companions import LAST_PUBLICATION
 from monitor.service.fleet import Machine
+from monitor.service.logs import TO_JOURNAL, named, to_journal, unmarked
 
 _LOG = logging.getLogger(__name__)
 _HANGS_AFTER = 30.0
@@ -105,10 +106,10 @@ class Lines:
         text = line.decode("utf-8", "replace").rstrip()
         if text:
             if text.startswith(_FINAL) or not self.last.startswith(_FINAL):
-                self.last = text
+                self.last = unmarked(text)
             # Whoever reads the log may have gone; that ends nothing.
             with suppress(OSError):
-                sys.stderr.write(f"{self._name}: {text}\n")
+                sys.stderr.write(f"{named(text, self._name)}\n")
                 sys.stderr.flush()
 
 
@@ -232,6 +233,7 @@ class Supervised:
             **os.environ,
             "NOTIFY_SOCKET": self._ear.address,
             "WATCHDOG_USEC": str(round(_HANGS_AFTER * 1e6)),
+            TO_JOURNAL: "1" if to_journal() else "0",
         }
         # The manager of services watches the supervisor, not its children.
         environment.pop("WATCHDOG_PID", None)
