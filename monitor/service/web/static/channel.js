@@ -35,10 +35,9 @@ export class Channel {
     this.values = h("details", null, h("summary", null, "Values as a table"), h("div"));
     this.values.addEventListener("toggle", () => this.fillValues());
     this.note = h("p", { class: "note" });
-    const left = h("div", { class: "column" }, this.trendBox.element);
+    const left = h("div", { class: "column" }, this.trendBox.element, this.blocks.element);
     const right = h("div", { class: "column" }, this.spectrum.element, this.waterfall.element, this.map.element);
-    const below = h("div", { class: "columns even" }, this.blocks.element, this.eventBox.element);
-    this.element = h("div", { class: "channel" }, this.head, this.answers, h("div", { class: "columns" }, left, right), below);
+    this.element = h("div", { class: "channel" }, this.head, this.answers, h("div", { class: "columns" }, left, right), this.eventBox.element);
     this.drawHead();
   }
 
@@ -123,7 +122,7 @@ export class Channel {
     this.updateRanges();
     if (!this.data.size && !fmt.isNumber(this.extent.last_s)) {
       this.trends.destroy();
-      sayInstead(this.trendBox.body, "No block has been recorded yet. The trends begin with the first one.");
+      sayInstead(this.trendBox.body, "No usable block has been recorded yet. The trends begin with the first one.");
       return;
     }
     if (!this.trends.element.isConnected) fill(this.trendBox.body, h("div", { class: "under-head" }, this.trends.when, h("span", { class: "note hint" }, "drag or Ctrl+wheel to zoom, double click for all")), this.trends.element, this.note, this.values);
