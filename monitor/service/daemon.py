@@ -17,6 +17,7 @@ from monitor.records.store import StoreError
 from monitor.service.acknowledging import Acknowledgements
 from monitor.service.companions import LAST_PUBLICATION, Companions
 from monitor.service.disk import DiskGuard, free_bytes
+from monitor.service.event_words import event_text
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus
 from monitor.service.silence import SilenceLog
@@ -126,7 +127,8 @@ class Daemon:
         self._status.seen(record)
         self._companions.committed(events=bool(record.events))
         for event in record.events:
-            _LOG.warning("%s: block %d: %s", record.source, record.sequence, event)
+            said = event_text(event, absolute=self._status.absolute(event.get("channel")))
+            _LOG.warning("%s: block %d: %s: %s", record.source, record.sequence, event.get("channel"), said)
         if not record.accepted:
             _LOG.warning("%s: block %d rejected: %s: %s", record.source, record.sequence, record.status, record.reason)
         else:

@@ -76,6 +76,10 @@ class MachineStatus:
             found[source] = Hearing(last.sequence or None, age, patience(interval), flowed)
         return found
 
+    def absolute(self, channel: str | None) -> bool:
+        """Return whether the accelerations of a channel are in m/s2."""
+        return all(section.unit != "unknown" for section in self._config.channel if section.name == channel)
+
     def values(self, status: str, problems: Mapping[str, str]) -> dict[str, Any]:
         """Return what the daemon is doing, plain values for JSON.
 
