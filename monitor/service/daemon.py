@@ -178,11 +178,11 @@ class Daemon:
         try:
             self._status.page = None if status == "stopped" else self._companions.url
             self._file.write(self._status.values(status, self.problems()))
-        except (OSError, ValueError) as error:
+        except Exception as error:  # Whatever cannot be said of the machine must not end what listens to it.
             reason = getattr(error, "strerror", None) or error
             problem = f"{self._file.path}: cannot be written ({reason})"
             if problem != self._status_problem:
-                _LOG.error("%s", problem)
+                _LOG.error("%s", problem, exc_info=None if isinstance(error, OSError) else error)
             self._status_problem = problem
             return
         self._status_problem = None

@@ -361,3 +361,21 @@ def test_a_status_file_that_is_damaged_is_as_none(tmp_path: Path) -> None:
         file.write({"status": "running", "pid": 1})
         assert json.loads((tmp_path / "status.json").read_text()) == {"status": "running", "pid": 1}
     assert read_status(tmp_path) == {"running": False, "status": "died", "pid": 1}
+
+
+@pytest.mark.parametrize("error", [OverflowError("date value out of range"), PermissionError(13, "Permission denied")])
+def test_a_status_that_cannot_be_written_ends_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def fails(*_: Any) -> None:
+        raise error
+
+    config = make_machine(tmp_path)
+    with running(config):
+        with monkeypatch.context() as broken:
+            broken.setattr(StatusFile, "write", fails)
+            said = status(config)["updated_utc"]
+            put(config, 1)
+            wait_for(lambda: last(config) == 2)
+            assert status(config)["updated_utc"] == said
+        wait_for(lambda: status(config)["blocks"] == 2)
