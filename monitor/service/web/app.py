@@ -20,7 +20,7 @@ from starlette.types import ASGIApp
 
 from monitor.records.tables import StoreError
 from monitor.service.web import api, event_view, files_view, map_view, spectra_view
-from monitor.service.web.answers import Answer, RequestError, json_answer, without_folders
+from monitor.service.web.answers import Answer, RequestError, answer_of, json_answer, without_folders
 from monitor.service.web.auth import Doorkeeper
 from monitor.service.web.health import health, ready
 from monitor.service.web.login import login_routes
@@ -145,7 +145,7 @@ def _page_routes(site: Site) -> list[Route]:
 
     async def measured(request: Request) -> Response:
         def make() -> Answer:
-            return Answer(metrics(site.machines, site.measures, len(site.hub)), METRICS_TYPE)
+            return answer_of(metrics(site.machines, site.measures, len(site.hub)), METRICS_TYPE)
 
         return await site.answer(request, make)
 
