@@ -2,7 +2,7 @@
 
 import { channelPath, get, query } from "./api.js";
 import { Blocks } from "./blocks.js";
-import { figure, sayInstead } from "./chart.js";
+import { figure, loadUplot, sayInstead } from "./chart.js";
 import { fill, h, setText, symbol, table } from "./dom.js";
 import * as fmt from "./fmt.js";
 import { Spectrum } from "./spectrum.js";
@@ -52,10 +52,13 @@ export class Channel {
 
   /** Called when the view is in the page. */
   async entered() {
+    loadUplot().catch(() => null);
+    const records = this.fetchRecords();
+    records.catch(() => null);
     if (!(await this.readInfo())) return;
-    await this.readTrends();
-    this.waterfall.load();
     this.spectrum.load();
+    this.waterfall.load();
+    await this.readTrends(records);
     this.map.load();
     this.blocks.load();
     this.readEvents();
@@ -100,12 +103,17 @@ export class Channel {
     return this.mode;
   }
 
-  async readTrends() {
+  fetchRecords() {
+    const [from, to] = this.span();
+    return get(`${this.path}/records${query({ from, to, points: this.points() })}`);
+  }
+
+  async readTrends(asked = null) {
     const turn = (this.turn += 1);
     const [from, to] = this.span();
     let answer;
     try {
-      answer = await get(`${this.path}/records${query({ from, to, points: this.points() })}`);
+      answer = await (asked ?? this.fetchRecords());
     } catch (error) {
       if (turn !== this.turn) return;
       this.trends.destroy();
