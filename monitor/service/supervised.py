@@ -132,7 +132,7 @@ class Supervised:
             publish_within: seconds for its last publication.
         """
         self.machine = machine
-        self._publish_within = publish_within
+        self.publish_within = publish_within
         self._options, self._monotonic = tuple(options), monotonic
         self._child: subprocess.Popen[bytes] | None = None
         self._ear: Ear | None = None
@@ -227,7 +227,7 @@ class Supervised:
         self._hung, self._last_words = None, ""
         self._ear = Ear()
         path = str(self.machine.path.absolute())
-        supervised = ["--supervised", f"{self._publish_within:.3f}"]
+        supervised = ["--supervised", f"{self.publish_within:.3f}"]
         command = [sys.executable, "-c", _START, "run", *supervised, "--config", path, *self._options]
         environment = {
             **os.environ,

@@ -268,6 +268,18 @@ def test_the_page_of_all_is_tended_and_its_problem_shown(tmp_path: Path) -> None
     assert page.closed
 
 
+def test_many_machines_publish_for_a_shorter_time_when_they_stop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    for number in range(8):
+        add_machine(tmp_path, f"m{number}")
+        if number in (0, 3, 7):
+            supervisor = Supervisor(load_fleet(tmp_path))
+            within = {daemon.publish_within for daemon in supervisor.daemons}
+            assert within == {1.5 if number == 7 else 3.0}
+
+
 def test_only_the_process_itself_is_believed() -> None:
     ear = Ear()
     try:
