@@ -78,7 +78,9 @@ class Daemon:
             self._file = opened.enter_context(StatusFile.open(machine.state_dir))
             database, name = machine.state_dir / "state.db", machine.name
             # What a salvage saved and lost is in the log, and in the event log, which is told from there.
-            self._store, _ = open_or_salvage(database, machine=name, records_dir=machine.records_dir, clock=self._clock)
+            self._store, _ = open_or_salvage(
+                database, machine=name, records_dir=machine.records_dir, clock=self._clock, beat=self._starting
+            )
             opened.callback(self._store.close)
             self._disk = DiskGuard(machine.state_dir, self._free, round(1e6 * machine.min_free_mb))
             self._companions = Companions(self._config, self._store, self._path, self._monotonic)
@@ -102,6 +104,10 @@ class Daemon:
             self._notifier.tell("STOPPING=1")
             _LOG.info("stopping after %d blocks", self._status.blocks)
             self._end()
+
+    def _starting(self) -> None:
+        # A service manager would end, and start again for ever, what takes longer to start than usual.
+        self._notifier.tell("EXTEND_TIMEOUT_USEC=60000000", "STATUS=saving what can be read of a damaged store")
 
     def _follow(self, stop: threading.Event) -> None:
         while not stop.is_set():
