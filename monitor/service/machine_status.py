@@ -118,6 +118,7 @@ class MachineStatus:
         state, reason = channel_state(
             watcher.alarming.condition(name, watcher.channel(name)),
             standing,
+            stage=watcher.channel(name).detect.stage,
             refused=f"block {last.sequence} was rejected: {last.status}" if last.refused else None,
             silent=f"no block for {heard.age:.0f} s" if heard.silent else None,
         )

@@ -348,6 +348,10 @@ def test_what_is_not_known_to_be_well_is_not_called_normal() -> None:
     assert channel_state("failure", silent=silent, refused=refused)[0] == "failure"
     alert = {"rule": "loud", "severity": "alert", "active": True, "since_block": 5}
     assert channel_state("maintenance_required", [alert])[1] == "alert of loud since block 5"
+    final, end = "the final stage has begun", "the end of life was reached"
+    assert channel_state("maintenance_required", stage="final") == ("maintenance_required", final)
+    assert channel_state("maintenance_required", [alert], stage="final")[1] == f"{final}; alert of loud since block 5"
+    assert channel_state("failure", [alert], stage="end_of_life") == ("failure", end)
     held = {**alert, "severity": "danger", "active": False}
     assert channel_state("failure", [held, alert])[1].endswith("block 5, which is over and waits to be acknowledged")
     assert channel_state("bad_data", [alert]) == ("bad_data", "too many blocks are rejected or flagged")
