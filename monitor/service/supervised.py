@@ -139,6 +139,7 @@ class Supervised:
         self._lines: Lines | None = None
         self._due = float("-inf")
         self._began = self._heard = 0.0
+        self._ready_since: float | None = None
         self._failures = 0
         self._hung: str | None = None
         self._last_words = ""
@@ -178,6 +179,8 @@ class Supervised:
         self._listen(now)
         code = self._child.poll()
         if code is not None:
+            # It may have said something since.
+            self._listen(now)
             # Whoever was killed had no last words: what was logged before has nothing to do with it.
             said = f" ({self._last_words})" if code > 0 and self._last_words else ""
             self._ended(self._hung or f"ended with {_code_words(code)}", now, said)
@@ -224,14 +227,12 @@ class Supervised:
     def _start(self, now: float) -> None:
         self.starts += 1
         self._began = self._heard = now
-        self._hung, self._last_words = None, ""
-        self._ear = Ear()
+        self._hung, self._last_words, self._ready_since = None, "", None
         path = str(self.machine.path.absolute())
         supervised = ["--supervised", f"{self.publish_within:.3f}"]
         command = [sys.executable, "-c", _START, "run", *supervised, "--config", path, *self._options]
         environment = {
             **os.environ,
-            "NOTIFY_SOCKET": self._ear.address,
             "WATCHDOG_USEC": str(round(_HANGS_AFTER * 1e6)),
             TO_JOURNAL: "1" if to_journal() else "0",
         }
@@ -239,6 +240,8 @@ class Supervised:
         environment.pop("WATCHDOG_PID", None)
         command.append(json.dumps(sys.path))
         try:
+            self._ear = Ear()
+            environment["NOTIFY_SOCKET"] = self._ear.address
             self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, env=environment)
         except OSError as error:
             self._ended(f"cannot be started: {error.strerror or error}", now)
@@ -258,13 +261,14 @@ class Supervised:
         for line in self._ear.hear(self._child.pid):
             self._heard = now
             if line == "READY=1" and not self.ready:
-                self.ready = True
+                self.ready, self._ready_since = True, now
                 if self.problem is not None:
                     _LOG.warning("machine %s: runs again", self.machine.name)
                 self.problem = None
 
     def _ended(self, how: str, now: float, said: str = "") -> None:
-        self._failures = 1 if self.ready and now - self._began >= _GOOD_RUN else self._failures + 1
+        went_well = self._ready_since is not None and now - self._ready_since >= _GOOD_RUN
+        self._failures = 1 if went_well else self._failures + 1
         pause = min(_FIRST_PAUSE * 2.0 ** min(self._failures - 1, 20), _LONGEST_PAUSE)
         self._due = now + pause
         often = f", {self._failures} times in a row" if self._failures > 1 else ""
