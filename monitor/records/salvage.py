@@ -239,8 +239,8 @@ def _salvage(
         _close_for_good(fresh)
         if report.lost and records_dir is not None:
             _keep_published(records_dir, aside)
-        fresh.replace(path.with_name(f"{path.name}.salvaged"))
         fresh.with_name(f"{fresh.name}.lock").unlink(missing_ok=True)
+        fresh.replace(path.with_name(f"{path.name}.salvaged"))
         _swap(path, aside)
     finally:
         let_go(lock)
