@@ -6,7 +6,8 @@ A daemon as people run it, with all its child processes, gets 100,000 blocks (0.
 each sent when the one before is acknowledged: the latency is from the first byte of a block to the acknowledgement of
 its commit. The blocks are dated 5 s apart, so that a day's file has as many rows as one of a real machine. Resident
 memory, open files and threads of every process are looked at every few hundred blocks, and each time the page is asked
-for machines, trends and events; the slope is the least-squares line over all looks after the warm-up. The store is on a disk that honours fsync, or the latency means little.
+for machines, trends and events; the slope is the least-squares line over all looks after the warm-up. The store is on
+a disk that honours fsync, or the latency means little.
 """
 
 from __future__ import annotations
