@@ -225,7 +225,7 @@ export class Channel {
       });
       rows.push([fmt.moment(this.data.time[i], { dated: this.data.dated, zone }), ...cells]);
     }
-    fill(this.values.lastChild, stride > 1 ? h("p", { class: "note" }, `every ${stride}th of ${fmt.counted(this.data.size, "point")}; zoom in for more`) : null, table("Values of the trends, newest first", ["Time", ...shown], rows));
+    fill(this.values.lastChild, stride > 1 ? h("p", { class: "note" }, `one of every ${stride} points; zoom in for more`) : null, table("Values of the trends, newest first", ["Time", ...shown], rows, "numbers"));
   }
 
   async readEvents() {

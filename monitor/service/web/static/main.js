@@ -29,6 +29,9 @@ class App {
     addEventListener("keydown", (event) => this.key(event));
     addEventListener("error", (event) => this.complain(event.message));
     addEventListener("unhandledrejection", (event) => this.complain(event.reason?.message ?? String(event.reason)));
+    // Paper is white.
+    addEventListener("beforeprint", () => this.printTheme("light"));
+    addEventListener("afterprint", () => this.printTheme(null));
     at("zone").onclick = () => this.nextZone();
     at("theme").onclick = () => this.nextTheme();
     at("help").onclick = () => this.help();
@@ -218,6 +221,12 @@ class App {
 
   nextTheme() {
     choose("theme", THEMES[(THEMES.indexOf(prefs.theme) + 1) % THEMES.length]);
+  }
+
+  printTheme(theme) {
+    applyTheme();
+    if (theme) document.documentElement.dataset.theme = theme;
+    this.view?.on("prefs", "theme");
   }
 
   labels() {

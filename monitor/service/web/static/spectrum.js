@@ -185,7 +185,7 @@ export class Spectrum {
     if (!this.table.open || !this.spectrum) return;
     const lines = PARTS.flatMap((part) => faultLines(this.spectrum, part, false));
     const rows = lines.map((line) => [PART_NAMES[line.part], line.name, fmt.hertz(line.frequency, 5), fmt.isNumber(this.spectrum.speed_hz) ? fmt.number(line.frequency / this.spectrum.speed_hz, 4) : fmt.MISSING, fmt.level(amplitudeAt(this.spectrum, line.frequency), this.spectrum.unit)]);
-    fill(this.table.lastChild, table("Amplitudes at the lines", ["Part", "Line", "Frequency", "Order", "Amplitude"], rows));
+    fill(this.table.lastChild, table("Amplitudes at the lines", ["Part", "Line", "Frequency", "Order", "Amplitude"], rows, "numbers"));
   }
 
   resize(width) {

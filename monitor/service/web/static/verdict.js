@@ -22,7 +22,10 @@ export function verdict({ row, info, zone, age, machine }) {
 
 function standing(row, status, info) {
   const state = row?.state ?? "no_data";
-  const alarms = (status.alarms ?? []).map((alarm) => alarmText(alarm, info));
+  const alarmed = status.alarms ?? [];
+  // Where the danger of a rule stands, its alert goes without saying.
+  const worst = alarmed.filter((alarm) => alarm.severity === "danger" || !alarmed.some((other) => other.rule === alarm.rule && other.severity === "danger"));
+  const alarms = worst.map((alarm) => alarmText(alarm, info));
   const element = answer("How does it stand?", [symbol(state), " ", STATES[state][0]], alarms.length && !row?.stale && state !== "no_data" && state !== "bad_data" ? null : row?.reason ?? STATES[state][1], ...alarms);
   element.dataset.state = state;
   return element;
@@ -49,8 +52,9 @@ function since(status, info, zone, row) {
   if (status.stage === "end_of_life")
     return answer("Since when?", `end of life ${fmt.isNumber(marks.t_eol_s) ? fmt.moment(marks.t_eol_s, options) : block(status.t_eol_block) ?? ""}`, fmt.isNumber(marks.t_fs_s) ? `final stage since ${fmt.moment(marks.t_fs_s, options)}` : null);
   if (status.t_fs_block || status.stage === "final") {
+    const began = fmt.isNumber(marks.t_fs_s) ? (info.dated ? fmt.short(marks.t_fs_s, zone) : fmt.moment(marks.t_fs_s, options)) : block(status.t_fs_block);
     const known = fmt.isNumber(marks.t_fs_known_s) ? fmt.moment(marks.t_fs_known_s, options) : block(status.t_fs_known_block);
-    return answer("Since when?", `final stage since ${fmt.isNumber(marks.t_fs_s) ? fmt.moment(marks.t_fs_s, options) : block(status.t_fs_block) ?? "an unknown time"}`, known && `known ${known}`);
+    return answer("Since when?", began ?? "an unknown time", "the final stage began then", known && `known ${known}`);
   }
   if (status.stage === "learning") return answer("Since when?", "learning", "what healthy means for this channel is being learned; nothing is judged before");
   if (status.stage === "healthy" && (row?.stale || row?.state === "no_data" || row?.state === "bad_data"))
