@@ -57,8 +57,8 @@ export class Channel {
     records.catch(() => null);
     if (!(await this.readInfo())) return;
     this.spectrum.load();
-    this.waterfall.load();
     await this.readTrends(records);
+    this.waterfall.load();
     this.map.load();
     this.blocks.load();
     this.readEvents();
