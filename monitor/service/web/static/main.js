@@ -183,10 +183,10 @@ class App {
   /** What everybody must see: a lost connection, a daemon that does not run, a failure of the page itself. */
   banners() {
     const found = [];
-    const { live, since, retry } = this.model.live;
+    const { live, since } = this.model.live;
     if (!live && since && Date.now() - since > 2500) {
-      const seconds = Math.max(0, Math.ceil((retry - Date.now()) / 1000));
-      found.push(["bad", `Not live since ${fmt.clock(since / 1000, this.zone(null))}: what is shown is as old as that. ${seconds ? `Trying again in ${seconds} s.` : "Trying again."}`]);
+      // No countdown: every change of this text is read out.
+      found.push(["bad", `Not live since ${fmt.clock(since / 1000, this.zone(null))}: what is shown is as old as that. It is tried again and again.`]);
     }
     document.body.toggleAttribute("data-not-live", found.length > 0);
     const problems = this.model.problems(this.view?.machine ?? null);

@@ -45,7 +45,7 @@ export class Spectrum {
     this.element = box.element;
     this.body = box.body;
     this.caption = h("span", { class: "note" });
-    this.readout = h("span", { class: "note readout", role: "status" });
+    this.readout = h("span", { class: "note readout" });
     this.switches = h("div", { class: "switches", role: "group", "aria-label": "Lines shown" });
     this.earlier = h("button", { type: "button", class: "quiet", "aria-label": "Earlier spectrum", onclick: () => this.stepTo(-1) }, "←");
     this.later = h("button", { type: "button", class: "quiet", "aria-label": "Later spectrum", onclick: () => this.stepTo(1) }, "→");

@@ -42,7 +42,7 @@ export class TrackMap {
     this.body = box.body;
     this.caption = h("span", { class: "note" });
     this.legend = h("span");
-    this.readout = h("span", { class: "note readout", role: "status" });
+    this.readout = h("span", { class: "note readout" });
     this.board = new Board("RMS map");
     this.board.canvas.addEventListener("pointermove", (event) => this.moved(event));
     this.board.canvas.addEventListener("pointerleave", () => setText(this.readout, ""));

@@ -23,7 +23,7 @@ export class Trends {
     this.options = options;
     this.charts = [];
     this.blocks = [];
-    this.when = h("span", { class: "when", role: "status" });
+    this.when = h("span", { class: "when" });
     this.stack = h("div", { class: "stack" });
     this.element = h("div", { class: "trends", tabindex: "0", role: "group", "aria-label": "Trends over time. Plus and minus zoom, arrows move, 0 shows all; the values stand in the table below.", onkeydown: (event) => this.key(event) }, this.stack);
     this.element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });

@@ -24,7 +24,7 @@ export class Waterfall {
     const box = figure("Spectra over the life", { note: "logarithmic colours; click for the spectrum" });
     this.element = box.element;
     this.body = box.body;
-    this.readout = h("span", { class: "note readout", role: "status" });
+    this.readout = h("span", { class: "note readout" });
     this.legend = h("span");
     this.board = new Board("Spectra over time");
     const { canvas } = this.board;
