@@ -38,7 +38,9 @@ class App {
     this.labels();
     setInterval(() => this.banners(), 1000);
     // The header's height decides where group titles stick.
-    new ResizeObserver(([entry]) => document.documentElement.style.setProperty("--top", `${entry.target.offsetHeight}px`)).observe(document.querySelector(".top"));
+    new ResizeObserver(
+      ([entry]) => document.documentElement.style.setProperty("--top", `${entry.target.offsetHeight}px`),
+    ).observe(document.querySelector(".top"));
     // What the view needs comes while the machines are read.
     this.module(this.parts()[0]).catch(() => null);
     const [session] = await Promise.all([this.readSession(), this.readMachines()]);
@@ -186,7 +188,12 @@ class App {
     const { live, since } = this.model.live;
     if (!live && since && Date.now() - since > 2500) {
       // No countdown: every change of this text is read out.
-      found.push(["bad", `Not live since ${fmt.clock(since / 1000, this.zone(null))}: what is shown is as old as that. It is tried again and again.`]);
+      found.push(
+        [
+          "bad",
+          `Not live since ${fmt.clock(since / 1000, this.zone(null))}: what is shown is as old as that. It is tried again and again.`,
+        ],
+      );
     }
     document.body.toggleAttribute("data-not-live", found.length > 0);
     const problems = this.model.problems(this.view?.machine ?? null);
