@@ -88,7 +88,8 @@ class StoreLedger:
         found = self._reader.rows(
             "SELECT sequence FROM (SELECT sequence, name FROM blocks WHERE source = ? AND content_hash = ?"
             f" ORDER BY id DESC LIMIT {_ALIKE * _ALIKE}) WHERE name = ?",
-            *(source, content_hash, name),
+            # A name that is no text stands escaped in the ledger.
+            *(source, content_hash, name.encode("utf-8", "backslashreplace").decode("utf-8")),
         )
         return found[0][0] if found else None
 
