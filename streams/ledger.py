@@ -42,6 +42,11 @@ class FileProgress:
     samples: int = 0
     verdict: str = PENDING
 
+    @property
+    def is_part(self) -> bool:
+        """Whether bytes at the end, half a line or segment, were left for later."""
+        return self.read_bytes < self.size
+
 
 @runtime_checkable
 class Ledger(Protocol):

@@ -20,6 +20,7 @@ from streams.folder.names import unshown
 from streams.folder.register import ARCHIVED, INCOMPLETE_AFTER, Entry, Register
 from streams.ledger import ACCEPTED, PENDING, FileProgress, Ledger
 from streams.live import Delivery
+from streams.readers.packed import unpacked_name
 from streams.readers.reading import ReaderError
 from streams.reblock import Chunk, Cut, Reblocker
 from streams.spec import SourceSpec
@@ -115,7 +116,7 @@ class Intake:
         if facts is None:
             self._register.leave(entry, entry.counted)
             return None
-        growing = self._grows and not self._register.settled(entry, now)
+        growing = self._grows and not entry.whole and unpacked_name(entry.path) == entry.path
         raw: Raw | None = None
         try:
             if entry.absent is not None:
@@ -279,7 +280,10 @@ class Intake:
         if parsed.start is None and not self._grows:
             # Nothing says when the next file begins, so nothing can be joined to this one.
             self._give(self._reblocker.flush())
-        self._let_go(entry)
+        if raw.progress.is_part:
+            self._register.await_end(entry)
+        else:
+            self._let_go(entry)
 
     def _flush_late(self, now: float) -> bool:
         """Cut off what waited long enough for more."""
@@ -317,7 +321,7 @@ class Intake:
                 continue
             entry.blocks += not cut.missing
             verdict = PENDING
-            if end >= entry.total:
+            if end >= entry.total and not entry.read.is_part:
                 verdict = ACCEPTED if entry.blocks or (entry.base and entry.base.samples) else "short"
             yield entry, replace(entry.read, path=entry.key, samples=end, verdict=verdict)
 

@@ -40,6 +40,7 @@ class Entry:
         seen: when it was first seen waiting, by the monotonic clock, s; likewise the other times.
         changed: when it was last seen to change.
         closed: whether it was closed or moved in since then.
+        whole: whether nobody was expected to write more of it when its turn came.
         phase: "queued" for its turn, "aside" because it is not all there, "held" because samples of it wait for more,
             "delivered" entirely.
         due: when it is tried again although it does not change.
@@ -61,6 +62,7 @@ class Entry:
     seen: float
     changed: float
     closed: bool = False
+    whole: bool = False
     phase: Phase = "queued"
     due: float = math.inf
     base: FileProgress | None = None
@@ -246,6 +248,21 @@ class Register:
             return True
         return entry.closed and self._taken is not None and entry.order > self._taken
 
+    def _whole(self, entry: Entry, now: float) -> bool:
+        """Tell whether the end of a file is the end of what its writer had to say, rather than half a line.
+
+        A writer with a buffer stops anywhere, and may pause for longer than the settling time; but it has closed a file
+        that is done, or goes on in the next one.
+        """
+        if not self.settled(entry, now):
+            return False
+        later = bool(self._heap) and self._heap[0][0] > entry.order
+        return entry.closed or later or now - entry.changed >= _HOLD * self._settle
+
+    def await_end(self, entry: Entry) -> None:
+        """Have a file whose last line is not all there read again, when it must be taken for whole."""
+        self.put_aside(entry, entry.changed + _HOLD * self._settle)
+
     def take(self, now: float, period: float | None) -> Entry | None:
         """Return the file whose turn it is, or None where all have to wait.
 
@@ -272,6 +289,7 @@ class Register:
                 self.put_aside(entry, entry.changed + INCOMPLETE_AFTER)
             elif self._ready(entry, now, period):
                 found = entry
+                entry.whole = self._whole(entry, now)
                 entry.phase = "delivered"
                 self._taken = entry.order
                 break
@@ -289,11 +307,11 @@ class Register:
         return period is not None and now - max(entry.seen, entry.read_at) >= max(period, self._settle)
 
     def _recall(self, now: float) -> None:
-        """Let those who waited aside for a time have their turn."""
-        if not self._aside or min(entry.due for entry in self._aside.values()) > now:
-            return
-        for entry in [entry for entry in self._aside.values() if entry.due <= now]:
-            self.queue(entry)
+        """Let those who waited aside for a time have their turn, and those whose end is there by now."""
+        for entry in list(self._aside.values()):
+            ended = not entry.whole and entry.read is not None and entry.read.is_part and self._whole(entry, now)
+            if entry.due <= now or ended:
+                self.queue(entry)
 
     def _crowded(self, now: float) -> bool:
         if len(self._heap) <= _BULK or now - self._latest >= self._settle:

@@ -117,6 +117,53 @@ def test_a_log_that_is_copied_away_and_truncated_doubles_nothing(rig: Rig) -> No
     check_blocks(rig, np.concatenate([first, second]))
 
 
+def test_half_a_line_is_not_believed_while_its_writer_may_pause(rig: Rig) -> None:
+    samples = noise(300, 1)
+    data, path = csv_bytes(samples), rig.root / "log.csv"
+    middle = data.index(b"\n", 900) + 4
+    path.write_bytes(data[:middle])
+    rig.run(10.0)
+    assert [len(block.samples[0]) for block in blocks(rig)] == [LENGTH]
+    path.write_bytes(data)
+    rig.run()
+    check_blocks(rig, samples)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize("slow", [False, True])
+def test_a_last_line_without_an_end_is_taken_with_its_file(rig: Rig, closed: bool, slow: bool) -> None:
+    for number in range(1, 4):
+        data = csv_bytes(noise(200, number))[:-1]
+        path = rig.root / f"f{number}.csv"
+        if slow:
+            # It is read before it is all there.
+            path.write_bytes(data[: len(data) // 2])
+            rig.run(0.5)
+        path.write_bytes(data)
+        if closed:
+            rig.watch.closed.add(path.name)
+        rig.run(5.0)
+    rig.run(20.0)
+    check_blocks(rig, np.concatenate([noise(200, number) for number in range(1, 4)]))
+    assert rig.source.backlog().pending == 0
+    rig.restart()
+    assert rig.run(2000.0) == []
+
+
+@pytest.mark.parametrize("bad", [b"\x00\x01\xff" * 50, b"1,2\n3\n4,5,6\n"], ids=["binary", "ragged"])
+def test_an_unreadable_file_holds_up_no_block_of_the_next(rig: Rig, bad: bytes) -> None:
+    for number in range(1, 5):
+        path = rig.root / f"f{number}.csv"
+        path.write_bytes(bad if number == 2 else csv_bytes(noise(200, number))[:-1])
+        rig.watch.closed.add(path.name)
+        rig.run(2.5)
+    assert len(blocks(rig)) == 6
+    rig.run(25.0)
+    check_blocks(rig, np.concatenate([noise(200, number) for number in (1, 3, 4)]))
+    assert [name for name, _ in rejections(rig)] == ["f2.csv"]
+    assert rig.source.backlog().pending == 0
+
+
 def test_files_without_a_date_are_never_joined(tmp_path: Path) -> None:
     rig = Rig(tmp_path, block_s=BLOCK_S, format="npy")
     for number in range(2):
