@@ -5,33 +5,20 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
-import os
-import select
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from monitor.service.child_process import Child, end_child, hear, start_child
 from monitor.web_config import WebSection
 
 _LOG = logging.getLogger(__name__)
 _FIRST_PAUSE, _LONGEST_PAUSE = 1.0, 60.0
 _SETTLED = 60.0
 _SILENT = 60.0
-_KILLED_WITHIN = 0.5
 _MOST_BYTES = 1 << 16
-_START = """
-import signal, sys
-for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-    signal.signal(number, signal.SIG_IGN)
-import json
-sys.path[:] = json.loads(sys.argv.pop())
-from monitor.service.web.server import child
-child()
-"""
-"""A service manager stops all processes at once; the page is there until its parent ends."""
+_ENTRY = "monitor.service.web.server:child"
 
 
 class PageProcess:
@@ -61,7 +48,7 @@ class PageProcess:
             "state_dir": str(state_dir.absolute()),
         }
         self._monotonic = monotonic
-        self._child: subprocess.Popen[bytes] | None = None
+        self._child: Child | None = None
         self._buffer = b""
         self._due, self._pause = monotonic(), _FIRST_PAUSE
         self._started = self._heard = monotonic()
@@ -93,26 +80,20 @@ class PageProcess:
         self.url, self._buffer = None, b""
         self._due = float("inf")
         if child is not None:
-            _end(child)
+            end_child(child)
 
     def _begin(self, now: float) -> None:
-        arguments = [json.dumps(self._given), json.dumps(sys.path)]
         self._started = self._heard = now
         self._said = None
         try:
-            self._child = subprocess.Popen(
-                [sys.executable, "-c", _START, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-            )
-            assert self._child.stdout is not None
-            os.set_blocking(self._child.stdout.fileno(), False)
+            self._child = start_child(_ENTRY, json.dumps(self._given))
         except OSError as error:
             self._fail(f"the page cannot be started: {error.strerror or error}", now)
 
-    def _listen(self, child: subprocess.Popen[bytes], now: float) -> None:
-        assert child.stdout is not None
-        if not select.select([child.stdout], [], [], 0.0)[0]:
+    def _listen(self, child: Child, now: float) -> None:
+        part = hear(child, 0.0, _MOST_BYTES)
+        if part is None:
             return
-        part = os.read(child.stdout.fileno(), _MOST_BYTES)
         if not part:
             self._fail(self._said or "the page ended unexpectedly", now)
             return
@@ -140,7 +121,7 @@ class PageProcess:
         self._due = now + self._pause
         self._pause = min(2.0 * self._pause, _LONGEST_PAUSE)
         if child is not None:
-            _end(child)
+            end_child(child)
         self._say(problem)
 
     def _say(self, problem: str | None) -> None:
@@ -150,17 +131,3 @@ class PageProcess:
             else:
                 _LOG.error("page: %s", problem)
         self.problem = problem
-
-
-def _end(child: subprocess.Popen[bytes]) -> None:
-    """Let a child know that it is over, and make sure of it."""
-    for pipe in (child.stdin, child.stdout):
-        if pipe is not None:
-            with contextlib.suppress(OSError):
-                pipe.close()
-    try:
-        child.wait(_KILLED_WITHIN)
-    except subprocess.TimeoutExpired:
-        child.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            child.wait(_KILLED_WITHIN)

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import logging
-import os
-import select
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,24 +11,14 @@ from typing import Any
 
 from monitor.records.published import Published, note_published
 from monitor.records.store import Store, StoreError
+from monitor.service.child_process import Child, end_child, hear, let_go, start_child
 
 _LOG = logging.getLogger(__name__)
 _LONGEST = 600.0
 _SHARE = 20.0
 _LOOK_AGAIN = 10
-_KILLED_WITHIN = 0.5
 _RETIRED_AFTER = 200
 """Publications after which another child takes over: the libraries lose some kilobytes with every file."""
-_START = """
-import signal, sys
-for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-    signal.signal(number, signal.SIG_IGN)
-import json
-sys.path[:] = json.loads(sys.argv.pop())
-from monitor.service.publish_worker import main
-main()
-"""
-"""A service manager stops all processes at once; the child ends with its parent, after the last publication."""
 
 
 class Publisher:
@@ -59,10 +44,10 @@ class Publisher:
         """
         self._store, self._records_dir = store, records_dir
         self._every, self._monotonic = every, monotonic
-        self._child: subprocess.Popen[bytes] | None = None
+        self._child: Child | None = None
         self._buffer = b""
         self._answers = 0
-        self._retired: subprocess.Popen[bytes] | None = None
+        self._retired: Child | None = None
         self._asked: float | None = None
         self._due = monotonic()
         # Files may have been lost or damaged while nobody looked.
@@ -120,7 +105,7 @@ class Publisher:
         later, self._retired = self._retired, None
         for child in (earlier, later):
             if child is not None:
-                _end(child)
+                end_child(child)
 
     def _retire(self) -> None:
         """Let the child end, which it does when it has written what it is writing."""
@@ -129,37 +114,29 @@ class Publisher:
         if child is None:
             return
         self._retired = child
-        for pipe in (child.stdin, child.stdout):
-            if pipe is not None:
-                with contextlib.suppress(OSError):
-                    pipe.close()
+        let_go(child)
 
     def _ask(self) -> None:
         self._asked, self._changed, self._idle_turns = self._monotonic(), False, 0
         try:
             if self._child is None:
-                self._child = self._start()
+                self._child = start_child(
+                    "monitor.service.publish_worker:main",
+                    str(self._store.path.absolute()),
+                    str(self._records_dir.absolute()),
+                )
             assert self._child.stdin is not None
             self._child.stdin.write(b"publish\n")
             self._child.stdin.flush()
         except OSError as error:
             self._fail(f"the publisher cannot be asked: {error.strerror or error}")
 
-    def _start(self) -> subprocess.Popen[bytes]:
-        arguments = [str(self._store.path.absolute()), str(self._records_dir.absolute()), json.dumps(sys.path)]
-        command = [sys.executable, "-c", _START, *arguments]
-        child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        assert child.stdout is not None
-        os.set_blocking(child.stdout.fileno(), False)
-        return child
-
     def _collect(self, timeout: float) -> None:
         """Read what the child says, and wait for it at most so long."""
         assert self._child is not None
-        assert self._child.stdout is not None
-        if not select.select([self._child.stdout], [], [], max(timeout, 0.0))[0]:
+        part = hear(self._child, timeout, 1 << 20)
+        if part is None:
             return
-        part = os.read(self._child.stdout.fileno(), 1 << 20)
         self._buffer += part
         if not part:
             self._fail("the publisher ended unexpectedly")
@@ -199,14 +176,3 @@ class Publisher:
             else:
                 _LOG.error("publishing fails: %s", problem)
         self.problem = problem
-
-
-def _end(child: subprocess.Popen[bytes]) -> None:
-    """Wait a moment for a child that ends, then end it."""
-    try:
-        child.wait(_KILLED_WITHIN)
-    except subprocess.TimeoutExpired:
-        child.kill()
-        # One that hangs in a dead network share cannot even be killed; it is left behind.
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            child.wait(_KILLED_WITHIN)

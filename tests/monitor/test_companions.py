@@ -32,7 +32,7 @@ def answers(url: str) -> bool:
 def test_a_page_that_crashes_is_a_problem_and_stops_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = with_page(tmp_path)
     with monkeypatch.context() as broken:
-        broken.setattr("monitor.service.page._START", "raise SystemExit(3)")
+        broken.setattr("monitor.service.page._ENTRY", "sys:exit")
         with running(config, path=config):
             wait_for(lambda: "page" in status(config)["problems"])
             put(config, 1)
