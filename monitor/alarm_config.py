@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from monitor.broker_config import BrokerSection, OutwardSection, check_address, refuse_clear
 from monitor.health.alarms import AlarmSettings, Level, Rule
 from streams.block import STANDARD_GRAVITY
 
@@ -158,10 +159,10 @@ class AlarmsSection(_Table):
         return AlarmSettings(rules, run_in_blocks, self.bad_data_window_blocks, self.bad_data_share)
 
 
-class SmtpSection(_Table):
+class SmtpSection(OutwardSection):
     """E-mail. Without ``security`` nothing is encrypted, and then no password is sent."""
 
-    host: str
+    host: Annotated[str, Field(min_length=1)]
     port: Annotated[int, Field(ge=1, le=65535)] = 587
     security: Literal["none", "starttls", "tls"] = "starttls"
     sender: Annotated[str, Field(pattern=r"^[^@\s]+@[^@\s]+$")]
@@ -174,25 +175,30 @@ class SmtpSection(_Table):
     def _safe(self) -> Self:
         if (self.username_file is None) != (self.password_file is None):
             raise ValueError("username_file and password_file come together")
-        if self.password_file is not None and self.security == "none":
-            raise ValueError('a password needs security = "starttls" or "tls"')
+        if self.security == "none" and (self.password_file is not None or self.ca_file is not None):
+            raise ValueError('a password or a ca_file needs security = "starttls" or "tls"')
         return self
 
 
-class WebhookSection(_Table):
+class WebhookSection(OutwardSection):
     """A JSON object is posted; ``token_file`` holds what is sent as ``Authorization: Bearer``."""
 
     url: Annotated[str, Field(pattern=r"^https?://[^\s/]+")]
     token_file: Path | None = None
-
-
-class MqttSection(_Table):
-    """The same JSON object is published with QoS 1."""
-
-    url: Annotated[str, Field(pattern=r"^mqtts?://[^\s/]+/.+")]
-    username_file: Path | None = None
-    password_file: Path | None = None
     ca_file: Path | None = None
+
+    @model_validator(mode="after")
+    def _safe(self) -> Self:
+        check_address(self.url)
+        if self.token_file is not None:
+            refuse_clear(self.url, "https", "token_file")
+        if self.ca_file is not None and not self.url.startswith("https"):
+            raise ValueError("ca_file belongs to https://")
+        return self
+
+
+class MqttSection(BrokerSection):
+    """The same JSON object is published with QoS 1."""
 
 
 class NotifySection(_Table):
@@ -204,13 +210,18 @@ class NotifySection(_Table):
     most_per_hour: Annotated[int, Field(ge=1, le=3600)] = 20
     give_up_hours: Positive = 24.0
     queue_events: Annotated[int, Field(ge=1, le=100000)] = 1000
+    """Events that one message stands for at most."""
+    page_url: Annotated[str, Field(pattern=r"^https?://[^\s/]+")] | None = None
+    """Address of the page for the people who are told, where it is not the one under ``[web]``."""
+
+    @model_validator(mode="after")
+    def _no_secret(self) -> Self:
+        if self.page_url is not None:
+            check_address(self.page_url)
+        return self
 
     def with_absolute_paths(self, folder: Path) -> Self:
         """Return it with relative names of files taken from ``folder``."""
-        changed = {}
-        for name in ("smtp", "webhook", "mqtt"):
-            section = getattr(self, name)
-            if section is not None:
-                paths = {key: folder / value for key, value in section if isinstance(value, Path)}
-                changed[name] = section.model_copy(update=paths)
+        given = {name: getattr(self, name) for name in ("smtp", "webhook", "mqtt")}
+        changed = {name: item.with_absolute_paths(folder) for name, item in given.items() if item is not None}
         return self.model_copy(update=changed)

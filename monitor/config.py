@@ -19,13 +19,14 @@ from monitor.config_sections import (
     ForecastSection,
     MachineSection,
     OperatingSection,
-    PublishSection,
     RigSection,
     Section,
     SourceSection,
     TrackSection,
 )
 from monitor.network_config import FILE_KEYS
+from monitor.publish_config import PublishSection
+from monitor.web_config import WebSection
 
 __all__ = ["ChannelSection", "Config", "ConfigError", "SourceSection", "load_config", "validate"]
 
@@ -49,6 +50,7 @@ class Config(Section):
     publish: PublishSection = PublishSection()
     alarms: AlarmsSection = AlarmsSection()
     notify: NotifySection = NotifySection()
+    web: WebSection = WebSection()
 
     @model_validator(mode="after")
     def _connected(self) -> Self:
@@ -80,8 +82,8 @@ class Config(Section):
 
     @property
     def hash(self) -> str:
-        """Digest of the normalised configuration, stored with every record made under it."""
-        return hashlib.blake2b(self.model_dump_json().encode(), digest_size=16).hexdigest()
+        """Digest of the normalised configuration, stored with every record made under it; the page makes none."""
+        return hashlib.blake2b(self.model_dump_json(exclude={"web"}).encode(), digest_size=16).hexdigest()
 
 
 def load_config(path: Path) -> Config:
@@ -138,8 +140,8 @@ def _with_absolute_paths(config: Config, folder: Path) -> Config:
         )
         for source in config.source
     )
-    notify = config.notify.with_absolute_paths(folder)
-    return config.model_copy(update={"machine": machine, "source": sources, "channel": channels, "notify": notify})
+    beside = {name: getattr(config, name).with_absolute_paths(folder) for name in ("notify", "publish", "web")}
+    return config.model_copy(update={"machine": machine, "source": sources, "channel": channels, **beside})
 
 
 def _with_absolute_url(url: str | None, folder: Path) -> str | None:

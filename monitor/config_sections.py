@@ -14,6 +14,7 @@ from models.bearing import Bearing, catalogue, from_catalogue
 from models.scene import Rig
 from monitor.condition_config import ConditionKeys
 from monitor.health.detect import DetectSettings
+from monitor.health.waterfall import WaterfallSettings
 from monitor.network_config import NetworkKeys
 from streams.block import STANDARD_GRAVITY
 
@@ -38,6 +39,10 @@ class MachineSection(Section):
     timezone: str = "UTC"
     min_free_mb: NotNegative = 200.0
     """Below so much free room on the disk of the state, the daemon takes nothing more."""
+    spectra: Annotated[int, Field(ge=0, le=10000)] = WaterfallSettings.rows
+    """Envelope spectra kept of each channel: at least so many of a long life, at most twice as many; 0: none."""
+    spectra_interval_s: Annotated[float, Field(ge=0.01, le=1e7)] = WaterfallSettings.interval
+    """Shortest record time between two of them, until they become too many."""
 
     @field_validator("timezone")
     @classmethod
@@ -48,11 +53,9 @@ class MachineSection(Section):
             raise ValueError("not a time zone of the tz database, such as UTC or Europe/Rome") from None
         return value
 
-
-class PublishSection(Section):
-    """How the daemon writes the files of records."""
-
-    interval_s: Annotated[float, Field(ge=0.1, le=86400.0)] = 60.0
+    def to_waterfall(self) -> WaterfallSettings:
+        """Return how many envelope spectra are kept."""
+        return WaterfallSettings(rows=self.spectra, interval=self.spectra_interval_s)
 
 
 class BearingSection(Section):

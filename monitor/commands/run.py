@@ -14,28 +14,44 @@ from pathlib import Path
 import click
 
 from monitor.commands.common import config_option, read_config
-from monitor.config import ConfigError
 
 
 @click.command("run")
 @config_option()
 @click.option("--verbose", is_flag=True, help="Log accepted blocks, too.")
 @click.option("--quiet", is_flag=True, help="Log warnings and errors only.")
-def command(config_path: Path | None, verbose: bool, quiet: bool) -> None:
-    """Follow the configured sources until SIGTERM or Ctrl-C; what it does is logged on standard error."""
+@click.option("--supervised", is_flag=True, hidden=True)
+def command(config_path: Path | None, verbose: bool, quiet: bool, supervised: bool) -> None:
+    """Follow the configured sources until SIGTERM or Ctrl-C; what it does is logged on standard error.
+
+    Where FILE is a folder, every *.toml in it is a machine with a process of its own, and all share one page.
+    """
+    # --supervised: a supervisor started this; it has the page, and the other end of standard input.
     with _asked_to_stop() as stop:
         level = logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO
         logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
         for package in ("monitor", "streams"):
             logging.getLogger(package).setLevel(level)
         if config_path is not None and config_path.is_dir():
-            raise ConfigError(
-                f"--config {config_path}: is a folder; one process follows one machine: start one for each file in it"
-            )
+            _supervise(config_path, stop, verbose=verbose, quiet=quiet)
+            return
         config = read_config(config_path)
         from monitor.service.daemon import Daemon
 
+        if supervised:
+            from monitor.service.supervision import end_with_supervisor
+
+            end_with_supervisor(stop)
         Daemon(config).run(stop)
+
+
+def _supervise(folder: Path, stop: threading.Event, *, verbose: bool, quiet: bool) -> None:
+    """Follow all machines of a folder."""
+    from monitor.service.fleet import load_fleet
+    from monitor.service.supervisor import Supervisor
+
+    given = {"--verbose": verbose, "--quiet": quiet}
+    Supervisor(load_fleet(folder), options=[option for option, wanted in given.items() if wanted]).run(stop)
 
 
 @contextmanager

@@ -21,7 +21,15 @@ _SAID = {
 @config_option()
 @output_options
 def command(config_path: Path | None, as_json: bool, quiet: bool) -> None:
-    """Say what the daemon of this machine is doing now; exit code 0 also where none is running."""
+    """Say what the daemon of this machine is doing now; exit code 0 also where none is running.
+
+    Where FILE is a folder, all its machines are listed, the worst first.
+    """
+    if config_path is not None and config_path.is_dir():
+        from monitor.commands.fleet_status import fleet_status
+
+        fleet_status(config_path, as_json=as_json)
+        return
     from monitor.service.status_file import read_status
 
     config = read_config(config_path)

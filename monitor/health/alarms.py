@@ -19,7 +19,7 @@ SEVERITIES = ("alert", "danger")
 Span = tuple[float, float]
 
 _MOST_LEARNED = 512
-_WORST_FIRST = (FAILURE, NO_DATA, BAD_DATA, MAINTENANCE, OUT_OF_SPECIFICATION, CHECK, NORMAL)
+_WORST_FIRST = (FAILURE, NO_DATA, BAD_DATA, OUT_OF_SPECIFICATION, MAINTENANCE, CHECK, NORMAL)
 _REFUSALS = frozenset(
     {"above_map", "ambiguous", "outside_conditions", "outside_library", "no_absolute_level", "no_map", "no_library"}
 )
@@ -220,13 +220,20 @@ def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple
     # A block that says nothing of the tracker leaves its refusal standing.
     refusing = block.edv_status in _REFUSALS if block.usable else state.refusing
     after = AlarmState(seen=seen, recent_bad=recent, rules=rules, refusing=refusing)
-    condition = _condition(rules, after, block, settings)
+    condition = condition_of(after, settings, learning=block.learning, final=block.final, ended=block.ended)
     after = replace(after, condition=condition)
     return after, AlarmOutput(tuple(changes), condition, state.condition)
 
 
-def acknowledge(state: AlarmState, rule: str, sequence: int) -> AlarmState:
-    """Let go of what a rule holds, if it was raised at or before a block; doing it again changes nothing."""
+def acknowledge(state: AlarmState, rule: str, sequence: int, severity: str = "danger") -> AlarmState:
+    """Let go of what a rule holds, if it was raised at or before a block; doing it again changes nothing.
+
+    Args:
+        state: of the alarms of a channel.
+        rule: name of the rule.
+        sequence: block that raised what was acknowledged.
+        severity: of that; whoever knows of a danger knows of the alert below it, but not the other way round.
+    """
     known = state.rules.get(rule)
     if known is None:
         return state
@@ -235,8 +242,32 @@ def acknowledge(state: AlarmState, rule: str, sequence: int) -> AlarmState:
         past = level.since is not None and level.since <= sequence
         return replace(level, held=False) if past else level
 
-    released = replace(known, alert=release(known.alert), danger=release(known.danger))
+    danger = release(known.danger) if severity == "danger" else known.danger
+    released = replace(known, alert=release(known.alert), danger=danger)
     return replace(state, rules={**state.rules, rule: released})
+
+
+def condition_of(state: AlarmState, settings: AlarmSettings, *, learning: bool, final: bool, ended: bool) -> str:
+    """Return how a channel stands: the worst of what is known of it, in the order of :func:`machine_state`.
+
+    Args:
+        state: of its alarms; rules that are not configured (any more) do not count.
+        settings: of its alarms.
+        learning: whether it is in its learning stage.
+        final: whether the final stage has begun.
+        ended: whether the end of life was reached.
+    """
+    rules = [state.rules.get(rule.name, RuleState()) for rule in settings.rules]
+    recent = state.recent_bad
+    holds = {
+        FAILURE: ended or any(rule.danger.shown for rule in rules),
+        BAD_DATA: len(recent) == settings.window and sum(recent) >= settings.bad_share * settings.window,
+        OUT_OF_SPECIFICATION: state.refusing,
+        MAINTENANCE: final or any(rule.alert.shown for rule in rules),
+        CHECK: learning,
+        NORMAL: True,
+    }
+    return machine_state(*(condition for condition, true in holds.items() if true))
 
 
 def limit_of(rule: Rule, level: Level | None, baseline: Span | None) -> float | None:
@@ -253,10 +284,11 @@ def limit_of(rule: Rule, level: Level | None, baseline: Span | None) -> float | 
 
 
 def machine_state(*states: str) -> str:
-    """Return the state of a machine: the worst of its channels, ``no_data`` where it has none.
+    """Return the worst of several states, ``no_data`` where there is none; the one order, of channels and of machines.
 
-    From the worst: failure, no_data, bad_data, maintenance_required, out_of_specification, check_function, normal. A
-    known danger outranks silence; silence and bad data outrank a lesser alarm, for it can no longer be believed.
+    From the worst: failure, no_data, bad_data, out_of_specification, maintenance_required, check_function, normal. A
+    known danger outranks silence; silence, bad data and a tracker that refuses outrank an alert, for it is no longer
+    known how much worse than an alert it is.
     """
     return min(states, key=_WORST_FIRST.index, default=NO_DATA)
 
@@ -326,17 +358,3 @@ def _move(level: LevelState, rule: Rule, value: float, limit: float, sequence: i
     if level.count + 1 < rule.off_delay:
         return replace(level, count=level.count + 1)
     return replace(level, active=False, count=0)
-
-
-def _condition(rules: Mapping[str, RuleState], state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> str:
-    """Return how the channel stands: what is known of damage first, then whether it can be known at all."""
-    if block.ended or any(rule.danger.shown for rule in rules.values()):
-        return FAILURE
-    recent = state.recent_bad
-    if len(recent) == settings.window and sum(recent) >= settings.bad_share * settings.window:
-        return BAD_DATA
-    if state.refusing:
-        return OUT_OF_SPECIFICATION
-    if block.final or any(rule.alert.shown for rule in rules.values()):
-        return MAINTENANCE
-    return CHECK if block.learning else NORMAL

@@ -89,6 +89,7 @@ class ChannelOutput:
         bands: bands that were demodulated, Hz.
         band_source: "configured", "learning", "recording" (chosen from a single short recording) or "provisional".
         features: of the block.
+        leading: place, among the bands, of that on which the fault was named; 0 where none was.
         naming: of the damaged part, from the averaged envelope spectrum.
         detection: score and alarms.
         damage: equivalent damaged volume, or None where the channel is not tracked.
@@ -103,6 +104,7 @@ class ChannelOutput:
     bands: tuple[Band, ...] = ()
     band_source: str = "configured"
     features: BlockFeatures | None = None
+    leading: int = 0
     naming: Naming | None = None
     detection: detect.DetectOutput | None = None
     damage: damage.Damage | None = None
@@ -151,8 +153,9 @@ def step(
     )
     state = _run_clock(state, info, verdict)
     naming: Naming | None = None
+    leading = 0
     if verdict.for_baseline:
-        state, naming = _name(state, features, lines, settings.average_blocks)
+        state, naming, leading = _name(state, features, lines, settings.average_blocks)
     state, detection = _detect(state, features, info, verdict, settings, settled=band_source != "provisional")
     if verdict.for_baseline and band_source == "provisional":
         state = _vote(state, samples, info.rate, lines)
@@ -167,6 +170,7 @@ def step(
         bands=bands,
         band_source=band_source,
         features=features,
+        leading=leading,
         naming=naming,
         detection=detection,
         damage=found,
@@ -206,10 +210,11 @@ def _vote(state: ChannelState, samples: NDArray[np.floating], rate: float, lines
 
 def _name(
     state: ChannelState, features: BlockFeatures, lines: Kinematics, average_blocks: int
-) -> tuple[ChannelState, Naming]:
+) -> tuple[ChannelState, Naming, int]:
     """Name the damaged part from the mean of the neighbouring envelope spectra, each over its own mean envelope.
 
-    The division, and a weight of one over its noise, keep one loud or knocking block from deciding for all.
+    The number is the place of the band that shows it, 0 where nothing is named. The division, and a weight of one over
+    its noise, keep one loud or knocking block from deciding for all.
     """
     needed = bins_needed(lines, features.envelopes[0].resolution)
     relative = tuple(
@@ -221,9 +226,10 @@ def _name(
         name_fault(amplitude, features.envelopes[0].resolution, lines, spectra.count)
         for amplitude in spectra.averages()
     ]
-    best = max(namings, key=lambda naming: (naming.fault is not None, _standing(naming)))
+    place = max(range(len(namings)), key=lambda i: (namings[i].fault is not None, _standing(namings[i])))
+    best = namings[place]
     kept = spectra if average_blocks > 1 else Spectra()
-    return replace(state, spectra=kept), best
+    return replace(state, spectra=kept), best, place if best.fault is not None else 0
 
 
 def _standing(naming: Naming) -> float:

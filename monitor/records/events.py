@@ -8,16 +8,13 @@ taken out: an acknowledgement is a row of its own.
 from __future__ import annotations
 
 import json
-import sqlite3
-import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from monitor.records.tables import StoreError
+from monitor.records.connection import SharedConnection
 
 _TABLES = (
     "CREATE TABLE IF NOT EXISTS notices (id INTEGER PRIMARY KEY, utc REAL NOT NULL, body TEXT NOT NULL)",
@@ -30,8 +27,9 @@ _EVENTS = """
 SELECT events.id, CAST(events.id AS TEXT) AS name, source, sequence, time, body
 FROM events JOIN blocks ON blocks.id = block
 """
+_NOTICES = "SELECT id, 'n' || id, NULL, NULL, utc, body FROM notices"
 _LONGEST_NOTE, _LONGEST_NAME = 2000, 100
-_NEEDS_NOBODY = ("alarm_cleared", "condition")
+_NEEDS_NOBODY = ("alarm_cleared", "alarm_released", "condition", "data_again")
 
 
 @dataclass(frozen=True)
@@ -77,21 +75,7 @@ class EventLog:
 
     def __init__(self, path: Path) -> None:
         """Open the log of the store at ``path``, whose database gets the tables that it lacks."""
-        self._path = path
-        self._lock = threading.Lock()
-        try:
-            self._connection = sqlite3.connect(
-                f"{path.absolute().as_uri()}?mode=rw",
-                uri=True,
-                isolation_level=None,
-                timeout=5.0,
-                check_same_thread=False,
-            )
-            self._connection.execute("PRAGMA synchronous = FULL")
-            for statement in _TABLES:
-                self._connection.execute(statement)
-        except sqlite3.Error as error:
-            raise StoreError(f"{path}: {error}") from error
+        self._shared = SharedConnection(path, write=True, tables=_TABLES)
 
     def events(self, *, limit: int = 200, before: int | None = None) -> list[LoggedEvent]:
         """Return the newest events that blocks led to, newest first.
@@ -101,41 +85,36 @@ class EventLog:
             before: only those before this number, for the page after.
         """
         condition, values = ("", ()) if before is None else ("WHERE events.id < ?", (before,))
-        with self._rows() as connection:
-            rows = connection.execute(f"{_EVENTS} {condition} ORDER BY events.id DESC LIMIT ?", (*values, limit))
-            return [self._logged(row[1:]) for row in rows.fetchall()]
+        query = f"{_EVENTS} {condition} ORDER BY events.id DESC LIMIT ?"
+        return [self._logged(row[1:]) for row in self._shared.rows(query, *values, limit)]
 
     def after(self, number: int, *, limit: int = 500) -> list[tuple[int, LoggedEvent]]:
         """Return the oldest events after a number, with their numbers; for whoever follows the log."""
-        with self._rows() as connection:
-            rows = connection.execute(f"{_EVENTS} WHERE events.id > ? ORDER BY events.id LIMIT ?", (number, limit))
-            return [(row[0], self._logged(row[1:])) for row in rows.fetchall()]
+        rows = self._shared.rows(f"{_EVENTS} WHERE events.id > ? ORDER BY events.id LIMIT ?", number, limit)
+        return [(row[0], self._logged(row[1:])) for row in rows]
 
     def notices(self, *, limit: int = 200) -> list[LoggedEvent]:
         """Return the newest events that no block led to, newest first."""
-        with self._rows() as connection:
-            rows = connection.execute(
-                "SELECT 'n' || id, NULL, NULL, utc, body FROM notices ORDER BY id DESC LIMIT ?", (limit,)
-            )
-            return [self._logged(row) for row in rows.fetchall()]
+        return [self._logged(row[1:]) for row in self._shared.rows(f"{_NOTICES} ORDER BY id DESC LIMIT ?", limit)]
+
+    def notices_after(self, number: int, *, limit: int = 500) -> list[tuple[int, LoggedEvent]]:
+        """Return the oldest notices after a number, with their numbers; for whoever follows the log."""
+        rows = self._shared.rows(f"{_NOTICES} WHERE id > ? ORDER BY id LIMIT ?", number, limit)
+        return [(row[0], self._logged(row[1:])) for row in rows]
 
     def event(self, name: str) -> LoggedEvent | None:
         """Return one event by its name in the log, or None."""
-        table, number = ("notices", name[1:]) if name.startswith("n") else ("events", name)
+        notice = name.startswith("n")
+        query, number = (f"{_NOTICES} WHERE id", name[1:]) if notice else (f"{_EVENTS} WHERE events.id", name)
         if not (number.isascii() and number.isdigit() and len(number) < 19):
             return None
-        query = "SELECT 'n' || id, NULL, NULL, utc, body FROM notices WHERE id = ?"
-        with self._rows() as connection:
-            if table == "events":
-                row = connection.execute(f"{_EVENTS} WHERE events.id = ?", (int(number),)).fetchone()
-                return None if row is None else self._logged(row[1:])
-            row = connection.execute(query, (int(number),)).fetchone()
-            return None if row is None else self._logged(row)
+        found = self._shared.rows(f"{query} = ?", int(number))
+        return self._logged(found[0][1:]) if found else None
 
     def notice(self, utc: float, body: Mapping[str, Any]) -> str:
         """Log what no block led to, and return its name in the log."""
-        with self._rows() as connection:
-            text = json.dumps(body, allow_nan=False)
+        text = json.dumps(body, allow_nan=False)
+        with self._shared.use() as connection:
             return f"n{connection.execute('INSERT INTO notices (utc, body) VALUES (?, ?)', (utc, text)).lastrowid}"
 
     def acknowledge(self, name: str, who: str, note: str, utc: float) -> LoggedEvent:
@@ -156,10 +135,8 @@ class EventLog:
         found = self.event(name)
         if found is None:
             raise ValueError(f"there is no event {name!r}")
-        with self._rows() as connection:
-            connection.execute(
-                "INSERT INTO acknowledgements (event, utc, who, note) VALUES (?, ?, ?, ?)", (found.id, utc, who, note)
-            )
+        query = "INSERT INTO acknowledgements (event, utc, who, note) VALUES (?, ?, ?, ?)"
+        self._shared.rows(query, found.id, utc, who, note)
         return self.event(name) or found
 
     def unacknowledged(self) -> int:
@@ -169,18 +146,13 @@ class EventLog:
         wanted = f"json_extract(body, '$.kind') NOT IN ({skipped}) AND {missing}"
         events = wanted.format(name="CAST(events.id AS TEXT)")
         notices = wanted.format(name="'n' || notices.id")
-        with self._rows() as connection:
-            query = (
-                f"SELECT (SELECT count(*) FROM events WHERE {events}) + (SELECT count(*) FROM notices WHERE {notices})"
-            )
-            return connection.execute(query).fetchone()[0]
+        query = f"SELECT (SELECT count(*) FROM events WHERE {events}) + (SELECT count(*) FROM notices WHERE {notices})"
+        return self._shared.rows(query)[0][0]
 
     def acknowledged_alarms(self) -> Iterator[tuple[str, str, str, int]]:
         """Yield source, channel, rule and block of each alarm that was acknowledged, to release what it holds."""
         query = f"{_EVENTS} WHERE CAST(events.id AS TEXT) IN (SELECT event FROM acknowledgements) ORDER BY events.id"
-        with self._rows() as connection:
-            rows = connection.execute(query).fetchall()
-        for _, _, source, sequence, _, text in rows:
+        for _, _, source, sequence, _, text in self._shared.rows(query):
             body = json.loads(text)
             if body.get("kind") == "alarm_raised":
                 yield source, body["channel"], body["rule"], sequence
@@ -188,21 +160,12 @@ class EventLog:
     def _logged(self, row: Any) -> LoggedEvent:
         name, source, block, utc, body = row
         query = "SELECT who, utc, note FROM acknowledgements WHERE event = ? ORDER BY id"
-        given = tuple(Acknowledgement(*item) for item in self._connection.execute(query, (name,)))
+        given = tuple(Acknowledgement(*item) for item in self._shared.rows(query, name))
         return LoggedEvent(name, source, block, utc, json.loads(body), given)
-
-    @contextmanager
-    def _rows(self) -> Iterator[sqlite3.Connection]:
-        with self._lock:
-            try:
-                yield self._connection
-            except sqlite3.Error as error:
-                raise StoreError(f"{self._path}: {error}") from error
 
     def close(self) -> None:
         """Close the log; closing twice does nothing."""
-        with self._lock:
-            self._connection.close()
+        self._shared.close()
 
     def __enter__(self) -> Self:
         """Return the log itself."""

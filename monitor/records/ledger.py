@@ -7,13 +7,12 @@ transaction of the block that it belongs to: a process that dies between two com
 from __future__ import annotations
 
 import sqlite3
-import threading
 from collections.abc import Iterable
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
+from monitor.records.connection import SharedConnection
 from monitor.records.store import Store
-from monitor.records.tables import StoreError
 from streams.block import Rejected
 from streams.ledger import FileProgress
 
@@ -44,23 +43,12 @@ class StoreLedger:
             with store.transaction() as connection:
                 for statement in _TABLES:
                     connection.execute(statement)
-        self._lock = threading.Lock()
-        try:
-            # Its own connection: the store's may be used by the thread that commits only.
-            self._reader = sqlite3.connect(
-                f"{store.path.absolute().as_uri()}?mode=ro",
-                uri=True,
-                isolation_level=None,
-                timeout=5.0,
-                check_same_thread=False,
-            )
-        except sqlite3.Error as error:
-            raise StoreError(f"{store.path}: {error}") from error
+        # Its own connection: the store's may be used by the thread that commits only.
+        self._reader = SharedConnection(store.path)
 
     def close(self) -> None:
         """Close the ledger's own connection."""
-        with self._lock:
-            self._reader.close()
+        self._reader.close()
 
     def __enter__(self) -> Self:
         """Return the ledger itself."""
@@ -72,47 +60,40 @@ class StoreLedger:
         """Close the ledger."""
         self.close()
 
-    def _rows(self, query: str, *values: Any) -> list[Any]:
-        with self._lock:
-            try:
-                return self._reader.execute(query, values).fetchall()
-            except sqlite3.Error as error:
-                raise StoreError(f"{self._store.path}: {error}") from error
-
     def committed(self, source: str) -> int:
         """Return the highest committed sequence number of a source, 0 where there is none."""
-        return self._rows("SELECT coalesce(max(sequence), 0) FROM blocks WHERE source = ?", source)[0][0]
+        return self._reader.rows("SELECT coalesce(max(sequence), 0) FROM blocks WHERE source = ?", source)[0][0]
 
     def content_of(self, source: str, sequence: int) -> str | None:
         """Return the content hash of the block committed under a number, or None."""
-        found = self._rows("SELECT content_hash FROM blocks WHERE source = ? AND sequence = ?", source, sequence)
+        found = self._reader.rows("SELECT content_hash FROM blocks WHERE source = ? AND sequence = ?", source, sequence)
         return found[0][0] if found else None
 
     def known(self, source: str, content_hash: str) -> int | None:
         """Return the number of a committed block with this content, or None."""
         query = "SELECT min(sequence) FROM blocks WHERE source = ? AND content_hash = ?"
-        return self._rows(query, source, content_hash)[0][0]
+        return self._reader.rows(query, source, content_hash)[0][0]
 
     def file(self, source: str, path: str) -> FileProgress | None:
         """Return what is known of a file, or None."""
-        found = self._rows(f"SELECT {_COLUMNS} FROM files WHERE source = ? AND path = ?", source, path)
+        found = self._reader.rows(f"SELECT {_COLUMNS} FROM files WHERE source = ? AND path = ?", source, path)
         return FileProgress(*found[0]) if found else None
 
     def files_like(self, source: str, head_hash: str, content_hash: str) -> list[FileProgress]:
         """Return files with this content, then some that begin in the same way."""
         query = f"SELECT {_COLUMNS} FROM files WHERE source = ? AND head_hash = ? AND content_hash"
-        same = self._rows(f"{query} = ? LIMIT {_ALIKE}", source, head_hash, content_hash)
-        alike = self._rows(f"{query} <> ? LIMIT {_ALIKE}", source, head_hash, content_hash)
+        same = self._reader.rows(f"{query} = ? LIMIT {_ALIKE}", source, head_hash, content_hash)
+        alike = self._reader.rows(f"{query} <> ? LIMIT {_ALIKE}", source, head_hash, content_hash)
         return [FileProgress(*row) for row in (*same, *alike)]
 
     def pending_files(self, source: str) -> list[FileProgress]:
         """Return the files of which samples wait."""
         query = f"SELECT {_COLUMNS} FROM files WHERE source = ? AND verdict = 'pending'"
-        return [FileProgress(*row) for row in self._rows(query, source)]
+        return [FileProgress(*row) for row in self._reader.rows(query, source)]
 
     def file_counts(self, source: str) -> dict[str, int]:
         """Return how many files have which verdict."""
-        return dict(self._rows("SELECT verdict, count(*) FROM files WHERE source = ? GROUP BY verdict", source))
+        return dict(self._reader.rows("SELECT verdict, count(*) FROM files WHERE source = ? GROUP BY verdict", source))
 
     def remember(self, source: str, progress: Iterable[FileProgress]) -> None:
         """Store the progress of files in a transaction of its own."""

@@ -7,9 +7,7 @@ therefore finds the states exactly as they were after the last block of the ledg
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 import sqlite3
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -21,11 +19,13 @@ from typing import Any, Literal, Self
 from monitor import __version__
 from monitor.records.archive import ARCHIVE_QUERY, Archived, archived_of, insert_forecasts
 from monitor.records.filing import STORED_QUERY, Filing, Stored, file_record
+from monitor.records.locks import let_go, take_lock
 from monitor.records.packing import pack
 from monitor.records.record import Record
-from monitor.records.tables import StoreError, connect, refuse_unsuitable
+from monitor.records.spectra import SpectrumChange, write_changes
+from monitor.records.tables import UNFIT, StoreError, UnstorableError, connect, refuse_unsuitable
 
-__all__ = ["Archived", "Commit", "Filing", "Store", "StoreError", "Stored"]
+__all__ = ["Archived", "Commit", "Filing", "Store", "StoreError", "Stored", "UnstorableError"]
 
 Commit = Literal["committed", "duplicate", "changed"]
 _CHUNK = 500
@@ -65,7 +65,8 @@ class Store:
             machine: name of the machine, which must be the one the store was made for; needed to make a store.
             create: whether it may be made where there is none.
             read_only: open for reading beside the writer.
-            attributes: what describes the run that will write, see :meth:`describe`.
+            attributes: what describes the run that will write, see :meth:`describe`; without them, and without a call
+                of it, blocks are described by the software version alone.
 
         Raises:
             StoreError: no database, another program's, a newer schema version, another machine's, a network file
@@ -79,12 +80,12 @@ class Store:
         try:
             store = cls(path, connect(path, new=new, read_only=read_only), lock)
         except BaseException:
-            _unlock(lock)
+            let_go(lock)
             raise
         try:
             store._settle_machine(machine)
-            if not read_only:
-                store.describe(attributes or {})
+            if attributes is not None and not read_only:
+                store.describe(attributes)
         except BaseException:
             store.close()
             raise
@@ -138,6 +139,7 @@ class Store:
         record: Record,
         states: Mapping[str, Mapping[str, Any]],
         beside: Callable[[sqlite3.Connection], None] | None = None,
+        spectra: Iterable[SpectrumChange] = (),
     ) -> Commit:
         """Commit one block: its ledger row, record, forecasts and events, and the states after it, all or nothing.
 
@@ -145,39 +147,56 @@ class Store:
             record: what the block said.
             states: state of each stage as plain values for JSON, by the stage's name; others stay as they are.
             beside: writes, in the same transaction, what else belongs to the block.
+            spectra: what the block changes in the kept spectra, written where it is committed.
 
         Returns:
             "committed"; "duplicate" where this very block is in the ledger already; "changed" where its place is taken
             by a block with another content. In the last two cases nothing is overwritten and the offer is counted.
         """
-        return self.commit_many([(record, states)], beside)[0]
+        return self.commit_many([(record, states)], beside, spectra)[0]
 
     def commit_many(
         self,
         items: Iterable[tuple[Record, Mapping[str, Mapping[str, Any]]]],
         beside: Callable[[sqlite3.Connection], None] | None = None,
+        spectra: Iterable[SpectrumChange] = (),
     ) -> list[Commit]:
         """Commit several blocks in one transaction, all or nothing; for replays, where a block can be had again.
 
         Args:
             items: records with the states after them, in order.
             beside: writes, in the same transaction, what else belongs to the blocks.
+            spectra: what the blocks change in the kept spectra, in order, written for those that are committed.
 
         Returns:
             The outcome of each, as :meth:`commit` gives it.
+
+        Raises:
+            UnstorableError: a record or a state holds what the tables cannot; nothing is committed.
         """
+        if self._run is None:
+            self.describe({})
         outcomes: list[Commit] = []
         latest: dict[str, tuple[int, Mapping[str, Any]]] = {}
+        committed: set[tuple[str, int]] = set()
         with self.transaction() as connection:
             for record, states in items:
-                outcome, block = self._insert(connection, record)
+                try:
+                    outcome, block = self._insert(connection, record)
+                except UNFIT as error:
+                    what = f"{record.source}, block {record.sequence}: its record cannot be stored"
+                    raise UnstorableError(f"{what}: {type(error).__name__}: {error}") from error
                 outcomes.append(outcome)
                 if outcome == "committed":
+                    committed.add((record.source, record.sequence))
                     latest.update({name: (block, state) for name, state in states.items()})
             for name, (block, state) in latest.items():
                 connection.execute(
                     "INSERT OR REPLACE INTO stage_states VALUES (?, ?, ?)", (name, block, _state_text(name, state))
                 )
+            write_changes(
+                connection, [change for change in spectra if (change.row.source, change.row.sequence) in committed]
+            )
             if beside is not None:
                 beside(connection)
         return outcomes
@@ -210,7 +229,9 @@ class Store:
             *(connection, block, record.forecasts, self._made_with), data_until=filing.time, issued_utc=time.time()
         )
         for item in record.events:
-            connection.execute("INSERT INTO events (block, body) VALUES (?, ?)", (block, json.dumps(item)))
+            connection.execute(
+                "INSERT INTO events (block, body) VALUES (?, ?)", (block, json.dumps(item, allow_nan=False))
+            )
         return "committed", block
 
     def _layout_id(self, connection: sqlite3.Connection, layout: str) -> int:
@@ -308,7 +329,7 @@ class Store:
     def close(self) -> None:
         """Close the database and let another writer in; closing twice does nothing."""
         self._connection.close()
-        _unlock(self._lock)
+        let_go(self._lock)
         self._lock = None
 
     def __enter__(self) -> Self:
@@ -360,25 +381,17 @@ def _state_text(name: str, state: Mapping[str, Any]) -> str:
     """Return a stage's state as JSON.
 
     Raises:
-        StoreError: it holds what JSON cannot, such as NaN.
+        UnstorableError: it holds what JSON cannot, such as NaN.
     """
     try:
         return json.dumps(state, allow_nan=False, separators=(",", ":"))
     except (TypeError, ValueError) as error:
-        raise StoreError(f"state of stage {name!r} cannot be written as JSON: {error}") from error
+        raise UnstorableError(f"state of stage {name!r} cannot be written as JSON: {error}") from error
 
 
 def _lock(path: Path) -> int:
-    """Take the lock that keeps a second writer out; the kernel lets go of it when the process ends, however it ends."""
-    descriptor = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(descriptor)
-        raise StoreError(f"{path}: another process is writing to it") from error
-    return descriptor
-
-
-def _unlock(descriptor: int | None) -> None:
-    if descriptor is not None:
-        os.close(descriptor)
+    """Take the lock that keeps a second writer out."""
+    lock = take_lock(path)
+    if lock is None:
+        raise StoreError(f"{path}: another process is writing to it")
+    return lock

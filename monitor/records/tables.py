@@ -16,6 +16,12 @@ STORE_VERSION = 2
 
 _MAGIC = b"SQLite format 3\x00"
 
+UNFIT = (
+    *(TypeError, ValueError, LookupError, AttributeError, OverflowError),
+    *(sqlite3.DataError, sqlite3.IntegrityError, sqlite3.InterfaceError, sqlite3.ProgrammingError),
+)
+"""What values that do not fit the tables raise; a full, locked or damaged database raises something else."""
+
 # A record is its row of blocks, the values in records (see packing), and its forecasts and events.
 # blocks.id grows with every commit, so "newer than what was published" is one comparison. day and axis_time say where a
 # block is filed (see store.Filing); blocks_by_day lets the publisher see in one look whether a day has changed.
@@ -55,8 +61,21 @@ CREATE TABLE published (
 """
 
 
+_SPECTRA = """
+CREATE TABLE IF NOT EXISTS spectra (
+    source TEXT NOT NULL, channel TEXT NOT NULL, sequence INTEGER NOT NULL, time REAL, kind INTEGER NOT NULL,
+    header TEXT NOT NULL, amplitude BLOB NOT NULL, PRIMARY KEY (source, channel, sequence)
+)
+"""
+"""Of a record no part, and so of no version: a store without it gets it when it is next opened for writing."""
+
+
 class StoreError(Exception):
     """The store cannot be used; the message names the file and the cause."""
+
+
+class UnstorableError(StoreError):
+    """What is to be committed can never be, however often it is tried; the store itself is well."""
 
 
 def refuse_unsuitable(path: Path, *, create: bool) -> bool:
@@ -126,6 +145,8 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
         found = _check_version(connection, path)
         if found < STORE_VERSION and not read_only:
             _migrate(connection)
+        if not read_only:
+            connection.execute(_SPECTRA)
     except sqlite3.Error as error:
         connection.close()
         raise StoreError(f"{path}: {error}") from error

@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 import logging
-import os
 import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
-from monitor import __version__
 from monitor.config import Config
-from monitor.health.alarms import is_silent, machine_state
 from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
 from monitor.service.disk import DiskGuard, free_bytes
 from monitor.service.ingest import Ingest
+from monitor.service.machine_status import MachineStatus
 from monitor.service.notify.notifier import Notifier as EventNotifier
 from monitor.service.publisher import Publisher
-from monitor.service.standing import channel_state
 from monitor.service.status_file import StatusFile
-from monitor.service.summary import channel_summary, run_attributes
+from monitor.service.summary import run_attributes
 from monitor.service.systemd import Notifier
 
 _LOG = logging.getLogger(__name__)
@@ -33,10 +27,7 @@ _STATUS_SHARE = 50.0
 _PAUSE = 0.5
 _LAST_PUBLICATION = 3.0
 _LAST_NOTIFICATION = 0.5
-_FIRST_SILENCE = 600.0
 _CHECKED_BYTES = 64 << 20
-_SHORTEST_SILENCE = 60.0
-_SILENT_INTERVALS = 10.0
 
 
 class Daemon:
@@ -63,8 +54,6 @@ class Daemon:
         self._notifier = Notifier()
         self._began = monotonic()
         self._since = clock()
-        self._blocks = 0
-        self._last: dict[str, _Last] = {}
         self._status_due = float("-inf")
         self._status_problem: str | None = None
 
@@ -90,12 +79,16 @@ class Daemon:
             watchers = self._ingest.watchers
             setups = {name: setup for watcher in watchers.values() for name, setup in watcher.channels.items()}
             self._store.describe(run_attributes(self._config, setups))
-            self._last = {name: self._last_of(name) for name in watchers}
+            self._status = MachineStatus(
+                *(self._config, self._store, self._ingest, self._monotonic, self._clock),
+                began=self._began,
+                since=self._since,
+            )
             self._notifier.tell("READY=1", f"STATUS=watching {', '.join(watchers)}")
             _LOG.info("machine %s: ready, watching %s", machine.name, ", ".join(watchers))
             self._follow(stop)
             self._notifier.tell("STOPPING=1")
-            _LOG.info("stopping after %d blocks", self._blocks)
+            _LOG.info("stopping after %d blocks", self._status.blocks)
             self._end()
 
     def _follow(self, stop: threading.Event) -> None:
@@ -112,13 +105,11 @@ class Daemon:
         if self._disk.problem is None and not self._publisher.finish(_LAST_PUBLICATION):
             _LOG.warning("the last records are not published yet; they are safe, and will be at the next start")
         self._write_status("stopped")
-        _LOG.info("stopped; %d blocks were committed", self._blocks)
+        _LOG.info("stopped; %d blocks were committed", self._status.blocks)
 
     def _seen(self, record: Record) -> None:
-        self._blocks += 1
+        self._status.seen(record)
         self._publisher.changed()
-        last = self._last[record.source]
-        self._last[record.source] = last.after(record, self._monotonic())
         for event in record.events:
             self._events.tell({"source": record.source, **event})
             _LOG.warning("%s: block %d: %s", record.source, record.sequence, event)
@@ -147,7 +138,7 @@ class Daemon:
 
     def _write_status(self, status: str) -> None:
         try:
-            self._file.write(self.status(status))
+            self._file.write(self._status.values(status, self.problems()))
         except OSError as error:
             problem = f"{self._file.path}: cannot be written ({error.strerror or error})"
             if problem != self._status_problem:
@@ -161,92 +152,6 @@ class Daemon:
         others = {"disk": self._disk.problem, "publisher": self._publisher.problem}
         failing = self._ingest.problems() | self._events.problems()
         return failing | {name: problem for name, problem in others.items() if problem is not None}
-
-    def status(self, status: str = "running") -> dict[str, Any]:
-        """Return what the daemon is doing, plain values for JSON; ``degraded`` where it runs but something is wrong."""
-        now, problems = self._monotonic(), self.problems()
-        channels = {
-            name: self._channel(source, name, now)
-            for source, watcher in self._ingest.watchers.items()
-            for name in watcher.channels
-        }
-        machine = self._config.machine
-        return {
-            "status": "degraded" if problems and status == "running" else status,
-            "machine": machine.name,
-            "state": machine_state(*(channel["state"] for channel in channels.values())),
-            "pid": os.getpid(),
-            "version": __version__,
-            "since_utc": _utc(self._since),
-            "updated_utc": _utc(self._clock()),
-            "up_s": round(now - self._began, 3),
-            "config_hash": self._config.hash,
-            "blocks": self._blocks,
-            "sources": {name: vars(backlog) for name, backlog in self._ingest.backlogs().items()},
-            "problems": problems,
-            "channels": channels,
-        }
-
-    def _channel(self, source: str, name: str, now: float) -> dict[str, Any]:
-        last, watcher = self._last[source], self._ingest.watchers[source]
-        age = now - (self._began if last.came is None else last.came)
-        silent = is_silent(age, last.patience, 1.0)
-        state, reason = channel_state(watcher.alarming.state(name).condition, silent=silent, refused=last.refused)
-        if state == "no_data":
-            reason = f"no block for {age:.0f} s"
-        elif state == "bad_data" and last.refused:
-            reason = f"block {last.sequence} was rejected: {last.status}"
-        return {
-            "source": source,
-            "state": state,
-            "reason": reason,
-            "last_block": last.sequence or None,
-            "last_block_utc": _utc(last.time),
-            "last_block_status": last.status,
-            "last_block_age_s": None if last.came is None else round(now - last.came, 3),
-            **channel_summary(watcher, name),
-        }
-
-    def _last_of(self, source: str) -> _Last:
-        record = self._store.record(source, self._store.last(source))
-        return _Last() if record is None else _Last().after(record, None)
-
-
-@dataclass(frozen=True)
-class _Last:
-    """The latest block of a source.
-
-    Attributes:
-        sequence: its number, 0 before the first.
-        time: its UTC time, s, or None.
-        status: its status, or None.
-        refused: whether it was rejected.
-        came: when it was committed, s of the monotonic clock, or None where that was before the start.
-        interval: shortest time from one block to the next, s, or None.
-    """
-
-    sequence: int = 0
-    time: float | None = None
-    status: str | None = None
-    refused: bool = False
-    came: float | None = None
-    interval: float | None = None
-
-    def after(self, record: Record, came: float | None) -> _Last:
-        """Return what is known after another block."""
-        interval = self.interval
-        if record.time is not None and self.time is not None and record.time > self.time:
-            step = record.time - self.time
-            interval = step if interval is None else min(step, interval)
-        time = record.time if record.time is not None else self.time
-        return _Last(record.sequence, time, record.status, not record.accepted, came, interval)
-
-    @property
-    def patience(self) -> float:
-        """Seconds after which silence is a state of its own."""
-        if self.interval is None:
-            return _FIRST_SILENCE
-        return max(_SHORTEST_SILENCE, _SILENT_INTERVALS * self.interval)
 
 
 def _refuse_damaged(store: Store) -> None:
@@ -264,12 +169,3 @@ def _refuse_damaged(store: Store) -> None:
             f"{store.path}: is damaged ({problems[0]}); move it and the files named after it to another folder, "
             "restore a copy if there is one, and start again: what is still in the sources is then taken anew"
         )
-
-
-def _utc(time: float | None) -> str | None:
-    if time is None:
-        return None
-    try:
-        return datetime.fromtimestamp(time, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    except (OverflowError, OSError, ValueError):
-        return None

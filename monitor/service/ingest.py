@@ -137,19 +137,40 @@ class Ingest:
             refused = item
             done = self._insist(lambda: self._ledger.refuse(refused, delivery.progress), stop)
         else:
-            watcher = self.watchers[item.source]
-            judged = record = self._judged(watcher, item)
-            states = watcher.states()
-            done = self._insist(
-                lambda: self._store.commit(
-                    judged, states, lambda connection: write_progress(connection, item.source, delivery.progress)
-                ),
-                stop,
-            )
+            record, done = self._committed(self.watchers[item.source], item, delivery, stop)
         if not done:
             return None
         source.acknowledge(delivery)
         return record
+
+    def _committed(
+        self, watcher: Watcher, item: Block | Rejected, delivery: Delivery, stop: threading.Event
+    ) -> tuple[Record, bool]:
+        """Judge and commit one block; return its record, and whether it was committed before the end came."""
+        before = watcher.remembered()
+        record, failure = self._judged(watcher, item, before)
+        try:
+            done = self._commit(watcher, record, delivery, stop)
+        except UnstorableError as error:
+            record, failure = self._failed(watcher, item, before, error), error
+            done = self._commit(watcher, record, delivery, stop)
+        if failure is not None:
+            self._failures[delivery.item.source] = f"block {record.sequence}: {record.reason}"
+        elif record.accepted and self._failures.pop(record.source, None) is not None:
+            _LOG.warning("%s: blocks can be analysed again", record.source)
+        return record, done
+
+    def _commit(self, watcher: Watcher, record: Record, delivery: Delivery, stop: threading.Event) -> bool:
+        states, spectra = watcher.states(), watcher.spectra
+        return self._insist(
+            lambda: self._store.commit(
+                record,
+                states,
+                lambda connection: write_progress(connection, record.source, delivery.progress),
+                spectra,
+            ),
+            stop,
+        )
 
     def _with_place(self, item: Block | Rejected) -> Block | Rejected:
         """Return the item, or the rejection of one whose number is taken."""
@@ -162,15 +183,32 @@ class Ingest:
         reason = f"block {item.sequence} is there already"
         return Rejected(item.source, item.sequence, item.name, status, reason, item.content_hash)
 
-    def _judged(self, watcher: Watcher, item: Block | Rejected) -> Record:
+    def _judged(
+        self, watcher: Watcher, item: Block | Rejected, before: Memory
+    ) -> tuple[Record, Exception | None]:
+        """Return the record of a block, and what made its analysis fail."""
         now = self._clock()
         try:
-            return watcher.process(item, now=now)
-        except ConfigError as error:
+            return watcher.process(item, now=now), None
+        except UnfitError as error:
             # A recording would be given up here; of a live source the next block may be better.
-            refused = Rejected(item.source, item.sequence, item.name, "wrong_shape", str(error), item.content_hash)
-            return watcher.process(refused, now=now)
+            watcher.go_back(before)
+            refused = _in_its_place(item, error.status, str(error))
+        except Exception as error:  # Whatever one block does to the analysis, the blocks after it are heard.
+            return self._failed(watcher, item, before, error), error
+        try:
+            return watcher.process(refused, now=now), None
+        except Exception as error:
+            return self._failed(watcher, item, before, error), error
 
+    def _failed(self, watcher: Watcher, item: Block | Rejected, before: Memory, error: Exception) -> Record:
+        """Return the record of a block that cannot be analysed; all states are what they were before it."""
+        _LOG.error("%s: block %d: the analysis failed", item.source, item.sequence, exc_info=error)
+        watcher.go_back(before)
+        reason = f"the analysis failed: {type(error).__name__}: {error}"[:_LONGEST_REASON]
+        refused = _in_its_place(item, "unreadable", reason)
+        try:
+            watcher.process(refused, now=self._clock())
     def _insist(self, action: Callable[[], Any], stop: threading.Event) -> bool:
         """Do what needs the database, however often it takes; return False where the end came first."""
         while True:

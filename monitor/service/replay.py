@@ -21,6 +21,7 @@ from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.votes import ENOUGH_VOTES
 from monitor.records.publish import publish
 from monitor.records.record import Record
+from monitor.records.spectra import SpectrumChange
 from monitor.records.store import Store, StoreError
 from monitor.service.setup import ChannelSetup, channel_setups, open_configured
 from monitor.service.summary import channel_summary, run_attributes
@@ -162,6 +163,7 @@ def _run(
     truth_of = getattr(source, "truth", None)
     thresholds = watcher.thresholds
     batch: list[tuple[Record, dict[str, Any]]] = []
+    changes: list[SpectrumChange] = []
     spectra: dict[str, Any] = {}
     standing: dict[str, float] = {}
     reasons: dict[str, str] = {}
@@ -175,13 +177,14 @@ def _run(
         truth = None if truth_of is None else truth_of(item.sequence, thresholds)
         record = watcher.process(item, truth=truth)
         batch.append((record, {}))
+        changes += watcher.spectra
         if not record.accepted:
             reasons.setdefault(record.status, f"block {record.sequence}: {record.reason}")
         taken += 1
         _keep_spectra(watcher, spectra, standing)
         if len(batch) >= (_BATCH if pace is None else 1):
-            _commit(store, batch, watcher)
-    _commit(store, batch, watcher)
+            _commit(store, batch, watcher, changes)
+    _commit(store, batch, watcher, changes)
     return taken, spectra, reasons
 
 
@@ -196,12 +199,15 @@ def _limited(source: Source, done: int, limit: int | None) -> Iterator[Block | R
         yield item
 
 
-def _commit(store: Store, batch: list[tuple[Record, dict[str, Any]]], watcher: Watcher) -> None:
+def _commit(
+    store: Store, batch: list[tuple[Record, dict[str, Any]]], watcher: Watcher, changes: list[SpectrumChange]
+) -> None:
     """Commit a batch: the records, and the states after the last of them."""
     if batch:
         batch[-1] = (batch[-1][0], watcher.states())
-        store.commit_many(batch)
+        store.commit_many(batch, spectra=changes)
         batch.clear()
+        changes.clear()
 
 
 def _keep_spectra(watcher: Watcher, spectra: dict[str, Any], standing: dict[str, float]) -> None:

@@ -22,6 +22,7 @@ from monitor.health.filter import FilterSettings
 from monitor.health.library import LibrarySettings
 from monitor.health.library_model import Library
 from monitor.health.pipeline import ChannelSettings
+from monitor.health.waterfall import WaterfallSettings
 from monitor.records.library_file import LibraryError, load_library
 from streams.block import STANDARD_GRAVITY
 from streams.source import ChannelSpec, Source, SourceError, SourceSpec, open_source
@@ -44,6 +45,7 @@ class ChannelSetup:
         library: the library of simulated lives that it is compared with, or None.
         condition: where speed and load come from.
         alarms: its alarm levels.
+        waterfall: how many of its envelope spectra are kept.
     """
 
     section: ChannelSection
@@ -52,6 +54,7 @@ class ChannelSetup:
     library: Library | None = None
     condition: ConditionSettings = field(default_factory=ConditionSettings)
     alarms: AlarmSettings = field(default_factory=AlarmSettings)
+    waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)
 
 
 def source_spec(config: Config, source: SourceSection, path: str | None = None) -> SourceSpec:
@@ -138,7 +141,9 @@ def channel_setups(
         settings = _settings(config, source, channel, rms_map, library)
         alarms = config.alarms.to_settings(channel.name, config.detect.run_in_blocks)
         condition = config.operating.to_condition()
-        setups[channel.name] = ChannelSetup(channel, settings, rms_map, library, condition, alarms)
+        setups[channel.name] = ChannelSetup(
+            channel, settings, rms_map, library, condition, alarms, config.machine.to_waterfall()
+        )
     return setups
 
 

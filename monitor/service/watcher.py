@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -23,13 +24,30 @@ from monitor.health.quality import (
 )
 from monitor.health.state import ChannelState
 from monitor.records.record import Record
+from monitor.records.spectra import SpectrumChange
 from monitor.service.alarming import Alarming
 from monitor.service.recording import block_record, rejected_record
 from monitor.service.setup import ChannelSetup
+from monitor.service.waterfall import Waterfalls
 from streams.block import Block, Rejected
 from streams.units import to_si
 
 States = dict[str, dict[str, Any]]
+Memory = list[tuple[object, dict[str, Any]]]
+"""What a watcher and its parts were at a moment."""
+
+
+class UnfitError(ConfigError):
+    """A block does not have what the configuration says.
+
+    Attributes:
+        status: of the rejection that can stand in its place.
+    """
+
+    def __init__(self, status: str, reason: str) -> None:
+        """Keep the status beside the sentence for people."""
+        super().__init__(reason)
+        self.status = status
 
 
 class Watcher:
@@ -53,6 +71,13 @@ class Watcher:
         self._states = {name: ChannelState() for name in channels}
         self.alarming = Alarming(source, {name: setup.alarms for name, setup in channels.items()})
         """The alarms of the channels."""
+        self._waterfalls = Waterfalls(
+            source,
+            {name: setup.waterfall for name, setup in channels.items()},
+            {name: setup.settings.bearing for name, setup in channels.items()},
+        )
+        self.spectra: tuple[SpectrumChange, ...] = ()
+        """What the latest block changes in the kept spectra, to be committed with its record."""
         tracked = ((name, setup.settings.damage) for name, setup in channels.items())
         self._methods = {name: damage.forecast_method for name, damage in tracked if damage is not None}
         self._checked_rates: set[float] = set()
@@ -76,6 +101,7 @@ class Watcher:
         if latest is not None:
             self._remember(latest)
         self.alarming.restore(states)
+        self._waterfalls.restore(states)
         if self._order_key in states:
             self._order = OrderState.from_dict(states[self._order_key])
         for name in self._states:
@@ -86,7 +112,7 @@ class Watcher:
     def states(self) -> States:
         """Return all states by name, to be committed with the record of the block that led to them."""
         states = {self._channel_key(name): state.to_dict() for name, state in self._states.items()}
-        return {self._order_key: self._order.to_dict(), **states, **self.alarming.states()}
+        return {self._order_key: self._order.to_dict(), **states, **self.alarming.states(), **self._waterfalls.states()}
 
     @property
     def thresholds(self) -> tuple[float, ...]:
@@ -102,6 +128,15 @@ class Watcher:
         """Freeze the band of a channel that was chosen from a recording as a whole."""
         self._states[name] = replace(self._states[name], bands=(band,), band_source="recording")
 
+    def remembered(self) -> Memory:
+        """Return all that is remembered, for :meth:`go_back`; states are frozen, so that nothing large is copied."""
+        return [(part, _copied(vars(part))) for part in (self, self.alarming, self._waterfalls)]
+
+    def go_back(self, memory: Memory) -> None:
+        """Be as it was then: for a block that failed half way, or whose states cannot be stored."""
+        for part, values in memory:
+            vars(part).update(_copied(values))
+
     def process(
         self, item: Block | Rejected, now: float | None = None, truth: Mapping[str, Any] | None = None
     ) -> Record:
@@ -113,8 +148,9 @@ class Watcher:
             truth: what a simulated rig knows of the block.
 
         Raises:
-            ConfigError: the block does not have what the configuration says; a later block would not have it either.
+            UnfitError: the block does not have what the configuration says; of a recording, no later block will.
         """
+        self.spectra = ()
         if isinstance(item, Rejected):
             self._order, _ = check_order(self._order, item.sequence, None, dated=False)
             return self.alarming.after(rejected_record(item), self._states, None)
@@ -132,6 +168,7 @@ class Watcher:
         channels = {name: (self._states[name], output) for name, output in outputs.items()}
         record = block_record(item, status, flags, reason, channels, truth, self._methods, conditions=self._conditions)
         self._remember(record)
+        self.spectra = self._waterfalls.after(item, self._states, outputs)
         return self.alarming.after(record, self._states, outputs)
 
     def _remember(self, record: Record) -> None:
@@ -185,21 +222,23 @@ class Watcher:
         """Refuse what no later block would mend: a missing channel, an unknown speed, a band above Nyquist."""
         missing = sorted(set(self.channels) - set(block.channels))
         if missing:
-            raise ConfigError(
+            raise UnfitError(
+                "wrong_shape",
                 f"source {self.source!r}, {block.name}: channel {missing[0]!r} is not in it; it has "
-                f"{', '.join(block.channels)}"
+                f"{', '.join(block.channels)}",
             )
         for setup in self.channels.values():
             if block.speed is None and setup.condition.speed is None and not setup.condition.varies:
-                raise ConfigError(
+                raise UnfitError(
+                    "incomplete",
                     f"operating.speed_hz is missing, and {block.name} does not state the shaft speed: the fault "
-                    "frequencies cannot be computed"
+                    "frequencies cannot be computed",
                 )
             if block.rate not in self._checked_rates:
                 try:
                     setup.section.check_rate(block.rate)
                 except ValueError as error:
-                    raise ConfigError(str(error)) from None
+                    raise UnfitError("wrong_rate", str(error)) from None
         self._checked_rates.add(block.rate)
 
     @property
@@ -208,6 +247,10 @@ class Watcher:
 
     def _channel_key(self, name: str) -> str:
         return f"channel:{self.source}:{name}"
+
+
+def _copied(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: copy(value) if isinstance(value, dict | set) else value for name, value in values.items()}
 
 
 def _block_verdict(verdicts: Mapping[str, Verdict], order_flags: tuple[str, ...]) -> tuple[str, tuple[str, ...], str]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.health.alarms import AlarmSettings, Level, Rule
+from monitor.service.alarming import Acknowledged
 from monitor.service.setup import channel_setups
 from monitor.service.watcher import Watcher
 from streams.block import Block, Rejected
@@ -47,9 +48,23 @@ def test_alarms_and_conditions_are_events_of_the_record() -> None:
         ("condition", 13),
     ]
     assert found.alarming.state("x").condition == "maintenance_required"
-    found.alarming.acknowledge("x", "rms", 5)
-    found.process(block(16, 1.0))
+    given = Acknowledged("s", "x", "rms", "alert", 5, 1.7e9)
+    assert found.alarming.acknowledge(given)
+    assert not found.alarming.acknowledge(given)
+    record = found.process(block(16, 1.0))
     assert found.alarming.state("x").condition == "check_function"
+    assert record.events == (
+        {
+            "kind": "alarm_released",
+            "channel": "x",
+            "block": 16,
+            "rule": "rms",
+            "feature": "rms",
+            "severity": "alert",
+            "since_block": 5,
+            "acknowledged_utc_s": 1.7e9,
+        },
+    )
 
 
 def test_a_restart_at_any_block_gives_the_same_records() -> None:

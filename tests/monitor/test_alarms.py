@@ -101,6 +101,10 @@ def test_a_latched_alarm_stands_until_it_is_acknowledged() -> None:
     released = acknowledge(state, "rms", 2)
     assert acknowledge(released, "rms", 2) == released
     assert acknowledge(released, "other", 2) == released
+    both, _ = run([25, 25, 5, 5, 5], rule)
+    assert not acknowledge(both, "rms", 2, "alert").rules["rms"].alert.held
+    assert acknowledge(both, "rms", 2, "alert").rules["rms"].danger.held
+    assert not acknowledge(both, "rms", 2, "danger").rules["rms"].alert.held
     assert step(released, block(7, 5.0), AlarmSettings((rule,)))[1].condition == "normal"
 
 
@@ -123,6 +127,7 @@ def test_the_worst_channel_speaks_for_the_machine() -> None:
     assert machine_state("normal", "check_function") == "check_function"
     assert machine_state("normal", "no_data", "maintenance_required") == "no_data"
     assert machine_state("no_data", "failure") == "failure"
+    assert machine_state("maintenance_required", "out_of_specification") == "out_of_specification"
     assert is_silent(11.0, 1.0, 10.0)
     assert not is_silent(10.0, 1.0, 10.0)
 

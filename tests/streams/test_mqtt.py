@@ -26,7 +26,7 @@ from streams.spec import SourceError, SourceSpec
 from streams.wire import ACK, block_frame, encode_frame
 from tests.broker import Broker
 from tests.committing import committing
-from tests.streams.test_tcp import Recorded, block
+from tests.streams.tcp_peers import Recorded, block
 
 TOPIC = "plant/press 4"
 

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import socket
-import struct
 import threading
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,91 +12,13 @@ import pytest
 from streams.block import Block, Rejected
 from streams.ledger import MemoryLedger
 from streams.live import Delivery, LiveSource
-from streams.network import NetworkSpec, parse_address
+from streams.network import parse_address
 from streams.sender import Sender, SendError, TcpLink
-from streams.spec import ChannelSpec, SourceError, SourceSpec
+from streams.spec import ChannelSpec, SourceSpec
 from streams.tcp import TcpReceiver
-from streams.wire import HEAD, Frame, block_frame, encode_frame, hello
+from streams.wire import Frame, block_frame, encode_frame
 from tests.committing import committing
-
-URL = "tcp://127.0.0.1:0"
-
-
-def block(sequence: int, samples: int = 64) -> Block:
-    rows = np.random.default_rng(sequence).standard_normal((2, samples)).astype(np.float32)
-    return Block(rows, 100.0, ("x", "y"), ("g", "g"), "made", sequence, str(sequence), start=1.7e9 + sequence)
-
-
-class Recorded:
-    """A recording of blocks, some of which could not be made."""
-
-    name = "made"
-
-    def __init__(self, numbers: range, bad: tuple[int, ...] = (), samples: int = 64) -> None:
-        self.numbers, self.bad, self.samples = numbers, bad, samples
-
-    def __len__(self) -> int:
-        return len(self.numbers)
-
-    def __iter__(self) -> Iterator[Block | Rejected]:
-        for n in self.numbers:
-            yield Rejected("made", n, str(n), "nan", "bad") if n in self.bad else block(n, self.samples)
-
-
-@contextmanager
-def receiving(
-    ledger: MemoryLedger, network: NetworkSpec | None = None, specs: list[SourceSpec] | None = None
-) -> Iterator[TcpReceiver]:
-    with TcpReceiver(specs or [SourceSpec("press", URL)], network) as receiver:
-        receiver.open(ledger)
-        yield receiver
-
-
-def commit(receiver: TcpReceiver, ledger: MemoryLedger, timeout: float = 5.0) -> Block | Rejected:
-    delivery = receiver.next(timeout)
-    assert delivery is not None
-    ledger.commit(delivery.item)
-    receiver.acknowledge(delivery)
-    return delivery.item
-
-
-def link(receiver: TcpReceiver, stream: str = "press") -> TcpLink:
-    return TcpLink(parse_address(f"tcp://127.0.0.1:{receiver.port}", "test"), stream, 5.0)
-
-
-def raw(receiver: TcpReceiver, stream: str = "press") -> socket.socket:
-    connection = socket.create_connection(("127.0.0.1", receiver.port), 5.0)
-    connection.sendall(hello(stream))
-    return connection
-
-
-def answer(connection: socket.socket) -> int:
-    data = b""
-    while len(data) < 8:
-        more = connection.recv(8 - len(data))
-        assert more, "the receiver closed the connection"
-        data += more
-    return struct.unpack("<Q", data)[0]
-
-
-def frame(sequence: int) -> bytes:
-    return encode_frame(block_frame(block(sequence)))
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 5.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-
-
-def gone(connection: socket.socket) -> bool:
-    try:
-        while connection.recv(4096):
-            pass
-    except ConnectionError:
-        pass
-    return True
+from tests.streams.tcp_peers import URL, Recorded, answer, block, commit, frame, gone, link, raw, receiving
 
 
 def test_receiver_is_a_live_source() -> None:
@@ -252,83 +170,6 @@ def test_several_streams_share_an_address_and_each_counts_for_itself() -> None:
     assert (len(ledger.blocks("press")), len(ledger.blocks("saw"))) == (7, 3)
 
 
-@pytest.mark.parametrize(
-    ("data", "words"),
-    [
-        (b"GET / HTTP/1.1\r\n\r\n", "hello"),
-        (hello("lathe"), "not configured"),
-        (hello("press") + b"SPW2" + bytes(60), "SPW1"),
-        (hello("press") + HEAD.pack(b"SPW1", 1, 1000, 1, 1.0, 2**31, 4, 0, 0), "at most"),
-        (hello("press") + frame(1)[:-1] + b"\0", "checksum"),
-        (hello("press") + frame(1)[:-9], "middle"),
-    ],
-)
-def test_nonsense_ends_its_own_connection_only(data: bytes, words: str) -> None:
-    ledger = MemoryLedger()
-    with receiving(ledger) as receiver:
-        with socket.create_connection(("127.0.0.1", receiver.port), 5.0) as connection:
-            connection.sendall(data)
-            with suppress(OSError):
-                connection.shutdown(socket.SHUT_WR)
-            assert gone(connection)
-        wait_until(lambda: words in (receiver.problem() or ""))
-        assert receiver.next(0.0) is None
-        with raw(receiver) as connection:
-            assert answer(connection) == 0
-            connection.sendall(frame(1))
-            assert commit(receiver, ledger).sequence == 1
-            assert receiver.problem() is None
-
-
-def test_a_sender_that_dawdles_is_dropped() -> None:
-    network = NetworkSpec(read_timeout=0.2)
-    with receiving(MemoryLedger(), network) as receiver:
-        with socket.create_connection(("127.0.0.1", receiver.port), 5.0) as connection:
-            connection.sendall(b"SP")
-            assert gone(connection)
-        assert "no whole hello within 0.2 s" in (receiver.problem() or "")
-        with raw(receiver) as connection:
-            answer(connection)
-            connection.sendall(frame(1)[:50])
-            assert gone(connection)
-        wait_until(lambda: "no whole frame within 0.2 s" in (receiver.problem() or ""))
-
-
-def test_one_connection_too_many_is_refused() -> None:
-    with receiving(MemoryLedger(), NetworkSpec(max_connections=1)) as receiver, raw(receiver) as first:
-        answer(first)
-        with socket.create_connection(("127.0.0.1", receiver.port), 5.0) as second:
-            assert gone(second)
-
-
-def test_the_newest_connection_of_a_stream_is_the_one() -> None:
-    ledger = MemoryLedger()
-    with receiving(ledger) as receiver, raw(receiver) as first:
-        answer(first)
-        with raw(receiver) as second:
-            answer(second)
-            assert gone(first)
-            second.sendall(frame(1))
-            commit(receiver, ledger)
-            assert answer(second) == 1
-
-
-def test_reading_stops_while_too_much_waits() -> None:
-    ledger = MemoryLedger()
-    size = len(encode_frame(block_frame(block(1, 20000))))
-    with receiving(ledger, NetworkSpec(max_waiting=3 * size)) as receiver:
-        sender = Sender(Recorded(range(1, 61), samples=20000), link(receiver))
-        thread = threading.Thread(target=sender.run)
-        thread.start()
-        wait_until(lambda: receiver.backlog().pending >= 3)
-        time.sleep(0.3)
-        assert receiver.backlog().pending == 3
-        assert "faster than they are committed" in (receiver.problem() or "")
-        with committing(receiver, ledger):
-            thread.join(20.0)
-    assert sorted(ledger.blocks("press")) == list(range(1, 61))
-
-
 def test_sender_goes_on_where_the_receiver_is() -> None:
     ledger = MemoryLedger()
     recording = Recorded(range(1, 21), bad=(4,))
@@ -374,50 +215,6 @@ def test_pace_follows_the_length_of_the_blocks() -> None:
     assert len(waits) == 3
     assert waits[0] == 0.0
     assert 0.0 < waits[1] <= 0.04
-
-
-@pytest.mark.parametrize(
-    ("url", "words"),
-    [
-        ("tcp://127.0.0.1", "expected tcp"),
-        ("tcp://user:secret@127.0.0.1:1", "password_file"),
-        ("tcp://127.0.0.1:99999", "ort"),
-        ("tcp://127.0.0.1:5/path", "expected tcp"),
-        ("mqtt://h/a/+/b", "without"),
-        ("mqtt://h/a/%23", "without"),
-        ("mqtt://h", "expected tcp"),
-        ("udp://h:1", "expected tcp"),
-    ],
-)
-def test_addresses_that_are_none_are_named(url: str, words: str) -> None:
-    with pytest.raises(SourceError, match=words) as caught:
-        parse_address(url, "[[source]] press: url")
-    assert "secret" not in str(caught.value)
-
-
-def test_other_machines_are_kept_out_unless_they_are_named() -> None:
-    spec = SourceSpec("press", "tcp://0.0.0.0:0")
-    with TcpReceiver([spec]) as receiver, pytest.raises(SourceError, match="peers"):
-        receiver.open(MemoryLedger())
-    network = NetworkSpec(peers=("192.168.7.0/24",))
-    assert network.admits("192.168.7.9")
-    assert network.admits("::ffff:192.168.7.9")
-    assert network.admits("127.0.0.1")
-    assert network.admits("::1")
-    assert not network.admits("192.168.8.9")
-    with pytest.raises(SourceError, match="peers"):
-        NetworkSpec(peers=("nowhere",))
-    with TcpReceiver([spec], network) as receiver:
-        receiver.open(MemoryLedger())
-        with raw(receiver) as connection:
-            assert answer(connection) == 0
-
-
-def test_an_address_in_use_is_named() -> None:
-    with receiving(MemoryLedger()) as receiver:
-        spec = SourceSpec("saw", f"tcp://127.0.0.1:{receiver.port}")
-        with TcpReceiver([spec]) as other, pytest.raises(SourceError, match="cannot be listened to"):
-            other.open(MemoryLedger())
 
 
 def test_the_sender_of_the_documentation_works() -> None:

@@ -1,0 +1,108 @@
+"""Which blocks' envelope spectra are kept, so that a life of any length has about as many of them.
+
+At most one a while of record time is kept; when there are twice as many as wanted, every other one is dropped and the
+while doubles. The newest is always there. Those around the start of the final stage are kept for good: the last one
+before it, the one with which it became known and the next two, and that of the end of life.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+Kind = Literal["newest", "kept", "pinned"]
+
+_PINNED_AFTER = 3
+_SLACK = 1e-3
+"""Share of the while by which a block may come early: clocks are not exact."""
+
+
+@dataclass(frozen=True)
+class WaterfallSettings:
+    """How many spectra are kept.
+
+    Attributes:
+        rows: at least so many of a life that is long enough, at most twice as many; 0 keeps none.
+        interval: shortest record time between two of them, s.
+    """
+
+    rows: int = 200
+    interval: float = 60.0
+
+
+@dataclass(frozen=True)
+class WaterfallState:
+    """What a channel's waterfall remembers; version 1.
+
+    Attributes:
+        interval: present while, s, or None before the first spectrum.
+        count: kept spectra that may be thinned out.
+        last: time of the latest kept one, s, or None.
+        to_pin: how many of the next ones are kept for good.
+    """
+
+    version: int = 1
+    interval: float | None = None
+    count: int = 0
+    last: float | None = None
+    to_pin: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the state as plain values for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> WaterfallState:
+        """Return the state that :meth:`to_dict` gave; refuse another version."""
+        if values.get("version") != 1:
+            raise ValueError(f"waterfall state of version {values.get('version')!r}, expected 1")
+        return cls(**values)
+
+
+@dataclass(frozen=True)
+class Keeping:
+    """What becomes of the spectrum of a block, and of those before it.
+
+    Attributes:
+        kind: "newest": it stands until the next comes; "kept": until it is thinned out; "pinned": for good.
+        thin: every other one of the kept ones goes first.
+    """
+
+    kind: Kind
+    thin: bool = False
+
+
+def step(
+    state: WaterfallState,
+    time: float | None,
+    settings: WaterfallSettings,
+    *,
+    believed: bool = True,
+    onset: bool = False,
+    end: bool = False,
+) -> tuple[WaterfallState, Keeping]:
+    """Take one block that has a spectrum and came in its order.
+
+    Args:
+        state: the waterfall so far.
+        time: of the block, s, or None where blocks have none: then each counts as a while after the one before.
+        settings: of the channel.
+        believed: whether the clock that gave the time is believed; if not, the block is no more than the newest.
+        onset: whether the final stage became known with it.
+        end: whether the end of life became known with it.
+    """
+    interval = settings.interval if state.interval is None else state.interval
+    due = believed and (
+        time is None or state.last is None or time < state.last or time - state.last >= interval * (1.0 - _SLACK)
+    )
+    to_pin = max(state.to_pin, _PINNED_AFTER) if onset else state.to_pin
+    if onset or end or (due and to_pin):
+        last = time if believed else state.last
+        return replace(state, interval=interval, last=last, to_pin=max(0, to_pin - 1)), Keeping("pinned")
+    if not due:
+        return replace(state, interval=interval), Keeping("newest")
+    thin = state.count >= 2 * settings.rows
+    count = (state.count + 1) // 2 if thin else state.count
+    interval = 2.0 * interval if thin else interval
+    return replace(state, interval=interval, count=count + 1, last=time), Keeping("kept", thin)

@@ -1,0 +1,64 @@
+"""``[web]``: where the page listens, and who may read it; docs/page.md explains it."""
+
+from __future__ import annotations
+
+import ipaddress
+from pathlib import Path
+from typing import Annotated, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+HostName = Annotated[
+    str, Field(pattern=r"^(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?)(:\d{1,5})?$")
+]
+
+
+class WebSection(BaseModel):
+    """The page of a machine; without ``allow_remote`` it is for this computer alone."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True)
+
+    enabled: bool = True
+    host: Annotated[str, Field(min_length=1, max_length=253)] = "127.0.0.1"
+    port: Annotated[int, Field(ge=0, le=65535)] = 8710
+    """0: any that is free."""
+    token_file: Path | None = None
+    """Its first line is the token; by default ``web.token`` in the state folder, which is made."""
+    allow_remote: bool = False
+    allowed_hosts: tuple[HostName, ...] = ()
+    """Further names under which browsers reach the page, such as bearings.plant.example or the same with :443."""
+    max_streams: Annotated[int, Field(ge=1, le=1000)] = 32
+    cert_file: Path | None = None
+    key_file: Path | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if not self.loopback and not self.allow_remote:
+            raise ValueError(
+                f"host = {self.host!r} lets other computers in, which needs allow_remote = true; a token is then asked "
+                "for everything"
+            )
+        if (self.cert_file is None) != (self.key_file is None):
+            raise ValueError("cert_file and key_file come together")
+        return self
+
+    @property
+    def loopback(self) -> bool:
+        """Whether only this computer can reach it."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+    @property
+    def reading_needs_token(self) -> bool:
+        """Whether a token is asked for everything, not for acknowledgements alone."""
+        return self.allow_remote or bool(self.allowed_hosts)
+
+    def with_absolute_paths(self, folder: Path) -> Self:
+        """Return it with relative names of files taken from ``folder``."""
+        names = ("token_file", "cert_file", "key_file")
+        given = {name: folder / getattr(self, name) for name in names if getattr(self, name) is not None}
+        return self.model_copy(update=given)
