@@ -252,3 +252,8 @@ def add_legend(axes: Axes, **place: Any) -> None:
     handles, _ = axes.get_legend_handles_labels()
     if handles:
         axes.legend(**place)
+
+
+def legend_above(axes: Axes, columns: int = 6) -> None:
+    """Add a legend above a panel, where it covers nothing."""
+    add_legend(axes, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.6)

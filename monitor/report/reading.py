@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from monitor.health.filter_particles import Particles
 from monitor.records.dataset import words
 from monitor.records.publish import day_dataset, days
 from monitor.records.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
+from monitor.records.spectra import SpectrumRow, read_spectra
 from monitor.records.store import Store, StoreError
 
 Records = xr.Dataset | Store | Path | str
@@ -73,6 +76,8 @@ class Run:
         counts: blocks by status.
         events: what became known, in order, each with the ``source`` and ``block``.
         attributes: how the records were made; a list of values where parts differ.
+        spectra: envelope spectra that the store keeps, by channel; files of records hold none.
+        particles: what the physical tracker believes after the last block, by channel; likewise of the store alone.
     """
 
     machine: str
@@ -83,6 +88,17 @@ class Run:
     counts: Mapping[str, int]
     events: Sequence[Mapping[str, Any]]
     attributes: Mapping[str, str] = field(default_factory=dict)
+    spectra: Mapping[str, Sequence[SpectrumRow]] = field(default_factory=dict)
+    particles: Mapping[str, Particles] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class _Store:
+    """What a store says beside its records: blocks by status, spectra and particles by channel."""
+
+    counts: Mapping[str, int]
+    spectra: Mapping[str, Sequence[SpectrumRow]]
+    particles: Mapping[str, Particles]
 
 
 def read_runs(records: Records | Sequence[Records]) -> list[Run]:
@@ -101,31 +117,33 @@ def read_runs(records: Records | Sequence[Records]) -> list[Run]:
     """
     items = [records] if isinstance(records, xr.Dataset | Store | Path | str) else list(records)
     parts: dict[tuple[str, bool], list[xr.Dataset]] = {}
-    counts: dict[str, dict[str, int]] = {}
+    stores: dict[str, _Store] = {}
     for item in items:
-        for dataset, counted in _datasets(item):
+        for dataset, store in _datasets(item):
             key = (str(dataset.attrs.get("machine", "machine")), dataset.attrs.get("dated") == "yes")
             if dataset.sizes["time"]:
                 parts.setdefault(key, []).append(dataset)
-            if counted is not None:
-                counts[key[0]] = dict(counted)
+            if store is not None:
+                stores[key[0]] = store
     if not parts:
         raise ReportError("there are no records to report")
     runs = {key: _run(*key, datasets) for key, datasets in parts.items()}
     for machine in {machine for machine, _ in runs}:
         _fold_rejected(runs, machine)
-        if machine in counts:
-            _take_counts(runs, machine, counts[machine])
+        if machine in stores:
+            _complete(runs, machine, stores[machine])
     return list(runs.values())
 
 
-def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, Mapping[str, int] | None]]:
-    """Yield the datasets of one item, with the counts of the store where there is one."""
+def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, _Store | None]]:
+    """Yield the datasets of one item, the first with what the store says beside where there is one."""
     if isinstance(item, xr.Dataset):
         yield item, None
     elif isinstance(item, Store):
+        beside: _Store | None = None
         for day in days(item):
-            yield day_dataset(item, day), item.counts()
+            beside = beside or _beside(item)
+            yield day_dataset(item, day), beside
     else:
         for path in _files(Path(item)):
             if path.suffix == ".nc":
@@ -138,13 +156,26 @@ def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, Mapping[str, int] | N
                     raise ReportError(str(error)) from error
 
 
+def _beside(store: Store) -> _Store:
+    """Read what a store holds beside records; particles in a layout of another version are left out."""
+    states = {key.split(":", 2)[2]: state for key, state in store.load_states().items() if key.startswith("channel:")}
+    particles: dict[str, Particles] = {}
+    for name, state in states.items():
+        stored = ((state.get("damage") or {}).get("filter") or {}).get("particles")
+        if stored:
+            with suppress(KeyError, ValueError, TypeError):
+                particles[name] = Particles.from_dict(stored)
+    return _Store(store.counts(), {name: read_spectra(store, name) for name in states}, particles)
+
+
 def _files(path: Path) -> list[Path]:
     """Return the files of records that a path stands for: itself, or those in a folder."""
     if not path.is_dir():
         if not path.exists():
             raise ReportError(f"{path}: no such file or folder")
         return [path]
-    found = sorted(path.glob("*.nc")) or sorted((path / "records").glob("*.nc")) or sorted(path.glob("*.db"))
+    # A store knows more than the files that are made from it.
+    found = sorted(path.glob("*.db")) or sorted(path.glob("*.nc")) or sorted((path / "records").glob("*.nc"))
     if not found:
         raise ReportError(f"{path}: holds neither .nc files of records nor a state.db")
     return found
@@ -275,12 +306,14 @@ def _fold_rejected(runs: dict[tuple[str, bool], Run], machine: str) -> None:
     counts = dict(dated.counts)
     for status, number in undated.counts.items():
         counts[status] = counts.get(status, 0) + number
-    runs[(machine, True)] = Run(**{**dated.__dict__, "counts": counts})
+    runs[(machine, True)] = replace(dated, counts=counts)
     del runs[(machine, False)]
 
 
-def _take_counts(runs: dict[tuple[str, bool], Run], machine: str, counts: Mapping[str, int]) -> None:
-    """Take the counts of the store, which knows of repetitions that have no record, where there is one run."""
+def _complete(runs: dict[tuple[str, bool], Run], machine: str, store: _Store) -> None:
+    """Add what the store says beside records, where there is one run: it also knows of repetitions without a record."""
     keys = [key for key in runs if key[0] == machine]
     if len(keys) == 1:
-        runs[keys[0]] = Run(**{**runs[keys[0]].__dict__, "counts": dict(counts)})
+        found = runs[keys[0]]
+        mine = {name: rows for name, rows in store.spectra.items() if rows and name in found.channels}
+        runs[keys[0]] = replace(found, counts=dict(store.counts), spectra=mine, particles=store.particles)
