@@ -33,12 +33,14 @@ class Answer:
         answer: one sentence at most; a refusal where nothing can be said.
         support: how sure this is, and what it rests on.
         known: whether it is an answer rather than a refusal.
+        brief: for a table, "" where there is nothing to say.
     """
 
     question: str
     answer: str
     support: str
     known: bool = True
+    brief: str = ""
 
 
 def answers(run: Run, channel: Channel, verdict: Verdict, clock: Clock) -> tuple[Answer, ...]:
@@ -84,7 +86,7 @@ def _scores(channel: Channel) -> str:
     above = int(np.sum(score[rows] > threshold[rows]))
     return (
         f"The score of RMS and H_or is above its threshold in {above} of the last {count(rows.size, 'block')} "
-        f"(last {figure(score[rows[-1]], 2)}, threshold {figure(threshold[rows[-1]], 2)})."
+        f"(last {figure(float(score[rows[-1]]), 2)}, threshold {figure(float(threshold[rows[-1]]), 2)})."
     )
 
 
@@ -108,7 +110,8 @@ def _since(verdict: Verdict, clock: Clock) -> Answer:
     short = clock.moment(verdict.t_fs.time)
     if not math.isfinite(verdict.t_fs.time) and verdict.t_fs.block is not None:
         short = f"block {verdict.t_fs.block:,}"
-    return Answer(question, f"{short[0].upper()}{short[1:]}.", " ".join(sentences))
+    brief = clock.short(verdict.t_fs.time) if math.isfinite(verdict.t_fs.time) else short
+    return Answer(question, f"{_capital(short)}.", " ".join(sentences), brief=brief)
 
 
 def _at(mark: Moment, clock: Clock) -> str:
@@ -133,7 +136,7 @@ def _where(channel: Channel, verdict: Verdict) -> Answer:
     best = f"At best {', '.join(evidence)} (block {channel.sequence[row]:,})." if evidence else ""
     apart = "The resolution does not tell them apart." if "|" in fault else ""
     support = " ".join(text for text in (best, _agreement(channel, verdict, fault), apart) if text)
-    return Answer(question, f"{fault_words(fault).capitalize()}.", support)
+    return Answer(question, f"{fault_words(fault).capitalize()}.", support, brief=fault_words(fault))
 
 
 def _agreement(channel: Channel, verdict: Verdict, fault: str) -> str:
@@ -172,7 +175,12 @@ def _how_large(run: Run, channel: Channel) -> Answer:
         sentences.insert(0, f"At block {channel.sequence[known]:,}; since then none: {why}.")
         value = f"Last {value}"
     sentences.append("Equivalent damaged volume V_eq, in the model of this rig." + unscaled(run))
-    return Answer(question, f"{value}.", " ".join(sentences))
+    return Answer(
+        question,
+        f"{value}.",
+        " ".join(sentences),
+        brief=value if known == row else f"({volume(channel.column('v_eq')[known])})",
+    )
 
 
 def _how_long(run: Run, channel: Channel) -> list[Answer]:
@@ -202,19 +210,23 @@ def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str)
     if status == "already_crossed":
         if math.isfinite(lower) and math.isfinite(upper):
             late = f"{_capital(interval_name(run))}: up to {duration(upper)} from now." if upper > 0.0 else ""
-            return Answer(question, f"The threshold{of} has more likely than not been reached.", late)
+            return Answer(
+                question, f"The threshold{of} has more likely than not been reached.", late, brief="likely reached"
+            )
         first = np.flatnonzero(channel.words["tt_status"][:, place] == status)[0]
-        return Answer(question, f"The threshold{of} was reached.", f"By block {channel.sequence[first]:,}.")
+        return Answer(
+            question, f"The threshold{of} was reached.", f"By block {channel.sequence[first]:,}.", brief="reached"
+        )
     if status != "ok" or not math.isfinite(tt):
         why = f"For the threshold{of}: {TT_REFUSALS.get(status, status)}."
-        return Answer(question, "No forecast.", why, known=False)
+        return Answer(question, "No forecast.", why, known=False, brief="no forecast")
     ends = interval(lower, upper, duration)
     sentences = [f"{_capital(interval_name(run))}: {ends}."] if ends else ["A single number, without an interval."]
     probability = number("p_threshold")
     if math.isfinite(probability):
         sentences.append(f"Reached within the maintenance window with a probability of {probability:.0%}.")
     sentences.append("If V_eq goes on growing as it did; it is not the remaining life." + unscaled(run))
-    return Answer(question, f"{duration(tt)} to the threshold{of}.", " ".join(sentences))
+    return Answer(question, f"{duration(tt)} to the threshold{of}.", " ".join(sentences), brief=duration(tt))
 
 
 def _sentence(text: str) -> str:

@@ -12,8 +12,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from monitor.records.histories import damage_time
-from monitor.records.schema import REJECTIONS
 from monitor.report.drawing import (
     BLUE,
     GREEN,
@@ -25,19 +23,19 @@ from monitor.report.drawing import (
     STYLE,
     Picture,
     TimeAxis,
-    legend_above,
     draw_line,
+    legend_above,
     new_figure,
     time_axis,
     to_svg,
 )
 from monitor.report.reading import Channel, Run
+from monitor.report.score_reading import running_time
 from monitor.report.trend_figures import draw_marks
 from monitor.report.verdict import Verdict, interval_name, unscaled
 from monitor.report.wording import Clock, figure, volume
 
 ENDS = ("lower", "upper")
-_OUT_OF_TIME = {"late", "out_of_order", "clock"}
 _LAWS = (0.25, 0.5, 0.75, 1.0)
 """Shares of the issued fits after which the law is drawn."""
 
@@ -55,15 +53,6 @@ def final_part(channel: Channel) -> slice | None:
 def part_axis(channel: Channel, part: slice, clock: Clock) -> TimeAxis:
     """Return the axis of a part of a life: dated, or in the unit of the whole life's."""
     return time_axis(channel.time if not clock.dated else channel.time[part], clock)
-
-
-def clock_of(channel: Channel) -> NDArray[np.float64]:
-    """Return the damage time of every block, s: hours of standstill are no part of it."""
-    flags = [set(str(text).split("|")) for text in channel.word("quality_flags")]
-    status = channel.word("quality_status").astype(str)
-    late = np.array([bool(item & _OUT_OF_TIME) for item in flags], dtype=bool)
-    in_clock = (status != "") & ~np.isin(status, REJECTIONS) & ~late
-    return damage_time(channel.time, np.array(["stopped" in item for item in flags], dtype=bool), in_clock)
 
 
 @mpl.rc_context(STYLE)
@@ -88,8 +77,8 @@ def damaged_volume(
     if np.isfinite(truth).any():
         draw_line(axes, axis, time, truth, color=GREEN, linestyle="--", label="true")
     for place, threshold in enumerate(thresholds):
-        style = {"label": "threshold" if len(thresholds) == 1 else "thresholds"} if place == 0 else {}
-        axes.axhline(1e6 * threshold, color=ORANGE, linewidth=1.1, linestyle="-.", **style)
+        name = "threshold" if place == 0 else None
+        axes.axhline(1e6 * threshold, color=ORANGE, linewidth=1.1, linestyle="-.", label=name)
     draw_marks(axes, axis, verdict)
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("V_eq (mm³/mm)")
@@ -115,7 +104,7 @@ def _volume_caption(channel: Channel, part: slice, thresholds: Sequence[float], 
     both = np.isfinite(truth) & np.isfinite(values) & (truth > 0)
     if both.any():
         ratio = float(np.exp(np.median(np.log(np.maximum(1e6 * values[both], 1e-9) / truth[both]))))
-        words.append(f"Half of the time it is above {figure(ratio, 2)} times the truth.")
+        words.append(f"Its median ratio to the truth is {figure(ratio, 2)}.")
     return " ".join(words)
 
 
@@ -136,7 +125,7 @@ def fitted_law(
     if not issued.size:
         return None
     axis = part_axis(channel, part, clock)
-    damage = clock_of(channel)
+    damage = running_time(channel)
     onset = float(np.interp(verdict.t_fs.time, channel.time, damage))
     made, (axes,) = new_figure(3.3)
     points = np.isfinite(channel.column("v_eq"))
@@ -144,7 +133,11 @@ def fitted_law(
     thresholds = thresholds_of(channel)
     if len(thresholds):
         axes.axhline(1e6 * thresholds[0], color=ORANGE, linewidth=1.1, linestyle="-.", label="threshold")
-    data: dict[str, Any] = {"time_s": channel.time[points], "v_eq_mm2": 1e6 * channel.column("v_eq")[points], "laws": []}
+    data: dict[str, Any] = {
+        "time_s": channel.time[points],
+        "v_eq_mm2": 1e6 * channel.column("v_eq")[points],
+        "laws": [],
+    }
     colours, styles = (SKY, PURPLE, BLUE, INK), (":", "--", "-.", "-")
     last_places = dict.fromkeys(int(issued[max(0, math.ceil(share * issued.size) - 1)]) for share in _LAWS)
     for row, colour, style in zip(last_places, colours[-len(last_places) :], styles[-len(last_places) :], strict=True):

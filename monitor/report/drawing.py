@@ -29,8 +29,19 @@ BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE, GREY = (
 INK, SOFT, AXIS, GRID, SHADE, PAPER = "#22262b", "#4a5058", "#8a9099", "#e3e6ea", "#eef1f4", "#fefefe"
 """Neutral colours of text, ticks, axes, grid, shaded spans and the inside of markers."""
 _THEMED = {
-    **{BLUE: "blue", VERMILION: "vermilion", GREEN: "green", PURPLE: "purple", SKY: "sky", ORANGE: "orange"},
-    **{GREY: "grey", INK: "ink", SOFT: "soft", AXIS: "axis", GRID: "grid", SHADE: "shade", PAPER: "paper"},
+    BLUE: "blue",
+    VERMILION: "vermilion",
+    GREEN: "green",
+    PURPLE: "purple",
+    SKY: "sky",
+    ORANGE: "orange",
+    GREY: "grey",
+    INK: "ink",
+    SOFT: "soft",
+    AXIS: "axis",
+    GRID: "grid",
+    SHADE: "shade",
+    PAPER: "paper",
 }
 """What the style sheet of the page calls each colour, so that a dark page shows figures with dark colours."""
 _COLOURS = re.compile("|".join(_THEMED))

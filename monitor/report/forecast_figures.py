@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from monitor.report.damage_figures import (
     ENDS,
-    clock_of,
     draw_interval,
     final_part,
     part_axis,
@@ -32,6 +31,7 @@ from monitor.report.drawing import (
     unit_of,
 )
 from monitor.report.reading import Channel, Run
+from monitor.report.score_reading import running_time
 from monitor.report.trend_figures import draw_marks
 from monitor.report.verdict import Verdict, interval_name, unscaled
 from monitor.report.wording import TT_REFUSALS, Clock, count, volume
@@ -70,7 +70,7 @@ def truth_of(channel: Channel, part: slice, place: int) -> tuple[NDArray[np.floa
     nothing = np.full(channel.time[part].size, np.nan)
     if place >= len(thresholds):
         return nothing, ""
-    damage, v_eq = clock_of(channel)[part], channel.column("v_eq")[part]
+    damage, v_eq = running_time(channel)[part], channel.column("v_eq")[part]
     above = np.flatnonzero(v_eq >= thresholds[place])
     if not above.size:
         return nothing, ""
@@ -170,7 +170,9 @@ def _caption(
     both = np.isfinite(tt) & np.isfinite(truth) & (truth > 0)
     if both.any():
         inside = np.abs(tt[both] - truth[both]) <= ALPHA * truth[both]
-        against = "the truth" if kind == "true" else "what the tracked V_eq did, which judges a forecast by its own values"
+        against = (
+            "the truth" if kind == "true" else "what the tracked V_eq did, which judges a forecast by its own values"
+        )
         words.append(f"{inside.mean():.0%} of {both.sum():,} lie within 20 % of {against} (the cone).")
         covered = both & np.isfinite(ends[0]) & np.isfinite(ends[1])
         if covered.any():

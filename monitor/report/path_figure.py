@@ -10,6 +10,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 from platformdirs import user_cache_dir
 
@@ -18,11 +19,12 @@ from models.rms_map import MapError, load_map
 from monitor.health.filter_particles import Particles
 from monitor.report.drawing import INK, ORANGE, STYLE, VERMILION, Picture, add_legend, legend_above, new_figure, to_svg
 from monitor.report.reading import Channel, Run
+from monitor.report.score_reading import of_channel
 from monitor.report.verdict import last_value, unscaled
 from monitor.report.wording import count, figure, volume
 from streams.block import STANDARD_GRAVITY
 
-_COLOURS = 32
+_COLOURS = 18
 _VOLUMES = (0.005, 0.02, 0.05, 0.1)
 _MOST_POINTS = 400
 _MOST_DOTS = 250
@@ -30,9 +32,11 @@ _MOST_DOTS = 250
 
 def map_of(run: Run, channel: Channel, given: RmsMap | None) -> RmsMap | None:
     """Return the RMS map of a channel: the given one, or the kept one that has the hash in the records."""
-    if given is not None:
-        return given
-    wanted = hash_of(run, channel.name)
+    return given if given is not None else kept_map(hash_of(run, channel.name))
+
+
+def kept_map(wanted: str) -> RmsMap | None:
+    """Return the map of a hash from the user's cache folder, None where it is not there."""
     if len(wanted) < 16 or not wanted.isalnum():
         return None
     try:
@@ -44,18 +48,12 @@ def map_of(run: Run, channel: Channel, given: RmsMap | None) -> RmsMap | None:
 
 def hash_of(run: Run, channel: str) -> str:
     """Return the hash of a channel's RMS map as the records say it, "" where they say none."""
-    said = [part.strip() for part in run.attributes.get("map_hash", "").split(";")]
-    for part in said:
-        name, colon, value = part.rpartition(": ")
-        if (colon and name == channel) or not colon:
-            return "" if value == "none" else value
-    return ""
+    said = of_channel(run.attributes.get("map_hash", ""), channel)
+    return "" if said == "none" else said
 
 
 @mpl.rc_context(STYLE)
-def map_path(
-    run: Run, channel: Channel, rms_map: RmsMap, numbers: itertools.count[int]
-) -> Picture | None:
+def map_path(run: Run, channel: Channel, rms_map: RmsMap, numbers: itertools.count[int]) -> Picture | None:
     """Draw the map under the channel's load and speed, the path over it, and what explains the latest level.
 
     Returns:
@@ -76,8 +74,8 @@ def map_path(
     _volumes(axes, rms_map.outer_race_radius, extent, depth)
     x, y = np.degrees(channel.column("dphi_d")[rows]), 1e6 * channel.column("h_d")[rows]
     keep = np.unique(np.linspace(0, rows.size - 1, min(rows.size, _MOST_POINTS)).astype(int))
-    axes.plot(x[keep], y[keep], color="black", linewidth=3.2, alpha=0.55)
-    axes.plot(x[keep], y[keep], ".-", color="white", linewidth=1.3, markersize=3, label="path of the tracker")
+    axes.plot(x[keep], y[keep], color=INK, linewidth=3.2, label="path of the tracker")
+    axes.plot(x[keep], y[keep], ".-", color="white", linewidth=1.3, markersize=3)
     axes.plot(x[:1], y[:1], "o", color="white", markeredgecolor="black", markersize=7, label="first")
     axes.plot(x[-1:], y[-1:], "s", color=ORANGE, markeredgecolor="black", markersize=7, label="last")
     level = _latest_level(channel, int(rows[-1]))
@@ -92,8 +90,8 @@ def map_path(
     legend_above(axes)
     caption = (
         f"{count(rows.size, 'size')} that the tracker gave, from {figure(x[0], 2)}° and {figure(y[0], 2)} µm to "
-        f"{figure(x[-1], 2)}° and {figure(y[-1], 2)} µm, over the map at {figure(at.load)} N and {figure(at.speed)} Hz. "
-        "Dashed: equal volume."
+        f"{figure(x[-1], 2)}° and {figure(y[-1], 2)} µm, over the map at {figure(at.load)} N and "
+        f"{figure(at.speed)} Hz. Dashed: equal volume."
     )
     if cloud:
         caption += " Dots: sizes that the tracker holds possible after the last block, the larger the more likely."
@@ -107,7 +105,13 @@ def _condition(channel: Channel, rms_map: RmsMap) -> MapSlice | None:
     values = []
     for name in ("load", "speed"):
         row, axis = last_value(channel, name), getattr(rms_map, name)
-        values.append(float(axis[0]) if row is None and len(axis) == 1 else None if row is None else float(channel.column(name)[row]))
+        values.append(
+            float(axis[0])
+            if row is None and len(axis) == 1
+            else None
+            if row is None
+            else float(channel.column(name)[row])
+        )
     if values[0] is None or values[1] is None:
         return None
     try:
@@ -176,6 +180,9 @@ def posterior(channel: Channel, particles: Particles, numbers: itertools.count[i
     if truth is not None:
         axes.axvline(1e6 * channel.column("v_eq_true")[truth], color=INK, linestyle="--", label="true")
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("V_eq (mm³/mm)")
     axes.set_ylabel("probability per bin")
     add_legend(axes, loc="upper left")

@@ -89,8 +89,10 @@ def gaps_of(run: Run) -> list[tuple[float, float, float]]:
         if not np.any(steps > 0):
             continue
         usual = float(np.median(steps[steps > 0]))
-        for place in np.flatnonzero(steps > _MISSING * usual):
-            found.append((float(time[place]), float(time[place + 1]), float(steps[place])))
+        found.extend(
+            (float(time[place]), float(time[place + 1]), float(steps[place]))
+            for place in np.flatnonzero(steps > _MISSING * usual)
+        )
     return sorted(found, key=lambda gap: -gap[2])
 
 
@@ -148,7 +150,9 @@ def _strip(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], status: NDArra
     for place, (rows, colour, name) in enumerate(zip(kinds, (GREEN, ORANGE, VERMILION), _LEVELS, strict=True)):
         x, _ = thin(np.sort(time[rows]), np.zeros(int(rows.sum())), 900)
         axes.plot(axis.position(x), np.full(x.size, 2.0 - place), "|", color=colour, markersize=9, label=name)
-    axes.set_yticks([2.0, 1.0, 0.0], [f"{name} ({int(rows.sum()):,})" for name, rows in zip(_LEVELS, kinds, strict=True)])
+    axes.set_yticks(
+        [2.0, 1.0, 0.0], [f"{name} ({int(rows.sum()):,})" for name, rows in zip(_LEVELS, kinds, strict=True)]
+    )
     axes.set_ylim(-0.6, 2.6)
     axes.grid(visible=False, axis="y")
     return {name: int(rows.sum()) for name, rows in zip(_LEVELS, kinds, strict=True)}

@@ -77,6 +77,7 @@ class Run:
         events: what became known, in order, each with the ``source`` and ``block``.
         attributes: how the records were made; a list of values where parts differ.
         spectra: envelope spectra that the store keeps, by channel; files of records hold none.
+        label: what to call it beside others: its machine, with the place of its records where several have that name.
         particles: what the physical tracker believes after the last block, by channel; likewise of the store alone.
     """
 
@@ -90,6 +91,7 @@ class Run:
     attributes: Mapping[str, str] = field(default_factory=dict)
     spectra: Mapping[str, Sequence[SpectrumRow]] = field(default_factory=dict)
     particles: Mapping[str, Particles] = field(default_factory=dict)
+    label: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,23 +118,50 @@ def read_runs(records: Records | Sequence[Records]) -> list[Run]:
         ReportError: nothing is found, or a file cannot be read.
     """
     items = [records] if isinstance(records, xr.Dataset | Store | Path | str) else list(records)
-    parts: dict[tuple[str, bool], list[xr.Dataset]] = {}
-    stores: dict[str, _Store] = {}
+    parts: dict[_Key, list[xr.Dataset]] = {}
+    stores: dict[tuple[str, str], _Store] = {}
     for item in items:
+        place = _place(item) if len(items) > 1 else ""
         for dataset, store in _datasets(item):
-            key = (str(dataset.attrs.get("machine", "machine")), dataset.attrs.get("dated") == "yes")
+            machine = str(dataset.attrs.get("machine", "machine"))
             if dataset.sizes["time"]:
-                parts.setdefault(key, []).append(dataset)
+                parts.setdefault((machine, place, dataset.attrs.get("dated") == "yes"), []).append(dataset)
             if store is not None:
-                stores[key[0]] = store
+                stores[machine, place] = store
     if not parts:
         raise ReportError("there are no records to report")
-    runs = {key: _run(*key, datasets) for key, datasets in parts.items()}
-    for machine in {machine for machine, _ in runs}:
-        _fold_rejected(runs, machine)
-        if machine in stores:
-            _complete(runs, machine, stores[machine])
-    return list(runs.values())
+    runs = {key: _run(key[0], key[2], datasets) for key, datasets in parts.items()}
+    for machine, place in dict.fromkeys(key[:2] for key in runs):
+        _fold_rejected(runs, machine, place)
+        if (machine, place) in stores:
+            _complete(runs, machine, place, stores[machine, place])
+    return _labelled(runs)
+
+
+_Key = tuple[str, str, bool]
+"""Machine, place (a store or a folder is a run of its own, files and datasets of a machine are one), and if dated."""
+
+
+def _place(item: Records) -> str:
+    """Return what tells a store or a folder from others, "" for files and datasets."""
+    if isinstance(item, xr.Dataset):
+        return ""
+    path = item.path if isinstance(item, Store) else Path(item)
+    if path.suffix == ".nc":
+        return ""
+    return str(path.resolve().parent if path.is_file() else path.resolve())
+
+
+def _labelled(runs: Mapping[_Key, Run]) -> list[Run]:
+    """Give each run a label of its own: the machine, with the folder where several have that name."""
+    machines = [machine for machine, _, _ in runs]
+    labelled = []
+    for (machine, place, dated), run in runs.items():
+        label = machine
+        if machines.count(machine) > 1:
+            label += f", {Path(place).name}" if place else (", dated" if dated else ", undated")
+        labelled.append(replace(run, label=label))
+    return labelled
 
 
 def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, _Store | None]]:
@@ -298,21 +327,21 @@ def _joined(attributes: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     return {key: "; ".join(values) for key, values in found.items()}
 
 
-def _fold_rejected(runs: dict[tuple[str, bool], Run], machine: str) -> None:
+def _fold_rejected(runs: dict[_Key, Run], machine: str, place: str) -> None:
     """Count the undated blocks of a dated machine with its others where all of them were rejected."""
-    undated, dated = runs.get((machine, False)), runs.get((machine, True))
+    undated, dated = runs.get((machine, place, False)), runs.get((machine, place, True))
     if undated is None or dated is None or any(status not in REJECTIONS for status in undated.counts):
         return
     counts = dict(dated.counts)
     for status, number in undated.counts.items():
         counts[status] = counts.get(status, 0) + number
-    runs[(machine, True)] = replace(dated, counts=counts)
-    del runs[(machine, False)]
+    runs[machine, place, True] = replace(dated, counts=counts)
+    del runs[machine, place, False]
 
 
-def _complete(runs: dict[tuple[str, bool], Run], machine: str, store: _Store) -> None:
+def _complete(runs: dict[_Key, Run], machine: str, place: str, store: _Store) -> None:
     """Add what the store says beside records, where there is one run: it also knows of repetitions without a record."""
-    keys = [key for key in runs if key[0] == machine]
+    keys = [key for key in runs if key[:2] == (machine, place)]
     if len(keys) == 1:
         found = runs[keys[0]]
         mine = {name: rows for name, rows in store.spectra.items() if rows and name in found.channels}

@@ -15,12 +15,13 @@ from markupsafe import Markup
 
 from monitor import __version__
 from monitor.report.comparison import Comparison, compare
+from monitor.report.comparison_tables import milestones
 from monitor.report.options import Options
 from monitor.report.quality import without_folders
 from monitor.report.reading import Records, ReportError, Run, read_runs
 from monitor.report.run_section import RunPart, part_of_run
-from monitor.report.run_tables import milestones
 from monitor.report.spectrum_figures import SpectrumView
+from monitor.report.summary import RunSummary, summarise
 from monitor.report.tables import Table, write_tables, write_whole
 
 __all__ = ["Options", "ReportError", "SpectrumView", "build_report", "render", "report_runs"]
@@ -76,18 +77,22 @@ def report_runs(
     views: Mapping[str, SpectrumView] | None = None,
     pending: int = 0,
     tables: Path | None = None,
-) -> tuple[Path, list[RunPart]]:
+) -> tuple[Path, list[RunSummary]]:
     """Write a report of runs that were read already; see :func:`build_report`.
 
     Returns:
-        The page, and what it says of each run.
+        The page, and what comparing its runs with others takes.
     """
     numbers = itertools.count(1)
     parts = [
         part_of_run(run, options, views or {}, pending if len(runs) == 1 else 0, numbers, anchor=f"r{place}")
         for place, run in enumerate(runs, start=1)
     ]
-    compared = compare(runs, parts, options, numbers) if len(runs) > 1 and options.holds("comparison") else None
+    summaries = [
+        summarise(run, part, f"#run{place}", scored=options.holds("score"))
+        for place, (run, part) in enumerate(zip(runs, parts, strict=True), start=1)
+    ]
+    compared = compare(summaries, options, numbers) if len(runs) > 1 and options.holds("comparison") else None
     page = render(
         "report.html.j2",
         title=options.title or f"Bearing health: {', '.join(dict.fromkeys(run.machine for run in runs))}",
@@ -101,18 +106,18 @@ def report_runs(
     except OSError as error:
         raise ReportError(f"{out}: cannot be written: {error.strerror or error}") from error
     if tables is not None:
-        write_tables(tables_of(parts, compared), tables, {"product_version": f"spallwatch {__version__}"})
-    return Path(out), parts
+        write_tables(tables_of(parts, summaries, compared), tables, {"product_version": f"spallwatch {__version__}"})
+    return Path(out), summaries
 
 
-def tables_of(parts: Sequence[RunPart], compared: Comparison | None) -> list[Table]:
+def tables_of(parts: Sequence[RunPart], summaries: Sequence[RunSummary], compared: Comparison | None) -> list[Table]:
     """Return every table of a page under names that no two share."""
     found = [] if compared is None else list(compared.tables)
     for place, part in enumerate(parts, start=1):
         prefix = f"run{place}-" if len(parts) > 1 else ""
         found += [replace(table, name=f"{prefix}{table.name}") for table in part.tables.values()]
-        if len(parts) == 1:
-            found.append(milestones(part.run))
+    if compared is None:
+        found.append(milestones(summaries, UTC))
     return found
 
 

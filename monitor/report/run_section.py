@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -43,9 +42,9 @@ class ChannelPart:
     anchor: str
 
     @property
-    def by_question(self) -> dict[str, str]:
-        """The answers by question, of several thresholds the first."""
-        return {answer.question: answer.answer for answer in reversed(self.answers)}
+    def briefly(self) -> dict[str, str]:
+        """The answers for a table by question, of several thresholds the first; "–" where there is nothing to say."""
+        return {answer.question: answer.brief or "–" for answer in reversed(self.answers)}
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from monitor.report.quality import without_folders
 from monitor.report.reading import Run
 from monitor.report.tables import Column, Table
-from monitor.report.wording import Clock, duration
+from monitor.report.wording import Clock
 from monitor.service.event_words import event_text
 
 _MOST_EVENTS = 200
@@ -88,38 +86,3 @@ def provenance(run: Run) -> list[tuple[str, str]]:
         if key not in _PROVENANCE and key not in _DISCOVERY and not key.startswith("time_coverage")
     ]
     return [(label, without_folders(text) or "none") for label, text in (*known, *others)]
-
-
-def milestones(*runs: Run, clock: Clock | None = None) -> Table:
-    """Return t_fs, t_EOL and the length of the final stage of every channel that has one (thesis, Table 20).
-
-    Args:
-        runs: whose channels they are.
-        clock: writes moments; by default in UTC, or from the first block.
-    """
-    rows = []
-    for run in runs:
-        for channel in run.channels.values():
-            start, end = (_last(channel.column(name)) for name in ("t_fs", "t_eol"))
-            if math.isfinite(start):
-                last = float(channel.time[-1])
-                ended = end if math.isfinite(end) else last
-                how = "end of life" if math.isfinite(end) else "last block"
-                rows.append((run.machine, channel.name, start, end, ended - start, how))
-    clock = clock or Clock(bool(runs) and runs[0].dated)
-    where = clock.label if clock.dated else "from the first block"
-    columns = (
-        Column("machine", "machine"),
-        Column("channel", "channel"),
-        Column("t_fs", f"t_fs ({where})", "s", "s", words=clock.short),
-        Column("t_eol", f"t_EOL ({where})", "s", "s", words=clock.short),
-        Column("length", "final stage lasts", "s", "s", words=duration),
-        Column("until", "until"),
-    )
-    note = "As in Table 20 of the thesis; where no end of life was seen, the final stage is counted to the last block."
-    return Table("final_stages", "Final stages", columns, rows, note)
-
-
-def _last(values: Any) -> float:
-    finite = values[np.isfinite(values)]
-    return float(finite[-1]) if finite.size else math.nan

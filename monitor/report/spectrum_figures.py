@@ -110,7 +110,9 @@ def _pictured(
     panels[-1].set_xlabel("frequency (Hz)")
     shown = f"{len(views)} envelope spectra" if len(views) > 1 else "Envelope spectrum"
     label = f"{shown} of channel {channel} with the fault lines of the bearing."
-    return Picture(heading, to_svg(made, label, numbers), _caption(views, tops, fault, alike), {"spectra": data}, "envelope")
+    return Picture(
+        heading, to_svg(made, label, numbers), _caption(views, tops, fault, alike), {"spectra": data}, "envelope"
+    )
 
 
 def _draw(axes: Axes, view: SpectrumView, fault: str) -> tuple[float, dict[str, Any]]:
@@ -188,7 +190,9 @@ def _sidebands(
     places = [_highest(frequency, amplitude, at + side * distance) for at, _ in lines for side in (-1, 1)]
     rows = [place for place in places if place is not None]
     colour, _ = FAULT_MARKS[part]
-    axes.plot(frequency[rows], amplitude[rows], "|", color=colour, markersize=8, label=f"its sidebands, ±{distance:.1f} Hz")
+    axes.plot(
+        frequency[rows], amplitude[rows], "|", color=colour, markersize=8, label=f"its sidebands, ±{distance:.1f} Hz"
+    )
 
 
 def _highest(frequency: NDArray[np.float64], amplitude: NDArray[np.float64], nominal: float) -> int | None:
@@ -210,7 +214,9 @@ def _caption(views: Sequence[SpectrumView], tops: Sequence[float], fault: str, a
         "of it."
     )
     if not fault:
-        words.append("A marker alone names nothing: a part is named only where its lines stand clear of noise and others.")
+        words.append(
+            "A marker alone names nothing: a part is named only where its lines stand clear of noise and others."
+        )
     return " ".join(words)
 
 

@@ -14,7 +14,6 @@ from monitor.report.wording import Clock
 from streams.block import STANDARD_GRAVITY
 
 
-
 def views_of(rows: Sequence[SpectrumRow], channel: Channel, verdict: Verdict, clock: Clock) -> list[SpectrumView]:
     """Return a spectrum from before the onset and one from after; the latest alone where there was none; or nothing.
 

@@ -32,6 +32,7 @@ class Column:
         edge: what ends the name in CSV: the unit there, "" for none.
         scale: what SI values are multiplied by at the edge.
         words: how a value is shown; by default with three figures.
+        on_page: whether the page shows it, or the files alone.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Column:
     edge: str = ""
     scale: float = 1.0
     words: Callable[[Any], str] | None = None
+    on_page: bool = True
 
     @property
     def is_number(self) -> bool:
@@ -89,12 +91,20 @@ class Table:
     note: str = ""
 
     @property
+    def page_columns(self) -> list[Column]:
+        """The columns that the page shows."""
+        return [column for column in self.columns if column.on_page]
+
+    @property
     def cells(self) -> list[list[str]]:
         """The rows as the page shows them."""
-        return [[column.shown(cell) for column, cell in zip(self.columns, row, strict=True)] for row in self.rows]
+        return [
+            [column.shown(cell) for column, cell in zip(self.columns, row, strict=True) if column.on_page]
+            for row in self.rows
+        ]
 
     def to_csv(self) -> str:
-        """Return it as CSV, units at the ends of the names; what a spreadsheet would take for a formula gets a quote."""
+        """Return it as CSV, units at the ends of names; what a spreadsheet would take for a formula gets a quote."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow([column.key for column in self.columns])

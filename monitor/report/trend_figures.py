@@ -40,6 +40,7 @@ from streams.block import STANDARD_GRAVITY
 
 _SUMS = {"outer": "h_or", "inner": "h_ir", "ball": "h_ball", "cage": "h_cage"}
 _SYMBOLS = {"outer": "H_or", "inner": "H_ir", "ball": "H_ball", "cage": "H_cage"}
+_SUM_COLOURS = {"outer": PURPLE, "inner": BLUE, "ball": GREEN, "cage": ORANGE}
 _LONG_LIFE = 2.5
 """A life so many times as long as its final stage gets a figure of the final stage alone."""
 _DATA_BINS = 300
@@ -154,11 +155,13 @@ def _levels(
         draw_line(upper, axis, time, smoothed, color=INK, linewidth=0.9, label="moving mean that the tracker takes")
     data: dict[str, Any] = {f"rms_{suffix}": rms}
     shown = [rms]
-    for name, colour in zip(("outer", *named), (PURPLE, GREEN, BLUE, ORANGE), strict=False):
+    for name in ("outer", *named):
         values = channel.column(_SUMS[name])[part] / scale
-        style = {"label": f"{_SYMBOLS[name]}, {FAULT_NAMES[name]}"} if named else {}
-        draw_line(lower, axis, time, values, color=colour, **style)
         data[f"{_SUMS[name]}_{suffix}"] = values
+        style = {"label": f"{_SYMBOLS[name]}, {FAULT_NAMES[name]}"} if named else {}
+        if any(np.array_equal(values, other, equal_nan=True) for other in shown[1:]):
+            continue  # Lines that the resolution does not tell apart are one line.
+        draw_line(lower, axis, time, values, color=_SUM_COLOURS[name], linewidth=1.0 if named else 1.3, **style)
         shown.append(values)
     for axes, name in ((upper, "rms"), (lower, "h_or")):
         learned = baseline(channel, name) / scale
@@ -252,12 +255,14 @@ def _moments(verdict: Verdict) -> list[tuple[Moment, str, str, str]]:
         (verdict.t_fs_known, VERMILION, ":", "known"),
         (verdict.t_eol, INK, "-", "end of life"),
     )
-    return [(mark, *rest) for mark, *rest in marks if mark is not None and math.isfinite(mark.time)]
+    return [
+        (mark, colour, style, name)
+        for mark, colour, style, name in marks
+        if mark is not None and math.isfinite(mark.time)
+    ]
 
 
-def _mark_legend(
-    axes: Axes, verdict: Verdict, channel: Channel, part: slice, alarms: list[tuple[float, str]]
-) -> None:
+def _mark_legend(axes: Axes, verdict: Verdict, channel: Channel, part: slice, alarms: list[tuple[float, str]]) -> None:
     """Name the lines and the rug in one legend above the panel."""
     named = list(zip(*axes.get_legend_handles_labels(), strict=True))
     handles = [handle for handle, _ in named]
