@@ -171,7 +171,7 @@ class _Condition:
 def other_conditions(
     runs: Sequence[RunSummary], options: Options, numbers: itertools.count[int]
 ) -> tuple[Picture, Table] | None:
-    """Look the tracked defects of each run up under the conditions of others (thesis, Fig. 63 and Table 21).
+    """Look the tracked defects of each run up under the conditions of others (Fig. 63 and Table 21 of the thesis).
 
     Returns:
         The figure and the table, or None where no map covers the condition of another run.
@@ -232,8 +232,8 @@ def _drawn(
     panels[-1].set_xlabel(f"{words} from the start of the final stage")
     panels[-1].set_xlim(left=0.0)
     caption = (
-        "Dots: as recorded. Lines: the defects that were tracked on other runs, looked up in the RMS map under the load "
-        "and speed of this one. They end when those runs ended: the model says how loud a defect is, not when it fails."
+        "Dots: as recorded. Lines: the defects that were tracked on other runs, looked up in the RMS map under the "
+        "load and speed of this one. They end when those runs ended: the model says how loud, not when."
     )
     left = len(asked) - len(shown)
     caption += f" {count(left, 'more run')} in the table below." if left else ""
@@ -253,7 +253,8 @@ def _panel(
     for (source, (time, values)), look in zip(mine, _looks(len(mine)), strict=True):
         axes.plot(np.array(time) / unit, values / STANDARD_GRAVITY, **look(f"defects of {source}"))
         found["numerical"].append({"run": source, "time_s": time, "rms_g": values / STANDARD_GRAVITY})
-    axes.set_title(f"{one.label}: {one.load:,.0f} N, {one.speed:g} Hz", loc="right", fontsize=9)
+    under = f"{one.label}: {one.load:,.0f} N, {one.speed:g} Hz"
+    axes.annotate(under, (1.0, 0.04), xycoords="axes fraction", ha="right", fontsize=9)
     axes.set_ylabel("RMS (g)")
     axes.set_ylim(bottom=0.0)
     legend_above(axes, columns=4)

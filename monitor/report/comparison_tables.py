@@ -115,7 +115,7 @@ def scores(runs: Sequence[RunSummary]) -> Table | None:
     )
     note = (
         "Each run by itself, at all moments between t_fs becoming known and the end. CRA: 1 is perfect. CRPS: mean "
-        "error of the whole distribution. Where the end is that of the tracked V_eq, a forecast is judged by its own values."
+        "error of the whole distribution. Where the end is that of the tracked V_eq, it is judged by its own values."
     )
     return Table("scores", "Forecasts as issued, scored", columns, rows, note)
 
@@ -194,6 +194,6 @@ def rms_at_end(
     )
     note = (
         "RMS at the end of the final stage. Numerical: the last sizes that were tracked on one run, looked up in the "
-        "RMS map under the condition of another (the thesis' first prognostic model, Table 21); it says how loud, not when."
+        "RMS map under the condition of another (the thesis' first prognostic model, Table 21); how loud, not when."
     )
     return Table("rms_at_end", "RMS at the end, recorded and by the first prognostic model", columns, rows, note)

@@ -189,7 +189,7 @@ def to_svg(figure: Figure, label: str, numbers: itertools.count[int]) -> str:
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     prefix = f"f{next(numbers)}-"
-    text = re.sub(r'\bid="', f'id="{prefix}', text)
+    text = re.sub(r'\bid="', f'id="{prefix}', text.replace("xlink:href", "href"))
     text = re.sub(r'(url\(#|href="#)', rf"\1{prefix}", text)
     text = _COLOURS.sub(lambda match: f"var(--{_THEMED[match[0]]},{match[0]})", text)
     # Letters are those of the page, strokes are styled by its sheet, and a hundredth of a point is seen by nobody.
@@ -197,7 +197,9 @@ def to_svg(figure: Figure, label: str, numbers: itertools.count[int]) -> str:
     text = re.sub(r"<style type=.text/css.>.*?</style>", "", text, flags=re.DOTALL)
     text = _PLACES.sub(lambda match: _FRACTION.sub(r"\1", match[0]), text)
     escaped = label.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
-    return re.sub(r'<svg width="[^"]*" height="[^"]*"', f'<svg role="img" aria-label="{escaped}"', text, count=1)
+    box = re.search(r'viewBox="[^"]*"', text)
+    head = f'<svg role="img" aria-label="{escaped}" {box[0] if box else ""}>'
+    return head + text[text.index(">") + 1 :]
 
 
 def thin(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

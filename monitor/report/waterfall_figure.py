@@ -143,7 +143,7 @@ def _data(
     unit: str,
     blocks: list[int],
 ) -> dict[str, Any]:
-    """Return what is drawn: amplitudes as one byte each, 0 for none, 1 to 255 even in the logarithm from low to high."""
+    """Return what is drawn: amplitudes as one byte each, 0 for none, 1 to 255 even in the logarithm."""
     low, high = ends
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.log(np.clip(amplitude, low, high) / low) / math.log(high / low)
