@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from monitor.health.filter_particles import Particles
 from monitor.records.dataset import words
-from monitor.records.publish import day_dataset, days
+from monitor.records.publish import PublishError, day_dataset, days
 from monitor.records.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
 from monitor.records.spectra import SpectrumRow, read_spectra
 from monitor.records.store import Store, StoreError
@@ -181,7 +181,7 @@ def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, _Store | None]]:
                 try:
                     with Store.open(path, read_only=True) as store:
                         yield from _datasets(store)
-                except StoreError as error:
+                except (StoreError, PublishError) as error:
                     raise ReportError(str(error)) from error
 
 

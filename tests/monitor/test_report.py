@@ -4,7 +4,6 @@ import itertools
 import math
 import re
 from collections.abc import Iterator
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -25,44 +24,10 @@ from monitor.report.verdict import judge, named_fault
 from monitor.report.wording import EDV_REFUSALS, STATUS_MEANINGS, TT_REFUSALS, duration, fault_words, moment, volume
 from tests.effort import effort_count
 from tests.oracles.lives import life
+from tests.oracles.page import Page
 from tests.oracles.records_oracle import records
 
 START = 1_700_000_000.0
-
-
-class Page(HTMLParser):
-    """Reads a page: its text, its addresses, and whether every element is closed."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.words: list[str] = []
-        self.addresses: list[str] = []
-        self.ids: list[str] = []
-        self.tags: list[str] = []
-        self.open: list[str] = []
-        self.feed(text)
-        self.text = " ".join(" ".join(self.words).split())
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        if tag not in ("meta", "link", "img", "br"):
-            self.open.append(tag)
-        for key, value in attrs:
-            if key in ("href", "src", "xlink:href", "action", "data"):
-                self.addresses.append(value or "")
-            if key == "id":
-                self.ids.append(value or "")
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.handle_starttag(tag, attrs)
-        self.handle_endtag(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if self.open and self.open[-1] != "style":
-            self.words.append(data)
 
 
 @pytest.fixture(scope="module")
@@ -389,3 +354,16 @@ def test_durations_and_units_for_people() -> None:
     assert volume(5e-8) == "0.05 mm³/mm"
     assert moment(0.0, dated=True) == "1970-01-01 00:00:00 UTC"
     assert moment(math.nan, dated=True) == "at an unknown time"
+
+
+def test_an_empty_store_is_said_to_be_empty(tmp_path: Path) -> None:
+    with Store.open(tmp_path / "state.db", machine="m") as store, pytest.raises(ReportError, match="no records"):
+        build_report(store, tmp_path / "report.html")
+
+
+def test_gaps_and_a_run_without_an_onset_are_told(tmp_path: Path) -> None:
+    page = page_of_records(tmp_path, life(80, onset=200, learn=40))
+    assert "No sign of it." in page.text
+    assert "No final stage so far." in page.text
+    assert "1 gap, 2 h 1 min in all." in page.text
+    assert "The longest gap lasts 2 h 1 min." in page.text
