@@ -4,13 +4,15 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help setup demo test check bench lock clean
+.PHONY: help setup demo test check bench lock clean install-service uninstall-service
 
 help:
 	@echo "make demo   a simulated bearing wears out and is monitored; the report is in demo-out/report.html"
 	@echo "make test   the test suite"
 	@echo "make check  lint, types and import rules"
 	@echo "make bench  the benchmarks, short form"
+	@echo "make install-service    as root: spallwatch as a service under systemd (docs/deployment.md)"
+	@echo "make uninstall-service  takes it away; configurations, state and records stay"
 	@echo "make clean  remove the virtual environment and what demo and tests left"
 
 $(READY): requirements.lock pyproject.toml
@@ -39,6 +41,19 @@ bench: $(READY)
 
 lock:
 	uv pip compile pyproject.toml --all-extras --group dev --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate --quiet --output-file requirements.lock
+	$(MAKE) setup
+	$(BIN)/python -m deploy.runtime_lock
+
+# Places of the service; DESTDIR=FOLDER puts all of it below a folder, for a package or a trial without root.
+PREFIX ?= /opt/spallwatch
+CONFIG ?= /etc/spallwatch
+PLACES = PREFIX='$(PREFIX)' CONFIG='$(CONFIG)' DESTDIR='$(DESTDIR)'
+
+install-service: $(READY)
+	@$(PLACES) PYTHON='$(PYTHON)' BUILDER='$(BIN)/python' PROGRAM='$(PROGRAM)' deploy/install.sh install
+
+uninstall-service:
+	@$(PLACES) deploy/install.sh uninstall
 
 clean:
 	rm -rf $(VENV) .cache .pytest_cache .ruff_cache .hypothesis demo-out

@@ -4,7 +4,8 @@ Run as ``python -m benchmarks.daemon [--quick] [--json FILE]``. Wall clock times
 
 - *ready*: it tells the service manager ``READY=1``: store, maps and sources are open, a block could be committed;
 - *first block*: the first block of a file that was there beforehand is committed (settling time 0.2 s included);
-- *stop*: from SIGTERM to the end of the process, the last publication included.
+- *page*: its status has the address of the page, which answers then;
+- *stop*: from SIGTERM to the end of the process, the last publication and the end of the page included.
 
 The page cache is warm (one start is not counted). Without a map, and with a tracked channel and its map of 1,071 nodes.
 """
@@ -26,6 +27,7 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from models.map_data import MapPlan
 from models.rms_map import cached_map, save_map
 from monitor.records.store import Store
+from monitor.service.status_file import read_status
 
 RATE = 25_600
 BAND = (0.0, 9500.0)
@@ -49,7 +51,7 @@ def prepare(folder: Path, *, tracked: bool) -> Path:
         more = 'track = true\nmap = "map.nc"\n'
     config = folder / "machine.toml"
     config.write_text(
-        '[machine]\nname = "m"\n[[bearing]]\nname = "b"\ndesignation = "1205 ETN9"\n'
+        '[machine]\nname = "m"\n[web]\nport = 0\n[[bearing]]\nname = "b"\ndesignation = "1205 ETN9"\n'
         "[operating]\nspeed_hz = 40.0\nload_newton = 4000.0\n"
         f'[[source]]\nname = "s"\nurl = "folder:{folder / "in"}"\nrate_hz = {RATE}\nsettle_s = 0.2\nblock_s = "file"\n'
         '[[channel]]\nname = "x"\nsource = "s"\ncolumn = 1\nunit = "g"\nbearing = "b"\nband_hz = [[2000, 8000]]\n'
@@ -80,11 +82,16 @@ def one_run(*, tracked: bool) -> dict[str, float]:
                         raise RuntimeError("no block was committed")
                     time.sleep(0.005)
             first = time.monotonic() - began
+            while read_status(folder / "state").get("page") is None:
+                if time.monotonic() - began > 60.0:
+                    raise RuntimeError("the page did not answer")
+                time.sleep(0.02)
+            page = time.monotonic() - began
             asked = time.monotonic()
             daemon.send_signal(signal.SIGTERM)
             if daemon.wait(60.0) != 0:
                 raise RuntimeError(f"the daemon ended with {daemon.returncode}")
-            return {"ready s": ready, "first block s": first, "stop s": time.monotonic() - asked}
+            return {"ready s": ready, "first block s": first, "page s": page, "stop s": time.monotonic() - asked}
         finally:
             daemon.kill()
             daemon.wait()

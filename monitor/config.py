@@ -82,8 +82,9 @@ class Config(Section):
 
     @property
     def hash(self) -> str:
-        """Digest of the normalised configuration, stored with every record made under it; the page makes none."""
-        return hashlib.blake2b(self.model_dump_json(exclude={"web"}).encode(), digest_size=16).hexdigest()
+        """Digest of what records are made under, stored with each; page, messages and publication make none."""
+        text = self.model_dump_json(exclude={"web", "notify", "publish"})
+        return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
 def load_config(path: Path) -> Config:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,11 @@ def recordings_folder() -> Path:
     return Path(os.environ.get("SPALLWATCH_DATA") or _REPOSITORY.parent / "shared" / "data")
 
 
+def chromium_program() -> str | None:
+    """Return the path of the browser Chromium, or None."""
+    return shutil.which("chromium")
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip a test where what it needs is missing; under CI that is a failure."""
     reason = None
@@ -24,6 +30,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         reason = "the recordings are missing: SPALLWATCH_DATA names no folder"
     if item.get_closest_marker("broker") is not None and broker_program() is None:
         reason = "the MQTT broker mosquitto is missing (Debian package mosquitto)"
+    if item.get_closest_marker("browser") is not None and chromium_program() is None:
+        reason = "the browser Chromium is missing (Debian package chromium)"
     if reason is None:
         return
     if os.environ.get("CI"):

@@ -28,7 +28,8 @@ def wheel(tmp_path_factory) -> zipfile.ZipFile:
 def test_the_wheel_holds_exactly_the_three_packages(wheel):
     names = [name for name in wheel.namelist() if ".dist-info/" not in name]
     assert {name.split("/")[0] for name in names} == {"models", "monitor", "streams"}
-    assert not [name for name in names if "test" in name.lower() or name.endswith((".pyc", ".nbi", ".nbc"))]
+    parts = [part for name in names for part in name.lower().split("/")]
+    assert not [part for part in parts if part.startswith("test") or part.endswith((".pyc", ".nbi", ".nbc"))]
 
 
 def test_the_wheel_holds_the_catalogue_and_every_module(wheel):

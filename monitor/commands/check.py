@@ -44,12 +44,65 @@ def find_problems(config: Config) -> Iterator[str]:
             yield f"channel {channel.name!r}: its unit is unknown: no end of life by peak acceleration"
     if config.operating.speed_hz is None:
         yield "operating.speed_hz is not given: only recordings that state their speed can be monitored"
+    yield from _silent_levels(config)
     for source in config.source:
         if source.url is None:
             continue
         place = source.url.removeprefix("folder:")
         if source.url.startswith("folder:") and not Path(place).exists():
             yield f"source {source.name!r}: folder {place!r} does not exist (yet)"
+
+
+def _silent_levels(config: Config) -> Iterator[str]:
+    """Yield the levels that wait for ever: learned ones that were configured after the channel had learned."""
+    rules = {
+        channel.name: [
+            rule
+            for rule in config.alarms.to_settings(channel.name, 0).rules
+            if rule.feature != "rms"
+            and any(level is not None and level.value is None for level in (rule.alert, rule.danger))
+        ]
+        for channel in config.channel
+    }
+    database = config.machine.state_dir / "state.db"
+    if not any(rules.values()) or not database.exists():
+        return
+    from monitor.records.store import StoreError
+
+    try:
+        learned = _learned(config, database)
+    except (StoreError, ValueError) as error:
+        yield str(error)
+        return
+    for channel, names in learned.items():
+        for rule in rules[channel]:
+            if rule.name not in names:
+                yield (
+                    f"channel {channel!r}: level {rule.name!r} says nothing: it came after the learning stage, which "
+                    f"taught nothing of {rule.feature}; give it as a number"
+                )
+
+
+def _learned(config: Config, database: Path) -> dict[str, set[str]]:
+    """Return the rules that have learned something, by channel; channels that are still learning are left out.
+
+    Raises:
+        StoreError: the store cannot be read.
+        ValueError: it was written by another version.
+    """
+    from monitor.health.alarms import AlarmState
+    from monitor.health.state import ChannelState
+    from monitor.records.store import Store
+
+    with Store.open(database, read_only=True) as store:
+        states = store.load_states()
+    found: dict[str, set[str]] = {}
+    for channel in config.channel:
+        stored, alarms = (states.get(f"{kind}:{channel.source}:{channel.name}") for kind in ("channel", "alarms"))
+        if stored is not None and ChannelState.from_dict(stored).detect.stage != "learning":
+            rules = {} if alarms is None else AlarmState.from_dict(alarms).rules
+            found[channel.name] = {name for name, rule in rules.items() if rule.baseline is not None or rule.learned}
+    return found
 
 
 def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:

@@ -26,7 +26,7 @@ def fleet_status(folder: Path, *, as_json: bool) -> None:
     Args:
         folder: holds a configuration a machine.
         as_json: for programs: ``machines``, the statuses that each would give alone with its ``file`` and what its
-            ``supervisor`` says (None where it has none), the worst first.
+            ``supervisor`` says (None where it has none), the worst first; and ``page``, its address, or None.
 
     Raises:
         ConfigError: the folder holds no usable set of configurations; all problems are named.
@@ -41,7 +41,10 @@ def fleet_status(folder: Path, *, as_json: bool) -> None:
         for machine in load_fleet(folder).machines
     ]
     machines.sort(key=lambda status: (_rank(status), status["machine"]))
-    emit({"machines": machines}, _table([_row(status) for status in machines]), as_json=as_json)
+    said = [status["supervisor"] for status in machines if status["supervisor"] is not None]
+    page = next((words["page"] for words in said if words.get("page")), None)
+    lines = [*_table([_row(status) for status in machines]), *([f"page: {page}"] if page else [])]
+    emit({"machines": machines, "page": page}, lines, as_json=as_json)
 
 
 def standing(status: Mapping[str, Any]) -> str:
@@ -74,7 +77,7 @@ def _row(status: Mapping[str, Any]) -> tuple[str, ...]:
         standing(status).replace("_", " "),
         status["status"].replace("_", " "),
         str(status.get("blocks", "")),
-        f"{duration_words(min(ages))} ago" if ages and status["running"] else "",
+        f"{duration_words(round(min(ages)))} ago" if ages and status["running"] else "",
         str(alarms) if alarms else "",
         _remark(status),
     )

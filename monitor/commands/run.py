@@ -20,13 +20,14 @@ from monitor.commands.common import config_option, read_config
 @config_option()
 @click.option("--verbose", is_flag=True, help="Log accepted blocks, too.")
 @click.option("--quiet", is_flag=True, help="Log warnings and errors only.")
-@click.option("--supervised", is_flag=True, hidden=True)
-def command(config_path: Path | None, verbose: bool, quiet: bool, supervised: bool) -> None:
+@click.option("--supervised", type=click.FloatRange(min=0.0), metavar="SECONDS", hidden=True)
+def command(config_path: Path | None, verbose: bool, quiet: bool, supervised: float | None) -> None:
     """Follow the configured sources until SIGTERM or Ctrl-C; what it does is logged on standard error.
 
     Where FILE is a folder, every *.toml in it is a machine with a process of its own, and all share one page.
     """
-    # --supervised: a supervisor started this; it has the page, and the other end of standard input.
+    # --supervised: a supervisor started this. It has the page and the other end of standard input, and says how long
+    # the last publication may take.
     with _asked_to_stop() as stop:
         level = logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO
         logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
@@ -38,11 +39,13 @@ def command(config_path: Path | None, verbose: bool, quiet: bool, supervised: bo
         config = read_config(config_path)
         from monitor.service.daemon import Daemon
 
-        if supervised:
-            from monitor.service.supervision import end_with_supervisor
+        if supervised is None:
+            Daemon(config, config_path or Path("config.toml")).run(stop)
+            return
+        from monitor.service.supervision import end_with_supervisor
 
-            end_with_supervisor(stop)
-        Daemon(config).run(stop)
+        end_with_supervisor(stop)
+        Daemon(config, publish_within=supervised).run(stop)
 
 
 def _supervise(folder: Path, stop: threading.Event, *, verbose: bool, quiet: bool) -> None:
@@ -50,8 +53,13 @@ def _supervise(folder: Path, stop: threading.Event, *, verbose: bool, quiet: boo
     from monitor.service.fleet import load_fleet
     from monitor.service.supervisor import Supervisor
 
+    fleet, page = load_fleet(folder), None
+    if fleet.web.enabled:
+        from monitor.service.page import PageProcess
+
+        page = PageProcess([machine.path for machine in fleet.machines], fleet.web, fleet.page_dir)
     given = {"--verbose": verbose, "--quiet": quiet}
-    Supervisor(load_fleet(folder), options=[option for option, wanted in given.items() if wanted]).run(stop)
+    Supervisor(fleet, page=page, options=[option for option, wanted in given.items() if wanted]).run(stop)
 
 
 @contextmanager

@@ -45,6 +45,11 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
     since = f"since {status['since_utc']}, " if status["running"] else ""
     yield f"{status['machine']}: the daemon {said} ({since}process {status['pid']}, spallwatch {status['version']})"
     yield f"state at {status['updated_utc']}: {_words(status['state'])}; {status['blocks']} blocks since its start"
+    if status["running"] and status.get("page"):
+        yield f"page: {status['page']}"
+    # A file that an older version wrote lacks some keys.
+    if waiting := status.get("unacknowledged", 0):
+        yield f"{waiting} {'event waits' if waiting == 1 else 'events wait'} to be acknowledged"
     for name, problem in status["problems"].items():
         yield f"problem, {name}: {problem}"
     for name, source in status["sources"].items():
@@ -60,6 +65,9 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
 def _channel(channel: Mapping[str, Any]) -> Iterator[str]:
     yield f"{_words(channel['state'])} ({channel['reason']})"
     yield f"stage {_words(channel['stage'])}"
+    for alarm in channel.get("alarms", ()):
+        over = "" if alarm["active"] else ", over but not acknowledged"
+        yield f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{over}"
     if channel["fault"] is not None:
         yield f"{channel['fault'].replace('|', ' or ')} damaged"
     if channel["v_eq_mm2"] is not None:

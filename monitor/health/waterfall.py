@@ -2,7 +2,7 @@
 
 At most one a while of record time is kept; when there are twice as many as wanted, every other one is dropped and the
 while doubles. The newest is always there. Those around the start of the final stage are kept for good: the last one
-before it, the one with which it became known and the next two, and that of the end of life.
+before it, the one with which it became known and two after it, a first while apart, and that of the end of life.
 """
 
 from __future__ import annotations
@@ -93,10 +93,10 @@ def step(
         end: whether the end of life became known with it.
     """
     interval = settings.interval if state.interval is None else state.interval
-    due = believed and (
-        time is None or state.last is None or time < state.last or time - state.last >= interval * (1.0 - _SLACK)
-    )
     to_pin = max(state.to_pin, _PINNED_AFTER) if onset else state.to_pin
+    # The final stage may be short beside the life: what is kept of its start does not wait for the longer while.
+    wait = (settings.interval if to_pin else interval) * (1.0 - _SLACK)
+    due = believed and (time is None or state.last is None or time < state.last or time - state.last >= wait)
     if onset or end or (due and to_pin):
         last = time if believed else state.last
         return replace(state, interval=interval, last=last, to_pin=max(0, to_pin - 1)), Keeping("pinned")

@@ -27,9 +27,16 @@ _EVENTS = """
 SELECT events.id, CAST(events.id AS TEXT) AS name, source, sequence, time, body
 FROM events JOIN blocks ON blocks.id = block
 """
+_ACKNOWLEDGED = """
+SELECT acknowledgements.id, acknowledgements.utc, CAST(events.id AS TEXT), source, sequence, time, body
+FROM acknowledgements JOIN events ON events.id = CAST(event AS INTEGER) JOIN blocks ON blocks.id = block
+WHERE acknowledgements.id > ? AND event NOT LIKE 'n%' AND json_extract(body, '$.kind') = 'alarm_raised'
+ORDER BY acknowledgements.id
+"""
 _NOTICES = "SELECT id, 'n' || id, NULL, NULL, utc, body FROM notices"
 _LONGEST_NOTE, _LONGEST_NAME = 2000, 100
-_NEEDS_NOBODY = ("alarm_cleared", "alarm_released", "condition", "data_again")
+NEEDS_NOBODY = ("alarm_cleared", "alarm_released", "condition", "data_again")
+"""Kinds of events that nobody has to acknowledge."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +71,7 @@ class LoggedEvent:
     @property
     def open(self) -> bool:
         """Whether somebody should still acknowledge it; the end of an alarm needs nobody."""
-        return not self.acknowledgements and self.body.get("kind") not in _NEEDS_NOBODY
+        return not self.acknowledgements and self.body.get("kind") not in NEEDS_NOBODY
 
 
 class EventLog:
@@ -141,7 +148,7 @@ class EventLog:
 
     def unacknowledged(self) -> int:
         """Return how many events and notices wait for somebody."""
-        skipped = ", ".join(f"'{kind}'" for kind in _NEEDS_NOBODY)
+        skipped = ", ".join(f"'{kind}'" for kind in NEEDS_NOBODY)
         missing = "NOT EXISTS (SELECT 1 FROM acknowledgements WHERE event = {name})"
         wanted = f"json_extract(body, '$.kind') NOT IN ({skipped}) AND {missing}"
         events = wanted.format(name="CAST(events.id AS TEXT)")
@@ -149,13 +156,17 @@ class EventLog:
         query = f"SELECT (SELECT count(*) FROM events WHERE {events}) + (SELECT count(*) FROM notices WHERE {notices})"
         return self._shared.rows(query)[0][0]
 
-    def acknowledged_alarms(self) -> Iterator[tuple[str, str, str, int]]:
-        """Yield source, channel, rule and block of each alarm that was acknowledged, to release what it holds."""
-        query = f"{_EVENTS} WHERE CAST(events.id AS TEXT) IN (SELECT event FROM acknowledgements) ORDER BY events.id"
-        for _, _, source, sequence, _, text in self._shared.rows(query):
-            body = json.loads(text)
-            if body.get("kind") == "alarm_raised":
-                yield source, body["channel"], body["rule"], sequence
+    def acknowledged_alarms(self, after: int = 0) -> Iterator[tuple[int, float, LoggedEvent]]:
+        """Yield the acknowledgements of raised alarms in the order in which they were given.
+
+        Args:
+            after: leave out those up to this number.
+
+        Yields:
+            The number of the acknowledgement, when it was given (UTC seconds since 1970), and the alarm.
+        """
+        for number, utc, *event in self._shared.rows(_ACKNOWLEDGED, after):
+            yield number, utc, self._logged(event)
 
     def _logged(self, row: Any) -> LoggedEvent:
         name, source, block, utc, body = row

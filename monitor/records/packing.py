@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import chain
 from typing import Any, NamedTuple
@@ -78,13 +78,46 @@ def unpack(layout: str, row: bytes) -> dict[str, dict[str, Any]]:
 @lru_cache(maxsize=256)
 def entries_of(layout: str) -> tuple[Entry, ...]:
     """Return the entries of a layout in order."""
-    entries: list[Entry] = []
+    return tuple(_entries(layout))
+
+
+def _entries(layout: str) -> Iterator[Entry]:
     start = 0
     for channel, variables in json.loads(layout):
         for name, shape in variables:
-            entries.append(Entry(channel, name, None if shape is None else tuple(shape), start))
+            yield Entry(channel, name, None if shape is None else tuple(shape), start)
             start += 0 if shape is None else math.prod(shape)
-    return tuple(entries)
+
+
+def places_of(layout: str, names: Sequence[str]) -> dict[str, NDArray[np.intp]]:
+    """Return by channel where in the row the first number of each variable stands, -1 where it has none.
+
+    Args:
+        layout: of the row.
+        names: variables; the places, shape (name,), are in their order.
+    """
+    order = {name: place for place, name in enumerate(names)}
+    places = {channel: np.full(len(names), -1, dtype=np.intp) for channel, _ in json.loads(layout)}
+    for entry in _entries(layout):
+        if entry.variable in order and entry.shape is not None and math.prod(entry.shape):
+            places[entry.channel][order[entry.variable]] = entry.start
+    return places
+
+
+def columns_of(numbers: NDArray[np.float64], places: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return the numbers at places of rows of one layout, NaN where the place is -1.
+
+    Args:
+        numbers: the rows, shape (row, number).
+        places: as :func:`places_of` gives them, shape (name,).
+
+    Returns:
+        Shape (row, name).
+    """
+    columns = np.full((numbers.shape[0], places.size), np.nan)
+    there = places >= 0
+    columns[:, there] = numbers[:, places[there]]
+    return columns
 
 
 @lru_cache(maxsize=256)

@@ -89,19 +89,12 @@ def write_changes(connection: sqlite3.Connection, changes: Iterable[SpectrumChan
     """Write changes within an open transaction, in the order of their blocks; the result is that of one at a time."""
     changes = list(changes)
     last = {(change.row.source, change.row.channel): change for change in changes}
-    for where in last:
-        # The newest has the highest number: found by the key, not by a look at every row.
-        connection.execute(
-            "DELETE FROM spectra WHERE source = ? AND channel = ? AND kind = 0 AND sequence ="
-            " (SELECT max(sequence) FROM spectra WHERE source = ? AND channel = ?)",
-            where * 2,
-        )
     for change in changes:
         where = (change.row.source, change.row.channel)
         if change.pin_before is not None:
             connection.execute(
                 "UPDATE spectra SET kind = 2 WHERE source = ? AND channel = ? AND sequence = (SELECT max(sequence)"
-                " FROM spectra WHERE source = ? AND channel = ? AND sequence < ?)",
+                " FROM spectra WHERE source = ? AND channel = ? AND sequence < ? AND kind > 0)",
                 (*where, *where, change.pin_before),
             )
         if change.thin:
@@ -113,10 +106,11 @@ def write_changes(connection: sqlite3.Connection, changes: Iterable[SpectrumChan
             )
         # One that the next block of the same transaction takes away again need not be written.
         if change.kind != "newest" or last[where] is change:
-            _insert(connection, change)
+            _put(connection, change)
 
 
-def _insert(connection: sqlite3.Connection, change: SpectrumChange) -> None:
+def _put(connection: sqlite3.Connection, change: SpectrumChange) -> None:
+    """Write a spectrum in the place of the newest, which has the highest number, where that was not to be kept."""
     row = change.row
     packed, scale = pack_amplitude(row.amplitude)
     header = {
@@ -128,14 +122,19 @@ def _insert(connection: sqlite3.Connection, change: SpectrumChange) -> None:
         "scale": scale,
         "lines": dict(row.lines),
     }
-    connection.execute(
-        "INSERT OR REPLACE INTO spectra (source, channel, sequence, time, kind, header, amplitude)"
-        " VALUES (?, ?, ?, ?, ?, ?, ?)",
-        (
-            *(row.source, row.channel, row.sequence, row.time, _KINDS[change.kind]),
-            *(json.dumps(header, allow_nan=False, separators=(",", ":")), packed),
-        ),
+    text = json.dumps(header, allow_nan=False, separators=(",", ":"))
+    values = (row.sequence, row.time, _KINDS[change.kind], text, packed, row.source, row.channel)
+    replaced = connection.execute(
+        "UPDATE spectra SET sequence = ?1, time = ?2, kind = ?3, header = ?4, amplitude = ?5 WHERE kind = 0 AND rowid ="
+        " (SELECT rowid FROM spectra WHERE source = ?6 AND channel = ?7 ORDER BY sequence DESC LIMIT 1)",
+        values,
     )
+    if not replaced.rowcount:
+        connection.execute(
+            "INSERT INTO spectra (sequence, time, kind, header, amplitude, source, channel)"
+            " VALUES (?, ?, ?, ?, ?, ?, ?)",
+            values,
+        )
 
 
 def pack_amplitude(amplitude: NDArray[np.floating]) -> tuple[bytes, float]:

@@ -18,6 +18,7 @@ from typing import Any, Literal, Self
 
 from monitor import __version__
 from monitor.records.archive import ARCHIVE_QUERY, Archived, archived_of, insert_forecasts
+from monitor.records.digests import note_block, note_states
 from monitor.records.filing import STORED_QUERY, Filing, Stored, file_record
 from monitor.records.locks import let_go, take_lock
 from monitor.records.packing import pack
@@ -190,10 +191,10 @@ class Store:
                 if outcome == "committed":
                     committed.add((record.source, record.sequence))
                     latest.update({name: (block, state) for name, state in states.items()})
-            for name, (block, state) in latest.items():
-                connection.execute(
-                    "INSERT OR REPLACE INTO stage_states VALUES (?, ?, ?)", (name, block, _state_text(name, state))
-                )
+            texts = {name: (block, _state_text(name, state)) for name, (block, state) in latest.items()}
+            rows = [(name, *value) for name, value in texts.items()]
+            connection.executemany("INSERT OR REPLACE INTO stage_states VALUES (?, ?, ?)", rows)
+            note_states(connection, texts)
             write_changes(
                 connection, [change for change in spectra if (change.row.source, change.row.sequence) in committed]
             )
@@ -214,24 +215,24 @@ class Store:
             )
             return outcome, found[0]
         filing = file_record(connection, record)
+        entry = (
+            *(record.source, record.sequence, record.content_hash, record.name, record.status),
+            *(" ".join(record.flags), record.reason, record.time, record.elapsed, *filing),
+        )
         cursor = connection.execute(
             "INSERT INTO blocks (source, sequence, content_hash, name, status, flags, reason, time, elapsed,"
             " day, axis_time, time_status, run) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-            (
-                *(record.source, record.sequence, record.content_hash, record.name, record.status),
-                *(" ".join(record.flags), record.reason, record.time, record.elapsed, *filing, self._run),
-            ),
+            (*entry, self._run),
         )
         block = cursor.lastrowid or 0
-        layout, row = pack(record.channels)
+        layout, row = packed = pack(record.channels)
         connection.execute("INSERT INTO records VALUES (?, ?, ?)", (block, self._layout_id(connection, layout), row))
         insert_forecasts(
             *(connection, block, record.forecasts, self._made_with), data_until=filing.time, issued_utc=time.time()
         )
-        for item in record.events:
-            connection.execute(
-                "INSERT INTO events (block, body) VALUES (?, ?)", (block, json.dumps(item, allow_nan=False))
-            )
+        events = [(block, json.dumps(item, allow_nan=False)) for item in record.events]
+        connection.executemany("INSERT INTO events (block, body) VALUES (?, ?)", events)
+        note_block(connection, block, entry, packed, record.forecasts, record.events)
         return "committed", block
 
     def _layout_id(self, connection: sqlite3.Connection, layout: str) -> int:

@@ -6,6 +6,7 @@ import sqlite3
 from pathlib import Path
 
 from monitor.records.archive import COLUMNS, complete_archive
+from monitor.records.digests import DIGESTS_TABLE
 from monitor.records.filesystem import NETWORK_FILE_SYSTEMS, file_system_type, sync_folder
 
 APPLICATION_ID = 0x53504C57
@@ -140,6 +141,8 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
         if new or not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+            if read_only:
+                raise StoreError(f"{path}: is empty")
             _create(connection)
             sync_folder(path.parent)
         found = _check_version(connection, path)
@@ -147,6 +150,7 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
             _migrate(connection)
         if not read_only:
             connection.execute(_SPECTRA)
+            connection.execute(DIGESTS_TABLE)
     except sqlite3.Error as error:
         connection.close()
         raise StoreError(f"{path}: {error}") from error

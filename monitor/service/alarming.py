@@ -74,14 +74,6 @@ class Alarming:
         """Return the states by name, to be committed with the record."""
         return {self._key(name): state.to_dict() for name, state in self._states.items()}
 
-    def remembered(self) -> tuple[dict[str, AlarmState], tuple[Acknowledged, ...]]:
-        """Return all that is remembered, for :meth:`go_back`."""
-        return dict(self._states), self._waiting
-
-    def go_back(self, remembered: tuple[dict[str, AlarmState], tuple[Acknowledged, ...]]) -> None:
-        """Remember what was remembered then, and nothing since."""
-        self._states, self._waiting = dict(remembered[0]), remembered[1]
-
     def state(self, channel: str) -> AlarmState:
         """Return the state of one channel, all that was acknowledged let go."""
         state = self._states[channel]

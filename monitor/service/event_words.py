@@ -44,7 +44,7 @@ _CONDITIONS = {
     "no_data": "there is no data",
     "failure": "failure",
 }
-_RANKS = ("end_of_life", "danger", "final_stage", "alert", "no_data", "condition")
+_RANKS = ("end_of_life", "danger", "final_stage", "store_salvaged", "alert", "no_data", "condition")
 _GOOD = ("alarm_cleared", "alarm_released", "condition", "data_again")
 _SHOWN_APART = ("kind", "channel", "source", "block")
 
@@ -73,7 +73,7 @@ def event_text(body: Mapping[str, Any], *, absolute: bool = True) -> str:
         body: as the log has it; keys that it should have may be missing.
         absolute: whether accelerations are in m/s2.
     """
-    kind = str(body.get("kind", "event"))
+    kind = str(body.get("kind") or "event")
     if kind.startswith("alarm_"):
         text = _alarm(kind, body, absolute)
     elif kind == "condition":
@@ -139,3 +139,13 @@ def local_moment(time: float | None, zone: str = "UTC") -> str | None:
         return f"{utc:%Y-%m-%d %H:%M:%S} UTC"
     other = f"{utc:%H:%M:%S}" if utc.date() == local.date() else f"{utc:%Y-%m-%d %H:%M:%S}"
     return f"{local:%Y-%m-%d %H:%M:%S %Z} ({other} UTC)"
+
+
+def utc_text(time: float | None) -> str | None:
+    """Return a moment (UTC seconds since 1970) as programs read it; None where there is none, or no date has it."""
+    if time is None:
+        return None
+    try:
+        return datetime.fromtimestamp(time, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    except (OverflowError, OSError, ValueError):
+        return None

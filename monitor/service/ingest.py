@@ -13,9 +13,10 @@ from typing import Any, Self
 from monitor.config import Config, ConfigError
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.record import Record
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Store, StoreError, UnstorableError
+from monitor.service.recording import rejected_record
 from monitor.service.setup import channel_setups, source_spec
-from monitor.service.watcher import Watcher
+from monitor.service.watcher import Memory, UnfitError, Watcher
 from streams.block import Block, Rejected
 from streams.live import Backlog, Delivery, LiveSource
 from streams.source import SourceError, open_live
@@ -23,13 +24,15 @@ from streams.source import SourceError, open_live
 _LOG = logging.getLogger(__name__)
 _TURN = 0.2
 _RETRY = 1.0
+_LONGEST_REASON = 500
 
 
 class Ingest:
     """Takes deliveries from sources in turn and commits them, in one thread.
 
     A block whose number the ledger has already is counted as ``duplicate`` or ``changed`` and never judged. Where the
-    store cannot commit (a full disk, say), nothing is acknowledged and the same block is tried again until it can.
+    store cannot commit (a full disk, say), nothing is acknowledged and the same block is tried again until it can. A
+    block that the analysis cannot bear is committed as ``unreadable``, as if it had never been heard.
     """
 
     def __init__(
@@ -55,6 +58,9 @@ class Ingest:
         self.watchers = dict(watchers)
         self._store, self._ledger, self._clock, self._idle = store, ledger, clock, idle
         self._trouble: str | None = None
+        self._failures: dict[str, str] = {}
+        self._deaf: dict[str, str] = {}
+        self._resting: dict[str, float] = {}
         self._turn = 0
 
     @classmethod
@@ -125,9 +131,20 @@ class Ingest:
         return None
 
     def _next(self, source: LiveSource, timeout: float, stop: threading.Event) -> Delivery | None:
+        if time.monotonic() < self._resting.get(source.name, 0.0):
+            stop.wait(timeout)
+            return None
         found: list[Delivery | None] = []
-        # A source that asks the ledger meets the same full disk as a commit does.
-        self._insist(lambda: found.append(source.next(timeout)), stop)
+        try:
+            # A source that asks the ledger meets the same full disk as a commit does.
+            self._insist(lambda: found.append(source.next(timeout)), stop)
+        except Exception as error:  # A fault of one source must not take the others with it.
+            known = source.name in self._deaf
+            self._deaf[source.name] = f"it fails: {type(error).__name__}: {error}"
+            self._resting[source.name] = time.monotonic() + _RETRY
+            _LOG.error("%s: %s", source.name, self._deaf[source.name], exc_info=None if known else error)
+            return None
+        self._deaf.pop(source.name, None)
         return found[0] if found else None
 
     def _take(self, source: LiveSource, delivery: Delivery, stop: threading.Event) -> Record | None:
@@ -148,29 +165,30 @@ class Ingest:
     ) -> tuple[Record, bool]:
         """Judge and commit one block; return its record, and whether it was committed before the end came."""
         before = watcher.remembered()
-        record, failure = self._judged(watcher, item, before)
         try:
+            record = self._judged(watcher, item, before)
             done = self._commit(watcher, record, delivery, stop)
-        except UnstorableError as error:
-            record, failure = self._failed(watcher, item, before, error), error
-            done = self._commit(watcher, record, delivery, stop)
-        if failure is not None:
-            self._failures[delivery.item.source] = f"block {record.sequence}: {record.reason}"
-        elif record.accepted and self._failures.pop(record.source, None) is not None:
-            _LOG.warning("%s: blocks can be analysed again", record.source)
+            if record.accepted and self._failures.pop(record.source, None) is not None:
+                _LOG.warning("%s: blocks can be analysed again", record.source)
+        except Exception as error:  # Whatever one block does to the analysis, the blocks after it are heard.
+            record = self._failed(watcher, item, before, error)
+            done = self._commit(watcher, record, delivery, stop, final=True)
         return record, done
 
-    def _commit(self, watcher: Watcher, record: Record, delivery: Delivery, stop: threading.Event) -> bool:
+    def _commit(
+        self, watcher: Watcher, record: Record, delivery: Delivery, stop: threading.Event, *, final: bool = False
+    ) -> bool:
         states, spectra = watcher.states(), watcher.spectra
-        return self._insist(
-            lambda: self._store.commit(
+
+        def write() -> None:
+            self._store.commit(
                 record,
                 states,
                 lambda connection: write_progress(connection, record.source, delivery.progress),
                 spectra,
-            ),
-            stop,
-        )
+            )
+
+        return self._insist(write, stop, final=final)
 
     def _with_place(self, item: Block | Rejected) -> Block | Rejected:
         """Return the item, or the rejection of one whose number is taken."""
@@ -183,38 +201,42 @@ class Ingest:
         reason = f"block {item.sequence} is there already"
         return Rejected(item.source, item.sequence, item.name, status, reason, item.content_hash)
 
-    def _judged(
-        self, watcher: Watcher, item: Block | Rejected, before: Memory
-    ) -> tuple[Record, Exception | None]:
-        """Return the record of a block, and what made its analysis fail."""
+    def _judged(self, watcher: Watcher, item: Block | Rejected, before: Memory) -> Record:
         now = self._clock()
         try:
-            return watcher.process(item, now=now), None
+            return watcher.process(item, now=now)
         except UnfitError as error:
             # A recording would be given up here; of a live source the next block may be better.
             watcher.go_back(before)
-            refused = _in_its_place(item, error.status, str(error))
-        except Exception as error:  # Whatever one block does to the analysis, the blocks after it are heard.
-            return self._failed(watcher, item, before, error), error
-        try:
-            return watcher.process(refused, now=now), None
-        except Exception as error:
-            return self._failed(watcher, item, before, error), error
+            return watcher.process(_in_its_place(item, error.status, str(error)), now=now)
 
     def _failed(self, watcher: Watcher, item: Block | Rejected, before: Memory, error: Exception) -> Record:
-        """Return the record of a block that cannot be analysed; all states are what they were before it."""
-        _LOG.error("%s: block %d: the analysis failed", item.source, item.sequence, exc_info=error)
-        watcher.go_back(before)
-        reason = f"the analysis failed: {type(error).__name__}: {error}"[:_LONGEST_REASON]
+        """Return the record of a block that cannot be analysed, or stored; its states are those before the block."""
+        reason = f"the analysis failed: {type(error).__name__}: {error}"
+        known = item.source in self._failures
+        _LOG.error("%s: block %d: %s", item.source, item.sequence, reason, exc_info=None if known else error)
         refused = _in_its_place(item, "unreadable", reason)
+        self._failures[item.source] = f"block {item.sequence}: {refused.reason}"
+        watcher.go_back(before)
         try:
-            watcher.process(refused, now=self._clock())
-    def _insist(self, action: Callable[[], Any], stop: threading.Event) -> bool:
-        """Do what needs the database, however often it takes; return False where the end came first."""
+            return watcher.process(refused, now=self._clock())
+        except Exception:
+            # Not even a rejection gets through the stages: it is put down, and they stay as they were.
+            watcher.go_back(before)
+            return rejected_record(refused)
+
+    def _insist(self, action: Callable[[], Any], stop: threading.Event, *, final: bool = True) -> bool:
+        """Do what needs the database, however often it takes; return False where the end came first.
+
+        Raises:
+            UnstorableError: no attempt can succeed, and it is not ``final``: something else can be stored instead.
+        """
         while True:
             try:
                 action()
             except StoreError as error:
+                if isinstance(error, UnstorableError) and not final:
+                    raise
                 if self._trouble is None:
                     _LOG.error("the store fails, nothing is committed: %s", error)
                 self._trouble = str(error)
@@ -234,6 +256,8 @@ class Ingest:
     def problems(self) -> dict[str, str]:
         """Return what is wrong, by the name of the source, and under "store" why nothing can be committed."""
         found = {source.name: problem for source in self.sources if (problem := source.problem()) is not None}
+        for name, failure in (*self._deaf.items(), *self._failures.items()):
+            found[name] = f"{found[name]}; {failure}" if name in found else failure
         return found | ({"store": self._trouble} if self._trouble is not None else {})
 
     def close(self) -> None:
@@ -251,3 +275,10 @@ class Ingest:
     ) -> None:
         """Close the ingest."""
         self.close()
+
+
+def _in_its_place(item: Block | Rejected, status: str, reason: str) -> Rejected:
+    """Return the rejection that stands in the place of a block; texts that come from outside are made storable."""
+    said = " ".join(reason.split())[:_LONGEST_REASON].encode("utf-8", "backslashreplace").decode("utf-8")
+    name = item.name.encode("utf-8", "backslashreplace").decode("utf-8")
+    return Rejected(item.source, item.sequence, name, status, said, item.content_hash)

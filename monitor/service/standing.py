@@ -2,27 +2,42 @@
 
 from __future__ import annotations
 
-from monitor.health.alarms import BAD_DATA, NO_DATA, machine_state
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from monitor.health.alarms import BAD_DATA, FAILURE, MAINTENANCE, NO_DATA, machine_state
 
 _REASONS = {
     "normal": "healthy",
     "check_function": "the baseline is being learned",
     "out_of_specification": "how large the damage is cannot be said",
-    "maintenance_required": "the final stage has begun, or an alert stands",
+    "maintenance_required": "the final stage has begun",
     "bad_data": "too many blocks are rejected or flagged",
     "no_data": "no block comes",
-    "failure": "the end of life was reached, or a danger stands",
+    "failure": "the end of life was reached",
 }
+_SEVERITIES = {FAILURE: "danger", MAINTENANCE: "alert"}
 
 
-def channel_state(condition: str, *, silent: bool, refused: bool) -> tuple[str, str]:
-    """Return the state of a channel after NAMUR NE 107 and why, in words.
+def channel_state(
+    condition: str,
+    standing: Sequence[Mapping[str, Any]] = (),
+    *,
+    silent: str | None = None,
+    refused: str | None = None,
+) -> tuple[str, str]:
+    """Return the state of a channel after NAMUR NE 107, the worst of all that holds, and why, in words.
 
     Args:
-        condition: what the alarm stage made of its blocks.
-        silent: whether its blocks stay away.
-        refused: whether its latest block was rejected.
+        condition: what the alarm stage makes of its blocks.
+        standing: its alarms that stand.
+        silent: where its blocks stay away, since when.
+        refused: where its latest block was rejected, why.
     """
-    heard = [condition, *([NO_DATA] if silent else []), *([BAD_DATA] if refused else [])]
-    state = machine_state(*heard)
-    return state, _REASONS[state]
+    state = machine_state(condition, *([NO_DATA] if silent else []), *([BAD_DATA] if refused else []))
+    alarm = next((alarm for alarm in standing if alarm["severity"] == _SEVERITIES.get(state)), None)
+    if alarm is not None:
+        waits = "" if alarm["active"] else ", which is over and waits to be acknowledged"
+        return state, f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{waits}"
+    given = {NO_DATA: silent, BAD_DATA: refused}.get(state)
+    return state, given or _REASONS[state]

@@ -15,17 +15,20 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import IO
 
+from monitor.service.companions import LAST_PUBLICATION
 from monitor.service.fleet import Machine
 
 _LOG = logging.getLogger(__name__)
 _HANGS_AFTER = 30.0
 _LONGEST_START = 600.0
+_USUAL_START = 5.0
 _FIRST_PAUSE = 1.0
 _LONGEST_PAUSE = 300.0
 _GOOD_RUN = 60.0
 _LONGEST_LINE = 16384
 _MOST_LINES = 200
 _WORDS = 300
+_FINAL = "spallwatch: "
 _KILLED_WITHIN = 0.2
 _CREDENTIALS = struct.Struct("3i")
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv.pop()); from monitor.cli import main; main()"
@@ -72,7 +75,7 @@ class Lines:
         self._name, self._pipe, self._rest = name, pipe, b""
         os.set_blocking(pipe.fileno(), False)
         self.last = ""
-        """The last line that was not empty."""
+        """The last line that says why it ended, as far as one does; else the last one that was not empty."""
 
     def fileno(self) -> int:
         """Return the descriptor to wait on."""
@@ -101,7 +104,8 @@ class Lines:
     def _write(self, line: bytes) -> None:
         text = line.decode("utf-8", "replace").rstrip()
         if text:
-            self.last = text
+            if text.startswith(_FINAL) or not self.last.startswith(_FINAL):
+                self.last = text
             # Whoever reads the log may have gone; that ends nothing.
             with suppress(OSError):
                 sys.stderr.write(f"{self._name}: {text}\n")
@@ -112,7 +116,11 @@ class Supervised:
     """The daemon of one machine as a child process. All methods are called from one thread, and none waits."""
 
     def __init__(
-        self, machine: Machine, options: Sequence[str] = (), monotonic: Callable[[], float] = time.monotonic
+        self,
+        machine: Machine,
+        options: Sequence[str] = (),
+        monotonic: Callable[[], float] = time.monotonic,
+        publish_within: float = LAST_PUBLICATION,
     ) -> None:
         """Take the machine; nothing is started yet.
 
@@ -120,8 +128,10 @@ class Supervised:
             machine: whose daemon it is.
             options: further ones of ``spallwatch run``, such as ``--quiet``.
             monotonic: seconds that never go back.
+            publish_within: seconds for its last publication.
         """
         self.machine = machine
+        self._publish_within = publish_within
         self._options, self._monotonic = tuple(options), monotonic
         self._child: subprocess.Popen[bytes] | None = None
         self._ear: Ear | None = None
@@ -153,17 +163,23 @@ class Supervised:
         """What to wait on: something came when one of these can be read."""
         return [item for item in (self._ear, self._lines) if item is not None]
 
-    def tick(self) -> None:
-        """Hear what the daemon says; start it where it is time to, and end it where it hangs."""
+    def starting(self) -> bool:
+        """Tell whether it was started a moment ago, and is not ready yet."""
+        return self._child is not None and not self.ready and self._monotonic() - self._began < _USUAL_START
+
+    def tick(self, *, may_start: bool = True) -> None:
+        """Hear what the daemon says; start it where it is time to and allowed, and end it where it hangs."""
         now = self._monotonic()
         if self._child is None:
-            if now >= self._due:
+            if may_start and now >= self._due:
                 self._start(now)
             return
         self._listen(now)
         code = self._child.poll()
         if code is not None:
-            self._ended(self._hung or f"ended with {_code_words(code)}", now)
+            # Whoever was killed had no last words: what was logged before has nothing to do with it.
+            said = f" ({self._last_words})" if code > 0 and self._last_words else ""
+            self._ended(self._hung or f"ended with {_code_words(code)}", now, said)
             return
         allowed = _HANGS_AFTER if self.ready else _LONGEST_START
         if now - self._heard > allowed:
@@ -210,7 +226,8 @@ class Supervised:
         self._hung, self._last_words = None, ""
         self._ear = Ear()
         path = str(self.machine.path.absolute())
-        command = [sys.executable, "-c", _START, "run", "--supervised", "--config", path, *self._options]
+        supervised = ["--supervised", f"{self._publish_within:.3f}"]
+        command = [sys.executable, "-c", _START, "run", *supervised, "--config", path, *self._options]
         environment = {
             **os.environ,
             "NOTIFY_SOCKET": self._ear.address,
@@ -244,12 +261,11 @@ class Supervised:
                     _LOG.warning("machine %s: runs again", self.machine.name)
                 self.problem = None
 
-    def _ended(self, how: str, now: float) -> None:
+    def _ended(self, how: str, now: float, said: str = "") -> None:
         self._failures = 1 if self.ready and now - self._began >= _GOOD_RUN else self._failures + 1
         pause = min(_FIRST_PAUSE * 2.0 ** min(self._failures - 1, 20), _LONGEST_PAUSE)
         self._due = now + pause
         often = f", {self._failures} times in a row" if self._failures > 1 else ""
-        said = f" ({self._last_words})" if self._last_words else ""
         self._forget()
         self._say_problem(f"{how}{often}; it is started again after {pause:.0f} s{said}")
 

@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from typing import Protocol
 
 from monitor.records.tables import StoreError
+from monitor.service.companions import LAST_PUBLICATION
 from monitor.service.fleet import Fleet
 from monitor.service.supervised import Supervised
 from monitor.service.supervision import Supervision
@@ -22,6 +23,7 @@ _TURN = 0.2
 _LONGEST_START = 60.0
 _ENDS_WITHIN = 4.6
 _LONGEST_STATUS = 800
+_PUBLISHING_AT_ONCE = 2
 
 
 class Page(Protocol):
@@ -67,11 +69,15 @@ class Supervisor:
         """
         self._page, self._monotonic = page, monotonic
         self._fleet = fleet
-        self.daemons = tuple(Supervised(machine, options, monotonic) for machine in fleet.machines)
+        self._most_starting = os.cpu_count() or 1
+        # All publish at once when they stop, and have five seconds in all.
+        share = min(1.0, _PUBLISHING_AT_ONCE * self._most_starting / len(fleet.machines))
+        self.daemons = tuple(
+            Supervised(machine, options, monotonic, share * LAST_PUBLICATION) for machine in fleet.machines
+        )
         self._notifier = Notifier()
         self._supervisions: dict[str, Supervision] = {}
         self._said: tuple[str, str | None] | None = None
-        self._page_said: tuple[str | None, str | None] = (None, None)
 
     def run(self, stop: threading.Event) -> None:
         """Keep all daemons running until ``stop`` is set, then end them all and return, within five seconds.
@@ -117,8 +123,10 @@ class Supervisor:
         _LOG.info("supervising %s", ", ".join(machine.name for machine in self._fleet.machines))
         while not stop.is_set():
             for daemon in self.daemons:
-                daemon.tick()
-            self._tend_page()
+                # As many at once as there are processors: the first are ready sooner, and the last no later.
+                daemon.tick(may_start=sum(other.starting() for other in self.daemons) < self._most_starting)
+            if self._page is not None:
+                self._page.tick()
             self._say()
             now = self._monotonic()
             # A manager of services waits for the start only so long, and a machine may have much to recover.
@@ -128,19 +136,6 @@ class Supervisor:
                 _LOG.info("ready: %s", self.status())
             self._notifier.alive(now)
             self._wait()
-
-    def _tend_page(self) -> None:
-        if self._page is None:
-            return
-        self._page.tick()
-        said = (self._page.url, self._page.problem)
-        if said == self._page_said:
-            return
-        self._page_said = said
-        if said[1] is not None:
-            _LOG.error("page: %s", said[1])
-        elif said[0] is not None:
-            _LOG.info("page: %s", said[0])
 
     def _say(self) -> None:
         """Tell the manager of services and whoever asks for the status of a machine, where something changed."""

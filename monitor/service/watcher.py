@@ -120,6 +120,11 @@ class Watcher:
         tracked = (setup.settings.damage for setup in self.channels.values())
         return next((damage.thresholds for damage in tracked if damage is not None), ())
 
+    @property
+    def interval(self) -> float | None:
+        """Usual seconds from block to block, or None before two were seen."""
+        return self._order.interval
+
     def channel(self, name: str) -> ChannelState:
         """Return the state of one channel."""
         return self._states[name]
@@ -136,6 +141,8 @@ class Watcher:
         """Be as it was then: for a block that failed half way, or whose states cannot be stored."""
         for part, values in memory:
             vars(part).update(_copied(values))
+        # What the block before changed in the kept spectra is committed.
+        self.spectra = ()
 
     def process(
         self, item: Block | Rejected, now: float | None = None, truth: Mapping[str, Any] | None = None

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,11 @@ _CLI = "from monitor.cli import main; main()"
 
 
 def machine_text(*folders: Path, interval_s: float = 0.3) -> str:
-    """Return the configuration of a machine m with sources s0, s1, ... and channels x0, x1, ...; one a folder."""
+    """Return the configuration of a machine m without a page: sources s0, ... and channels x0, ..., one a folder."""
     parts = [
         '[machine]\nname = "m"\nmin_free_mb = 1\n',
         f"[publish]\ninterval_s = {interval_s}\n",
+        "[web]\nenabled = false\n",
         '[[bearing]]\nname = "b"\ndesignation = "1205 ETN9"\n',
         "[operating]\nspeed_hz = 40.0\n",
     ]
@@ -43,9 +45,26 @@ def make_machine(folder: Path, sources: int = 1) -> Path:
     return config
 
 
-def start(config: Path, *options: str, **more: Any) -> subprocess.Popen[str]:
-    """Start a daemon."""
-    command = [sys.executable, "-c", _CLI, "run", "--config", str(config), *options]
+def tcp_machine_text(port: int, interval_s: float = 0.3) -> str:
+    """Return the configuration of a machine m with a source s that listens on a port of this machine, and channel x."""
+    return (
+        f'[machine]\nname = "m"\nmin_free_mb = 1\n[publish]\ninterval_s = {interval_s}\n[web]\nenabled = false\n'
+        '[[bearing]]\nname = "b"\ndesignation = "1205 ETN9"\n[operating]\nspeed_hz = 40.0\n'
+        f'[[source]]\nname = "s"\nurl = "tcp://127.0.0.1:{port}"\nblock_s = 0.1\nrate_hz = {RATE}\n'
+        '[[channel]]\nname = "x"\nsource = "s"\nunit = "g"\nbearing = "b"\nband_hz = [[300, 1200]]\n'
+    )
+
+
+def free_port() -> int:
+    """Return a port of this machine that nobody listens on."""
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return found.getsockname()[1]
+
+
+def start(config: Path, *options: str, prefix: Sequence[str] = (), **more: Any) -> subprocess.Popen[str]:
+    """Start a daemon; the prefix is a program, with its options, that starts it."""
+    command = [*prefix, sys.executable, "-c", _CLI, "run", "--config", str(config), *options]
     return subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, **more)
 
 

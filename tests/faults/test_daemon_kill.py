@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import random
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -14,13 +16,15 @@ import xarray as xr
 
 from monitor.config import load_config
 from monitor.records.ledger import StoreLedger
+from monitor.records.record import Record
 from monitor.records.store import Store
+from monitor.service.ingest import Ingest
 from tests.effort import effort_count
 from tests.faults.daemons import ROOT, call, make_machine, start, status, wait_for
 from tests.faults.test_folder_kill import write
 from tests.streams.folders import csv_bytes, noise
 
-KILLS = effort_count(quick=3, full=100)
+KILLS = effort_count(quick=3, full=200)
 FILES_A_KILL = 10
 
 
@@ -43,7 +47,24 @@ def end(process: subprocess.Popen[str]) -> tuple[int, str, float]:
     return process.returncode, said, time.monotonic() - began
 
 
-@pytest.mark.timeout(effort_count(quick=300, full=3600))
+def undisturbed(folder: Path, inputs: Path, names: list[str]) -> list[Record]:
+    """Return what one process, which nobody ends, says of the same files where they come in this order."""
+    folder.mkdir()
+    config = make_machine(folder)
+    config.write_text(config.read_text().replace("settle_s = 0.2", "settle_s = 0.01"))
+    stop, until = threading.Event(), time.monotonic() + 1200.0
+    with Store.open(folder / "state.db", machine="m") as store, Ingest.open(load_config(config), store) as ingest:
+        for number, name in enumerate(names, 1):
+            temporary = folder / name
+            shutil.copyfile(inputs / name, temporary)
+            temporary.rename(folder / "in0" / name)
+            while ingest.backlogs()["s0"].accepted < number:
+                assert time.monotonic() < until
+                ingest.step(stop)
+        return list(store.records())
+
+
+@pytest.mark.timeout(effort_count(quick=300, full=7200))
 def test_killed_at_random_nothing_is_lost_and_nothing_comes_twice(tmp_path: Path) -> None:
     generator = random.Random(20261121)
     config = make_machine(tmp_path)
@@ -84,6 +105,8 @@ def test_killed_at_random_nothing_is_lost_and_nothing_comes_twice(tmp_path: Path
         assert store.counts().keys().isdisjoint({"duplicate", "changed"})
         assert ledger.file_counts("s0") == {"accepted": number}
     assert published_blocks(config) == blocks
+    names = list(dict.fromkeys(record.name.split("[")[0] for record in records))
+    assert records == undisturbed(tmp_path / "again", tmp_path / "in0", names)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -123,10 +146,10 @@ def test_a_daemon_that_died_is_said_to_have(tmp_path: Path) -> None:
     assert '"status": "died"' in said.stdout
 
 
-def test_a_folder_of_configurations_is_refused_in_words(tmp_path: Path) -> None:
+def test_a_folder_without_configurations_is_refused_in_words(tmp_path: Path) -> None:
     said = call("run", "--config", str(tmp_path))
     assert said.returncode == 2
-    assert "is a folder" in said.stderr
+    assert "it holds no *.toml" in said.stderr
 
 
 def test_the_daemon_loads_no_compiler_no_plotting_and_no_netcdf(tmp_path: Path) -> None:

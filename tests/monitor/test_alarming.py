@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+from monitor.alarm_config import AlarmLevel, AlarmsSection
+from monitor.commands.check import find_problems
+from monitor.config import Config
 from monitor.health.alarms import AlarmSettings, Level, Rule
+from monitor.records.store import Store
 from monitor.service.alarming import Acknowledged
 from monitor.service.setup import channel_setups
 from monitor.service.watcher import Watcher
@@ -78,3 +83,44 @@ def test_a_restart_at_any_block_gives_the_same_records() -> None:
         records += [second.process(item) for item in ITEMS[cut:]]
         assert records == expected
         assert second.states() == undisturbed.states()
+
+
+def test_check_names_the_levels_that_came_too_late_to_learn(tmp_path: Path) -> None:
+    given = config("nowhere")
+    detect = given.detect.model_copy(update={"learn_blocks": 10, "run_in_blocks": 0})
+    here = given.machine.model_copy(update={"state_dir": tmp_path})
+    early = AlarmLevel(name="early", feature="h_or", alert_sd=6)
+    fixed = AlarmLevel(name="fixed", feature="peak", alert_g=50, danger_g=80)
+    machine = given.model_copy(
+        update={"detect": detect, "machine": here, "alarms": AlarmsSection(level=(early, fixed))}
+    )
+
+    def said(found: Config) -> list[str]:
+        return [problem for problem in find_problems(found) if "level" in problem]
+
+    later = machine.model_copy(
+        update={
+            "alarms": AlarmsSection(
+                level=(
+                    early,
+                    fixed,
+                    AlarmLevel(name="late", feature="kurtosis", alert_factor=2),
+                    AlarmLevel(feature="rms", alert_sd=6),
+                )
+            )
+        }
+    )
+    assert said(later) == []
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        found = Watcher("s", channel_setups(machine, machine.source[0]), RATE)
+        for number in range(1, 6):
+            store.commit(found.process(block(number, 1.0)), found.states())
+        assert said(later) == []
+        for number in range(6, 16):
+            store.commit(found.process(block(number, 1.0)), found.states())
+    assert found.channel("x").detect.stage == "healthy"
+    assert said(machine) == []
+    (problem,) = said(later)
+    assert problem.startswith("channel 'x': level 'late' says nothing")
+    (tmp_path / "state.db").write_bytes(b"SQLite format 3")
+    assert said(later)[0].startswith(str(tmp_path))

@@ -46,7 +46,11 @@ def test_an_acknowledgement_says_who_and_when_and_survives(path: Path) -> None:
             ("Anna", 5.0, "looked at it"),
             ("Ben", 6.0, ""),
         ]
-        assert list(log.acknowledged_alarms()) == [("s", "x", "rms", 1)]
+        assert [(*known[:2], known[2].body["rule"], known[2].block) for known in log.acknowledged_alarms()] == [
+            (1, 5.0, "rms", 1),
+            (2, 6.0, "rms", 1),
+        ]
+        assert [number for number, _, _ in log.acknowledged_alarms(1)] == [2]
 
 
 @pytest.mark.parametrize("name", ["9", "n1", "", "n", "1; DROP TABLE events", "²", "9" * 40])

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import ssl
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,40 +20,21 @@ class NotifyError(Exception):
 
 @dataclass(frozen=True)
 class Message:
-    """What is told.
+    """What is told; :func:`monitor.service.notify.message.compose` makes it.
 
     Attributes:
-        machine: name of the machine.
-        events: plain values, each with at least ``kind``.
-        left_out: how many more there were than the rate limit lets through.
+        title: one line.
+        text: the whole, for people.
+        values: the same for programs, plain values.
     """
 
-    machine: str
-    events: tuple[Mapping[str, Any], ...]
-    left_out: int = 0
-
-    @property
-    def title(self) -> str:
-        """One line."""
-        first = self.events[0] if self.events else {"kind": "events"}
-        words = [str(first[key]) for key in ("severity", "kind", "rule", "channel") if first.get(key)]
-        more = len(self.events) - 1 + self.left_out
-        text = f"{self.machine}: {' '.join(words)}" + (f" and {more} more" if more > 0 else "")
-        # A line break in a name must not become a header of its own.
-        return " ".join(text.split())[:200]
-
-    @property
-    def text(self) -> str:
-        """The whole, a line an event."""
-        lines = [", ".join(f"{key}: {value}" for key, value in event.items()) for event in self.events]
-        if self.left_out:
-            lines.append(f"{self.left_out} more events were left out by the rate limit; the event log has them all.")
-        return "\n".join((self.title, "", *lines, ""))
+    title: str
+    text: str
+    values: Mapping[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> str:
         """Return it as one JSON object."""
-        values = {"machine": self.machine, "title": self.title, "events": self.events, "left_out": self.left_out}
-        return json.dumps(values, allow_nan=False)
+        return json.dumps({"title": self.title, "text": self.text, **self.values}, allow_nan=False)
 
 
 class Way(Protocol):
@@ -60,9 +42,42 @@ class Way(Protocol):
 
     name: str
 
-    def send(self, message: Message) -> None:
-        """Deliver one message; :class:`NotifyError` where that fails."""
+    def check(self) -> None:
+        """Look whether the files that it needs can be read; :class:`NotifyError` where not."""
         ...
+
+    def send(self, message: Message) -> str | None:
+        """Deliver one message; :class:`NotifyError` where that fails.
+
+        Returns:
+            What is wrong although it is delivered, in one sentence, or None.
+        """
+        ...
+
+
+def tls_context(ca_file: Path | None) -> ssl.SSLContext:
+    """Return what verifies a server's certificate and name: by the public authorities, or by those in a file.
+
+    Raises:
+        NotifyError: the file cannot be used.
+    """
+    try:
+        return ssl.create_default_context(cafile=None if ca_file is None else str(ca_file))
+    except OSError as error:
+        raise NotifyError(f"{ca_file} cannot be used: {error.strerror or type(error).__name__}") from None
+
+
+def check_files(ca_file: Path | None, *secrets: Path | None) -> None:
+    """Read what a way needs, to know early that it is not there.
+
+    Raises:
+        NotifyError: a file cannot be read, or is none of certificates.
+    """
+    for path in secrets:
+        if path is not None:
+            read_secret(path)
+    if ca_file is not None:
+        tls_context(ca_file)
 
 
 def read_secret(path: Path) -> str:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import smtplib
-import ssl
 from email.message import EmailMessage
 from email.utils import formatdate, make_msgid
 
 from monitor.alarm_config import SmtpSection
-from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, read_secret
+from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, check_files, read_secret, tls_context
 
 
 class SmtpWay:
@@ -20,32 +19,45 @@ class SmtpWay:
         """Take the configured server and addresses."""
         self._section = section
 
-    def send(self, message: Message) -> None:
-        """Send it; :class:`NotifyError` where the server does not take it."""
+    def check(self) -> None:
+        """Look whether the files that it needs can be read; :class:`NotifyError` where not."""
+        section = self._section
+        check_files(section.ca_file, section.username_file, section.password_file)
+
+    def send(self, message: Message) -> str | None:
+        """Send it; :class:`NotifyError` where the server takes it for nobody.
+
+        Returns:
+            For whom it was not taken, or None: whoever got it must not get it again with each attempt for the others.
+        """
         section = self._section
         mail = EmailMessage()
         mail["Subject"] = message.title
         mail["From"], mail["To"] = section.sender, ", ".join(section.to)
         mail["Date"], mail["Message-ID"] = formatdate(), make_msgid(domain=section.sender.partition("@")[2])
-        mail.set_content(message.text)
+        # Nobody's absence should be answered to it.
+        mail["Auto-Submitted"] = "auto-generated"
+        # Seven bits: every server takes that.
+        mail.set_content(message.text, cte="quoted-printable")
         try:
             with self._connect() as server:
                 if section.username_file is not None and section.password_file is not None:
                     server.login(read_secret(section.username_file), read_secret(section.password_file))
                 refused = server.send_message(mail)
+        except smtplib.SMTPRecipientsRefused as error:
+            raise NotifyError(f"smtp {section.host}: refused for {', '.join(error.recipients)}") from None
         except smtplib.SMTPAuthenticationError as error:
             # The server's own words may repeat what was sent.
             raise NotifyError(f"smtp {section.host}: the server refuses the login ({error.smtp_code})") from None
         except (OSError, smtplib.SMTPException, ValueError) as error:
             raise NotifyError(f"smtp {section.host}: {error}") from None
-        if refused:
-            raise NotifyError(f"smtp {section.host}: refused for {', '.join(refused)}")
+        return f"smtp {section.host}: refused for {', '.join(refused)}" if refused else None
 
     def _connect(self) -> smtplib.SMTP:
         section = self._section
         if section.security == "none":
             return smtplib.SMTP(section.host, section.port, timeout=TIMEOUT)
-        context = ssl.create_default_context(cafile=None if section.ca_file is None else str(section.ca_file))
+        context = tls_context(section.ca_file)
         if section.security == "tls":
             return smtplib.SMTP_SSL(section.host, section.port, timeout=TIMEOUT, context=context)
         server = smtplib.SMTP(section.host, section.port, timeout=TIMEOUT)

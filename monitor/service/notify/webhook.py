@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import http.client
-import ssl
 from urllib.parse import urlsplit
 
 from monitor.alarm_config import WebhookSection
-from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, read_secret
+from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, check_files, read_secret, tls_context
 
 
 class WebhookWay:
@@ -19,6 +18,10 @@ class WebhookWay:
         """Take the configured address."""
         self._section = section
         self._url = urlsplit(section.url)
+
+    def check(self) -> None:
+        """Look whether the files that it needs can be read; :class:`NotifyError` where not."""
+        check_files(self._section.ca_file, self._section.token_file)
 
     def send(self, message: Message) -> None:
         """Post it; :class:`NotifyError` where the answer is none of success."""
@@ -42,7 +45,6 @@ class WebhookWay:
     def _connection(self) -> http.client.HTTPConnection:
         host = self._url.hostname or ""
         if self._url.scheme == "https":
-            return http.client.HTTPSConnection(
-                host, self._url.port, timeout=TIMEOUT, context=ssl.create_default_context()
-            )
+            context = tls_context(self._section.ca_file)
+            return http.client.HTTPSConnection(host, self._url.port, timeout=TIMEOUT, context=context)
         return http.client.HTTPConnection(host, self._url.port, timeout=TIMEOUT)

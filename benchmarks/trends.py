@@ -1,0 +1,275 @@
+"""Trends and kept spectra: what they cost while blocks are committed, and how quickly a life can be drawn.
+
+Run as ``python -m benchmarks.trends [--quick] [--json FILE]``. Three tables:
+
+1. making the trends of a store of one channel with 1,000,000 records of 5 s (58 days; ``--quick``: 50,000), every
+   variable present, and of one with 64 channels: microseconds and bytes a block and channel beside those of the store,
+   and the time of one block more;
+2. milliseconds to answer a query over ranges that begin anywhere, median and 99th percentile, with the rows that come
+   back, the time to read the same records whole where there are at most 20,000, and the largest difference between the
+   extremes and those of the values that were put in;
+3. envelope spectra: milliseconds of thread time that choosing, encoding and writing them add to a block of 5 s at
+   25.6 kHz, committed one by one, bytes a spectrum, rows left, and the largest error of an amplitude, over itself.
+"""
+
+from __future__ import annotations
+
+import random
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.records import made_up
+from monitor.health.waterfall import WaterfallSettings, WaterfallState, step
+from monitor.records.packing import pack, places_of
+from monitor.records.record import Record
+from monitor.records.spectra import SpectrumChange, SpectrumRow, read_spectra
+from monitor.records.store import Store
+from monitor.records.trends import FEATURES, LEVELS, Trends, TrendTable
+
+INTERVAL = 5.0
+BEGIN = 1_700_006_400.0
+CHANNEL = "horizontal"
+_CHUNK = 20_000
+_BINS = 6500
+_MANY = 64
+_SPANS = {"an hour": 3600.0, "a day": 86400.0, "a week": 604800.0}
+Values = NDArray[np.float64]
+
+
+def fill(path: Path, count: int) -> Values:
+    """Make a store of records 5 s apart; return their features, shape (record, feature)."""
+    channels = {CHANNEL: dict(made_up(1)[0].channels[CHANNEL]) | {"quality_status": "ok"}}
+    with Store.open(path, machine="rig") as store:
+        store.commit(Record("rig", 1, "b1", "0", time=BEGIN, channels=channels), {})
+        layout, row = pack(channels)
+        places = places_of(layout, FEATURES)[CHANNEL]
+        first = np.frombuffer(row, dtype="<f8")
+        draw = np.random.default_rng(0)
+        values = np.exp(draw.normal(scale=0.2, size=(count, len(FEATURES))))
+        values[0] = first[places]
+        for begin in range(1, count, _CHUNK):
+            end = min(begin + _CHUNK, count)
+            rows = np.tile(first, (end - begin, 1))
+            rows[:, places] = values[begin:end]
+            _put(store, begin, rows)
+    return values
+
+
+def _put(store: Store, begin: int, rows: Values) -> None:
+    """Copy the first block of the ledger with other times and values: committing them one by one takes an hour."""
+
+    def blocks() -> Iterator[tuple[int, str, str, float, int, float]]:
+        for number in range(begin, begin + len(rows)):
+            moment = BEGIN + INTERVAL * number
+            yield number + 1, f"{number:032x}", f"b{number + 1}", moment, int(moment // 86400), moment
+
+    with store.transaction() as connection:
+        connection.executemany(
+            "INSERT INTO blocks (source, sequence, content_hash, name, status, flags, reason, time, day, axis_time,"
+            " time_status, run) VALUES ('rig', ?, ?, ?, 'ok', '', '', ?, ?, ?, 'given', 1)",
+            blocks(),
+        )
+        connection.executemany(
+            "INSERT INTO records VALUES (?, 1, ?)",
+            ((begin + place + 1, row.tobytes()) for place, row in enumerate(rows.astype("<f8"))),
+        )
+
+
+def fill_many(path: Path, count: int) -> None:
+    """Make a store of blocks of many channels."""
+    with Store.open(path, machine="rig") as store:
+        for record in made_up(count):
+            values = record.channels[CHANNEL]
+            channels = {CHANNEL: values} | {f"c{number}": values for number in range(1, _MANY)}
+            store.commit(Record("rig", record.sequence, "b", "c", time=record.time, channels=channels), {})
+
+
+def making(folder: Path, store_path: Path, count: int, channels: int) -> Row:
+    """Time the making of the trends of a store, and one block more."""
+    path = folder / f"trends-{channels}.db"
+    with Trends(path, store_path) as trends:
+        thread, wall = time.thread_time(), time.perf_counter()
+        while trends.update():
+            pass
+        thread, wall = time.thread_time() - thread, time.perf_counter() - wall
+        one: list[float] = []
+        with Store.open(store_path, machine="rig") as store:
+            first = store.record("rig", 1)
+            assert first is not None
+            for number in range(count, count + 50):
+                moment = BEGIN + INTERVAL * number
+                store.commit(Record("rig", number + 1, "b", "c", time=moment, channels=first.channels), {})
+                began = time.perf_counter()
+                trends.update()
+                one.append(time.perf_counter() - began)
+    return {
+        "channels": channels,
+        "blocks": count,
+        "s": wall,
+        "us a block and channel": 1e6 * wall / count / channels,
+        "thread us": 1e6 * thread / count / channels,
+        "bytes": path.stat().st_size / count / channels,
+        "bytes in the store": store_path.stat().st_size / count / channels,
+        "ms for one block more": 1e3 * statistics.median(one),
+    }
+
+
+def asking(folder: Path, values: Values, rounds: int) -> list[Row]:
+    """Time queries over ranges of several lengths, and compare their answers with the values."""
+    draw = random.Random(1)
+    count = len(values)
+    whole = INTERVAL * (count - 1)
+    trends = Trends(folder / "trends-1.db", folder / "state.db")
+    rows: list[Row] = []
+    for name, span in {**_SPANS, "all": whole}.items():
+        if span > whole:
+            continue
+        for points in (300, 1000, 2000):
+            times: list[float] = []
+            error = 0.0
+            table = None
+            for _ in range(rounds):
+                since = BEGIN + draw.random() * (whole - span)
+                began = time.perf_counter()
+                table = trends.query("rig", CHANNEL, since, since + span, points)
+                times.append(1e3 * (time.perf_counter() - began))
+                error = max(error, _error(table, values))
+            assert table is not None
+            rows.append(
+                {
+                    "range": name,
+                    "records": int(span / INTERVAL) + 1,
+                    "points": points,
+                    "rows": table.time.size,
+                    "resolution s": table.resolution,
+                    "ms": statistics.median(times),
+                    "ms p99": float(np.quantile(times, 0.99)),
+                    "ms reading them whole": _reading_ms(folder / "state.db", span) if points == 300 else None,
+                    "largest error": error,
+                }
+            )
+    return rows
+
+
+def _error(table: TrendTable, values: Values) -> float:
+    """Return the largest difference between the extremes of a table and those of the values."""
+    begin = np.rint((table.time - BEGIN) / INTERVAL).astype(np.int64)
+    if table.resolution is None:
+        low = high = values[begin]
+    else:
+        # Rows shorter than the finest stretch hold the records of the range only: its edges are left out.
+        inner = slice(None) if table.resolution >= LEVELS[0] else slice(1, -1)
+        first = np.ceil((table.time - BEGIN) / INTERVAL).astype(np.int64).clip(0)
+        last = np.ceil((table.time + table.resolution - BEGIN) / INTERVAL).astype(np.int64).clip(0, len(values))
+        low = np.array([values[a:b].min(axis=0) for a, b in zip(first[inner], last[inner], strict=True)])
+        high = np.array([values[a:b].max(axis=0) for a, b in zip(first[inner], last[inner], strict=True)])
+        table = TrendTable(
+            table.dated,
+            table.resolution,
+            table.time[inner],
+            {name: column[inner] for name, column in table.low.items()},
+            {name: column[inner] for name, column in table.high.items()},
+            table.records[inner],
+            table.counts,
+        )
+    found_low = np.stack([table.low[name] for name in FEATURES], axis=1)
+    found_high = np.stack([table.high[name] for name in FEATURES], axis=1)
+    # The records that were committed after the making lie beyond the last value.
+    return float(max(np.abs(found_low - low)[:-1].max(), np.abs(found_high - high)[:-1].max()))
+
+
+def _reading_ms(path: Path, span: float) -> float | None:
+    """Return the time to read the first records of a store whole."""
+    if span / INTERVAL > 20_000:
+        return None
+    with Store.open(path, read_only=True) as store:
+        began = time.perf_counter()
+        for stored in store.stored("axis_time <= ?", BEGIN + span):
+            stored.to_record()
+        return 1e3 * (time.perf_counter() - began)
+
+
+def keeping(folder: Path, count: int) -> list[Row]:
+    """Time what kept spectra add to commits: two stores take the same blocks in turn, one of them with spectra."""
+    draw = np.random.default_rng(0)
+    spectra = np.abs(draw.normal(size=(16, _BINS))).astype(np.float32)
+    plan, state = WaterfallSettings(), WaterfallState()
+    spent: dict[str, list[float]] = {"without": [], "with": []}
+    with (
+        Store.open(folder / "without.db", machine="rig") as without,
+        Store.open(folder / "with.db", machine="rig") as store,
+    ):
+        for place, record in enumerate(made_up(count)):
+            states = {"waterfall": state.to_dict()}
+            spent["without"].append(_thread_ms(lambda r=record, s=states: without.commit(r, s)))
+            began = time.thread_time()
+            state, choice = step(state, record.time, plan)
+            row = _row(record, spectra[place % 16])
+            store.commit(
+                record, {"waterfall": state.to_dict()}, spectra=[SpectrumChange(row, choice.kind, choice.thin)]
+            )
+            spent["with"].append(1e3 * (time.thread_time() - began))
+        kept = read_spectra(store, CHANNEL)
+    worst = 0.0
+    for row in kept:
+        given = spectra[(row.sequence - 1) % 16].astype(np.float64)
+        worst = max(worst, float(np.max(np.abs(row.amplitude - given) / given)))
+    means = {name: statistics.fmean(values) for name, values in spent.items()}
+    return [
+        {
+            "blocks": count,
+            "ms a block without": means["without"],
+            "ms a block with": means["with"],
+            "added ms": means["with"] - means["without"],
+            "bytes a spectrum": 2 * _BINS,
+            "rows left": len(kept),
+            "largest relative error": worst,
+        }
+    ]
+
+
+def _thread_ms(action: Callable[[], object]) -> float:
+    began = time.thread_time()
+    action()
+    return 1e3 * (time.thread_time() - began)
+
+
+def _row(record: Record, amplitude: NDArray[np.float32]) -> SpectrumRow:
+    lines = {"outer": 119.0, "inner": 167.0, "ball": 150.0, "cage": 11.0}
+    return SpectrumRow(
+        record.source, CHANNEL, record.sequence, record.time, 0.2, (500.0, 6000.0), 30.0, 1.0, True, amplitude, lines
+    )
+
+
+def main() -> None:
+    """Run the three tables."""
+    options = arguments(__doc__ or "")
+    count = 50_000 if options.quick else 1_000_000
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        values = fill(folder / "state.db", count)
+        many = 100 if options.quick else 2000
+        fill_many(folder / "many.db", many)
+        tables = {
+            "making": [
+                making(folder, folder / "state.db", count, 1),
+                making(folder, folder / "many.db", many, _MANY),
+            ],
+            "asking": asking(folder, values, 10 if options.quick else 100),
+        }
+        tables["spectra"] = keeping(folder, 1000 if options.quick else 10_000)
+    print_table("Making the trends", tables["making"])
+    print_table("Asking for them", tables["asking"])
+    print_table("Kept envelope spectra", tables["spectra"])
+    write_json(options.json, tables)
+
+
+if __name__ == "__main__":
+    main()

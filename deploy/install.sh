@@ -1,0 +1,141 @@
+#!/bin/sh
+# Installs spallwatch as a service, or takes it away; called by `make install-service` and `make uninstall-service`.
+#
+# PREFIX    the program, a virtual environment of its own below it      [/opt/spallwatch]
+# CONFIG    a configuration a machine; nothing in it is overwritten     [/etc/spallwatch]
+# DESTDIR   put before every path: for packages and for a trial without root
+# PYTHON    the interpreter that the service will use, 3.11 or newer    [python3.11, else python3]
+# BUILDER   a python with `build` and `hatchling`, to build the program's wheel
+# PROGRAM   no: everything but the program                             [yes]
+#
+# State and records (/var/lib/spallwatch) are never touched. Doing it again gives the same.
+set -eu
+
+PREFIX="${PREFIX:-/opt/spallwatch}"
+CONFIG="${CONFIG:-/etc/spallwatch}"
+DESTDIR="${DESTDIR:-}"
+PROGRAM="${PROGRAM:-yes}"
+SOURCE="$(cd "$(dirname "$0")/.." && pwd)"
+UNITS=/etc/systemd/system
+USERS=/etc/sysusers.d
+
+fail() {
+    echo "install.sh: $*" >&2
+    exit 2
+}
+
+check() {
+    for path in "$PREFIX" "$CONFIG"; do
+        case "$path" in
+        /home | /home/* | /root | /root/*) fail "$path: the service sees no home folder; choose another place" ;;
+        *[!A-Za-z0-9/._-]*) fail "$path: expected letters, digits and . _ - / only" ;;
+        /?*) ;;
+        *) fail "$path: expected an absolute path" ;;
+        esac
+    done
+    if [ -z "$DESTDIR" ] && [ "$(id -u)" -ne 0 ]; then
+        fail "must be run by root (or with DESTDIR, for a trial)"
+    fi
+}
+
+choose_python() {
+    PYTHON="${PYTHON:-$(command -v python3.11 || command -v python3 || true)}"
+    [ -n "$PYTHON" ] || fail "no python3.11 or python3 was found; set PYTHON=/path/to/python"
+    "$PYTHON" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || fail "$PYTHON: Python 3.11 or newer is needed"
+    base="$("$PYTHON" -c 'import sys; print(sys.base_prefix)')"
+    case "$base" in
+    /home/* | /root/*) fail "$PYTHON lives in $base, and the service sees no home folder; set PYTHON=/usr/bin/python3" ;;
+    esac
+    PYTHON="$("$PYTHON" -c 'import os, sys; print(os.path.realpath(sys.executable))')"
+}
+
+# The new environment is made beside the old one and takes its place when it is whole.
+install_program() {
+    choose_python
+    venv="$DESTDIR$PREFIX/venv"
+    work="$(mktemp -d)"
+    trap 'rm -rf "$work" "$venv.new"' EXIT
+    "${BUILDER:-$PYTHON}" -m build --wheel --no-isolation --outdir "$work" "$SOURCE" >"$work/log" 2>&1 ||
+        { cat "$work/log" >&2; fail "the wheel cannot be built"; }
+    rm -rf "$venv.new"
+    "$PYTHON" -m venv "$venv.new"
+    "$venv.new/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: \
+        -r "$SOURCE/deploy/requirements.lock"
+    "$venv.new/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-index "$work"/*.whl
+    # Its programs name their interpreter by its path.
+    grep -lI "$venv.new" "$venv.new"/bin/* | while read -r file; do
+        sed -i "s#$venv.new#$PREFIX/venv#g" "$file"
+    done
+    chmod -R u=rwX,go=rX "$venv.new"
+    rm -rf "$venv.old"
+    if [ -e "$venv" ]; then mv "$venv" "$venv.old"; fi
+    mv "$venv.new" "$venv"
+    mkdir -p "$DESTDIR/usr/local/bin"
+    link="$DESTDIR/usr/local/bin/spallwatch"
+    if [ ! -e "$link" ] || [ -L "$link" ]; then ln -sfn "$PREFIX/venv/bin/spallwatch" "$link"; fi
+}
+
+put() { # FROM TO: a file with the chosen places in it
+    mkdir -p "$(dirname "$2")"
+    sed -e "s#/opt/spallwatch#$PREFIX#g" -e "s#/etc/spallwatch#$CONFIG#g" "$1" >"$2"
+    chmod 644 "$2"
+}
+
+install_files() {
+    mkdir -p "$DESTDIR$PREFIX/doc" "$DESTDIR$CONFIG/secrets"
+    chmod 755 "$DESTDIR$PREFIX" "$DESTDIR$PREFIX/doc" "$DESTDIR$CONFIG"
+    chmod 700 "$DESTDIR$CONFIG/secrets"
+    put "$SOURCE/deploy/systemd/spallwatch.service" "$DESTDIR$UNITS/spallwatch.service"
+    put "$SOURCE/deploy/systemd/spallwatch.sysusers.conf" "$DESTDIR$USERS/spallwatch.conf"
+    put "$SOURCE/deploy/machine.toml.example" "$DESTDIR$CONFIG/machine.toml.example"
+    put "$SOURCE/docs/deployment.md" "$DESTDIR$PREFIX/doc/deployment.md"
+    put "$SOURCE/config.toml" "$DESTDIR$PREFIX/doc/config.toml"
+}
+
+has_manager() { [ -z "$DESTDIR" ] && [ -d /run/systemd/system ]; }
+
+make_user() {
+    if [ -n "$DESTDIR" ] || id spallwatch >/dev/null 2>&1; then return; fi
+    if command -v systemd-sysusers >/dev/null; then
+        systemd-sysusers "$USERS/spallwatch.conf"
+    else
+        useradd --system --user-group --home-dir /var/lib/spallwatch --shell /usr/sbin/nologin spallwatch
+    fi
+}
+
+install_all() {
+    check
+    umask 022
+    if [ "$PROGRAM" = yes ]; then install_program; fi
+    install_files
+    make_user
+    if has_manager; then
+        systemctl daemon-reload
+        systemctl try-restart spallwatch.service
+    fi
+    echo "installed: $PREFIX, $CONFIG, $UNITS/spallwatch.service"
+    echo "next: write $CONFIG/NAME.toml after $CONFIG/machine.toml.example, then"
+    echo "  spallwatch check --config $CONFIG/NAME.toml"
+    echo "  systemctl enable --now spallwatch"
+}
+
+uninstall_all() {
+    check
+    if has_manager; then systemctl disable --now spallwatch.service 2>/dev/null || true; fi
+    rm -f "$DESTDIR$UNITS/spallwatch.service" "$DESTDIR$USERS/spallwatch.conf"
+    rm -f "$DESTDIR$CONFIG/machine.toml.example" "$DESTDIR$PREFIX/doc/deployment.md" "$DESTDIR$PREFIX/doc/config.toml"
+    rm -rf "$DESTDIR$PREFIX/venv" "$DESTDIR$PREFIX/venv.old" "$DESTDIR$PREFIX/venv.new"
+    link="$DESTDIR/usr/local/bin/spallwatch"
+    if [ -L "$link" ] && [ "$(readlink "$link")" = "$PREFIX/venv/bin/spallwatch" ]; then rm -f "$link"; fi
+    for folder in "$PREFIX/doc" "$PREFIX" "$CONFIG/secrets" "$CONFIG"; do
+        rmdir "$DESTDIR$folder" 2>/dev/null || true
+    done
+    if has_manager; then systemctl daemon-reload; fi
+    echo "uninstalled; left as they are: configurations in $CONFIG, state and records in /var/lib/spallwatch, the user spallwatch"
+}
+
+case "${1:-}" in
+install) install_all ;;
+uninstall) uninstall_all ;;
+*) fail "usage: install.sh install|uninstall" ;;
+esac

@@ -1,0 +1,67 @@
+"""Write what a service needs of the lock file, without the tools of development.
+
+Run as ``python -m deploy.runtime_lock`` in an environment that holds all that ``requirements.lock`` lists: what depends
+on what is read from the installed packages, versions and hashes from the lock file.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+import tomllib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).resolve().parents[1]
+LOCK = ROOT / "requirements.lock"
+RUNTIME_LOCK = ROOT / "deploy" / "requirements.lock"
+EXTRAS = ("hdf5", "tdms", "uff", "mqtt", "pdf")
+
+
+def locked(path: Path) -> dict[str, str]:
+    """Return the entries of a lock file by normalised name: version and hashes as they stand there."""
+    entries = re.split(r"\n(?=\S)", path.read_text(encoding="utf-8").strip())
+    return {canonicalize_name(entry.partition("==")[0]): entry for entry in entries if not entry.startswith("#")}
+
+
+def declared() -> list[Requirement]:
+    """Return what the project itself asks for at run time, with the extras that a service may need."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    more = [item for extra in EXTRAS for item in project["optional-dependencies"][extra]]
+    return [Requirement(item) for item in [*project["dependencies"], *more]]
+
+
+def closure(requirements: Iterable[Requirement]) -> Iterator[str]:
+    """Yield the normalised names of all packages that requirements lead to, each once, on this platform.
+
+    Raises:
+        PackageNotFoundError: one of them is not installed here.
+    """
+    seen: set[tuple[str, str]] = set()
+    waiting = [(item, "") for item in requirements]
+    names: set[str] = set()
+    while waiting:
+        item, extra = waiting.pop()
+        if item.marker is not None and not item.marker.evaluate({"extra": extra}):
+            continue
+        name = canonicalize_name(item.name)
+        if name not in names:
+            names.add(name)
+            yield name
+        for wanted in ("", *item.extras):
+            if (name, wanted) not in seen:
+                seen.add((name, wanted))
+                waiting += [(Requirement(text), wanted) for text in importlib.metadata.requires(name) or ()]
+
+
+def main() -> None:
+    """Write the file."""
+    entries = locked(LOCK)
+    RUNTIME_LOCK.write_text("".join(f"{entries[name]}\n" for name in sorted(closure(declared()))), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

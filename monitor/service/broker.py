@@ -1,0 +1,147 @@
+"""A connection to an MQTT broker that messages go out over: welcomed before it is used, and each message confirmed."""
+
+from __future__ import annotations
+
+import contextlib
+import ssl
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from monitor.broker_config import BrokerSection
+
+TIMEOUT = 10.0
+"""Seconds that a connection may take."""
+_KEEPALIVE = 15
+_IN_FLIGHT = 100
+
+
+class BrokerError(Exception):
+    """The broker cannot be reached, refuses, or is gone; no secret is in the text."""
+
+
+class BrokerLink:
+    """One connection, made once: whoever loses it makes a new link. Messages are sent with QoS 1.
+
+    All methods but :meth:`close` raise :class:`BrokerError` where the connection is lost.
+    """
+
+    def __init__(
+        self,
+        section: BrokerSection,
+        read_secret: Callable[[Path], str],
+        *,
+        will: tuple[str, str] | None = None,
+        told: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Take broker and credentials, which are read now; nothing is connected yet.
+
+        Args:
+            section: the broker.
+            read_secret: gives the secret in a file.
+            will: topic and text that the broker publishes, retained, when this machine is gone without a word.
+            told: called from another thread whenever a message is confirmed or the connection is lost.
+
+        Raises:
+            BrokerError: paho-mqtt is missing, or a certificate cannot be read.
+        """
+        try:
+            from paho.mqtt.client import Client
+            from paho.mqtt.enums import CallbackAPIVersion
+        except ModuleNotFoundError:
+            raise BrokerError('mqtt needs paho-mqtt: pip install "spallwatch[mqtt]"') from None
+        self._section, self._told = section, told
+        self._where = f"mqtt {section.host}:{section.port}"
+        self._state = threading.Condition()
+        self._welcome = False
+        self._lost: str | None = None
+        self._confirmed: set[int] = set()
+        client = Client(CallbackAPIVersion.VERSION2, reconnect_on_failure=False)
+        client.connect_timeout = TIMEOUT
+        client.max_inflight_messages_set(_IN_FLIGHT)
+        if section.username_file is not None:
+            password = None if section.password_file is None else read_secret(section.password_file)
+            client.username_pw_set(read_secret(section.username_file), password)
+        if section.encrypted:
+            try:
+                ca_file = None if section.ca_file is None else str(section.ca_file)
+                client.tls_set_context(ssl.create_default_context(cafile=ca_file))
+            except OSError as error:
+                raise BrokerError(f"{self._where}: {section.ca_file} cannot be used: {error}") from None
+        if will is not None:
+            client.will_set(*will, qos=1, retain=True)
+        client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
+        client.on_publish = self._on_publish
+        self._client: Any = client
+
+    def connect(self) -> None:
+        """Connect, and wait until the broker has let this machine in."""
+        try:
+            self._client.connect(self._section.host, self._section.port, _KEEPALIVE)
+        except (OSError, ValueError) as error:
+            raise BrokerError(f"{self._where}: {error}") from None
+        self._client.loop_start()
+        with self._state:
+            answered = self._state.wait_for(lambda: self._welcome or self._lost is not None, TIMEOUT)
+        if not answered:
+            raise BrokerError(f"{self._where}: the broker does not answer")
+        self.check()
+
+    def check(self) -> None:
+        """Raise if the connection is lost."""
+        with self._state:
+            if self._lost is not None:
+                raise BrokerError(f"{self._where}: {self._lost}")
+
+    def publish(self, topic: str, text: str, *, retain: bool = False) -> int:
+        """Send a message; return its number, under which it will be confirmed."""
+        self.check()
+        try:
+            return self._client.publish(topic, text, qos=1, retain=retain).mid
+        except (OSError, ValueError, RuntimeError) as error:
+            raise BrokerError(f"{self._where}: {error}") from None
+
+    def take_confirmed(self) -> set[int]:
+        """Return the numbers of the messages confirmed since the last call."""
+        with self._state:
+            found, self._confirmed = self._confirmed, set()
+        return found
+
+    def wait_confirmed(self, numbers: set[int], timeout: float) -> None:
+        """Wait until messages are confirmed; raise where they are not in time."""
+        until, waiting = time.monotonic() + timeout, set(numbers)
+        with self._state:
+            while waiting - self._confirmed and self._lost is None:
+                if not self._state.wait(max(0.0, until - time.monotonic())) and time.monotonic() >= until:
+                    raise BrokerError(f"{self._where}: the broker does not confirm")
+            waiting -= self._confirmed
+        if waiting:
+            self.check()
+
+    def close(self) -> None:
+        """Take leave of the broker; what is not confirmed may or may not have arrived."""
+        with contextlib.suppress(OSError, ValueError, RuntimeError):
+            self._client.disconnect()
+        with contextlib.suppress(OSError, ValueError, RuntimeError):
+            self._client.loop_stop()
+
+    def _on_connect(self, client: Any, userdata: Any, flags: Any, reason: Any, properties: Any) -> None:
+        with self._state:
+            if reason.is_failure:
+                self._lost = f"the broker refuses: {reason}"
+            self._welcome = not reason.is_failure
+            self._state.notify_all()
+
+    def _on_disconnect(self, client: Any, userdata: Any, flags: Any, reason: Any, properties: Any) -> None:
+        with self._state:
+            self._lost = self._lost or f"connection to the broker lost: {reason}"
+            self._state.notify_all()
+        self._told()
+
+    def _on_publish(self, client: Any, userdata: Any, number: int, reason: Any, properties: Any) -> None:
+        with self._state:
+            self._confirmed.add(number)
+            self._state.notify_all()
+        self._told()

@@ -1,0 +1,119 @@
+"""What goes on beside the thread that commits: files, page, notifications, records over MQTT; none is waited for."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+
+from monitor.config import Config
+from monitor.records.store import Store
+from monitor.service.notify.notifier import Notifier
+from monitor.service.page import PageProcess
+from monitor.service.publisher import Publisher
+from monitor.service.record_mqtt import RecordMqtt
+
+_LOG = logging.getLogger(__name__)
+LAST_PUBLICATION = 3.0
+"""Seconds for the last files at the stop; what is missing then is published at the next start."""
+_LAST_MESSAGE = 0.5
+
+
+class Companions:
+    """All that tells the world of the store; whatever fails there is a problem, never an exception.
+
+    All methods are called from the thread that owns the store.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        store: Store,
+        path: Path | None = None,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Begin what begins at once.
+
+        Args:
+            config: the machine.
+            store: open for writing.
+            path: file of the configuration, from which the page reads it anew; None where there is to be no page.
+            monotonic: seconds that never go back.
+
+        Raises:
+            ConfigError: a way of telling cannot be set up as configured.
+            StoreError: the store cannot be read.
+        """
+        with ExitStack() as opened:
+            machine = config.machine
+            self._publisher = Publisher(store, machine.records_dir, config.publish.interval_s, monotonic)
+            opened.callback(self._publisher.close)
+            self._events = Notifier.from_settings(config, store.path)
+            self._ending: list[Callable[[], None]] = [partial(self._events.close, _LAST_MESSAGE)]
+            opened.callback(self._ending[0])
+            self._records = RecordMqtt.open(config)
+            self._ending.append(partial(self._records.close, _LAST_MESSAGE))
+            self._page: PageProcess | None = None
+            if path is not None and config.web.enabled:
+                self._page = PageProcess([path], config.web, machine.state_dir, monotonic)
+                self._ending.append(self._page.close)
+            opened.pop_all()
+
+    @property
+    def url(self) -> str | None:
+        """Address of the page once it answers, or None."""
+        return None if self._page is None else self._page.url
+
+    def committed(self, *, events: bool) -> None:
+        """Take note that a block was committed, and whether the log of events has something new."""
+        self._publisher.changed()
+        self._records.changed()
+        if events:
+            self.tell()
+
+    def tell(self) -> None:
+        """Take note that the log of events has something new."""
+        self._events.tell()
+
+    def tick(self, *, room: bool) -> None:
+        """Do what is due; files are written where there is room on the disk."""
+        if room:
+            self._publisher.tick()
+        if self._page is not None:
+            self._page.tick()
+
+    def problems(self) -> dict[str, str]:
+        """Return what is wrong with each, in one sentence, by its name."""
+        found = {
+            "publisher": self._publisher.problem,
+            "publish.mqtt": self._records.problem,
+            "page": None if self._page is None else self._page.problem,
+        }
+        return self._events.problems() | {name: problem for name, problem in found.items() if problem is not None}
+
+    def end(self, *, room: bool, publish_within: float = LAST_PUBLICATION) -> None:
+        """Publish and tell a last time, and end all within a second more than that.
+
+        Args:
+            room: whether there is room on the disk for files.
+            publish_within: seconds for the last files.
+        """
+        ending = [threading.Thread(target=end, daemon=True) for end in self._ending]
+        for thread in ending:
+            thread.start()
+        if room and not self._publisher.finish(publish_within):
+            _LOG.warning("the last records are not published yet; they are safe, and will be at the next start")
+        for thread in ending:
+            thread.join()
+        self._ending.clear()
+
+    def close(self) -> None:
+        """End what has not ended; closing twice does nothing."""
+        for end in self._ending:
+            end()
+        self._ending.clear()
+        self._publisher.close()

@@ -1,0 +1,270 @@
+"""One way of telling, in a thread of its own: it follows the event log from its place, which the store keeps."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from monitor.alarm_config import NotifySection
+from monitor.records.events import EventLog, LoggedEvent
+from monitor.records.store import Store
+from monitor.records.tables import StoreError
+from monitor.records.told import Place, Told
+from monitor.report.wording import count
+from monitor.service.event_words import badness
+from monitor.service.notify.channels import NotifyError, Way
+from monitor.service.notify.message import MOST_LISTED, Item, Machine, compose
+
+_LOG = logging.getLogger(__name__)
+_LONGEST_PAUSE = 900.0
+_LOOK_ANYWAY = 60.0
+_HOUR = 3600.0
+_EARLIEST = 315532800.0
+"""1980: a clock that said less was not set."""
+_NOT_TOLD = ("alarm_released",)
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """Seconds that never go back, and UTC seconds since 1970."""
+
+    monotonic: Callable[[], float]
+    utc: Callable[[], float]
+
+
+class Book:
+    """The event log of a store and the places of all ways in it; opened when it can be, closed once."""
+
+    def __init__(self, path: Path, ways: tuple[str, ...], clock: Callable[[], float]) -> None:
+        """Take the store and the names of all ways; nothing is opened yet."""
+        self.path, self._ways, self._clock = path, ways, clock
+        self._lock = threading.Lock()
+        self._opened: tuple[EventLog, Told] | None = None
+        self._closed = False
+
+    def open(self) -> tuple[EventLog, Told]:
+        """Return log and places; what is new begins at the present end.
+
+        Raises:
+            StoreError: the database cannot be read or written, or the book is closed.
+        """
+        with self._lock:
+            if self._closed:
+                raise StoreError(f"{self.path}: the event log is closed")
+            if self._opened is None:
+                with contextlib.ExitStack() as opened:
+                    log, told = opened.enter_context(EventLog(self.path)), opened.enter_context(Told(self.path))
+                    told.begin(self._ways, self._clock())
+                    opened.pop_all()
+                self._opened = log, told
+            return self._opened
+
+    def close(self) -> None:
+        """Close both; closing twice does nothing."""
+        with self._lock:
+            opened, self._opened, self._closed = self._opened, None, True
+        for item in opened or ():
+            item.close()
+
+
+class Follower:
+    """Tells what the log has after its place, retried with back-off and rate-limited."""
+
+    def __init__(
+        self, machine: Machine, way: Way, settings: NotifySection, book: Book, first_pause: float, clocks: Clocks
+    ) -> None:
+        """Take what others have opened; :meth:`start` begins."""
+        self.name = way.name
+        self.problem: str | None = None
+        """Why the latest attempt failed, or None."""
+        self._machine, self._way, self._settings, self._book = machine, way, settings, book
+        self._first_pause, self._clocks = first_pause, clocks
+        self._pause = first_pause
+        self._complaint: str | None = None
+        self._place: Place | None = None
+        self._saved = True
+        self._since: dict[str, float] = {}
+        self._sent: deque[float] = deque()
+        self._wake = threading.Condition()
+        self._news, self._ending = True, False
+        self._thread = threading.Thread(target=self._work, name=f"notify-{way.name}", daemon=True)
+
+    def start(self) -> None:
+        """Begin to follow."""
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Say that the log has something new."""
+        with self._wake:
+            self._news = True
+            self._wake.notify()
+
+    def end(self) -> None:
+        """Ask for an end; what waits and was not tried yet is tried once."""
+        with self._wake:
+            self._ending = True
+            self._wake.notify()
+
+    def join(self, timeout: float) -> None:
+        """Wait for the end."""
+        self._thread.join(timeout)
+
+    def _work(self) -> None:
+        healthy = True
+        while True:
+            with self._wake:
+                if self._ending and not (self._news and healthy):
+                    return
+                self._news = False
+            wait = self._turn()
+            healthy = not wait
+            with self._wake:
+                if wait is None:
+                    self._wake.wait_for(lambda: self._news or self._ending, _LOOK_ANYWAY)
+                elif wait > 0.0:
+                    self._wake.wait_for(lambda: self._ending, wait)
+                else:
+                    self._news = True
+
+    def _turn(self) -> float | None:
+        """Tell what waits; return the seconds until the next attempt, None where nothing waits."""
+        try:
+            return self._tell()
+        except (NotifyError, StoreError) as error:
+            if self.problem is None and not self._ending:
+                _LOG.error("notification by %s fails, it is tried again: %s", self.name, error)
+            self.problem = str(error)
+        except Exception as error:  # A fault of one way must not end its thread in silence.
+            _LOG.exception("notification by %s fails", self.name)
+            self.problem = f"{self.name}: {type(error).__name__}"
+        wait, self._pause = self._pause, min(2.0 * self._pause, _LONGEST_PAUSE)
+        return wait
+
+    def _tell(self) -> float | None:
+        log, told = self._book.open()
+        place = self._current(told)
+        # On a full disk what waits is told all the same.
+        with contextlib.suppress(StoreError):
+            told.mark(self._clocks.utc())
+        most = self._settings.queue_events
+        events = log.after(place.event, limit=most)
+        notices = log.notices_after(place.notice, limit=most)
+        after = replace(
+            place,
+            event=events[-1][0] if events else place.event,
+            notice=notices[-1][0] if notices else place.notice,
+        )
+        more = 0.0 if most in (len(events), len(notices)) else None
+        waiting = [(number, event) for number, event in (*events, *notices) if event.body.get("kind") not in _NOT_TOLD]
+        self._age(told, waiting)
+        if not waiting and not place.left_out:
+            self._keep(told, after)
+            # A password that is not there is known before the first alarm.
+            self._way.check()
+            self.problem, self._pause = self._complaint, self._first_pause
+            return more
+        wait = self._until_allowed()
+        if wait > 0.0:
+            return wait
+        try:
+            self._complaint = self._send(waiting, place.left_out)
+        except Exception:
+            self._give_up(told, place, waiting)
+            raise
+        now = self._clocks.monotonic()
+        self._sent.append(now)
+        utc = self._clocks.utc()
+        self._keep(told, replace(after, left_out=0, sent=tuple(utc - (now - item) for item in self._sent)))
+        self.problem, self._pause = self._complaint, self._first_pause
+        return more
+
+    def _current(self, told: Told) -> Place:
+        """Return the present place, from the store at the start; what could not be written is written."""
+        if self._place is None:
+            self._place = told.place(self.name) or Place()
+            now, utc = self._clocks.monotonic(), self._clocks.utc()
+            self._sent.extend(now - (utc - item) for item in sorted(self._place.sent) if 0.0 <= utc - item < _HOUR)
+        if not self._saved:
+            self._keep(told, self._place)
+        return self._place
+
+    def _keep(self, told: Told, place: Place) -> None:
+        """Take a place, and write it if the disk lets it: otherwise what was told is told again after a restart."""
+        changed, self._place = place != self._place, place
+        if changed or not self._saved:
+            self._saved = False
+            with contextlib.suppress(StoreError):
+                told.move(self.name, place)
+                self._saved = True
+
+    def _age(self, told: Told, waiting: list[tuple[int, LoggedEvent]]) -> None:
+        """Note since when each event waits (s, monotonic), and bring them into the order in which they were found."""
+        now, utc = self._clocks.monotonic(), self._clocks.utc()
+        known, self._since = self._since, {}
+        for number, event in waiting:
+            since = known.get(event.id)
+            if since is None:
+                found = event.utc if event.id.startswith("n") else told.found(number)
+                age = 0.0 if found is None or found < _EARLIEST else max(0.0, utc - found)
+                since = now - age
+            self._since[event.id] = since
+        waiting.sort(key=lambda item: self._since[item[1].id])
+
+    def _send(self, waiting: list[tuple[int, LoggedEvent]], left_out: int) -> str | None:
+        events = [event for _, event in waiting]
+        # Of two that are equally bad the later one is news.
+        ranked = sorted(range(len(events)), key=lambda index: (-badness(events[index].body), -index))
+        listed = [events[index] for index in sorted(ranked[:MOST_LISTED])]
+        later = self._clocks.utc() - self._clocks.monotonic()
+        items = [Item(event, found=self._since[event.id] + later) for event in listed]
+        # A record that cannot be read takes nothing from the news.
+        with contextlib.suppress(StoreError, ValueError), Store.open(self._book.path, read_only=True) as store:
+            items = [replace(item, values=_values(store, item.event)) for item in items]
+        message = compose(self._machine, items, left_out + len(events) - len(items))
+        complaint = self._way.send(message)
+        _LOG.info("told by %s: %s", self.name, message.title)
+        if complaint is not None:
+            _LOG.error("told by %s, but %s", self.name, complaint)
+        return complaint
+
+    def _give_up(self, told: Told, place: Place, waiting: list[tuple[int, LoggedEvent]]) -> None:
+        """Pass over what has been waiting for too long; the next message counts it."""
+        oldest = self._clocks.monotonic() - self._settings.give_up_hours * _HOUR
+        old = [(number, event) for number, event in waiting if self._since[event.id] < oldest]
+        if not old:
+            return
+        _LOG.error("%s: given up after %g h: %s", self.name, self._settings.give_up_hours, count(len(old), "event"))
+        notices = [number for number, event in old if event.id.startswith("n")]
+        events = [number for number, event in old if not event.id.startswith("n")]
+        self._keep(
+            told,
+            replace(
+                place,
+                event=max(events, default=place.event),
+                notice=max(notices, default=place.notice),
+                left_out=place.left_out + len(old),
+            ),
+        )
+
+    def _until_allowed(self) -> float:
+        """Return the seconds until the rate limit lets another message through."""
+        now = self._clocks.monotonic()
+        while self._sent and now - self._sent[0] >= _HOUR:
+            self._sent.popleft()
+        most = self._settings.most_per_hour
+        return 0.0 if len(self._sent) < most else self._sent[-most] + _HOUR - now
+
+
+def _values(store: Store, event: LoggedEvent) -> Mapping[str, Any]:
+    """Return what the record of the block of an event says of its channel."""
+    channel = event.body.get("channel")
+    if event.source is None or event.block is None or channel is None:
+        return {}
+    record = store.record(event.source, event.block)
+    return {} if record is None else record.channels.get(channel, {})

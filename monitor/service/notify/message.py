@@ -1,0 +1,191 @@
+"""The message: what a maintenance engineer wants to read on a phone, and the same for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from monitor.config import Config
+from monitor.records.events import LoggedEvent
+from monitor.report.wording import duration, fault_words, moment, volume
+from monitor.service.event_words import badness, event_text, local_moment, utc_text
+from monitor.service.notify.channels import Message
+from monitor.service.record_message import first
+from monitor.service.web.columns import COLUMNS
+
+MOST_LISTED = 20
+"""Events that a message lists; of more it has the worst, and says how many there were."""
+_LONGEST_TITLE = 180
+_STAGES = {
+    "learning": "the baseline is being learned",
+    "healthy": "healthy",
+    "final": "final stage of its life",
+    "end_of_life": "end of its life",
+}
+_VALUES = ("rms", "rms_smoothed", "peak", "v_eq", "v_eq_lower", "v_eq_upper", "tt", "tt_lower", "tt_upper")
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Who tells: the name of the machine, its time zone, and the address of its page, or None."""
+
+    name: str
+    zone: str = "UTC"
+    page: str | None = None
+
+    @classmethod
+    def of_config(cls, config: Config) -> Machine:
+        """Return that of a configuration; the page's address is known where its port is."""
+        web, page = config.web, config.notify.page_url
+        if page is None and web.enabled and web.port:
+            host = f"[{web.host}]" if ":" in web.host else web.host
+            page = f"http{'' if web.cert_file is None else 's'}://{host}:{web.port}/"
+        return cls(config.machine.name, config.machine.timezone, page)
+
+
+@dataclass(frozen=True)
+class Item:
+    """An event, with what the record of its block says of its channel.
+
+    Attributes:
+        event: of the log.
+        values: of the record, SI; empty where there is none.
+        found: UTC seconds at which it was found, which say when where its block has no date.
+    """
+
+    event: LoggedEvent
+    values: Mapping[str, Any] = field(default_factory=dict)
+    found: float | None = None
+
+    def when(self, zone: str) -> str:
+        """Return its moment in a time zone and in UTC; when it was found where its block has no date."""
+        known = local_moment(self.event.utc, zone)
+        if known is not None:
+            return known
+        found = local_moment(self.found, zone)
+        return "" if found is None else f"found {found}"
+
+    @property
+    def where(self) -> str:
+        """Channel, or source where no channel is named; may be empty."""
+        return clean(self.event.body.get("channel") or self.event.body.get("source") or self.event.source or "")
+
+    @property
+    def text(self) -> str:
+        """What happened, in one sentence."""
+        return clean(event_text(self.event.body, absolute=self.values.get("absolute_level") != "no"))
+
+
+def compose(machine: Machine, items: Sequence[Item], left_out: int = 0) -> Message:
+    """Return the message of some events.
+
+    Args:
+        machine: who tells.
+        items: in the order in which they were found, at most :data:`MOST_LISTED`.
+        left_out: how many more there were.
+    """
+    worst = max(items, key=lambda item: badness(item.event.body), default=None)
+    many = len(items) + left_out
+    name = clean(machine.name) or "machine"
+    if worst is None:
+        title = f"{name}: {_number(many)} could not be told in time"
+    else:
+        said = f"{worst.where}: {worst.text}" if worst.where else worst.text
+        title = f"{name}: " + (f"{many} events, worst: {said}" if many > 1 else said)
+    title = clean(title)
+    if len(title) > _LONGEST_TITLE:
+        title = title[: _LONGEST_TITLE - 1].rstrip() + "…"
+    lines = [title, ""]
+    if many > 1:
+        lines += [_line(machine, item) for item in items]
+        if left_out:
+            lines.append(f"- and {_number(left_out)} not listed here; the event log has them all")
+        lines.append("")
+    if worst is not None:
+        lines += _details(machine, worst)
+    if machine.page is not None:
+        lines.append(f"Page     {machine.page}")
+    values = {
+        "machine": machine.name,
+        "page": machine.page,
+        "events": [_plain(item) for item in items],
+        "left_out": left_out,
+    }
+    return Message(title, "\n".join((*lines, "")), values)
+
+
+def clean(text: object) -> str:
+    """Return a text on one line and without control characters: a name must become neither a header nor a command."""
+    return " ".join("".join(mark if mark.isprintable() else " " for mark in str(text)).split())
+
+
+def _number(events: int) -> str:
+    return f"{events} event{'' if events == 1 else 's'}"
+
+
+def _line(machine: Machine, item: Item) -> str:
+    return "- " + ", ".join(part for part in (item.when(machine.zone), item.where, item.text) if part)
+
+
+def _details(machine: Machine, item: Item) -> list[str]:
+    """Return the lines of a single event: what, where, since when, and how its bearing stands."""
+    event, values = item.event, item.values
+    block = None if event.block is None else f"block {event.block}"
+    rows = [("What", item.text), ("Machine", clean(machine.name))]
+    channel = clean(event.body.get("channel", ""))
+    source = clean(event.source or event.body.get("source") or "")
+    rows.append(("Channel", channel + (f" (source {source})" if source else "")) if channel else ("Source", source))
+    rows.append(("Since", ", ".join(part for part in (item.when(machine.zone), block) if part) or "no date"))
+    rows += [("Stage", _stage(machine, event, values)), ("V_eq", _volume(values)), ("TT", _remaining(values))]
+    rows.append(("Event", event.id))
+    return [f"{key:8} {text}" for key, text in rows if text]
+
+
+def _stage(machine: Machine, event: LoggedEvent, values: Mapping[str, Any]) -> str:
+    stage = values.get("stage")
+    if stage is None:
+        return ""
+    text: str = _STAGES.get(stage, str(stage))
+    t_fs = values.get("t_fs")
+    if t_fs is not None:
+        since = moment(t_fs, dated=False) if event.utc is None else local_moment(t_fs, machine.zone)
+        text += f", final since {since}" if stage != "final" else f" since {since}"
+    if values.get("t_fs_block") is not None:
+        text += f" (block {values['t_fs_block']})"
+    return text + (f"; {fault_words(values['fault'])}" if values.get("fault") else "")
+
+
+def _volume(values: Mapping[str, Any]) -> str:
+    if values.get("v_eq") is None:
+        return ""
+    low, high = values.get("v_eq_lower"), values.get("v_eq_upper")
+    return volume(values["v_eq"]) + (f" ({low * 1e6:.3g} to {high * 1e6:.3g})" if low and high else "")
+
+
+def _remaining(values: Mapping[str, Any]) -> str:
+    time, low, high, threshold = (first(values.get(key)) for key in ("tt", "tt_lower", "tt_upper", "v_th"))
+    if time is None:
+        return ""
+    text = duration(time)
+    if low is not None and high is not None:
+        text += f" ({duration(low)} to {duration(high)})"
+    return text + (f", until {volume(threshold)}" if threshold else "")
+
+
+def _plain(item: Item) -> dict[str, Any]:
+    """Return an event for programs: what the log has of it, its sentence, and the state of its channel."""
+    event, values = item.event, item.values
+    absolute = values.get("absolute_level") != "no"
+    known = {name: first(values.get(name)) for name in _VALUES}
+    state: dict[str, Any] = {name: values.get(name) for name in ("stage", "fault", "t_fs_block")}
+    for column in COLUMNS:
+        value = known.get(column.feature)
+        if value is not None:
+            state[column.name] = value * column.of_si(absolute=absolute)
+    found = {**event.body, "id": event.id, "block": event.block, "time_utc": utc_text(event.utc), "text": item.text}
+    if event.source is not None:
+        found["source"] = event.source
+    if values:
+        found["state"] = {**state, "unit": "g" if absolute else "unknown"}
+    return found

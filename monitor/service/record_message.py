@@ -1,0 +1,76 @@
+"""A record, and how a machine stands, as the JSON that is published over MQTT; docs/wire.md has the keys."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from monitor.service.event_words import utc_text
+from monitor.service.web.columns import COLUMNS
+
+_WORDS = ("stage", "fault", "edv_status", "tt_status", "t_fs_block", "t_fs_known_block", "t_eol_block")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A record as the store has it; ``flags`` are separated by blanks, times are s, values SI."""
+
+    machine: str
+    source: str
+    sequence: int
+    status: str
+    flags: str
+    reason: str
+    time: float | None
+    elapsed: float | None
+    channels: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+
+def channel_message(record: Row, channel: str) -> str:
+    """Return what a record says of a channel; keys with a unit end in it, null is no value."""
+    values = record.channels.get(channel, {})
+    absolute = values.get("absolute_level") != "no"
+    threshold, t_fs = first(values.get("v_th")), values.get("t_fs")
+    message: dict[str, Any] = {
+        "machine": record.machine,
+        "source": record.source,
+        "channel": channel,
+        "block": record.sequence,
+        "time_utc": utc_text(record.time),
+        "elapsed_s": record.elapsed,
+        "status": record.status,
+        "flags": record.flags.split(),
+        "reason": record.reason or None,
+        "quality": values.get("quality_status"),
+        "t_fs_utc": None if record.time is None else utc_text(t_fs),
+        **{name: first(values.get(name)) for name in _WORDS},
+        "threshold_mm2": None if threshold is None else threshold * 1e6,
+        "unit": "g" if absolute else "unknown",
+    }
+    for column in COLUMNS:
+        value = first(values.get(column.feature))
+        message[column.name] = None if value is None else value * column.of_si(absolute=absolute)
+    return json.dumps(message, allow_nan=False, separators=(",", ":"))
+
+
+def state_message(machine: str, status: Mapping[str, Any] | None) -> str:
+    """Return how a machine stands by its status file; without one, that it is gone without a word."""
+    if status is None:
+        values: dict[str, Any] = {"machine": machine, "status": "unreachable", "state": "no_data", "channels": {}}
+    else:
+        channels = {name: channel.get("state") for name, channel in status.get("channels", {}).items()}
+        values = {
+            "machine": machine,
+            "status": status.get("status"),
+            "state": status.get("state"),
+            "problems": sorted(status.get("problems", {})),
+            "channels": channels,
+        }
+    return json.dumps(values, allow_nan=False, separators=(",", ":"))
+
+
+def first(value: Any) -> Any:
+    """Return the first of several values (bands, thresholds), or the only one."""
+    return (value[0] if value else None) if isinstance(value, list | tuple) else value

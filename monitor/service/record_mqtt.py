@@ -1,0 +1,306 @@
+"""Records over MQTT: what the store has is published in order, at least once, from a place that a file keeps.
+
+A thread of its own follows the store on a connection for reading. A broker that is away delays nothing; what was
+missed is published when it is back, at a bounded rate. docs/wire.md has topics and keys.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+from monitor.config import Config
+from monitor.publish_config import RecordMqttSection
+from monitor.records.connection import SharedConnection
+from monitor.records.filesystem import replace_durably
+from monitor.records.packing import unpack
+from monitor.records.tables import StoreError
+from monitor.service.broker import BrokerError, BrokerLink
+from monitor.service.notify.channels import NotifyError, read_secret
+from monitor.service.record_message import Row, channel_message, state_message
+
+_LOG = logging.getLogger(__name__)
+PLACE = "published-mqtt.json"
+"""File in the state folder: how far the records are published."""
+_QUERY = """
+SELECT blocks.id, source, sequence, status, flags, reason, time, elapsed, layout, row
+FROM blocks JOIN records ON records.block = blocks.id WHERE blocks.id > ? ORDER BY blocks.id LIMIT ?
+"""
+_AT_A_TIME = 100
+_UNCONFIRMED = 1000
+_LONGEST_SILENCE = 30.0
+_PLACE_EVERY = 5.0
+_STATE_EVERY = 1.0
+_ENDING_TURN = 0.05
+_FIRST_PAUSE, _LONGEST_PAUSE = 1.0, 60.0
+
+
+class _At(NamedTuple):
+    """A place in the ledger: its number there, the source and the number of the block; "" and 0 before the first."""
+
+    number: int
+    source: str
+    sequence: int
+
+
+@dataclass
+class _Sent:
+    """A block that is on its way, and how many of its messages are not confirmed yet."""
+
+    at: _At
+    missing: int
+
+
+class RecordMqtt:
+    """Publishes records; its failure is a :attr:`problem`, never an exception, and nobody waits for it."""
+
+    def __init__(
+        self,
+        section: RecordMqttSection | None,
+        machine: str,
+        channels: Mapping[str, Sequence[str]],
+        state_dir: Path,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Begin to publish what is committed from now on, and what an earlier run has not published.
+
+        Args:
+            section: broker and limits; None publishes nothing.
+            machine: its name.
+            channels: names of the channels by source.
+            state_dir: folder of the store, the status file and the place.
+            monotonic: seconds that never go back.
+        """
+        self.problem: str | None = None
+        """What keeps records from being published, in one sentence, or None."""
+        self._thread: threading.Thread | None = None
+        if section is None:
+            return
+        self._section, self._machine, self._channels = section, machine, dict(channels)
+        self._state_dir, self._monotonic = state_dir, monotonic
+        self._topic = f"{section.topic}/{quote(machine, safe='')}"
+        self._layouts: dict[int, str] = {}
+        self._place: int | None = None
+        self._written: _At | None = None
+        self._reached: _At | None = None
+        self._sent: deque[_Sent] = deque()
+        self._waiting: dict[int, _Sent] = {}
+        self._connected = False
+        self._state: str | None = None
+        self._place_due = self._state_due = float("-inf")
+        self._allowed = monotonic()
+        self._wake = threading.Condition()
+        self._news, self._ending, self._until = True, False, float("inf")
+        # Known at once, so that whatever is committed from here on is published.
+        try:
+            with SharedConnection(self._store) as store:
+                self._place = self._begin(store)
+        except StoreError as error:
+            self.problem = str(error)
+        self._thread = threading.Thread(target=self._work, name="publish-mqtt", daemon=True)
+        self._thread.start()
+
+    @classmethod
+    def open(cls, config: Config) -> RecordMqtt:
+        """Return what publishes the records of a machine as ``[publish.mqtt]`` says."""
+        channels = {
+            source.name: tuple(item.name for item in config.channel if item.source == source.name)
+            for source in config.source
+        }
+        return cls(config.publish.mqtt, config.machine.name, channels, config.machine.state_dir)
+
+    def changed(self) -> None:
+        """Take note that there is more to publish; returns at once."""
+        if self._thread is None:
+            return
+        with self._wake:
+            self._news = True
+            self._wake.notify()
+
+    def close(self, seconds: float = 0.5) -> None:
+        """Publish for at most so many seconds more, then end; what is left is published after the next start."""
+        if self._thread is None:
+            return
+        with self._wake:
+            self._ending, self._until = True, self._monotonic() + seconds
+            self._wake.notify()
+        self._thread.join(seconds)
+
+    @property
+    def _store(self) -> Path:
+        return self._state_dir / "state.db"
+
+    def _begin(self, store: SharedConnection) -> int:
+        """Return the ledger number after which to begin: where an earlier run ended, else the present end."""
+        path = self._state_dir / PLACE
+        end = store.rows("SELECT coalesce(max(id), 0) FROM blocks")[0][0]
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+            if found["source"] is None:
+                return 0
+            known = store.rows(
+                "SELECT id FROM blocks WHERE source = ? AND sequence = ?", found["source"], found["sequence"]
+            )
+            if known:
+                return known[0][0]
+            _LOG.warning("the block at which publishing over MQTT ended is not in the store; going on with new ones")
+        except FileNotFoundError:
+            pass
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            _LOG.warning("%s cannot be read (%s); publishing over MQTT goes on with new records", path, error)
+        last = store.rows("SELECT id, source, sequence FROM blocks WHERE id = ?", end)
+        # An empty store is a place too: what is committed before the first message is published is not skipped.
+        self._reached = _At(*last[0]) if last else _At(0, "", 0)
+        self._write_place()
+        return end
+
+    def _work(self) -> None:
+        pause = _FIRST_PAUSE
+        while not self._over():
+            try:
+                self._session()
+            except (BrokerError, NotifyError, StoreError) as error:
+                self._fail(str(error))
+            except Exception as error:  # A fault must not end the thread in silence.
+                _LOG.exception("publishing over MQTT fails")
+                self._fail(type(error).__name__)
+            else:
+                return
+            with self._wake:
+                if self._wake.wait_for(lambda: self._ending, pause):
+                    return
+            pause = _FIRST_PAUSE if self._connected else min(2.0 * pause, _LONGEST_PAUSE)
+
+    def _fail(self, problem: str) -> None:
+        if self.problem is None and not self._ending:
+            _LOG.error("publishing over MQTT fails, it is tried again: %s", problem)
+        self.problem = problem
+
+    def _over(self) -> bool:
+        return self._ending and self._monotonic() >= self._until
+
+    def _session(self) -> None:
+        """Publish over one connection, until the end or its loss."""
+        self._connected = False
+        will = (f"{self._topic}/state", state_message(self._machine, None))
+        with SharedConnection(self._store) as store:
+            if self._place is None:
+                self._place = self._begin(store)
+            link = BrokerLink(self._section, read_secret, will=will, told=self.changed)
+            try:
+                link.connect()
+                if self.problem is not None:
+                    _LOG.warning("publishing over MQTT works again")
+                self._connected, self.problem, self._state = True, None, None
+                self._follow(link, store, self._place)
+            finally:
+                self._write_place()
+                link.close()
+
+    def _follow(self, link: BrokerLink, store: SharedConnection, place: int) -> None:
+        self._sent.clear()
+        self._waiting.clear()
+        heard = self._monotonic()
+        while not self._over():
+            with self._wake:
+                self._news = False
+            link.check()
+            if self._confirm(link) or not self._sent:
+                heard = self._monotonic()
+            elif self._monotonic() - heard > _LONGEST_SILENCE:
+                raise BrokerError(f"mqtt {self._section.host}: the broker does not confirm")
+            self._say_state(link)
+            ready = len(self._waiting) < _UNCONFIRMED and self._wait_allowed() <= 0.0
+            rows = store.rows(_QUERY, place, _AT_A_TIME) if ready else []
+            for row in rows:
+                if self._wait_allowed() > 0.0:
+                    break
+                self._publish(link, store, row)
+                place = row[0]
+            if self._monotonic() >= self._place_due:
+                self._write_place()
+            if not rows and self._rest():
+                return
+
+    def _rest(self) -> bool:
+        """Wait for news, or until the rate lets more through; return whether it is time to end."""
+        until_allowed = self._wait_allowed()
+        if self._ending and not self._sent and until_allowed <= 0.0:
+            return True
+        most = min(_STATE_EVERY, until_allowed) if until_allowed > 0.0 else _STATE_EVERY
+        with self._wake:
+            if self._ending:
+                self._wake.wait_for(lambda: self._news, min(most, _ENDING_TURN))
+            else:
+                self._wake.wait_for(lambda: self._news or self._ending, most)
+        return False
+
+    def _wait_allowed(self) -> float:
+        """Return the seconds until the bounded rate lets another record through, 0 or less where it does."""
+        return self._allowed - self._monotonic() - 1.0
+
+    def _publish(self, link: BrokerLink, store: SharedConnection, row: Sequence[Any]) -> None:
+        number, source, sequence, *rest, layout, values = row
+        if layout not in self._layouts:
+            self._layouts.update(store.rows("SELECT id, layout FROM layouts"))
+        record = Row(self._machine, source, sequence, *rest, channels=unpack(self._layouts[layout], values))
+        names = self._channels.get(source) or tuple(record.channels)
+        item = _Sent(_At(number, source, sequence), len(names))
+        self._sent.append(item)
+        for name in names:
+            topic = "/".join((self._topic, quote(source, safe=""), quote(name, safe="")))
+            self._waiting[link.publish(topic, channel_message(record, name), retain=self._section.retain)] = item
+        self._allowed = max(self._allowed, self._monotonic()) + len(names) / self._section.most_per_s
+
+    def _confirm(self, link: BrokerLink) -> bool:
+        """Take what the broker has confirmed; the place moves past blocks of which nothing is missing."""
+        confirmed = link.take_confirmed()
+        for message in confirmed:
+            item = self._waiting.pop(message, None)
+            if item is not None:
+                item.missing -= 1
+        while self._sent and not self._sent[0].missing:
+            self._reached = self._sent.popleft().at
+            self._place = self._reached.number
+        return bool(confirmed)
+
+    def _say_state(self, link: BrokerLink) -> None:
+        """Publish how the machine stands, where that has changed."""
+        now = self._monotonic()
+        if now < self._state_due and not self._ending:
+            return
+        self._state_due = now + _STATE_EVERY
+        try:
+            status = json.loads((self._state_dir / "status.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return
+        if self._ending:
+            status["status"] = "stopped"
+        message = state_message(self._machine, status)
+        if message != self._state:
+            link.publish(f"{self._topic}/state", message, retain=True)
+            self._state = message
+
+    def _write_place(self) -> None:
+        """Write how far it is published; a full disk lets some be published twice after a restart."""
+        self._place_due = self._monotonic() + _PLACE_EVERY
+        if self._reached is None or self._reached == self._written:
+            return
+        values = {"source": self._reached.source or None, "sequence": self._reached.sequence}
+        path = self._state_dir / PLACE
+        temporary = path.with_suffix(".tmp")
+        try:
+            temporary.write_text(json.dumps(values), encoding="utf-8")
+            replace_durably(temporary, path)
+        except OSError as error:
+            _LOG.debug("%s cannot be written: %s", path, error)
+            return
+        self._written = self._reached

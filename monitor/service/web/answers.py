@@ -1,0 +1,85 @@
+"""What handlers give back: an answer in bytes, or the refusal that stands in its place."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_WORTH_COMPRESSING = 1000
+JSON_TYPE = "application/json"
+_FOLDERS = re.compile(r"(?<![\w/.])(?:/[^\s/:;,'\"]+)+/([^\s/:;,'\"]*)")
+
+
+def without_folders(text: str) -> str:
+    """Return a sentence with the file names that are in it, but not the folders."""
+    return _FOLDERS.sub(r"\1", text)
+
+
+class RequestError(Exception):
+    """A request that is answered with a status other than 200 and one sentence."""
+
+    def __init__(self, status: int, sentence: str) -> None:
+        """Take the HTTP status and what is wrong."""
+        super().__init__(sentence)
+        self.status, self.sentence = status, sentence
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A complete answer, ready to be sent.
+
+    Attributes:
+        body: the bytes.
+        media_type: of the body.
+        packed: the same under gzip, or None where that is not worth it.
+        tag: for If-None-Match, or None.
+        status: of HTTP.
+        headers: further ones.
+    """
+
+    body: bytes
+    media_type: str = JSON_TYPE
+    packed: bytes | None = None
+    tag: str | None = None
+    status: int = 200
+    headers: Mapping[str, str] = field(default_factory=dict)
+
+
+def answer_of(body: bytes, media_type: str, *, status: int = 200, headers: Mapping[str, str] | None = None) -> Answer:
+    """Return an answer with its tag, compressed where that is worth it."""
+    packed = gzip.compress(body, 5, mtime=0) if len(body) >= _WORTH_COMPRESSING else None
+    tag = f'"{hashlib.blake2b(body, digest_size=12).hexdigest()}"'
+    return Answer(body, media_type, packed, tag, status, headers or {})
+
+
+def json_answer(value: Mapping[str, Any], status: int = 200) -> Answer:
+    """Return an object as an answer; a NaN in it is a mistake of the program and raises ValueError."""
+    body = json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
+    return answer_of(body, JSON_TYPE, status=status)
+
+
+def numbers(values: NDArray[np.floating], digits: int = 7) -> list[float | None]:
+    """Return numbers for JSON, to so many significant digits; None for what is not finite.
+
+    Args:
+        values: (n,).
+        digits: beyond what any screen shows, and a third of the bytes of all of them.
+    """
+    found: list[float | None] = []
+    form = f"%.{digits}g"
+    for value, finite in zip(values.tolist(), np.isfinite(values).tolist(), strict=True):
+        found.append(float(form % value) if finite else None)
+    return found
+
+
+def times(values: NDArray[np.floating]) -> list[float]:
+    """Return times for JSON, s, to the millisecond."""
+    return np.round(values, 3).tolist()

@@ -1,0 +1,116 @@
+"""One browser for all tests, and pages that remember whatever went wrong on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+
+from tests.browser.machine import Served
+from tests.conftest import chromium_program
+from tests.faults.daemons import wait_for
+
+ALLOWED = ("data:", "blob:", "about:")
+
+
+class Visit:
+    """A page and what went wrong on it."""
+
+    def __init__(self, context: BrowserContext, url: str) -> None:
+        """Open nothing yet; ``url`` is the page's address."""
+        self.page = context.new_page()
+        self.url = url
+        self.trouble: list[str] = []
+        self.addresses: list[str] = []
+        self.page.on("console", lambda message: self._console(message.type, message.text))
+        self.page.on("pageerror", lambda error: self.trouble.append(f"error: {error}"))
+        self.page.on("response", lambda response: self._answered(response.status, response.url))
+        self.page.on("request", lambda request: self._asked(request.url))
+        self.page.set_default_timeout(20_000)
+
+    def _console(self, kind: str, text: str) -> None:
+        # What failed to load is written down with its address.
+        if kind in ("error", "warning") and not text.startswith("Failed to load resource: the server responded"):
+            self.trouble.append(f"{kind}: {text}")
+
+    def _answered(self, status: int, url: str) -> None:
+        if status >= 400:
+            self.trouble.append(f"{status}: {url}")
+
+    def _asked(self, url: str) -> None:
+        self.addresses.append(url)
+        if not url.startswith(ALLOWED) and urlsplit(url).netloc != urlsplit(self.url).netloc:
+            self.trouble.append(f"asked another host: {url}")
+
+    def go(self, view: str = "#/") -> Page:
+        """Open a view, as one opens an address."""
+        self.page.goto("about:blank")
+        self.page.goto(self.url + view)
+        return self.page
+
+
+Visitor = Callable[..., Visit]
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """Chromium of the system."""
+    with sync_playwright() as playwright:
+        program = chromium_program()
+        assert program is not None
+        found = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield found
+        found.close()
+
+
+@pytest.fixture
+def visitor(browser: Browser) -> Iterator[Visitor]:
+    """Open pages; at the end of the test nothing may have gone wrong on any, but for what was taken from its list."""
+    contexts: list[BrowserContext] = []
+    visits: list[Visit] = []
+
+    def open_page(url: str, *, width: int = 1400, height: int = 900, dark: bool = False, script: bool = True) -> Visit:
+        context = browser.new_context(
+            viewport={"width": width, "height": height},
+            color_scheme="dark" if dark else "light",
+            java_script_enabled=script,
+            reduced_motion="reduce",
+        )
+        contexts.append(context)
+        visits.append(Visit(context, url))
+        return visits[-1]
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    assert [visit.trouble for visit in visits if visit.trouble] == []
+
+
+@pytest.fixture(scope="session")
+def pump(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    """A daemon with a bearing that has turned bad, and one that is well."""
+    served = Served(tmp_path_factory.mktemp("pump"))
+    served.start()
+    served.put(30)
+    # One file that holds nothing a monitor could use; its name is a trap for whoever writes it into a page.
+    served.put_bytes(TRAP, b"this is no csv file\n\x00\x01\x02")
+    wait_for(lambda: served.status()["sources"]["s"]["rejected"] == 1)
+    served.trapped = 1
+    served.put(12, damage=30.0)
+    yield served
+    served.stop()
+
+
+TRAP = "<img src=x onerror=window.trapped=1>.csv"
+
+
+@pytest.fixture
+def fresh(tmp_path: Path) -> Iterator[Served]:
+    """A daemon of the test's own, with a page and no block yet."""
+    served = Served(tmp_path)
+    served.start()
+    yield served
+    served.stop()

@@ -1,0 +1,148 @@
+"""What changes while somebody looks: new blocks, states, a daemon that ends, an acknowledgement."""
+
+from __future__ import annotations
+
+import re
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+
+from monitor.records.events import EventLog
+from tests.browser.conftest import Visitor
+from tests.browser.machine import Served, channel_name
+from tests.effort import effort_count
+
+pytestmark = pytest.mark.browser
+
+NOTE = "<b onmouseover=window.trapped=1>grease</b> & 'patience'"
+
+
+def free_port() -> int:
+    """Return a port that was free a moment ago: a page that comes back must come back in the same place."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+@pytest.fixture
+def fixed(tmp_path: Path) -> Iterator[Served]:
+    """A daemon whose page keeps its address, after 12 blocks."""
+    served = Served(tmp_path, web=f"[web]\nport = {free_port()}\n")
+    served.start()
+    served.put(12)
+    yield served
+    served.stop()
+
+
+def test_a_new_block_and_a_new_state_appear_by_themselves(fixed: Served, visitor: Visitor) -> None:
+    visit = visitor(fixed.url)
+    page = visit.go("#/channel/pump/x0")
+    answers = page.locator(".answers")
+    expect(answers).to_contain_text("block 12")
+    expect(page.locator('[data-chart="rms"] canvas')).to_be_visible()
+    page.evaluate("window.same = true")
+    fixed.put(2)
+    expect(answers).to_contain_text("block 14")
+    expect(page.locator(".figure-body .when").first).to_contain_text("07:00:06")
+    expect(page.get_by_role("region", name="Envelope spectrum")).to_contain_text("block 14")
+    fixed.put(4, level=5.0)
+    expect(answers).to_contain_text("Failure")
+    expect(page.get_by_role("region", name="Events")).to_contain_text("RMS")
+    expect(page).to_have_title(re.compile(r"^\(\d\) pump / x0 – spallwatch$"))
+    assert page.evaluate("window.same") is True
+
+
+def test_a_daemon_that_ends_is_seen_and_so_is_its_return(fixed: Served, visitor: Visitor) -> None:
+    visit = visitor(fixed.url)
+    page = visit.go()
+    expect(page.locator("#live")).to_have_text("live")
+    fixed.stop()
+    expect(page.locator("#banners")).to_contain_text("Not live since")
+    expect(page.locator("#live")).to_have_text("not live")
+    fixed.start()
+    expect(page.locator("#live")).to_have_text("live", timeout=60_000)
+    expect(page.locator("#banners")).to_be_empty()
+    fixed.put(1)
+    visit.trouble = [text for text in visit.trouble if "ERR_" not in text]
+
+
+def test_an_alarm_is_acknowledged_with_a_name_and_a_note(fixed: Served, visitor: Visitor) -> None:
+    fixed.put(4, level=5.0)
+    visit = visitor(fixed.url)
+    page = visit.go("#/events")
+    events = page.locator(".event")
+    expect(events.filter(has_text="danger")).to_have_count(1)
+    before = page.locator(".event[data-open]").count()
+    events.filter(has_text="danger").get_by_role("button").click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_label("Token").fill("not the token")
+    dialog.get_by_role("button", name="Log in").click()
+    expect(dialog).to_contain_text("The token was not accepted")
+    dialog.get_by_label("Token").fill(fixed.token)
+    dialog.get_by_role("button", name="Log in").click()
+    dialog.get_by_label("Your name").fill("Anna <i>B.</i>")
+    dialog.get_by_label("Note").fill(NOTE)
+    dialog.get_by_role("button", name="Acknowledge").click()
+    expect(dialog).to_have_count(0)
+    acknowledged = events.filter(has_text="danger")
+    expect(acknowledged).to_contain_text(NOTE)
+    expect(acknowledged).to_contain_text("Anna <i>B.</i>")
+    expect(page.locator(".event[data-open]")).to_have_count(before - 1)
+    expect(page.locator("#badge")).to_have_text(str(before - 1))
+    with EventLog(fixed.folder / "state" / "state.db") as log:
+        given = [one for event in log.events() for one in event.acknowledgements]
+    assert [(one.who, one.note) for one in given] == [("Anna <i>B.</i>", NOTE)]
+    # The token is asked for once; the name is remembered.
+    page.locator(".event[data-open]").first.get_by_role("button").click()
+    expect(dialog.get_by_label("Your name")).to_have_value("Anna <i>B.</i>")
+    dialog.get_by_role("button", name="Acknowledge").click()
+    expect(page.locator(".event[data-open]")).to_have_count(before - 2)
+    assert page.evaluate("window.trapped") is None
+    visit.trouble = [text for text in visit.trouble if not text.startswith(("401", "403"))]
+
+
+@pytest.fixture
+def restricted(tmp_path: Path) -> Iterator[Served]:
+    """A daemon whose page may be reached by another name, and so asks for the token before it shows anything."""
+    served = Served(tmp_path, web='[web]\nport = 0\nallowed_hosts = ["bearings.plant.example"]\n')
+    served.start()
+    yield served
+    served.stop()
+
+
+def test_where_reading_needs_the_token_nothing_is_shown_before(restricted: Served, visitor: Visitor) -> None:
+    visit = visitor(restricted.url)
+    page = visit.go()
+    expect(page.get_by_text("This page needs its token")).to_be_visible()
+    assert page.locator(".row").count() == 0
+    page.get_by_label("Token").fill(restricted.token)
+    page.get_by_role("button", name="Log in").click()
+    expect(page.locator(".row")).to_have_count(2)
+    visit.trouble = [text for text in visit.trouble if not text.startswith("401")]
+
+
+@pytest.fixture
+def crowd(tmp_path: Path) -> Iterator[Served]:
+    """A daemon with very many channels, each with two blocks."""
+    served = Served(tmp_path, channels=effort_count(quick=100, full=1000))
+    served.start()
+    served.put(2)
+    yield served
+    served.stop()
+
+
+def test_very_many_channels(crowd: Served, visitor: Visitor) -> None:
+    page = visitor(crowd.url).go()
+    expect(page.locator(".row")).to_have_count(crowd.channels)
+    name = channel_name(crowd.channels - 1)
+    page.get_by_label("Filter channels").fill(name)
+    expect(page.locator(".row:visible")).to_have_count(1)
+    expect(page.locator(".row:visible .when")).not_to_be_empty()
+    page.get_by_role("link", name=name).click()
+    expect(page.locator(".answers")).to_contain_text("block 2")
+    crowd.put(1)
+    expect(page.locator(".answers")).to_contain_text("block 3", timeout=30_000)
+    page.go_back()
+    expect(page.locator(".row")).to_have_count(crowd.channels)

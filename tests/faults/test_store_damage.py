@@ -1,0 +1,184 @@
+"""A store damaged in any way is opened again: what is saved is as it was committed, and what is lost is said."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from monitor.records.events import EventLog
+from monitor.records.leaf_pages import leaf_rows
+from monitor.records.ledger import StoreLedger
+from monitor.records.record import Record
+from monitor.records.salvage import SalvageReport, open_or_salvage
+from monitor.records.store import Store, StoreError
+from streams.ledger import FileProgress
+from tests.effort import effort_count
+
+SOURCES = ("s", "t")
+BLOCKS = 260
+PAGE = 4096
+
+
+def record(source: str, sequence: int) -> Record:
+    values = {"rms": sequence / 7.0, "stage": "healthy", "bpfo_amplitude": [sequence / k for k in range(1, 7)]}
+    return Record(
+        source=source,
+        sequence=sequence,
+        name=f"{source}{sequence}.csv[1]",
+        content_hash=f"{source}{sequence:08x}",
+        time=1.7e9 + 5.0 * sequence,
+        channels={"x": values, "y": values if sequence % 2 else {}},
+        forecasts=({"channel": "x", "tt_s": float(sequence), "threshold_mm2": 0.05},) if sequence % 5 == 0 else (),
+        events=({"kind": "tick", "channel": "x", "n": sequence},) if sequence % 3 == 0 else (),
+    )
+
+
+ALL = [record(source, sequence) for sequence in range(1, BLOCKS // 2 + 1) for source in SOURCES]
+
+
+def states(item: Record) -> dict[str, dict[str, object]]:
+    shared = {"seen": item.sequence, "values": [k / 3 for k in range(40)]}
+    return {f"source:{item.source}": {"last": item.sequence}, f"channel:{item.source}:x": shared}
+
+
+def progress(item: Record) -> FileProgress:
+    return FileProgress(item.name, 100, 1, 1, "h", item.content_hash, 100, 10, "accepted")
+
+
+def make(path: Path, *, closed: bool) -> None:
+    """Make a store; where it is not closed, the latest commits are in its write-ahead log only."""
+    whole = path.with_name("whole")
+    with Store.open(whole, machine="m") as store, StoreLedger(store) as ledger:
+        for item in ALL:
+            assert store.commit(item, states(item)) == "committed"
+            ledger.remember(item.source, [progress(item)])
+        with EventLog(whole) as events:
+            events.acknowledge("1", "somebody", "seen", 1.8e9)
+            events.notice(1.8e9, {"kind": "no_data", "channel": "x"})
+        if not closed:
+            for suffix in ("", "-wal"):
+                shutil.copyfile(f"{whole}{suffix}", f"{path}{suffix}")
+    if closed:
+        shutil.copyfile(whole, path)
+
+
+@pytest.fixture(scope="module")
+def stores(tmp_path_factory: pytest.TempPathFactory) -> dict[bool, Path]:
+    found: dict[bool, Path] = {}
+    for closed in (False, True):
+        found[closed] = tmp_path_factory.mktemp("stores") / "state.db"
+        make(found[closed], closed=closed)
+    return found
+
+
+def copied(source: Path, folder: Path) -> Path:
+    """Copy a store into an empty folder."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    for suffix in ("", "-wal"):
+        if Path(f"{source}{suffix}").exists():
+            shutil.copyfile(f"{source}{suffix}", folder / f"state.db{suffix}")
+    return folder / "state.db"
+
+
+def check(path: Path) -> SalvageReport | None:
+    """Open a store that may be damaged, and hold what it has against what was committed."""
+    store, report = open_or_salvage(path, machine="m")
+    with store:
+        assert store.check() == []
+        found = list(store.records())
+        gone = [item for item in found if item.reason.startswith("its record was lost")]
+        kept = [item for item in found if item not in gone]
+        assert len({(item.source, item.sequence) for item in found}) == len(found)
+        original = {(item.source, item.sequence): item for item in ALL}
+        for item in gone:
+            before = original[item.source, item.sequence]
+            assert (item.status, item.content_hash, item.name) == ("unreadable", before.content_hash, before.name)
+        different = sum(item != original.get((item.source, item.sequence)) for item in kept)
+        assert different <= (0 if report is None else report.unchecked)
+        if report is not None:
+            assert report.saved == len(kept)
+            assert sum(part.last - part.first + 1 for part in report.emptied) == len(gone)
+            assert report.saved + report.lost <= len(ALL)
+            lost = {(part.source, k) for part in report.missing for k in range(part.first, part.last + 1)}
+            assert lost <= original.keys() - {(item.source, item.sequence) for item in found}
+            assert path.with_name(report.aside.name).exists()
+        last = {source: store.last(source) for source in SOURCES}
+        for name, state in store.load_states().items():
+            source = name.split(":")[1]
+            assert state == states(record(source, last[source]))[name]
+        # The store goes on as any other.
+        for source in SOURCES:
+            item = record(source, last[source] + 1)
+            assert store.commit(item, states(item)) == "committed"
+            assert store.record(source, item.sequence) == item
+    again, second = open_or_salvage(path, machine="m")
+    again.close()
+    assert second is None
+    return report
+
+
+def flip(data: bytearray, place: int, bits: int) -> None:
+    data[place % len(data)] ^= bits
+
+
+def zero(data: bytearray, place: int, _: int) -> None:
+    start = place % len(data) // PAGE * PAGE
+    data[start : start + PAGE] = bytes(len(data[start : start + PAGE]))
+
+
+def garble(data: bytearray, place: int, bits: int) -> None:
+    start = place % len(data) // PAGE * PAGE
+    data[start : start + PAGE] = bytes((byte ^ bits) for byte in data[start : start + PAGE])
+
+
+def truncate(data: bytearray, place: int, _: int) -> None:
+    del data[place % len(data) :]
+
+
+DAMAGES: tuple[Callable[[bytearray, int, int], None], ...] = (flip, zero, garble, truncate)
+damages = st.lists(
+    st.tuples(st.sampled_from(DAMAGES), st.integers(0, 1 << 24), st.integers(1, 255), st.booleans()),
+    min_size=1,
+    max_size=4,
+)
+
+
+@settings(
+    max_examples=effort_count(quick=60, full=3000),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(damage=damages, closed=st.booleans(), without_log=st.booleans())
+@pytest.mark.timeout(effort_count(quick=300, full=7200))
+def test_whatever_was_damaged_it_opens_and_what_is_saved_is_as_it_was_committed(
+    stores: dict[bool, Path],
+    tmp_path: Path,
+    damage: list[tuple[Callable[[bytearray, int, int], None], int, int, bool]],
+    closed: bool,
+    without_log: bool,
+) -> None:
+    path = copied(stores[closed], tmp_path / "state")
+    log = Path(f"{path}-wal")
+    if without_log:
+        log.unlink(missing_ok=True)
+    for how, place, bits, in_log in damage:
+        target = log if in_log and log.exists() else path
+        data = bytearray(target.read_bytes())
+        if data:
+            how(data, place, bits)
+        target.write_bytes(data)
+    blocks_in_it = any(len(row.values) == 14 and row.rowid is not None for row in leaf_rows(path))
+    try:
+        check(path)
+    except StoreError as error:
+        # Two words of the table meta say whose store it is and of which version: these are believed.
+        refusals = ["belongs to machine", "was written with schema version"]
+        # What begins as no database does and has nothing of ours in it may be anybody's.
+        refusals += [] if blocks_in_it else ["is not a database"]
+        assert any(text in str(error) for text in refusals), error

@@ -1,0 +1,319 @@
+"""The service: what its unit promises, what the installer puts where, and what it leaves alone."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import shutil
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
+from typing import Any
+
+import pytest
+import xarray as xr
+
+from deploy.runtime_lock import LOCK, RUNTIME_LOCK, closure, declared, locked
+from monitor.config import load_config
+from monitor.records.store import Store
+from monitor.service.fleet import load_fleet
+from tests.effort import effort_count
+from tests.faults.daemons import make_machine, start, status, wait_for
+from tests.streams.folders import csv_bytes, noise
+
+ROOT = Path(__file__).resolve().parents[1]
+UNIT = ROOT / "deploy" / "systemd" / "spallwatch.service"
+INSTALLER = ROOT / "deploy" / "install.sh"
+GUIDE = ROOT / "docs" / "deployment.md"
+ANALYZE = shutil.which("systemd-analyze")
+_SET_MDWE, _REFUSE_EXEC_GAIN = 65, 1
+
+
+def directives(unit: Path) -> list[tuple[str, str]]:
+    """Return the keys and values of a unit in order, comments aside; a section is a key without value."""
+    found = []
+    for line in unit.read_text().splitlines():
+        if line.startswith("["):
+            found.append((line, ""))
+        elif line and not line.startswith("#"):
+            key, _, value = line.partition("=")
+            found.append((key, value))
+    return found
+
+
+def promised() -> Iterator[tuple[str, str]]:
+    """Yield the directives that the guide lists."""
+    text = GUIDE.read_text().partition("compares this list with the unit -->")[2].partition("\n\n")[0]
+    for item in re.findall(r"`([^`]*)`", text):
+        key, _, value = item.partition("=")
+        yield key, value
+
+
+def install(
+    destination: Path, what: str = "install", more: Mapping[str, str] | None = None, code: int = 0
+) -> subprocess.CompletedProcess[str]:
+    """Run the installer, without the program unless the environment in ``more`` says otherwise."""
+    known = {"PATH": os.environ["PATH"], "DESTDIR": str(destination), "PROGRAM": "no", "BUILDER": sys.executable}
+    done = subprocess.run(
+        [str(INSTALLER), what], env={**known, **(more or {})}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == code, done.stderr
+    return done
+
+
+def tree(folder: Path) -> dict[str, tuple[int, bytes]]:
+    """Return all files and folders below one, with their rights and what they hold."""
+    return {
+        str(path.relative_to(folder)): (path.stat().st_mode, path.read_bytes() if path.is_file() else b"")
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def test_the_unit_does_what_the_guide_promises() -> None:
+    listed = list(promised())
+    assert len(listed) > 40
+    assert [item for item in listed if item not in directives(UNIT)] == []
+    # And nothing takes back what was promised: of other keys than the lists, each is there once.
+    keys = [key for key, _ in directives(UNIT) if key not in ("SystemCallFilter", "Environment", "[Service]")]
+    assert sorted(keys) == sorted(set(keys))
+    filters = [value for key, value in directives(UNIT) if key == "SystemCallFilter"]
+    assert filters == ["@system-service", "~@privileged @resources", "setpriority"]
+
+
+@pytest.mark.skipif(ANALYZE is None, reason="systemd-analyze is missing (Debian package systemd)")
+def test_systemd_understands_the_unit_and_finds_it_as_closed_as_the_guide_says(tmp_path: Path) -> None:
+    assert ANALYZE is not None
+    unit = tmp_path / "spallwatch.service"
+    unit.write_text(UNIT.read_text().replace("/opt/spallwatch/venv/bin/spallwatch", "/bin/true"))
+    verified = subprocess.run([ANALYZE, "verify", str(unit)], capture_output=True, text=True, check=False)
+    assert (verified.returncode, verified.stderr) == (0, "")
+    rated = subprocess.run(
+        [ANALYZE, "security", "--offline=true", "--no-pager", str(unit)], capture_output=True, text=True, check=False
+    )
+    found = re.search(r"exposure level for spallwatch.service: ([\d.]+)", rated.stdout)
+    said = re.search(r"exposure of\s+\*\*([\d.]+)\*\* of 10", GUIDE.read_text())
+    assert found is not None
+    assert said is not None
+    # Other versions count other things; none finds it wide open.
+    assert float(found[1]) <= float(said[1]) + 0.5
+
+
+def test_what_is_installed_where(tmp_path: Path) -> None:
+    done = install(tmp_path)
+    assert "systemctl enable --now spallwatch" in done.stdout
+    found = tree(tmp_path)
+    files = [name for name, (mode, _) in found.items() if not mode & 0o040000]
+    assert files == [
+        "etc/spallwatch/machine.toml.example",
+        "etc/systemd/system/spallwatch.service",
+        "etc/sysusers.d/spallwatch.conf",
+        "opt/spallwatch/doc/config.toml",
+        "opt/spallwatch/doc/deployment.md",
+    ]
+    assert found["etc/spallwatch/secrets"][0] & 0o777 == 0o700
+    assert all(found[name][0] & 0o777 == 0o644 for name in files)
+    assert (tmp_path / files[1]).read_text() == UNIT.read_text()
+
+
+def test_doing_it_again_changes_nothing_and_no_configuration(tmp_path: Path) -> None:
+    install(tmp_path)
+    config = tmp_path / "etc" / "spallwatch"
+    (config / "fan-1.toml").write_text("mine")
+    (config / "secrets" / "mail_password").write_text("secret")
+    (config / "secrets" / "mail_password").chmod(0o600)
+    before = tree(tmp_path)
+    install(tmp_path)
+    assert tree(tmp_path) == before
+
+
+def test_taking_it_away_leaves_what_is_not_its_own(tmp_path: Path) -> None:
+    install(tmp_path)
+    config, state = tmp_path / "etc" / "spallwatch", tmp_path / "var" / "lib" / "spallwatch" / "fan-1" / "state"
+    (config / "fan-1.toml").write_text("mine")
+    (config / "secrets" / "mail_password").write_text("secret")
+    state.mkdir(parents=True)
+    (state / "state.db").write_text("truth")
+    for _ in range(2):
+        install(tmp_path, "uninstall")
+        assert sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()) == [
+            "etc/spallwatch/fan-1.toml",
+            "etc/spallwatch/secrets/mail_password",
+            "var/lib/spallwatch/fan-1/state/state.db",
+        ]
+    assert not (tmp_path / "opt" / "spallwatch").exists()
+
+
+def test_other_places_are_in_the_unit_and_the_example(tmp_path: Path) -> None:
+    install(tmp_path, more={"PREFIX": "/srv/sw", "CONFIG": "/srv/sw-config"})
+    unit = dict(directives(tmp_path / "etc" / "systemd" / "system" / "spallwatch.service"))
+    assert unit["ExecStart"] == "/srv/sw/venv/bin/spallwatch run --config /srv/sw-config"
+    assert unit["LoadCredential"] == "secrets:/srv/sw-config/secrets"
+    assert (tmp_path / "srv" / "sw-config" / "machine.toml.example").exists()
+    assert not (tmp_path / "opt").exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"PREFIX": "opt/sw"}, "opt/sw: expected an absolute path"),
+        ({"CONFIG": "/home/me/sw"}, "/home/me/sw: the service sees no home folder"),
+        ({"PREFIX": "/opt/a b"}, "/opt/a b: expected letters, digits"),
+        ({"PREFIX": "/opt/a#b"}, "/opt/a#b: expected letters, digits"),
+        ({"PROGRAM": "yes", "PYTHON": "/no/python"}, "/no/python"),
+    ],
+)
+def test_what_cannot_work_is_refused_and_nothing_is_put_anywhere(
+    tmp_path: Path, more: dict[str, str], said: str
+) -> None:
+    assert said in install(tmp_path, more=more, code=2).stderr
+    assert tree(tmp_path) == {}
+
+
+def test_a_python_that_the_service_cannot_see_is_refused(tmp_path: Path) -> None:
+    python = tmp_path / "python"
+    python.write_text('#!/bin/sh\ncase "$2" in *base_prefix*) echo /home/me/.python ;; esac\n')
+    python.chmod(0o755)
+    told = install(tmp_path / "to", more={"PROGRAM": "yes", "PYTHON": str(python)}, code=2).stderr
+    assert "lives in /home/me/.python, and the service sees no home folder" in told
+    assert not (tmp_path / "to").exists()
+
+
+def test_without_root_and_without_a_destination_it_is_refused() -> None:
+    done = subprocess.run(
+        ["/bin/sh", "-s", "install"],
+        input=INSTALLER.read_text().replace('"$(cd "$(dirname "$0")/.." && pwd)"', "/nowhere"),
+        env={"PATH": os.environ["PATH"], "PROGRAM": "no"},
+        cwd="/",
+        capture_output=True,
+        text=True,
+        check=False,
+        user=65534 if os.geteuid() == 0 else None,
+    )
+    assert done.returncode == 2
+    assert "must be run by root" in done.stderr
+
+
+def test_make_hands_the_places_on() -> None:
+    done = subprocess.run(
+        ["make", "--dry-run", "install-service", "PREFIX=/srv/sw", "DESTDIR=/stage", "PYTHON=/usr/bin/python3"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    called = done.stdout.splitlines()[-1]
+    assert called.endswith("deploy/install.sh install")
+    assert all(item in called for item in ("PREFIX='/srv/sw'", "CONFIG='/etc/spallwatch'", "DESTDIR='/stage'"))
+
+
+def test_machines_after_the_example_can_be_followed_together(tmp_path: Path) -> None:
+    example = (ROOT / "deploy" / "machine.toml.example").read_text()
+    for name in ("fan-1", "fan-2"):
+        (tmp_path / f"{name}.toml").write_text(example.replace("fan-1", name))
+    fleet = load_fleet(tmp_path)
+    assert [machine.name for machine in fleet.machines] == ["fan-1", "fan-2"]
+    assert fleet.machines[1].state_dir == Path("/var/lib/spallwatch/fan-2/state")
+    # What is commented out works, too.
+    (tmp_path / "fan-1.toml").write_text(re.sub(r"^# (?=\[|[a-z_]+ = )", "", example, flags=re.MULTILINE))
+    notify = load_config(tmp_path / "fan-1.toml").notify
+    assert notify.smtp is not None
+    assert str(notify.smtp.password_file) == "/run/credentials/spallwatch.service/secrets_mail_password"
+
+
+def test_the_service_gets_what_it_needs_and_no_tools_of_development() -> None:
+    try:
+        needed = set(closure(declared()))
+    except PackageNotFoundError as error:
+        pytest.fail(f"the environment lacks {error}: make setup")
+    entries = locked(RUNTIME_LOCK)
+    assert set(entries) == needed, "python -m deploy.runtime_lock writes it anew"
+    assert entries.items() <= locked(LOCK).items()
+    assert all("--hash=sha256:" in entry for entry in entries.values())
+    assert {"pytest", "ruff", "basedpyright", "playwright", "hatchling"}.isdisjoint(entries)
+
+
+@contextmanager
+def daemon_of(config: Path, **more: Any) -> Iterator[None]:
+    """Run a daemon, which must end in order."""
+    daemon = start(config, **more)
+    try:
+        yield
+        daemon.terminate()
+        _, log = daemon.communicate(timeout=20)
+        assert daemon.returncode == 0, log
+    finally:
+        daemon.kill()
+        daemon.communicate()
+
+
+def forbid_executable_memory() -> None:
+    """Make this process and its children unable to turn memory executable, as MemoryDenyWriteExecute= does."""
+    if ctypes.CDLL(None, use_errno=True).prctl(_SET_MDWE, _REFUSE_EXEC_GAIN, 0, 0, 0) != 0:
+        raise OSError(ctypes.get_errno(), "prctl(PR_SET_MDWE)")
+
+
+def test_the_daemon_works_where_no_memory_can_become_executable(tmp_path: Path) -> None:
+    tried = "import mmap; mmap.mmap(-1, 4096, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)"
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", tried], preexec_fn=forbid_executable_memory, capture_output=True, check=False
+        )
+    except subprocess.SubprocessError:
+        pytest.skip("the kernel is older than 6.3 and cannot forbid it")
+    assert b"PermissionError" in done.stderr
+    config = make_machine(tmp_path)
+    path = tmp_path / "in0" / "f1.csv"
+    path.write_bytes(csv_bytes(noise(512, 1)))
+    with daemon_of(config, preexec_fn=forbid_executable_memory):
+        wait_for(lambda: status(config).get("blocks") == 2)
+        wait_for(lambda: (tmp_path / "records" / "m-undated.nc").exists())
+    with xr.open_dataset(tmp_path / "records" / "m-undated.nc") as dataset:
+        assert dataset.sizes["time"] == 2
+
+
+def test_a_backup_of_a_running_store_can_be_put_back(tmp_path: Path) -> None:
+    config, database = make_machine(tmp_path), tmp_path / "state" / "state.db"
+    (tmp_path / "in0" / "f1.csv").write_bytes(csv_bytes(noise(512, 1)))
+    with daemon_of(config):
+        wait_for(lambda: status(config).get("blocks") == 2)
+        # What .backup of the sqlite3 shell does.
+        with closing(sqlite3.connect(database)) as running, closing(sqlite3.connect(tmp_path / "copy.db")) as copy:
+            running.backup(copy)
+    shutil.rmtree(tmp_path / "state")
+    database.parent.mkdir()
+    (tmp_path / "copy.db").rename(database)
+    (tmp_path / "in0" / "f2.csv").write_bytes(csv_bytes(noise(512, 2)))
+    with daemon_of(config):
+        # The first file is known already.
+        wait_for(lambda: status(config).get("blocks") == 2)
+    with Store.open(database, read_only=True) as store:
+        assert [record.sequence for record in store.records()] == [1, 2, 3, 4]
+        assert store.check() == []
+
+
+@pytest.mark.skipif(effort_count(quick=0, full=1) == 0, reason="installs all packages: SPALLWATCH_EFFORT=full")
+def test_the_program_runs_from_where_it_was_put(tmp_path: Path) -> None:
+    base = "/usr/bin/python3.11" if Path("/usr/bin/python3.11").exists() else sys.executable
+    more = {key: value for key, value in os.environ.items() if key.startswith(("PIP_", "HOME", "SSL_"))}
+    for _ in range(2):
+        install(tmp_path, more={**more, "PROGRAM": "yes", "PYTHON": base})
+    program = tmp_path / "opt" / "spallwatch" / "venv"
+    assert (program / "bin" / "spallwatch").read_text().startswith("#!/opt/spallwatch/venv/bin/python")
+    assert (tmp_path / "usr" / "local" / "bin" / "spallwatch").readlink() == Path("/opt/spallwatch/venv/bin/spallwatch")
+    assert program.with_name("venv.old").exists()
+    said = subprocess.run(
+        [program / "bin" / "python", "-I", "-c", "from monitor.cli import main; main()", "--version"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert said.stdout.startswith("spallwatch, version")
+    install(tmp_path, "uninstall")
+    assert not (tmp_path / "opt").exists() or not (tmp_path / "opt" / "spallwatch").exists()
+    assert not (tmp_path / "usr" / "local" / "bin" / "spallwatch").is_symlink()
