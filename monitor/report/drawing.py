@@ -139,7 +139,7 @@ class TimeAxis(NamedTuple):
     def settle(self, axes: Axes) -> None:
         """Label an axis; dates are days since 1970, as matplotlib counts them."""
         if self.dated:
-            locator = dates.AutoDateLocator(maxticks=9, tz=self.zone)
+            locator = dates.AutoDateLocator(minticks=3, maxticks=9, tz=self.zone)
             axes.xaxis.set_major_locator(locator)
             axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator, tz=self.zone))
         axes.set_xlabel(self.label)

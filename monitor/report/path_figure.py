@@ -17,7 +17,18 @@ from platformdirs import user_cache_dir
 from models.map_data import MapSlice, OutsideMapError, RmsMap
 from models.rms_map import MapError, load_map
 from monitor.health.filter_particles import Particles
-from monitor.report.drawing import INK, ORANGE, STYLE, VERMILION, Picture, add_legend, legend_above, new_figure, to_svg
+from monitor.report.drawing import (
+    GREY,
+    INK,
+    ORANGE,
+    STYLE,
+    VERMILION,
+    Picture,
+    add_legend,
+    legend_above,
+    new_figure,
+    to_svg,
+)
 from monitor.report.reading import Channel, Run
 from monitor.report.score_reading import of_channel
 from monitor.report.verdict import last_value, unscaled
@@ -25,7 +36,8 @@ from monitor.report.wording import count, figure, volume
 from streams.block import STANDARD_GRAVITY
 
 _COLOURS = 18
-_VOLUMES = (0.005, 0.02, 0.05, 0.1)
+_VOLUMES = {0.005: 0.4, 0.02: 0.62, 0.05: 0.8, 0.1: 0.97}
+"""Volumes of which lines are drawn, mm3 per mm, and where along the extent each is named."""
 _MOST_POINTS = 400
 _MOST_DOTS = 250
 
@@ -74,7 +86,8 @@ def map_path(run: Run, channel: Channel, rms_map: RmsMap, numbers: itertools.cou
     _volumes(axes, rms_map.outer_race_radius, extent, depth)
     x, y = np.degrees(channel.column("dphi_d")[rows]), 1e6 * channel.column("h_d")[rows]
     keep = np.unique(np.linspace(0, rows.size - 1, min(rows.size, _MOST_POINTS)).astype(int))
-    axes.plot(x[keep], y[keep], color=INK, linewidth=3.2, label="path of the tracker")
+    axes.plot(x[keep], y[keep], color="#111111", linewidth=3.2)
+    axes.plot([], [], color=GREY, linewidth=2.0, label="path of the tracker")
     axes.plot(x[keep], y[keep], ".-", color="white", linewidth=1.3, markersize=3)
     axes.plot(x[:1], y[:1], "o", color="white", markeredgecolor="black", markersize=7, label="first")
     axes.plot(x[-1:], y[-1:], "s", color=ORANGE, markeredgecolor="black", markersize=7, label="last")
@@ -132,16 +145,18 @@ def _latest_level(channel: Channel, row: int) -> float:
 def _volumes(axes: Axes, radius: float, extent: NDArray[np.float64], depth: NDArray[np.float64]) -> None:
     """Draw lines of equal volume, V_eq = r_o dphi_d h_d (Eq. 90)."""
     span = np.linspace(max(float(extent[0]), 0.05), float(extent[-1]), 300)
-    for value in _VOLUMES:
+    for value, share in _VOLUMES.items():
         h = value * 1e-6 / (radius * np.radians(span)) * 1e6
         inside = (h >= depth[0]) & (h <= depth[-1])
         if np.count_nonzero(inside) < 2:
             continue
         axes.plot(span[inside], h[inside], color="white", linewidth=0.8, linestyle="--", alpha=0.8)
-        place = np.flatnonzero(inside)[-1]
+        place = np.flatnonzero(inside & (span <= share * extent[-1]))[-1:]
+        if not place.size:
+            continue
         axes.annotate(
             volume(value * 1e-6),
-            (span[place], h[place]),
+            (float(span[place[0]]), float(h[place[0]])),
             (-3, 3),
             textcoords="offset points",
             color="white",

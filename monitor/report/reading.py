@@ -267,7 +267,7 @@ def _columns(
                 missing: Any = "" if worded else np.nan
                 blocks.append(np.full((dataset.sizes["time"], 1), missing, dtype=object if worded else np.float64))
                 continue
-            array = dataset[variable.name].isel(channel=int(place[0]))
+            array = xr.DataArray(dataset.variables[variable.name].isel(channel=int(place[0])))
             values = words(array) if worded else _seconds_or_numbers(array)
             if variable.kind == "int":
                 values = np.where(values < 0, np.nan, values)

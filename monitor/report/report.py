@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from monitor import __version__
 from monitor.report.comparison import Comparison, compare
-from monitor.report.comparison_tables import milestones
+from monitor.report.comparison_tables import laws, milestones, scores
 from monitor.report.options import Options
 from monitor.report.quality import without_folders
 from monitor.report.reading import Records, ReportError, Run, read_runs
@@ -23,6 +23,7 @@ from monitor.report.run_section import RunPart, part_of_run
 from monitor.report.spectrum_figures import SpectrumView
 from monitor.report.summary import RunSummary, summarise
 from monitor.report.tables import Table, write_tables, write_whole
+from monitor.report.wording import Clock
 
 __all__ = ["Options", "ReportError", "SpectrumView", "build_report", "render", "report_runs"]
 
@@ -93,12 +94,14 @@ def report_runs(
         for place, (run, part) in enumerate(zip(runs, parts, strict=True), start=1)
     ]
     compared = compare(summaries, options, numbers) if len(runs) > 1 and options.holds("comparison") else None
+    alone = [] if compared is not None else _alone(summaries, options)
     page = render(
         "report.html.j2",
         title=options.title or f"Bearing health: {', '.join(dict.fromkeys(run.machine for run in runs))}",
         notes=[without_folders(note) for note in options.notes],
         runs=parts,
         compared=compared,
+        scores=[table for table in alone if table.name == "scores"],
         options=options,
     )
     try:
@@ -106,18 +109,22 @@ def report_runs(
     except OSError as error:
         raise ReportError(f"{out}: cannot be written: {error.strerror or error}") from error
     if tables is not None:
-        write_tables(tables_of(parts, summaries, compared), tables, {"product_version": f"spallwatch {__version__}"})
+        write_tables([*alone, *tables_of(parts, compared)], tables, {"product_version": f"spallwatch {__version__}"})
     return Path(out), summaries
 
 
-def tables_of(parts: Sequence[RunPart], summaries: Sequence[RunSummary], compared: Comparison | None) -> list[Table]:
-    """Return every table of a page under names that no two share."""
+def _alone(summaries: Sequence[RunSummary], options: Options) -> list[Table]:
+    """Return the tables over runs that say something of one run too."""
+    found = [milestones(summaries, options.zone), laws(summaries), scores(summaries)]
+    return [table for table in found if table is not None]
+
+
+def tables_of(parts: Sequence[RunPart], compared: Comparison | None) -> list[Table]:
+    """Return the tables of each run and those over runs, under names that no two share."""
     found = [] if compared is None else list(compared.tables)
     for place, part in enumerate(parts, start=1):
         prefix = f"run{place}-" if len(parts) > 1 else ""
         found += [replace(table, name=f"{prefix}{table.name}") for table in part.tables.values()]
-    if compared is None:
-        found.append(milestones(summaries, UTC))
     return found
 
 
@@ -130,7 +137,7 @@ def render(template: str, **values: Any) -> str:
     """
     environment = Environment(autoescape=True, loader=FunctionLoader(_file), trim_blocks=True, lstrip_blocks=True)
     return environment.get_template(template).render(
-        written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        written=Clock(True, values["options"].zone).moment(float(int(datetime.now(UTC).timestamp()))),
         # Ours, not from outside: a style sheet has quotes and brackets that must stay.
         style=Markup(_file("report.css")),
         svg=Markup,

@@ -17,7 +17,7 @@ from monitor.records.record import Record, plain
 from monitor.records.spectra import SpectrumRow
 from monitor.records.store import Store
 from monitor.report.damage_figures import damaged_volume, fitted_law
-from monitor.report.drawing import Picture
+from monitor.report.drawing import Picture, new_figure, time_axis, to_svg
 from monitor.report.forecast_figures import ALPHA, forecasts
 from monitor.report.quality import gaps, gaps_of, offered, statuses, timeline
 from monitor.report.reading import Channel, Run, read_runs
@@ -297,3 +297,16 @@ def test_sparklines_stay_in_their_box(values: list[float]) -> None:
     for x, down in re.findall(r"([-\d.]+),([-\d.]+)", svg):
         assert 0.0 <= float(x) <= 120.0
         assert 0.0 <= float(down) <= 26.0
+
+
+@pytest.mark.parametrize(
+    "hours", [0.01, 1.0, 30.0, 100.0, 110.0, 24.0 * 40, 24.0 * 170, 24.0 * 365 * 4.8, 24.0 * 365 * 40]
+)
+def test_spans_of_any_length_get_a_date_axis(hours: float) -> None:
+    time = START + np.linspace(0.0, 3600.0 * hours, 50)
+    axis = time_axis(time, CLOCK)
+    made, (axes,) = new_figure(2.0)
+    axes.plot(axis.position(time), time)
+    axis.settle(axes)
+    assert 3 <= len(axes.get_xticks()) <= 10
+    assert "<svg" in to_svg(made, "dates", numbers())
