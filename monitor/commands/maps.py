@@ -28,6 +28,7 @@ from monitor.commands.common import (
     read_machine,
     say,
 )
+from monitor.commands.pictures import check_ending
 from streams.block import STANDARD_GRAVITY
 
 # Error between nodes from which on a finer grid is advised.
@@ -223,12 +224,11 @@ def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
 
 @command.command("show")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="PNG or SVG.")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="PNG, SVG or HTML.")
 @output_options
 def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
-    """Draw a map."""
-    if out.suffix.lower() not in {".png", ".svg"}:
-        raise InputError(f"--out {out}: expected a name that ends in .png or .svg")
+    """Draw a map: its levels, cuts through them, and how far to trust them; as a picture or a page."""
+    check_ending("--out", out)
     rms_map = load_map(path)
     from monitor.report.map_figure import draw_map
 

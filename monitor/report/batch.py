@@ -163,10 +163,13 @@ def run_batch(
         raise ReportError(f"{out}: cannot be made: {error.strerror or error}") from error
     plain = replace(options, maps={})
     tasks = [Task(item, out, plain, options_path, config_path, tables) for item in items]
-    outcomes: list[Outcome] = []
-    for outcome in _outcomes(tasks, workers):
-        outcomes.append(outcome)
-        progress(len(outcomes), len(tasks))
+    found = {task.item.name: outcome for task in tasks if (outcome := reused(task)) is not None}
+    if found:
+        progress(len(found), len(tasks))
+    for outcome in _outcomes([task for task in tasks if task.item.name not in found], workers):
+        found[outcome.item.name] = outcome
+        progress(len(found), len(tasks))
+    outcomes = [found[item.name] for item in items]
     from monitor.report.index import write_index
 
     write_index(outcomes, out, options, tables=tables)
@@ -191,15 +194,19 @@ def _outcomes(tasks: Sequence[Task], workers: int) -> Iterator[Outcome]:
                 yield Outcome(task.item, (), "the process that made its report died")
 
 
+def reused(task: Task) -> Outcome | None:
+    """Return the outcome of a run whose page needs no making, else None."""
+    try:
+        kept = _kept(task.out / task.item.name, fingerprint(task))
+    except OSError:
+        return None
+    return None if kept is None else Outcome(task.item, kept, reused=True)
+
+
 def report_one(task: Task) -> Outcome:
     """Report one run of a batch; whatever goes wrong with it is its outcome."""
-    folder = task.out / task.item.name
     try:
-        print_of = fingerprint(task)
-        kept = _kept(folder, print_of)
-        if kept is not None:
-            return Outcome(task.item, kept, reused=True)
-        return Outcome(task.item, _report(task, folder, print_of))
+        return Outcome(task.item, _report(task, task.out / task.item.name, fingerprint(task)))
     except (ReportError, ConfigError, StoreError, OSError, ValueError) as error:
         return Outcome(task.item, (), _one_line(error))
     except Exception as error:  # One run that nobody thought of must not take the other thousands with it.
