@@ -33,6 +33,7 @@ def facts_of(rms_map: RmsMap) -> list[tuple[str, str]]:
         ("Floor", _floor(plan)),
         ("Rig", _rig(plan)),
         ("Band of the RMS", _band(plan)),
+        ("Numerical error", _numerical(rms_map)),
         ("Between nodes", _error(said, "interpolation")),
     ]
     if plan.slip is not None:
@@ -65,6 +66,11 @@ def _floor(plan: MapPlan) -> str:
 def _rig(plan: MapPlan) -> str:
     drawn = "" if plan.rig_draws == 0 else f"; {plan.rig_draws} rigs drawn, {figure(100 * plan.rig_spread)} % apart"
     return ("calibrated" if plan.rig.calibrated else "not calibrated on this machine") + drawn
+
+
+def _numerical(rms_map: RmsMap) -> str:
+    level = float(np.sqrt(np.nanmean(rms_map.rms**2)))
+    return f"{figure(100.0 * float(np.sqrt(np.nanmean(rms_map.rms_error**2))) / level, 2)} % (rms)" if level else "none"
 
 
 def _error(said: dict[str, object], name: str) -> str:

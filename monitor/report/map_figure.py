@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from models.map_data import MapSlice
 from models.rms_map import RmsMap
-from monitor.report.drawing import BLUE, GREEN, INK, PURPLE, SOFT, VERMILION
+from monitor.report.drawing import BLUE, GREEN, INK, PURPLE, SOFT, VERMILION, legend_above
 from monitor.report.map_facts import facts_of, lead_of
 from monitor.report.sheet import Part, Sheet, write_sheet
 from monitor.report.wording import figure
@@ -28,6 +28,8 @@ _MOST_PANELS = 12
 _PIXELS = (240, 360)
 _PANEL = 3.1
 _CUTS = 4
+_NEGLIGIBLE = 0.1
+"""Doubt below this many per cent is not drawn: the list of what made the map says it."""
 _STROKES: tuple[tuple[str, Any], ...] = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"))
 V_EQ_MM2 = {0.005: 0.62, 0.02: 0.45, 0.05: 0.3, 0.1: 0.14}
 """Volumes whose hyperbolas are drawn, mm3 per mm of width, and the share of the panel's height where each is named."""
@@ -62,13 +64,15 @@ def map_sheet(rms_map: RmsMap) -> Sheet:
     at = [rms_map.slice_at(float(load), float(speed)) for load in rms_map.load for speed in rms_map.speed]
     parts = [_levels_part(rms_map, at)]
     if at[0].rms.shape[0] > 1 and at[0].rms.shape[1] > 1:
-        parts += [_cuts_part(at[0]), _doubts_part(at[0])]
+        parts.append(_cuts_part(at[0]))
+        if doubts(at[0]):
+            parts.append(_doubts_part(at[0]))
     return Sheet(f"RMS map of {rms_map.plan.bearing.designation}", lead_of(rms_map), parts, facts_of(rms_map))
 
 
 def condition(at: MapSlice) -> str:
     """Return the load and speed of a slice for people."""
-    return f"{figure(at.load)} N, {figure(at.speed)} Hz"
+    return f"{at.load:g} N, {at.speed:g} Hz"
 
 
 def node_miss(values: Values, axis: Values, place: int) -> Values:
@@ -92,7 +96,7 @@ def node_miss(values: Values, axis: Values, place: int) -> Values:
 
 
 def doubts(at: MapSlice) -> list[Doubt]:
-    """Return the kinds of doubt that a slice knows of, in per cent; those without any are left out."""
+    """Return the kinds of doubt that a slice knows of, in per cent; those that are negligible are left out."""
     largest = float(np.nanmax(at.rms))
     between = np.maximum(node_miss(at.rms, at.dphi_d, 1), node_miss(at.rms, at.h_d, 0))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -102,7 +106,13 @@ def doubts(at: MapSlice) -> list[Doubt]:
             Doubt("floors", "spread over floors or periods\n(% of the RMS)", 100.0 * at.rms_std / at.rms),
             Doubt("rigs", "spread over rigs\n(% of the RMS)", 100.0 * at.rms_rig_std / at.rms),
         ]
-    return [kind for kind in kinds if np.any(kind.percent[np.isfinite(kind.percent)] > 0.0)]
+    return [kind for kind in kinds if _most(kind.percent) > _NEGLIGIBLE]
+
+
+def _most(values: Values) -> float:
+    """Return the 99th percentile of what is finite, zero where nothing is."""
+    finite = values[np.isfinite(values)]
+    return float(np.percentile(finite, 99.0)) if finite.size else 0.0
 
 
 def cut_nodes(size: int) -> list[int]:
@@ -230,13 +240,13 @@ def _cuts_part(at: MapSlice) -> Part:
     def draw(made: FigureBase) -> None:
         left, right = made.subplots(1, 2, sharey=True)
         for (color, stroke), node in zip(_STROKES, cut_nodes(len(depth)), strict=False):
-            _cut(left, extent, rms[node], spread[node], color, stroke, f"{figure(depth[node])} µm deep")
+            _cut(left, extent, rms[node], spread[node], color, stroke, f"{depth[node]:.3g} µm deep")
         for (color, stroke), node in zip(_STROKES, cut_nodes(len(extent)), strict=False):
-            _cut(right, depth, rms[:, node], spread[:, node], color, stroke, f"{figure(extent[node])}° wide")
+            _cut(right, depth, rms[:, node], spread[:, node], color, stroke, f"{extent[node]:.3g}° wide")
         left.set(xlabel="extent of the defect (degrees)", ylabel="RMS of the casing (g)", ylim=(0.0, None))
         right.set(xlabel="depth of the defect (µm)")
         for axes in (left, right):
-            axes.legend(loc="upper left")
+            legend_above(axes, 2)
 
     shaded = " Shaded: one standard deviation over floors or rigs, whichever is larger." if np.any(spread) else ""
     caption = f"At {condition(at)}: along nodes of depth (left) and of extent (right).{shaded}"
@@ -252,20 +262,23 @@ def _cut(axes: Axes, x: Values, y: Values, spread: Values, color: str, stroke: s
 
 def _doubts_part(at: MapSlice) -> Part:
     kinds = doubts(at)
-    rows = max(1, math.ceil(len(kinds) / 2))
+    rows = math.ceil(len(kinds) / 2)
     data: dict[str, Any] = {}
     for kind in kinds:
         finite = kind.percent[np.isfinite(kind.percent)]
         data |= {f"{kind.name}_median_percent": float(np.median(finite)), f"{kind.name}_most_percent": finite.max()}
 
     def draw(made: FigureBase) -> None:
-        panels = made.subplots(rows, min(2, max(1, len(kinds))), squeeze=False)
+        panels = made.subplots(rows, min(2, len(kinds)), squeeze=False)
         for axes, kind in zip(panels.flat, kinds, strict=False):
-            most = float(np.nanpercentile(kind.percent[np.isfinite(kind.percent)], 99.0))
             extent, depth = np.degrees(at.dphi_d), 1e6 * at.h_d
             drawn = axes.pcolormesh(
                 *(extent, depth, np.ma.masked_invalid(kind.percent)),
-                cmap="magma_r", vmin=0.0, vmax=most or 1.0, shading="nearest", rasterized=True,
+                cmap="magma_r",
+                vmin=0.0,
+                vmax=most or 1.0,
+                shading="nearest",
+                rasterized=True,
             )
             made.colorbar(drawn, ax=axes, pad=0.01, extend="max")
             axes.grid(visible=False)

@@ -20,10 +20,11 @@ from matplotlib.figure import Figure, FigureBase
 
 from monitor.records.filesystem import replace_durably
 from monitor.report.drawing import INK, SOFT, STYLE, WIDTH, Picture, to_svg
+from monitor.report.options import Options
 from monitor.report.report import render
 from monitor.report.tables import write_whole
 
-_LETTERS = 128
+_LETTERS = 150
 """Letters of a caption in one line of a picture."""
 _LINE, _HEADING, _TITLE = 0.165, 0.34, 0.42
 """Heights in inches: of a line of caption, of a heading, of the title."""
@@ -86,7 +87,8 @@ def write_sheet(sheet: Sheet, path: Path) -> None:
     if path.suffix.lower() == ".html":
         numbers = itertools.count(1)
         pictures = [part.picture(numbers) for part in sheet.parts]
-        write_whole(path, render("model.html.j2", sheet=sheet, title=sheet.title, pictures=pictures))
+        values = {"sheet": sheet, "title": sheet.title, "pictures": pictures, "options": Options()}
+        write_whole(path, render("model.html.j2", **values))
         return
     write_picture(compose(sheet), path)
 
@@ -95,13 +97,14 @@ def write_sheet(sheet: Sheet, path: Path) -> None:
 def compose(sheet: Sheet) -> Figure:
     """Return all parts above each other, with captions, and what made them at the foot."""
     captions = [textwrap.fill(part.caption, _LETTERS) for part in sheet.parts]
-    foot = textwrap.fill("; ".join(f"{name}: {text}" for name, text in sheet.facts), _LETTERS + 12)
+    foot = textwrap.fill("; ".join(f"{name}: {text}" for name, text in sheet.facts), _LETTERS + 18)
     heights = [part.height + _HEADING + _height(text) for part, text in zip(sheet.parts, captions, strict=True)]
-    lead = textwrap.fill(sheet.lead, _LETTERS - 10)
+    lead = textwrap.fill(sheet.lead, _LETTERS - 16)
     ends = [_TITLE + 1.2 * _height(lead), _height(foot) + 0.1]
     figure = Figure(figsize=(WIDTH, sum(heights) + sum(ends)), layout="constrained")
     FigureCanvasAgg(figure)
-    rows = figure.subfigures(len(heights) + 2, 1, height_ratios=[ends[0], *heights, ends[1]])
+    grid = figure.add_gridspec(len(heights) + 2, 1, height_ratios=[ends[0], *heights, ends[1]])
+    rows = [figure.add_subfigure(grid[place, 0]) for place in range(len(heights) + 2)]
     rows[0].text(0.012, 0.9, sheet.title, fontsize=14, fontweight="bold", color=INK, va="top")
     rows[0].text(0.012, 0.04, lead, color=SOFT, va="bottom")
     for row, part, caption in zip(rows[1:-1], sheet.parts, captions, strict=True):
