@@ -276,7 +276,7 @@ def _doubts_part(at: MapSlice) -> Part:
                 *(extent, depth, np.ma.masked_invalid(kind.percent)),
                 cmap="magma_r",
                 vmin=0.0,
-                vmax=most or 1.0,
+                vmax=_most(kind.percent),
                 shading="nearest",
                 rasterized=True,
             )

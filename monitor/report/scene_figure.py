@@ -32,6 +32,8 @@ _RATE = 204800.0
 _HIGHEST = 12000.0
 _ZOOM = 2000.0
 _PATH_POINTS = 1201
+# Deeper than any ball sinks between two edges, m.
+_NO_FLOOR = 1.0
 # Lines below this share of the largest are not seen in a picture.
 _UNSEEN = 2e-4
 
@@ -216,7 +218,10 @@ def _path_part(scene: Scene, defect: Defect) -> Part:
 
     deepest = max((float(y.max()) for _, y in drawn.values()), default=0.0)
     floor = f"its floor lies {figure(1e6 * defect.h_d)} µm deep"
-    reached = deepest > 0.9 * 1e6 * defect.h_d * math.cos(scene.bearing.contact_angle)
+    floorless = ways(scene, replace(defect, h_d=_NO_FLOOR, floor=Floor()))
+    reached = max((float(y.max()) for _, y in floorless.values()), default=0.0) > 1e6 * defect.h_d * math.cos(
+        scene.bearing.contact_angle
+    )
     caption = (
         f"How far the ball sinks over the damage, radially: {figure(deepest)} µm at most; {floor}"
         f"{', which it touches' if reached else ', which it does not reach'}."
