@@ -58,8 +58,14 @@ def _healthy(draw: random.Random, number: int) -> dict[str, Any]:
     stage = "learning" if number <= 100 else "healthy"
     score = {} if number <= 100 else {"detect_score": draw.uniform(0.2, 2.0), "detect_threshold": 3.4}
     return {
-        "rms": draw.uniform(0.48, 0.52), "h_or": draw.uniform(0.02, 0.03), "peak": draw.uniform(2.0, 3.0),
-        "stage": stage, "quality_status": "ok", "speed": 40.0, "load": 4000.0, "absolute_level": "yes",
+        "rms": draw.uniform(0.48, 0.52),
+        "h_or": draw.uniform(0.02, 0.03),
+        "peak": draw.uniform(2.0, 3.0),
+        "stage": stage,
+        "quality_status": "ok",
+        "speed": 40.0,
+        "load": 4000.0,
+        "absolute_level": "yes",
         **score,
     }
 

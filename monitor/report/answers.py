@@ -225,6 +225,9 @@ def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str)
     probability = number("p_threshold")
     if math.isfinite(probability):
         sentences.append(f"Reached within the maintenance window with a probability of {probability:.0%}.")
+    v_eq = float(channel.column("v_eq")[row])
+    if math.isfinite(v_eq) and math.isfinite(threshold) and v_eq >= threshold:
+        sentences.append("V_eq as tracked stands above it already: it comes from another method, and the two disagree.")
     sentences.append("If V_eq goes on growing as it did; it is not the remaining life." + unscaled(run))
     return Answer(question, f"{duration(tt)} to the threshold{of}.", " ".join(sentences), brief=duration(tt))
 

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from monitor.report.drawing import thin
 
 _WIDTH, _HEIGHT, _BINS = 120, 26, 60
+_LEAST_SPAN = np.log(2.0)
+"""What changes by less than a factor of two fills less than the height: noise is to look small."""
 
 
 def sparkline(time: NDArray[np.float64], values: NDArray[np.float64], label: str) -> Markup:
@@ -17,7 +19,7 @@ def sparkline(time: NDArray[np.float64], values: NDArray[np.float64], label: str
     if known.sum() < 2 or np.ptp(time[known]) == 0.0:
         return Markup("")
     x, y = thin(time[known], np.log(values[known]), _BINS)
-    span = max(float(np.ptp(y)), 0.2)
+    span = max(float(np.ptp(y)), _LEAST_SPAN)
     across = (x - x[0]) / (x[-1] - x[0]) * (_WIDTH - 4) + 2
     down = (_HEIGHT - 4) * (1.0 - (y - y.min()) / span) + 2
     points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across, down, strict=True))

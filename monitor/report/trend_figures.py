@@ -107,8 +107,6 @@ def _drawn(
         return None
     everywhere, axis = axis_of(channel, clock)
     time = everywhere[part]
-    if heading and not axis.dated:
-        axis = axis._replace(**_closer(time))
     score, threshold = channel.column("detect_score")[part], channel.column("detect_threshold")[part]
     scored = bool(np.isfinite(score).any())
     made, panels = new_figure(5.6 if scored else 4.2, (1.25, 1.25, 1.0) if scored else (1.0, 1.0))
@@ -190,11 +188,6 @@ def _caption(channel: Channel, verdict: Verdict, part: slice, *, scored: bool) -
         words.append("The score says how far RMS and H_or together stand above what was learned.")
     words.append("Lines break where blocks are missing or were rejected.")
     return " ".join(words)
-
-
-def _closer(time: NDArray[np.float64]) -> dict[str, Any]:
-    axis = time_axis(time, Clock(False))
-    return {"unit": axis.unit, "label": axis.label}
 
 
 def _thinned(time: NDArray[np.float64], data: dict[str, Any]) -> dict[str, Any]:

@@ -367,3 +367,10 @@ def test_gaps_and_a_run_without_an_onset_are_told(tmp_path: Path) -> None:
     assert "No final stage so far." in page.text
     assert "1 gap, 2 h 1 min in all." in page.text
     assert "The longest gap lasts 2 h 1 min." in page.text
+
+
+def test_a_volume_above_the_threshold_and_a_time_until_then_are_said_to_disagree(tmp_path: Path) -> None:
+    values = {"stage": "final", "edv_status": "ok", "v_eq": 6e-8, "v_th": 5e-8, "tt": 300.0, "tt_status": "ok"}
+    page = page_of_records(tmp_path, [one(values)])
+    assert "5 min to the threshold of 0.05 mm³/mm." in page.text
+    assert "V_eq as tracked stands above it already" in page.text
