@@ -11,6 +11,7 @@ file that was there beforehand; all share one page. Wall clock times from the st
 
 Memory is the proportional set size (what is shared is divided among those who share it), 5 s after the first blocks,
 when publishers and page have loaded what they need; *idle CPU* is the share of one core that all processes take then.
+*Load before* is the load average of the last minute when it began: what else the computer was doing.
 """
 
 from __future__ import annotations
@@ -115,6 +116,7 @@ def one_run(machines: int, idle_s: float) -> Row:
     with tempfile.TemporaryDirectory() as name, socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         folder = Path(name)
         prepare(folder, machines)
+        load = os.getloadavg()[0]
         manager.bind(str(folder / "notify"))
         manager.settimeout(120.0)
         began = time.monotonic()
@@ -146,6 +148,7 @@ def one_run(machines: int, idle_s: float) -> Row:
                 raise RuntimeError(f"the supervisor ended with {process.returncode}")
             return {
                 "machines": machines,
+                "load before": load,
                 "first ready s": earliest,
                 "ready s": ready,
                 "first blocks s": first,

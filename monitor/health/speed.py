@@ -14,7 +14,6 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from models.bearing import Bearing, kinematics
 from monitor.health.spectrum import AmplitudeSpectrum, Band, get_transform
@@ -72,6 +71,9 @@ class SpeedEstimate:
 
 def whitened(spectrum: AmplitudeSpectrum) -> NDArray[np.float64]:
     """Return ln(power over local floor) of each bin, a constant taken off for noise, between 0 and the cap."""
+    # Everything that reads a configuration imports this module, and hardly anything estimates a speed.
+    from scipy.ndimage import median_filter
+
     power = np.square(spectrum.amplitude, dtype=np.float64)
     floor = median_filter(power, size=min(_FLOOR_WIDTH, power.size), mode="nearest") / math.log(2.0)
     tiny = np.finfo(np.float64).tiny

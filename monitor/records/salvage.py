@@ -34,6 +34,8 @@ _LOG = logging.getLogger(__name__)
 CHECKED_BYTES = 64 << 20
 """A store up to this size is read as a whole whenever it is opened here; a larger one at its end only."""
 _NEWEST = 2000
+_BEAT_EVERY = 200_000
+"""Steps of the database's machine, some hundredths of a second of them."""
 _CORRUPT = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
 _MAGIC = b"SQLite format 3\x00"
 _TABLES = {"meta", "runs", "blocks", "records", "layouts", "stage_states", "forecasts", "events"}
@@ -121,7 +123,12 @@ class SalvageReport:
 
 
 def open_or_salvage(
-    path: Path, *, machine: str, records_dir: Path | None = None, clock: Callable[[], float] = time.time
+    path: Path,
+    *,
+    machine: str,
+    records_dir: Path | None = None,
+    clock: Callable[[], float] = time.time,
+    beat: Callable[[], object] = lambda: None,
 ) -> tuple[Store, SalvageReport | None]:
     """Open a store for writing, and save what can be saved first where it is damaged.
 
@@ -135,6 +142,7 @@ def open_or_salvage(
         machine: name of the machine.
         records_dir: folder of the published files, or None to leave them alone.
         clock: UTC seconds since 1970.
+        beat: called now and then while something is saved, which may take minutes.
 
     Returns:
         The store, and what was saved, or None where nothing was wrong.
@@ -146,7 +154,7 @@ def open_or_salvage(
     try:
         _finish(path, clock())
         reason = _damage(path, machine)
-        report = None if reason is None else _salvage(path, machine, reason, records_dir, clock())
+        report = None if reason is None else _salvage(path, machine, reason, records_dir, clock(), beat)
     except (OSError, sqlite3.Error) as error:
         raise StoreError(f"{path}: is damaged, and what is left cannot be saved: {error}") from error
     return Store.open(path, machine=machine), report
@@ -206,7 +214,9 @@ def _found_wrong(connection: sqlite3.Connection, path: Path, machine: str) -> st
     return first_change(connection, _NEWEST) if "digests" in tables else None
 
 
-def _salvage(path: Path, machine: str, reason: str, records_dir: Path | None, now: float) -> SalvageReport:
+def _salvage(
+    path: Path, machine: str, reason: str, records_dir: Path | None, now: float, beat: Callable[[], object]
+) -> SalvageReport:
     """Make a new store of what can be read, put it in the place of the damaged one, and log what happened.
 
     Raises:
@@ -223,14 +233,14 @@ def _salvage(path: Path, machine: str, reason: str, records_dir: Path | None, no
         for suffix in ("", "-wal", "-shm"):
             fresh.with_name(fresh.name + suffix).unlink(missing_ok=True)
         aside = _free_name(path, now)
-        report = _fill(path, fresh, aside, machine, reason)
+        report = _fill(path, fresh, aside, machine, reason, beat)
         with EventLog(fresh) as events:
             events.notice(now, report.notice())
         _close_for_good(fresh)
         if report.lost and records_dir is not None:
             _keep_published(records_dir, aside)
-        fresh.replace(path.with_name(f"{path.name}.salvaged"))
         fresh.with_name(f"{fresh.name}.lock").unlink(missing_ok=True)
+        fresh.replace(path.with_name(f"{path.name}.salvaged"))
         _swap(path, aside)
     finally:
         let_go(lock)
@@ -238,13 +248,20 @@ def _salvage(path: Path, machine: str, reason: str, records_dir: Path | None, no
     return report
 
 
-def _fill(path: Path, fresh: Path, aside: Path, machine: str, reason: str) -> SalvageReport:
+def _fill(path: Path, fresh: Path, aside: Path, machine: str, reason: str, beat: Callable[[], object]) -> SalvageReport:
     """Make the new store and fill it."""
+
+    def still_there() -> bool:
+        beat()
+        # Anything else would end the statement.
+        return False
+
     with Store.open(fresh, machine=machine) as store, StoreLedger(store), EventLog(fresh):
         pass
     with closing(sqlite3.connect(fresh, isolation_level=None)) as connection:
         # What is lost by a power cut is made again: the damaged store is still in its place.
         connection.execute("PRAGMA synchronous = OFF")
+        connection.set_progress_handler(still_there, _BEAT_EVERY)
         found = carry_over(path, connection)
         account = settle(connection, found)
     return SalvageReport(

@@ -24,7 +24,7 @@ from monitor.records.locks import let_go, take_lock
 from monitor.records.packing import pack
 from monitor.records.record import Record
 from monitor.records.spectra import SpectrumChange, write_changes
-from monitor.records.tables import UNFIT, StoreError, UnstorableError, connect, refuse_unsuitable
+from monitor.records.tables import UNFIT, Presence, StoreError, UnstorableError, connect, refuse_unsuitable
 
 __all__ = ["Archived", "Commit", "Filing", "Store", "StoreError", "Stored", "UnstorableError"]
 
@@ -45,6 +45,7 @@ class Store:
         self.path = path
         self._connection = connection
         self._lock = lock
+        self._presence = Presence(path)
         self._run: int | None = None
         self._made_with: Mapping[str, Any] = {}
         self._layouts: dict[str, int] = {}
@@ -271,8 +272,7 @@ class Store:
                 there is no date).
         """
         condition, values = ("1", ()) if since is None else ("axis_time >= ?", (since,))
-        for row in self.stored(condition, *values):
-            yield row.to_record()
+        return (row.to_record() for row in self.stored(condition, *values))
 
     def record(self, source: str, sequence: int) -> Record | None:
         """Return one record, or None where that block was never committed."""
@@ -359,7 +359,7 @@ class Store:
         """Run a block of statements as one transaction, rolled back whole where anything fails.
 
         Raises:
-            StoreError: the store is open for reading only, or the database refuses (locked, full, damaged).
+            StoreError: open for reading only, removed by somebody, or the database refuses (locked, full, damaged).
         """
         if self._lock is None:
             raise StoreError(f"{self.path}: is open for reading only")
@@ -368,6 +368,7 @@ class Store:
             connection.execute("BEGIN IMMEDIATE")
             try:
                 yield connection
+                self._presence.check()
                 connection.execute("COMMIT")
             finally:
                 if connection.in_transaction:

@@ -79,6 +79,41 @@ class UnstorableError(StoreError):
     """What is to be committed can never be, however often it is tried; the store itself is well."""
 
 
+class Presence:
+    """Whether an open database still is what stands under its name.
+
+    SQLite goes on in a file that somebody has removed, and all that it commits is gone with the process.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Take the path of the database; the first :meth:`check` takes what is there for right."""
+        self._paths = (path, path.with_name(f"{path.name}-wal"))
+        self._files: list[tuple[int, int] | None] = [None, None]
+
+    def check(self) -> None:
+        """Hold what is there against what was there first; called within a transaction.
+
+        Raises:
+            StoreError: the database or its log was removed or replaced; where they are put back, all is well again.
+        """
+        files = [_identity(path) for path in self._paths]
+        self._files = [first or now for first, now in zip(self._files, files, strict=True)]
+        for path, first, now in zip(self._paths, self._files, files, strict=True):
+            if first != now:
+                raise StoreError(
+                    f"{path}: was {'removed' if now is None else 'replaced'} while it was in use; put it back, "
+                    "or stop and start again with what is there"
+                )
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
 def refuse_unsuitable(path: Path, *, create: bool) -> bool:
     """Refuse places and files that cannot hold a store, before SQLite touches them.
 

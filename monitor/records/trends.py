@@ -80,6 +80,7 @@ class Trends:
         self._writer: sqlite3.Connection | None = None
         self._inode: int | None = None
         self._suspect = False
+        self._known_store: int | None = None
 
     def update(self, most_blocks: int = 2000) -> bool:
         """Take the next blocks of the store; return whether there are more.
@@ -121,7 +122,7 @@ class Trends:
         with self._errors(self._store), closing(self._open_store()) as store:
             identity = tables.identity_of(store, self._store)
             same = not known.last[0] or (known.identity == identity and tables.holds(store, known.last))
-            entries, rows, more = read_after(store, known.last[0], most_blocks)
+            entries, rows, more = read_after(store, known.last[0], most_blocks if same else 0)
             parts: dict[tuple[str, str, bool], list[Points]] = {}
             for key, points in points_of(store, self._layouts, entries, rows):
                 parts.setdefault(key, []).append(points)
@@ -135,7 +136,6 @@ class Trends:
         if self._writer is not None:
             self._writer.close()
             self._writer = None
-        self._layouts.forget()
         self._suspect = False
         tables.remove(self._path)
 
@@ -207,6 +207,11 @@ class Trends:
             return points_between(store, self._layouts, entries, channel)
 
     def _open_store(self) -> sqlite3.Connection:
+        inode = tables.inode_of(self._store)
+        if inode != self._known_store:
+            # Another store has taken its place, and numbers its layouts anew.
+            self._layouts.forget()
+            self._known_store = inode
         return sqlite3.connect(f"{self._store.absolute().as_uri()}?mode=ro", uri=True, timeout=5.0)
 
     @contextmanager
@@ -232,7 +237,7 @@ class Trends:
     def _errors(self, path: Path) -> Iterator[None]:
         try:
             yield
-        except (tables.DamagedError, sqlite3.Error, OSError, ValueError) as error:
+        except (tables.DamagedError, sqlite3.Error, OSError, ValueError, LookupError) as error:
             raise StoreError(f"{path}: {error}") from error
 
     def close(self) -> None:

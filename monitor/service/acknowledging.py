@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Mapping
 
 from monitor.records.events import EventLog
@@ -11,6 +12,7 @@ from monitor.service.alarming import Acknowledged
 from monitor.service.watcher import Watcher
 
 _LOG = logging.getLogger(__name__)
+_SHARE = 50.0
 _MARKS = """
 SELECT (SELECT max(id) FROM acknowledgements), (SELECT max(id) FROM events), (SELECT max(id) FROM notices)
 """
@@ -33,6 +35,7 @@ class Acknowledgements:
         """
         self._store, self._log, self._watchers = store, log, dict(watchers)
         self._seen = 0
+        self._count_due = float("-inf")
         self._marks: tuple[int | None, ...] | None = None
         self.unacknowledged = 0
         """Events and notices that wait for somebody, as of the latest look."""
@@ -48,8 +51,13 @@ class Acknowledgements:
             return
         if (marks[0] or 0) > self._seen:
             self._take()
-        self.unacknowledged = self._log.unacknowledged()
-        self._marks = marks
+            self._seen = max(self._seen, marks[0])
+        began = time.monotonic()
+        if began >= self._count_due:
+            self.unacknowledged = self._log.unacknowledged()
+            # Of a log with very many events it takes a while, and blocks wait for it.
+            self._count_due = time.monotonic() + _SHARE * (time.monotonic() - began)
+            self._marks = marks
 
     def _take(self) -> None:
         for number, utc, event in self._log.acknowledged_alarms(self._seen):

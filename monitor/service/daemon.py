@@ -17,6 +17,7 @@ from monitor.records.store import StoreError
 from monitor.service.acknowledging import Acknowledgements
 from monitor.service.companions import LAST_PUBLICATION, Companions
 from monitor.service.disk import DiskGuard, free_bytes
+from monitor.service.event_words import event_text
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus
 from monitor.service.silence import SilenceLog
@@ -77,7 +78,9 @@ class Daemon:
             self._file = opened.enter_context(StatusFile.open(machine.state_dir))
             database, name = machine.state_dir / "state.db", machine.name
             # What a salvage saved and lost is in the log, and in the event log, which is told from there.
-            self._store, _ = open_or_salvage(database, machine=name, records_dir=machine.records_dir, clock=self._clock)
+            self._store, _ = open_or_salvage(
+                database, machine=name, records_dir=machine.records_dir, clock=self._clock, beat=self._starting
+            )
             opened.callback(self._store.close)
             self._disk = DiskGuard(machine.state_dir, self._free, round(1e6 * machine.min_free_mb))
             self._companions = Companions(self._config, self._store, self._path, self._monotonic)
@@ -101,6 +104,10 @@ class Daemon:
             self._notifier.tell("STOPPING=1")
             _LOG.info("stopping after %d blocks", self._status.blocks)
             self._end()
+
+    def _starting(self) -> None:
+        # A service manager would end, and start again for ever, what takes longer to start than usual.
+        self._notifier.tell("EXTEND_TIMEOUT_USEC=60000000", "STATUS=saving what can be read of a damaged store")
 
     def _follow(self, stop: threading.Event) -> None:
         while not stop.is_set():
@@ -126,7 +133,8 @@ class Daemon:
         self._status.seen(record)
         self._companions.committed(events=bool(record.events))
         for event in record.events:
-            _LOG.warning("%s: block %d: %s", record.source, record.sequence, event)
+            said = event_text(event, absolute=self._status.absolute(event.get("channel")))
+            _LOG.warning("%s: block %d: %s: %s", record.source, record.sequence, event.get("channel"), said)
         if not record.accepted:
             _LOG.warning("%s: block %d rejected: %s: %s", record.source, record.sequence, record.status, record.reason)
         else:
@@ -176,11 +184,11 @@ class Daemon:
         try:
             self._status.page = None if status == "stopped" else self._companions.url
             self._file.write(self._status.values(status, self.problems()))
-        except (OSError, ValueError) as error:
+        except Exception as error:  # Whatever cannot be said of the machine must not end what listens to it.
             reason = getattr(error, "strerror", None) or error
             problem = f"{self._file.path}: cannot be written ({reason})"
             if problem != self._status_problem:
-                _LOG.error("%s", problem)
+                _LOG.error("%s", problem, exc_info=None if isinstance(error, OSError) else error)
             self._status_problem = problem
             return
         self._status_problem = None

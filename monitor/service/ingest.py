@@ -81,6 +81,7 @@ class Ingest:
 
         Raises:
             ConfigError: a source cannot be opened as configured.
+            StoreError: the store cannot be read, or its states are of another version.
         """
         try:
             with ExitStack() as opened:
@@ -89,7 +90,11 @@ class Ingest:
                 states = store.load_states()
                 for section in config.source:
                     watcher = Watcher(section.name, channel_setups(config, section), section.rate_hz)
-                    watcher.restore(states, store.record(section.name, store.last(section.name)))
+                    latest = store.record(section.name, store.last(section.name))
+                    try:
+                        watcher.restore(states, latest)
+                    except (KeyError, TypeError, ValueError) as error:
+                        raise StoreError(f"{store.path}: a state in it is of another version ({error})") from error
                     watchers[section.name] = watcher
                 specs = [source_spec(config, section) for section in config.source]
                 sources = [opened.enter_context(source) for source in open_live(specs, ledger)]

@@ -76,6 +76,10 @@ class MachineStatus:
             found[source] = Hearing(last.sequence or None, age, patience(interval), flowed)
         return found
 
+    def absolute(self, channel: str | None) -> bool:
+        """Return whether the accelerations of a channel are in m/s2."""
+        return all(section.unit != "unknown" for section in self._config.channel if section.name == channel)
+
     def values(self, status: str, problems: Mapping[str, str]) -> dict[str, Any]:
         """Return what the daemon is doing, plain values for JSON.
 
@@ -114,6 +118,7 @@ class MachineStatus:
         state, reason = channel_state(
             watcher.alarming.condition(name, watcher.channel(name)),
             standing,
+            stage=watcher.channel(name).detect.stage,
             refused=f"block {last.sequence} was rejected: {last.status}" if last.refused else None,
             silent=f"no block for {heard.age:.0f} s" if heard.silent else None,
         )

@@ -7,6 +7,7 @@ import json
 import os
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -24,11 +25,11 @@ def main() -> None:
     lock = os.open(store.with_name(_LOCK), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     # The publisher of a daemon that was killed may still be writing, under the same temporary names.
     fcntl.flock(lock, fcntl.LOCK_EX)
-    try:
+    # A broken pipe: the daemon is gone.
+    with suppress(BrokenPipeError):
         serve(sys.stdin, sys.stdout, store, records_dir)
-    except BrokenPipeError:
-        # The daemon is gone; python would complain once more while closing its output.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    # Taking down an interpreter that has loaded so much costs a tenth of a second, and many publishers end at once.
+    os._exit(0)
 
 
 def serve(requests: TextIO, answers: TextIO, store: Path, records_dir: Path) -> None:

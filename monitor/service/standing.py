@@ -11,18 +11,20 @@ _REASONS = {
     "normal": "healthy",
     "check_function": "the baseline is being learned",
     "out_of_specification": "how large the damage is cannot be said",
-    "maintenance_required": "the final stage has begun",
+    "maintenance_required": "an alert stands",
     "bad_data": "too many blocks are rejected or flagged",
     "no_data": "no block comes",
-    "failure": "the end of life was reached",
+    "failure": "a danger stands",
 }
 _SEVERITIES = {FAILURE: "danger", MAINTENANCE: "alert"}
+_STAGES = {FAILURE: ("end_of_life", "the end of life was reached"), MAINTENANCE: ("final", "the final stage has begun")}
 
 
 def channel_state(
     condition: str,
     standing: Sequence[Mapping[str, Any]] = (),
     *,
+    stage: str = "healthy",
     silent: str | None = None,
     refused: str | None = None,
 ) -> tuple[str, str]:
@@ -31,13 +33,16 @@ def channel_state(
     Args:
         condition: what the alarm stage makes of its blocks.
         standing: its alarms that stand.
+        stage: of its life.
         silent: where its blocks stay away, since when.
         refused: where its latest block was rejected, why.
     """
     state = machine_state(condition, *([NO_DATA] if silent else []), *([BAD_DATA] if refused else []))
-    alarm = next((alarm for alarm in standing if alarm["severity"] == _SEVERITIES.get(state)), None)
-    if alarm is not None:
-        waits = "" if alarm["active"] else ", which is over and waits to be acknowledged"
-        return state, f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{waits}"
+    reached, text = _STAGES.get(state, ("", ""))
+    said = [text] if stage == reached else []
+    for alarm in standing:
+        if alarm["severity"] == _SEVERITIES.get(state):
+            waits = "" if alarm["active"] else ", which is over and waits to be acknowledged"
+            said.append(f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{waits}")
     given = {NO_DATA: silent, BAD_DATA: refused}.get(state)
-    return state, given or _REASONS[state]
+    return state, "; ".join(said) or given or _REASONS[state]

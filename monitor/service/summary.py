@@ -88,4 +88,8 @@ def channel_summary(watcher: Watcher, name: str) -> dict[str, Any]:
 def _utc(mark: Mark | None) -> str | None:
     if mark is None or mark.time is None:
         return None
-    return datetime.fromtimestamp(mark.time, UTC).isoformat()
+    try:
+        return datetime.fromtimestamp(mark.time, UTC).isoformat()
+    except (OverflowError, OSError, ValueError):
+        # A clock that was wrong enough gives times that no calendar has.
+        return None

@@ -17,6 +17,7 @@ from typing import IO
 
 from monitor.service.companions import LAST_PUBLICATION
 from monitor.service.fleet import Machine
+from monitor.service.logs import TO_JOURNAL, named, to_journal, unmarked
 
 _LOG = logging.getLogger(__name__)
 _HANGS_AFTER = 30.0
@@ -105,10 +106,10 @@ class Lines:
         text = line.decode("utf-8", "replace").rstrip()
         if text:
             if text.startswith(_FINAL) or not self.last.startswith(_FINAL):
-                self.last = text
+                self.last = unmarked(text)
             # Whoever reads the log may have gone; that ends nothing.
             with suppress(OSError):
-                sys.stderr.write(f"{self._name}: {text}\n")
+                sys.stderr.write(f"{named(text, self._name)}\n")
                 sys.stderr.flush()
 
 
@@ -131,13 +132,14 @@ class Supervised:
             publish_within: seconds for its last publication.
         """
         self.machine = machine
-        self._publish_within = publish_within
+        self.publish_within = publish_within
         self._options, self._monotonic = tuple(options), monotonic
         self._child: subprocess.Popen[bytes] | None = None
         self._ear: Ear | None = None
         self._lines: Lines | None = None
         self._due = float("-inf")
         self._began = self._heard = 0.0
+        self._ready_since: float | None = None
         self._failures = 0
         self._hung: str | None = None
         self._last_words = ""
@@ -177,6 +179,8 @@ class Supervised:
         self._listen(now)
         code = self._child.poll()
         if code is not None:
+            # It may have said something since.
+            self._listen(now)
             # Whoever was killed had no last words: what was logged before has nothing to do with it.
             said = f" ({self._last_words})" if code > 0 and self._last_words else ""
             self._ended(self._hung or f"ended with {_code_words(code)}", now, said)
@@ -223,20 +227,21 @@ class Supervised:
     def _start(self, now: float) -> None:
         self.starts += 1
         self._began = self._heard = now
-        self._hung, self._last_words = None, ""
-        self._ear = Ear()
+        self._hung, self._last_words, self._ready_since = None, "", None
         path = str(self.machine.path.absolute())
-        supervised = ["--supervised", f"{self._publish_within:.3f}"]
+        supervised = ["--supervised", f"{self.publish_within:.3f}"]
         command = [sys.executable, "-c", _START, "run", *supervised, "--config", path, *self._options]
         environment = {
             **os.environ,
-            "NOTIFY_SOCKET": self._ear.address,
             "WATCHDOG_USEC": str(round(_HANGS_AFTER * 1e6)),
+            TO_JOURNAL: "1" if to_journal() else "0",
         }
         # The manager of services watches the supervisor, not its children.
         environment.pop("WATCHDOG_PID", None)
         command.append(json.dumps(sys.path))
         try:
+            self._ear = Ear()
+            environment["NOTIFY_SOCKET"] = self._ear.address
             self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, env=environment)
         except OSError as error:
             self._ended(f"cannot be started: {error.strerror or error}", now)
@@ -256,13 +261,14 @@ class Supervised:
         for line in self._ear.hear(self._child.pid):
             self._heard = now
             if line == "READY=1" and not self.ready:
-                self.ready = True
+                self.ready, self._ready_since = True, now
                 if self.problem is not None:
                     _LOG.warning("machine %s: runs again", self.machine.name)
                 self.problem = None
 
     def _ended(self, how: str, now: float, said: str = "") -> None:
-        self._failures = 1 if self.ready and now - self._began >= _GOOD_RUN else self._failures + 1
+        went_well = self._ready_since is not None and now - self._ready_since >= _GOOD_RUN
+        self._failures = 1 if went_well else self._failures + 1
         pause = min(_FIRST_PAUSE * 2.0 ** min(self._failures - 1, 20), _LONGEST_PAUSE)
         self._due = now + pause
         often = f", {self._failures} times in a row" if self._failures > 1 else ""

@@ -16,7 +16,7 @@ from monitor.records.tables import StoreError
 
 _NAME = "supervisor.json"
 _LOCK = "supervisor.lock"
-_ENDS_WITHIN = 5.0
+_ENDS_WITHIN = 10.0
 _PATIENCE = 1.0
 
 

@@ -7,13 +7,16 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 from tests.browser.machine import Served
 from tests.conftest import chromium_program
 from tests.faults.daemons import wait_for
 
 ALLOWED = ("data:", "blob:", "about:")
+PATIENCE = 30_000.0
+"""ms: a busy machine is no failure."""
+expect.set_options(timeout=PATIENCE)
 
 
 class Visit:
@@ -29,7 +32,7 @@ class Visit:
         self.page.on("pageerror", lambda error: self.trouble.append(f"error: {error}"))
         self.page.on("response", lambda response: self._answered(response.status, response.url))
         self.page.on("request", lambda request: self._asked(request.url))
-        self.page.set_default_timeout(20_000)
+        self.page.set_default_timeout(PATIENCE)
 
     def _console(self, kind: str, text: str) -> None:
         # What failed to load is written down with its address.

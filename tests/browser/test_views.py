@@ -187,7 +187,7 @@ def test_before_the_first_block_nothing_pretends_to_be_well(fresh: Served, visit
     page = visit.go()
     expect(page.locator(".group:visible > h2").first).to_contain_text("Function check")
     page = visit.go(BAD)
-    expect(page.get_by_text("No block has been recorded yet")).to_be_visible()
+    expect(page.get_by_text("No usable block has been recorded yet")).to_be_visible()
     expect(page.get_by_text("No spectrum is kept yet")).to_be_visible()
     fresh.put(1)
     expect(page.locator('[data-chart="rms"] canvas')).to_be_visible()

@@ -65,7 +65,7 @@ def free_port() -> int:
 def start(config: Path, *options: str, prefix: Sequence[str] = (), **more: Any) -> subprocess.Popen[str]:
     """Start a daemon; the prefix is a program, with its options, that starts it."""
     command = [*prefix, sys.executable, "-c", _CLI, "run", "--config", str(config), *options]
-    return subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, **more)
+    return subprocess.Popen(command, cwd=ROOT, text=True, **{"stderr": subprocess.PIPE, **more})
 
 
 def call(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -348,6 +348,10 @@ def test_what_is_not_known_to_be_well_is_not_called_normal() -> None:
     assert channel_state("failure", silent=silent, refused=refused)[0] == "failure"
     alert = {"rule": "loud", "severity": "alert", "active": True, "since_block": 5}
     assert channel_state("maintenance_required", [alert])[1] == "alert of loud since block 5"
+    final, end = "the final stage has begun", "the end of life was reached"
+    assert channel_state("maintenance_required", stage="final") == ("maintenance_required", final)
+    assert channel_state("maintenance_required", [alert], stage="final")[1] == f"{final}; alert of loud since block 5"
+    assert channel_state("failure", [alert], stage="end_of_life") == ("failure", end)
     held = {**alert, "severity": "danger", "active": False}
     assert channel_state("failure", [held, alert])[1].endswith("block 5, which is over and waits to be acknowledged")
     assert channel_state("bad_data", [alert]) == ("bad_data", "too many blocks are rejected or flagged")
@@ -361,3 +365,21 @@ def test_a_status_file_that_is_damaged_is_as_none(tmp_path: Path) -> None:
         file.write({"status": "running", "pid": 1})
         assert json.loads((tmp_path / "status.json").read_text()) == {"status": "running", "pid": 1}
     assert read_status(tmp_path) == {"running": False, "status": "died", "pid": 1}
+
+
+@pytest.mark.parametrize("error", [OverflowError("date value out of range"), PermissionError(13, "Permission denied")])
+def test_a_status_that_cannot_be_written_ends_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def fails(*_: Any) -> None:
+        raise error
+
+    config = make_machine(tmp_path)
+    with running(config):
+        with monkeypatch.context() as broken:
+            broken.setattr(StatusFile, "write", fails)
+            said = status(config)["updated_utc"]
+            put(config, 1)
+            wait_for(lambda: last(config) == 2)
+            assert status(config)["updated_utc"] == said
+        wait_for(lambda: status(config)["blocks"] == 2)

@@ -13,10 +13,12 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from monitor.health.detect import Mark
 from monitor.records.ledger import StoreLedger
 from monitor.records.record import Record
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
+from monitor.service.summary import channel_summary
 from tests.effort import effort_count
 from tests.faults.daemons import make_machine, status, wait_for
 from tests.monitor.test_daemon import last, put, running
@@ -166,3 +168,15 @@ def test_setting_the_clock_moves_no_timer_of_a_daemon(tmp_path: Path) -> None:
         time.sleep(0.1)
     with xr.open_dataset(published) as day:
         assert day.sizes["time"] == 8
+
+
+def test_a_final_stage_at_a_time_that_no_calendar_has_is_shown_without_it(tmp_path: Path) -> None:
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        with ingest_of(store, Queue(store, [replace(block(1), start=1e15)])) as ingest:
+            steps(ingest, 1)
+            watcher = ingest.watchers["s"]
+        mark = Mark(1, 1e15)
+        state = watcher.channel("x")
+        vars(watcher)["_states"]["x"] = replace(state, detect=replace(state.detect, t_fs=mark, t_fs_known=mark))
+        found = channel_summary(watcher, "x")
+    assert (found["t_fs_block"], found["t_fs_utc"]) == (1, None)

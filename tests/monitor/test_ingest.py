@@ -204,3 +204,13 @@ def test_states_are_taken_up_where_the_store_ends(store: Store) -> None:
     fresh = watcher()
     fresh.restore(store.load_states(), store.record("s", 2))
     assert fresh.states() == expected
+
+
+def test_states_of_another_version_are_refused_in_words(store: Store, tmp_path: Path) -> None:
+    with ingest_of(store, Queue(store, [block(1)])) as ingest:
+        steps(ingest, 1)
+    with store.transaction() as connection:
+        connection.execute("UPDATE stage_states SET state = json_set(state, '$.version', 99)")
+    (tmp_path / "in").mkdir()
+    with pytest.raises(StoreError, match=r"state\.db: a state in it is of another version \(.*99"):
+        Ingest.open(config(str(tmp_path / "in")), store)

@@ -21,7 +21,9 @@ from monitor.service.setup import channel_setups
 from monitor.service.watcher import Watcher
 from streams.block import Block, Rejected
 from streams.live import Delivery
+from tests.faults.daemons import make_machine, status, wait_for
 from tests.faults.test_folder_kill import config
+from tests.monitor.test_daemon import last, put, running
 from tests.monitor.test_ingest import Queue, block, ingest_of, steps
 
 STEP = watching.step
@@ -214,3 +216,26 @@ def test_a_source_that_fails_is_shown_and_takes_no_other_with_it(
         steps(ingest, 4)
         assert broken.acknowledged == [1]
         assert "a pump" not in ingest.problems()["s"]
+
+
+def test_a_daemon_goes_on_is_degraded_and_recovers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def step(state: Any, samples: Any, info: Any, *rest: Any) -> Any:
+        if info.sequence in (3, 4):
+            raise FloatingPointError("overflow")
+        return STEP(state, samples, info, *rest)
+
+    monkeypatch.setattr(watching, "step", step)
+    path = make_machine(tmp_path)
+    with running(path):
+        put(path, 1)
+        put(path, 2)
+        wait_for(lambda: last(path) == 4 and "s0" in status(path)["problems"])
+        found = status(path)
+        assert found["status"] == "degraded"
+        assert found["problems"]["s0"] == "block 4: the analysis failed: FloatingPointError: overflow"
+        assert found["channels"]["x0"]["state"] == "bad_data"
+        put(path, 3)
+        wait_for(lambda: status(path)["status"] == "running" and last(path) == 6)
+        assert status(path)["sources"]["s0"]["accepted"] == 3
+    with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
+        assert [record.status for record in kept(store)] == ["ok", "ok", "unreadable", "unreadable", "ok", "ok"]

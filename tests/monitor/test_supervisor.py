@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -11,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -148,8 +149,13 @@ def test_one_that_hangs_while_it_should_end_is_ended() -> None:
 
 def test_one_that_hangs_is_killed_and_started_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(supervised, "_HANGS_AFTER", 2.0)
+    monkeypatch.setattr(supervised, "_GOOD_RUN", 2.5)
     add_machine(tmp_path, "a")
     with daemon_of(tmp_path, "a") as daemon:
+        ticking(daemon, lambda: daemon.ready)
+        assert daemon.pid is not None
+        os.kill(daemon.pid, signal.SIGKILL)
+        ticking(daemon, lambda: daemon.problem)
         ticking(daemon, lambda: daemon.ready)
         first = daemon.pid
         assert first is not None
@@ -157,14 +163,40 @@ def test_one_that_hangs_is_killed_and_started_again(tmp_path: Path, monkeypatch:
         # It beats: it is left alone for longer than one that hangs.
         until = time.monotonic() + 3.0
         ticking(daemon, lambda: time.monotonic() > until)
-        assert (daemon.pid, daemon.starts) == (first, 1)
+        assert (daemon.pid, daemon.starts) == (first, 2)
         os.kill(first, signal.SIGSTOP)
         ticking(daemon, lambda: daemon.problem)
         assert daemon.problem == "gave no sign of life for 2 s and was killed"
         assert not daemon.ready
+        # It had run well before, so that the failure is the first of a row.
+        ticking(daemon, lambda: daemon.pid is None)
+        assert daemon.problem == "gave no sign of life for 2 s and was killed; it is started again after 1 s"
         ticking(daemon, lambda: daemon.ready)
         assert daemon.problem is None
-        assert (daemon.pid != first, daemon.starts) == (True, 2)
+        assert (daemon.pid != first, daemon.starts) == (True, 3)
+
+
+def test_without_descriptors_it_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    add_machine(tmp_path, "a")
+    now = [1000.0]
+    with daemon_of(tmp_path, "a", monotonic=lambda: now[0]) as daemon:
+        limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+        used = max(int(path.name) for path in Path("/proc/self/fd").iterdir())
+        resource.setrlimit(resource.RLIMIT_NOFILE, (used, limits[1]))
+        opened: list[int] = []
+        try:
+            with suppress(OSError):
+                while True:
+                    opened.append(os.open(os.devnull, os.O_RDONLY))
+            daemon.tick()
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+            for descriptor in opened:
+                os.close(descriptor)
+        assert daemon.problem == "cannot be started: Too many open files; it is started again after 1 s"
+        assert daemon.waitable == []
+        now[0] += 1.0
+        ticking(daemon, lambda: daemon.ready)
 
 
 def test_pauses_grow_and_it_is_said_why_it_does_not_start(tmp_path: Path) -> None:
@@ -264,6 +296,18 @@ def test_the_page_of_all_is_tended_and_its_problem_shown(tmp_path: Path) -> None
     assert not thread.is_alive()
     assert page.ticks > 0
     assert page.closed
+
+
+def test_many_machines_publish_for_a_shorter_time_when_they_stop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    for number in range(8):
+        add_machine(tmp_path, f"m{number}")
+        if number in (0, 3, 7):
+            supervisor = Supervisor(load_fleet(tmp_path))
+            within = {daemon.publish_within for daemon in supervisor.daemons}
+            assert within == {1.5 if number == 7 else 3.0}
 
 
 def test_only_the_process_itself_is_believed() -> None:

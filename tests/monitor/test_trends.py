@@ -326,9 +326,11 @@ def test_what_is_damaged_or_of_another_version_is_made_anew(folder: Path, harm: 
 def test_trends_of_another_store_are_made_anew(folder: Path) -> None:
     with filled(folder, [block(number, 5.0 * number) for number in range(1, 50)]):
         trends = caught_up(folder)
+        assert trends.query("s", "x").time.size == 49
     for path in folder.glob("state.db*"):
         path.rename(folder / f"old-{path.name}")
-    with filled(folder, [block(number, 7.0 * number) for number in range(1, 60)]) as store:
+    values = {"y": {"speed": 1.0}, "x": {"quality_status": "ok", "h_or": (1.0, 2.0), "rms": 3.0}}
+    with filled(folder, [block(number, 7.0 * number, channels=values) for number in range(1, 60)]) as store:
         while trends.update():
             pass
         said = said_of(store, "s", "x", True)

@@ -7,7 +7,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -42,7 +42,6 @@ class Answer:
         packed: the same under gzip, or None where that is not worth it.
         tag: for If-None-Match, or None.
         status: of HTTP.
-        headers: further ones.
     """
 
     body: bytes
@@ -50,14 +49,20 @@ class Answer:
     packed: bytes | None = None
     tag: str | None = None
     status: int = 200
-    headers: Mapping[str, str] = field(default_factory=dict)
 
 
-def answer_of(body: bytes, media_type: str, *, status: int = 200, headers: Mapping[str, str] | None = None) -> Answer:
-    """Return an answer with its tag, compressed where that is worth it."""
-    packed = gzip.compress(body, 5, mtime=0) if len(body) >= _WORTH_COMPRESSING else None
+def answer_of(body: bytes, media_type: str, *, status: int = 200, level: int = 1) -> Answer:
+    """Return an answer with its tag, compressed where that is worth it.
+
+    Args:
+        body: the bytes.
+        media_type: of the body.
+        status: of HTTP.
+        level: of gzip; for what is made anew each time the first, which is four times as quick and leaves a tenth more.
+    """
+    packed = gzip.compress(body, level, mtime=0) if len(body) >= _WORTH_COMPRESSING else None
     tag = f'"{hashlib.blake2b(body, digest_size=12).hexdigest()}"'
-    return Answer(body, media_type, packed, tag, status, headers or {})
+    return Answer(body, media_type, packed, tag, status)
 
 
 def json_answer(value: Mapping[str, Any], status: int = 200) -> Answer:

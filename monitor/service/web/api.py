@@ -181,6 +181,7 @@ def _counted(table: TrendTable, statuses: tuple[str, ...]) -> list[int]:
 
 
 def is_dated(machine: Machine, source: str) -> bool:
-    """Return whether the latest block of a source has a date."""
-    rows = machine.store.rows("SELECT day FROM blocks WHERE source = ? ORDER BY sequence DESC LIMIT 1", source)
+    """Return whether the blocks of a source have dates; one that was rejected before it had any does not count."""
+    query = "SELECT day FROM blocks WHERE source = ? AND time_status = 'given' ORDER BY sequence DESC LIMIT 1"
+    rows = machine.store.rows(query, source)
     return bool(rows) and rows[0][0] is not None

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncGenerator, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import aclosing
 from functools import partial
 from types import TracebackType
 from typing import Any, BinaryIO, Self
@@ -16,11 +17,11 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Send
 
 from monitor.records.tables import StoreError
 from monitor.service.web import api, event_view, files_view, map_view, spectra_view
-from monitor.service.web.answers import Answer, RequestError, json_answer, without_folders
+from monitor.service.web.answers import Answer, RequestError, answer_of, json_answer, without_folders
 from monitor.service.web.auth import Doorkeeper
 from monitor.service.web.health import health, ready
 from monitor.service.web.login import login_routes
@@ -101,7 +102,7 @@ def _failed(error: Exception) -> Answer:
 
 
 def _response(request: Request, answer: Answer) -> Response:
-    headers = {"cache-control": "no-cache", **answer.headers}
+    headers = {"cache-control": "no-cache"}
     if answer.tag is not None and answer.status == 200:
         headers["etag"] = answer.tag
         if answer.tag in request.headers.get("if-none-match", ""):
@@ -141,11 +142,11 @@ def _page_routes(site: Site) -> list[Route]:
             return _response(request, _failed(error))
         name = request.path_params["file"]
         headers = {"content-length": str(size), "content-disposition": f'attachment; filename="{name}"'}
-        return StreamingResponse(_parts(site, file, size), 200, headers, "application/x-netcdf")
+        return _Stream(_parts(site, file, size), headers, "application/x-netcdf")
 
     async def measured(request: Request) -> Response:
         def make() -> Answer:
-            return Answer(metrics(site.machines, site.measures, len(site.hub)), METRICS_TYPE)
+            return answer_of(metrics(site.machines, site.measures, len(site.hub)), METRICS_TYPE)
 
         return await site.answer(request, make)
 
@@ -160,7 +161,8 @@ def _page_routes(site: Site) -> list[Route]:
         return await site.answer(request, make)
 
     async def is_ready(request: Request) -> Response:
-        return await site.answer(request, lambda: json_answer(ready()))
+        # No thread is needed, so it is answered however busy they are.
+        return _response(request, json_answer(ready()))
 
     return [
         Route("/", static, methods=["GET"]),
@@ -172,7 +174,7 @@ def _page_routes(site: Site) -> list[Route]:
     ]
 
 
-async def _parts(site: Site, file: BinaryIO, size: int) -> AsyncIterator[bytes]:
+async def _parts(site: Site, file: BinaryIO, size: int) -> AsyncGenerator[bytes]:
     """Yield exactly ``size`` bytes of a file, which is replaced, never changed."""
     with file:
         while size > 0:
@@ -259,4 +261,16 @@ async def _stream(site: Site, request: Request) -> Response:
         return _response(request, _failed(error))
     subject = (machine, channel) if machine and channel else None
     headers = {"cache-control": "no-store", "x-accel-buffering": "no"}
-    return StreamingResponse(site.hub.listen(subject), 200, headers, "text/event-stream")
+    return _Stream(site.hub.listen(subject), headers, "text/event-stream")
+
+
+class _Stream(StreamingResponse):
+    """A stream that is ended with its answer, however that ends: a listener is forgotten, a file is closed."""
+
+    def __init__(self, parts: AsyncGenerator[bytes], headers: Mapping[str, str], media_type: str) -> None:
+        super().__init__(parts, 200, headers, media_type)
+        self._parts = parts
+
+    async def stream_response(self, send: Send) -> None:
+        async with aclosing(self._parts):
+            await super().stream_response(send)

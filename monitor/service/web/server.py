@@ -29,6 +29,7 @@ _LOG = logging.getLogger(__name__)
 _ALIVE_EVERY = 5.0
 _HEAD = 8192
 _KEPT_ALIVE = 15
+_BACKLOG = 128
 Say = Callable[[dict[str, Any]], object]
 
 
@@ -115,13 +116,21 @@ async def _beat(say: Say, url: str) -> None:
 
 
 def _listen(web: WebSection, port: int) -> socket.socket:
+    listening: socket.socket | None = None
     try:
         family, _, _, _, address = socket.getaddrinfo(web.host, port, type=socket.SOCK_STREAM)[0]
-        return socket.create_server((str(address[0]), port), family=family, backlog=128)
+        # With the protocol named, the event loop sends small answers at once; otherwise each may wait for 40 ms.
+        listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind(address)
+        listening.listen(_BACKLOG)
     except OSError as error:
+        if listening is not None:
+            listening.close()
         raise PageError(
             f"[web] host = {web.host!r}, port = {port}: cannot be listened on ({error.strerror or error})"
         ) from None
+    return listening
 
 
 def _url(web: WebSection, doors: Doors) -> str:

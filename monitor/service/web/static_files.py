@@ -32,7 +32,7 @@ def static_file(name: str, folder: Path = _FOLDER) -> Answer:
     with _lock:
         known = _known.get(str(path))
         if known is None or known[0] != state:
-            known = _known[str(path)] = (state, answer_of(path.read_bytes(), _type_of(path)))
+            known = _known[str(path)] = (state, answer_of(path.read_bytes(), _type_of(path), level=9))
         return known[1]
 
 

@@ -6,7 +6,7 @@ import asyncio
 import json
 import logging
 import time
-from collections.abc import AsyncIterator, Iterator, Mapping
+from collections.abc import AsyncGenerator, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
@@ -101,7 +101,7 @@ class Hub:
             except TimeoutError:
                 continue
 
-    async def listen(self, subject: Subject | None) -> AsyncIterator[bytes]:
+    async def listen(self, subject: Subject | None) -> AsyncGenerator[bytes]:
         """Yield the messages for one who listens, a comment where there is none for a while."""
         listener = Listener(subject)
         self._listeners.add(listener)

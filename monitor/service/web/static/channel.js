@@ -2,7 +2,7 @@
 
 import { channelPath, get, query } from "./api.js";
 import { Blocks } from "./blocks.js";
-import { figure, sayInstead } from "./chart.js";
+import { figure, loadUplot, sayInstead } from "./chart.js";
 import { fill, h, setText, symbol, table } from "./dom.js";
 import * as fmt from "./fmt.js";
 import { Spectrum } from "./spectrum.js";
@@ -35,10 +35,9 @@ export class Channel {
     this.values = h("details", null, h("summary", null, "Values as a table"), h("div"));
     this.values.addEventListener("toggle", () => this.fillValues());
     this.note = h("p", { class: "note" });
-    const left = h("div", { class: "column" }, this.trendBox.element);
+    const left = h("div", { class: "column" }, this.trendBox.element, this.blocks.element);
     const right = h("div", { class: "column" }, this.spectrum.element, this.waterfall.element, this.map.element);
-    const below = h("div", { class: "columns even" }, this.blocks.element, this.eventBox.element);
-    this.element = h("div", { class: "channel" }, this.head, this.answers, h("div", { class: "columns" }, left, right), below);
+    this.element = h("div", { class: "channel" }, this.head, this.answers, h("div", { class: "columns" }, left, right), this.eventBox.element);
     this.drawHead();
   }
 
@@ -53,10 +52,13 @@ export class Channel {
 
   /** Called when the view is in the page. */
   async entered() {
+    loadUplot().catch(() => null);
+    const records = this.fetchRecords();
+    records.catch(() => null);
     if (!(await this.readInfo())) return;
-    await this.readTrends();
-    this.waterfall.load();
     this.spectrum.load();
+    this.waterfall.load();
+    await this.readTrends(records);
     this.map.load();
     this.blocks.load();
     this.readEvents();
@@ -101,12 +103,17 @@ export class Channel {
     return this.mode;
   }
 
-  async readTrends() {
+  fetchRecords() {
+    const [from, to] = this.span();
+    return get(`${this.path}/records${query({ from, to, points: this.points() })}`);
+  }
+
+  async readTrends(asked = null) {
     const turn = (this.turn += 1);
     const [from, to] = this.span();
     let answer;
     try {
-      answer = await get(`${this.path}/records${query({ from, to, points: this.points() })}`);
+      answer = await (asked ?? this.fetchRecords());
     } catch (error) {
       if (turn !== this.turn) return;
       this.trends.destroy();
@@ -123,7 +130,7 @@ export class Channel {
     this.updateRanges();
     if (!this.data.size && !fmt.isNumber(this.extent.last_s)) {
       this.trends.destroy();
-      sayInstead(this.trendBox.body, "No block has been recorded yet. The trends begin with the first one.");
+      sayInstead(this.trendBox.body, "No usable block has been recorded yet. The trends begin with the first one.");
       return;
     }
     if (!this.trends.element.isConnected) fill(this.trendBox.body, h("div", { class: "under-head" }, this.trends.when, h("span", { class: "note hint" }, "drag or Ctrl+wheel to zoom, double click for all")), this.trends.element, this.note, this.values);

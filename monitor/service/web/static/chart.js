@@ -68,7 +68,7 @@ export function verticalLine(u, x, { stroke, dash = [], label = "", width = 1, r
 }
 
 /** Draw a horizontal line with a label; beyond the chart an arrow says where it lies. */
-export function horizontalLine(u, y, { stroke, dash = [6, 4], label = "", taken = [] }) {
+export function horizontalLine(u, y, { stroke, dash = [6, 4], label = "", taken = [], atLeft = false }) {
   const { ctx, bbox } = u;
   const scale = devicePixelRatio;
   const { min, max } = u.scales.y;
@@ -92,8 +92,9 @@ export function horizontalLine(u, y, { stroke, dash = [6, 4], label = "", taken 
   const words = above ? `${label} ↑` : label;
   const wide = ctx.measureText(words).width + 8 * scale;
   const middle = above ? at : Math.max(bbox.top + 7 * scale, at - 8 * scale);
-  // Where another label stands already, this one stands to its left.
-  const right = bbox.left + bbox.width - taken.filter((other) => Math.abs(other.middle - middle) < 14 * scale).reduce((sum, other) => sum + other.wide, 0);
+  // Where another label stands already, this one stands beside it.
+  const beside = taken.filter((other) => Math.abs(other.middle - middle) < 14 * scale).reduce((sum, other) => sum + other.wide, 0);
+  const right = atLeft ? bbox.left + beside + wide : bbox.left + bbox.width - beside;
   taken.push({ middle, wide });
   ctx.fillStyle = translucent("surface", 0.8);
   ctx.fillRect(right - wide, middle - 7 * scale, wide, 14 * scale);

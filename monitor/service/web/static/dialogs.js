@@ -1,9 +1,8 @@
 // Dialogs: help, the token, an acknowledgement.
 
 import { post, eventPath } from "./api.js";
-import { fill, h } from "./dom.js";
+import { fill, h, symbol } from "./dom.js";
 import { STATES, STATE_ORDER } from "./words.js";
-import { symbol } from "./dom.js";
 
 const NAME = "spallwatch.who";
 
@@ -23,7 +22,8 @@ const SHORTCUTS = [
 ];
 
 /** Shortcuts, and what the symbols mean. */
-export function showHelp(version) {
+export function showHelp(app) {
+  const { version } = app.model;
   const keys = SHORTCUTS.map(([key, what]) => [h("dt", null, h("kbd", null, key)), h("dd", null, what)]);
   const states = STATE_ORDER.map((state) => [
     h("dt", { "data-state": state }, symbol(state)),
@@ -34,7 +34,7 @@ export function showHelp(version) {
     h("dl", { class: "keys" }, states),
     h("p", { class: "note" }, "In charts: drag to zoom, Ctrl and wheel to zoom where the pointer is, double click for the whole time."),
     h("dl", { class: "keys" }, keys),
-    h("div", { class: "buttons" }, h("span", { class: "note" }, version ? `spallwatch ${version}` : ""), h("button", { type: "button", class: "main", onclick: () => dialog.close() }, "Close")),
+    h("div", { class: "buttons" }, h("span", { class: "note" }, version ? `spallwatch ${version}` : ""), app.session?.authorized && h("button", { type: "button", onclick: () => app.logOut() }, "Log out"), h("button", { type: "button", class: "main", onclick: () => dialog.close() }, "Close")),
   );
 }
 

@@ -116,6 +116,12 @@ export function tick(time, step, zone) {
   return step < 60 ? `${p.hour}:${p.minute}:${p.second}` : `${p.hour}:${p.minute}`;
 }
 
+/** Day and time of day, where there is little room. */
+export function short(time, zone) {
+  const p = parts(time, zone);
+  return `${Number(p.day)} ${MONTHS[Number(p.month) - 1]} ${p.hour}:${p.minute}`;
+}
+
 /** A time of day alone. */
 export function clock(time, zone = "UTC") {
   const p = parts(time, zone);

@@ -1,6 +1,6 @@
 // Starts the page: which view is shown, what is live, what the header says.
 
-import { get } from "./api.js";
+import { get, post } from "./api.js";
 import { tokenForm } from "./dialogs.js";
 import { fill, h, setText } from "./dom.js";
 import * as fmt from "./fmt.js";
@@ -36,6 +36,8 @@ class App {
     setInterval(() => this.banners(), 1000);
     // The header's height decides where group titles stick.
     new ResizeObserver(([entry]) => document.documentElement.style.setProperty("--top", `${entry.target.offsetHeight}px`)).observe(document.querySelector(".top"));
+    // What the view needs comes while the machines are read.
+    this.module(this.parts()[0]).catch(() => null);
     const [session] = await Promise.all([this.readSession(), this.readMachines()]);
     if (session?.needs_token && !session.authorized) this.login();
     else await this.begin();
@@ -45,6 +47,19 @@ class App {
     this.begun = true;
     await this.route();
     this.countEvents();
+    // The next click finds its view at hand.
+    globalThis.requestIdleCallback?.(() => this.module("channel").catch(() => null), { timeout: 5000 });
+  }
+
+  /** What the address names. */
+  parts() {
+    return location.hash.slice(1).split("?")[0].split("/").filter(Boolean).map(decodeURIComponent);
+  }
+
+  /** The module of a view, read when it is first needed. */
+  async module(view) {
+    if (view === "channel") return import("./channel.js");
+    return view === "events" || view === "files" ? import("./events.js") : null;
   }
 
   async readSession() {
@@ -76,16 +91,16 @@ class App {
   /** Show what the address names. */
   async route() {
     if (!this.begun) return;
-    const [path, search] = location.hash.slice(1).split("?");
-    const parts = path.split("/").filter(Boolean).map(decodeURIComponent);
+    const parts = this.parts();
+    const search = location.hash.split("?")[1];
     const turn = (this.turn = (this.turn ?? 0) + 1);
     let make = () => new Overview(this);
     let current = "machines";
     if (parts[0] === "channel" && parts.length === 3) {
-      const { Channel } = await import("./channel.js");
+      const { Channel } = await this.module("channel");
       make = () => new Channel(this, parts[1], parts[2]);
     } else if (parts[0] === "events" || parts[0] === "files") {
-      const { Events, Files } = await import("./events.js");
+      const { Events, Files } = await this.module("events");
       current = parts[0];
       make = () => (current === "files" ? new Files(this) : new Events(this, Object.fromEntries(new URLSearchParams(search))));
     }
@@ -144,6 +159,22 @@ class App {
     dot.dataset.live = String(state.live);
     setText(dot, state.live ? "live" : "not live");
     this.banners();
+    if (!state.live && this.begun) this.checkSession();
+  }
+
+  /** Where the stream is refused because a login has ended, a new one is asked for. */
+  async checkSession() {
+    const session = await this.readSession();
+    if (!session?.needs_token || session.authorized || !this.begun) return;
+    this.begun = false;
+    this.view?.close();
+    this.view = null;
+    this.login();
+  }
+
+  async logOut() {
+    await post("logout");
+    location.reload();
   }
 
   /** What everybody must see: a lost connection, a daemon that does not run, a failure of the page itself. */
@@ -202,7 +233,7 @@ class App {
 
   async help() {
     const { showHelp } = await import("./dialogs.js");
-    showHelp(this.model.version);
+    showHelp(this);
   }
 
   key(event) {

@@ -23,7 +23,7 @@ class Row {
     this.state = row.state;
   }
 
-  update(row, age) {
+  update(row, age, zone) {
     const { status } = row;
     this.row = row;
     if (this.state !== row.state) {
@@ -41,14 +41,14 @@ class Row {
     ranged(this.size, fmt.isNumber(status.v_eq_mm2) ? fmt.number(status.v_eq_mm2) : "", fmt.interval(status.v_eq_lower_mm2, status.v_eq_upper_mm2), refusal(status.edv_status, edvSentence));
     const reached = status.tt_status === "already_crossed";
     ranged(this.left, reached ? "threshold reached" : fmt.isNumber(status.tt_s) ? fmt.duration(status.tt_s) : "", reached ? "" : fmt.interval(status.tt_lower_s, status.tt_upper_s, fmt.duration), refusal(status.tt_status, ttSentence));
-    this.setAge(age);
+    this.setAge(age, zone);
     this.order = [-(status.alarms?.length ?? 0), status.tt_s ?? Infinity, row.machine, row.channel ?? ""];
     this.words = `${row.machine} ${row.channel ?? ""} ${STATES[row.state][0]} ${row.reason} ${this.stage.textContent}`.toLowerCase();
   }
 
-  setAge(age) {
+  setAge(age, zone = "UTC") {
     const latest = fmt.fromIso(this.row.status.last_block_utc);
-    setText(this.when, fmt.isNumber(age) ? fmt.age(age) : latest === null ? "" : fmt.moment(latest, { seconds: false }));
+    setText(this.when, fmt.isNumber(age) ? fmt.age(age) : latest === null ? "" : fmt.short(latest, zone));
   }
 }
 
@@ -60,7 +60,7 @@ function ranged(cell, value, range, refused) {
   if (cell.dataset.shown === text) return;
   cell.dataset.shown = text;
   if (!value) fill(cell, refused ? h("span", { class: "small", title: refused }, "refused: ", refused) : null);
-  else fill(cell, value, range ? h("span", { class: "range" }, ` (${range})`) : null);
+  else fill(cell, h("span", { class: "whole" }, value), range ? h("span", { class: "range" }, ` (${range})`) : null);
 }
 
 function compare(a, b) {
@@ -115,7 +115,7 @@ export class Overview {
       seen.add(key);
       let shown = this.rows.get(key);
       if (!shown) this.rows.set(key, (shown = new Row(row)));
-      shown.update(row, model.age(row));
+      shown.update(row, model.age(row), this.app.zone(row.machine));
     }
     for (const key of this.rows.keys()) if (!seen.has(key)) this.rows.delete(key);
     this.sort();
@@ -177,12 +177,12 @@ export class Overview {
 
   /** Only ages change by themselves. */
   tick() {
-    for (const row of this.rows.values()) row.setAge(this.app.model.age(row.row));
+    for (const row of this.rows.values()) row.setAge(this.app.model.age(row.row), this.app.zone(row.row.machine));
     if (this.app.model.rows().some((row) => row.stale !== this.rows.get(JSON.stringify([row.machine, row.channel]))?.row.stale)) this.update();
   }
 
   on(kind) {
-    if (kind === "machines" || kind === "failure") this.update();
+    if (kind === "machines" || kind === "failure" || kind === "prefs") this.update();
   }
 
   close() {

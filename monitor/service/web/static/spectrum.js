@@ -71,7 +71,8 @@ export class Spectrum {
       this.failure = error;
       this.spectrum = null;
       this.destroy();
-      if (error.status === 404) sayInstead(this.body, `No spectrum is kept yet: ${error.message}`);
+      this.updateButtons();
+      if (error.status === 404) sayInstead(this.body, "No spectrum is kept yet. The first usable block gives one.");
       else sayInstead(this.body, `The spectrum could not be read: ${error.message}`, () => this.load(block));
     }
   }
@@ -93,7 +94,8 @@ export class Spectrum {
     const at = blocks.indexOf(this.spectrum?.block);
     this.earlier.disabled = at <= 0;
     this.later.disabled = at < 0 || at >= blocks.length - 1;
-    this.latest.hidden = this.following;
+    this.latest.hidden = this.following || at < 0;
+    this.earlier.hidden = this.later.hidden = at < 0;
   }
 
   async draw() {

@@ -223,8 +223,11 @@ export class Trends {
   drawOver(u, chart) {
     const { marks } = this.info;
     const taken = [];
+    // Marks near the right edge have their words there; levels are then named at the left one.
+    const edge = u.bbox.left + u.bbox.width - 170 * devicePixelRatio;
+    const atLeft = [marks?.t_fs_s, marks?.t_eol_s].some((time) => fmt.isNumber(time) && u.valToPos(time, "x", true) > edge && time <= u.scales.x.max);
     for (const { value, label, colour: name } of [...(chart.spec.lines ?? []), ...chart.spec.levels])
-      horizontalLine(u, value * chart.factor, { stroke: colour(name), label, taken });
+      horizontalLine(u, value * chart.factor, { stroke: colour(name), label, taken, atLeft });
     const named = chart.spec.marks ? (text) => text : () => "";
     const line = colour("mark");
     if (fmt.isNumber(marks?.t_fs_s)) verticalLine(u, marks.t_fs_s, { stroke: line, width: 1.5, label: named("final stage began") });

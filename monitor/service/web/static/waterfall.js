@@ -46,7 +46,7 @@ export class Waterfall {
       this.data = await get(`${channelPath(this.options.machine, this.options.channel)}/waterfall?bins=${BINS}`);
     } catch (error) {
       this.data = null;
-      if (error.status === 404) sayInstead(this.body, `No spectra are kept yet: ${error.message}`);
+      if (error.status === 404) sayInstead(this.body, "No spectrum is kept yet.");
       else sayInstead(this.body, `The spectra could not be read: ${error.message}`, () => this.load());
       return;
     }
