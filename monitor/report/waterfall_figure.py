@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from monitor.records.schema import FAULTS
@@ -78,8 +78,8 @@ def waterfall(
         cmap=colormaps["viridis"].resampled(_COLOURS),
         norm=LogNorm(low, high),
     )
-    bar = made.colorbar(shown, ax=axes, pad=0.01, format=FuncFormatter(lambda value, _: f"{value:g}"))
-    bar.ax.yaxis.set_minor_formatter(NullFormatter())
+    bar = made.colorbar(shown, ax=axes, pad=0.01, ticks=LogLocator(subs=(1.0, 3.0)), format=FuncFormatter(_plain))
+    bar.ax.yaxis.set_minor_locator(NullLocator())
     bar.set_label(f"envelope ({unit})")
     draw_marks(axes, axis, verdict)
     named = _point_at_lines(axes, lines, verdict.fault, top)
@@ -95,6 +95,10 @@ def waterfall(
     )
     data = _data(time, frequency, amplitude, (low, high), unit, [row.sequence for row in dated])
     return Picture("Envelope spectra over life", to_svg(made, label, numbers), caption, data, "waterfall")
+
+
+def _plain(value: float, _: int | None = None) -> str:
+    return f"{value:g}"
 
 
 def _on_grid(time: NDArray[np.float64], amplitude: NDArray[Any]) -> tuple[NDArray[Any], tuple[float, float]]:
