@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 import multiprocessing
@@ -277,12 +278,13 @@ def fingerprint(task: Task) -> str:
 
 
 def _inputs(path: Path) -> list[Path]:
+    """Return the files that a page is made of; a write-ahead log without anything in it comes and goes with readers."""
     if path.is_file():
-        return [path, *(other for other in (path.with_name(f"{path.name}-wal"),) if other.exists())]
-    wanted = {".db", ".nc", ".db-wal"}
-    found = sorted(item for item in path.rglob("*") if item.is_file())
-    records = [item for item in found if item.suffix in wanted]
-    return records or found
+        found = [path, *path.parent.glob(f"{glob.escape(path.name)}-wal")]
+    else:
+        found = sorted(item for item in path.rglob("*") if item.is_file())
+    records = [item for item in found if item.suffix in (".db", ".nc", ".db-wal")]
+    return [item for item in records or found if item.suffix != ".db-wal" or item.stat().st_size > 0]
 
 
 def _kept(folder: Path, print_of: str) -> tuple[RunSummary, ...] | None:

@@ -123,6 +123,21 @@ def test_a_second_batch_makes_only_what_changed(fleet: Path, tmp_path: Path) -> 
     assert not any(outcome.reused for outcome in fourth)
 
 
+@pytest.mark.parametrize("loose", [False, True])
+def test_reading_a_store_for_the_first_time_is_no_change_of_it(tmp_path: Path, loose: bool) -> None:
+    store_at(tmp_path / "in" / "a", life(60, onset=100, learn=40))
+    if loose:
+        (tmp_path / "in" / "a" / "state.db").rename(tmp_path / "in" / "a" / "old.db")
+    (item,) = find_items(tmp_path / "in", recordings=False)
+    for expected in (False, True):
+        (outcome,) = run_batch([item], tmp_path / "out", options=Options(), workers=1)
+        assert outcome.error == ""
+        assert outcome.reused is expected
+    with Store.open(tmp_path / "in" / "a" / ("old.db" if loose else "state.db"), machine="press") as store:
+        store.commit(life(61, onset=100, learn=40)[60], {})
+    assert not run_batch([item], tmp_path / "out", options=Options(), workers=1)[0].reused
+
+
 def dies(task: Task) -> Outcome:
     """Take the place of a report whose process is killed."""
     if task.item.name == "b":
