@@ -5,7 +5,8 @@ navigation by the page's own clock, median and worst of several loads, each in a
 beside a server of its own on the same machine:
 
 - *content*: the first row of the overview, or the answers of a channel, stand in the page;
-- *drawn*: all rows stand; or the trends, the spectrum and the waterfall of a channel are drawn;
+- *drawn*: all rows stand; or the trends and the spectrum of a channel are drawn;
+- *all*: the waterfall, too;
 - *kB*: what was transferred, as packed on the way;
 - *longest task*: the longest time for which the page did not react, ms (1,000 rows are the hard part).
 
@@ -35,6 +36,7 @@ from monitor.records.spectra import SpectrumChange, SpectrumRow, write_changes
 from monitor.records.store import Store
 from monitor.records.trends import Trends
 
+Selectors = tuple[str, ...]
 MANY = 1000
 _SPECTRA, _BINS = 300, 1300
 _WATCH = """
@@ -52,7 +54,8 @@ new MutationObserver(() => {
 """
 """Remembers when what is waited for first stood in a frame, in ms from the navigation."""
 _ROWS = (f".rows > .row:nth-child({MANY // 2})",)
-_CHARTS = ('[data-chart="rms"] canvas', "[aria-label^='Envelope spectrum of'] canvas", ".board")
+_CHARTS = ('[data-chart="rms"] canvas', "[aria-label^='Envelope spectrum of'] canvas")
+_ALL = (*_CHARTS, ".board")
 
 
 def _machine(folder: Path, name: str, source: str, channels: list[str]) -> Path:
@@ -134,16 +137,16 @@ def _served(*configs: Path) -> Iterator[str]:
             process.terminate()
 
 
-def _load(browser: Browser, url: str, content: str, drawn: tuple[str, ...]) -> dict[str, float]:
+def _load(browser: Browser, url: str, content: str, drawn: Selectors, complete: Selectors) -> dict[str, float]:
     context = browser.new_context(viewport={"width": 1400, "height": 900})
     page = context.new_page()
-    page.add_init_script(_WATCH % json.dumps({"content": [content], "drawn": list(drawn)}))
+    page.add_init_script(_WATCH % json.dumps({"content": [content], "drawn": drawn, "all": complete}))
     session = context.new_cdp_session(page)
     session.send("Network.enable")
     sizes: list[float] = []
     session.on("Network.loadingFinished", lambda event: sizes.append(event["encodedDataLength"]))
     page.goto(url, wait_until="commit")
-    for selector in (content, *drawn):
+    for selector in (content, *complete):
         page.wait_for_selector(selector, state="attached")
     page.wait_for_timeout(300)
     seen, longest = page.evaluate("[window.seen, window.longest]")
@@ -161,12 +164,12 @@ def measure(count: int, rounds: int) -> list[Row]:
         browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
         with _served(*configs) as url:
             views = {
-                f"overview, {MANY + 1} channels": ("#/", ".row", _ROWS),
-                f"channel, {count} records": (f"#/channel/rig/{CHANNEL}", ".answers", _CHARTS),
+                f"overview, {MANY + 1} channels": ("#/", ".row", _ROWS, _ROWS),
+                f"channel, {count} records": (f"#/channel/rig/{CHANNEL}", ".answers", _CHARTS, _ALL),
             }
-            for view, (fragment, content, drawn) in views.items():
-                _load(browser, url + fragment, content, drawn)
-                runs = [_load(browser, url + fragment, content, drawn) for _ in range(rounds)]
+            for view, (fragment, *waited) in views.items():
+                _load(browser, url + fragment, *waited)
+                runs = [_load(browser, url + fragment, *waited) for _ in range(rounds)]
                 rows.append(_row(view, runs))
         browser.close()
     return rows
@@ -174,7 +177,7 @@ def measure(count: int, rounds: int) -> list[Row]:
 
 def _row(view: str, runs: list[dict[str, float]]) -> Row:
     row: dict[str, float | int | str | None] = {"view": view, "loads": len(runs)}
-    for key in ("content", "drawn", "longest task"):
+    for key in ("content", "drawn", "all", "longest task"):
         row[f"{key}, ms"] = statistics.median(run[key] for run in runs)
         row[f"{key}, worst"] = max(run[key] for run in runs)
     row["kB"] = statistics.median(run["kB"] for run in runs)

@@ -5,18 +5,21 @@
 A daemon as people run it, with all its child processes, gets 100,000 blocks (0.1 s at 2,560 Hz, one channel) over TCP,
 each sent when the one before is acknowledged: the latency is from the first byte of a block to the acknowledgement of
 its commit. The blocks are dated 5 s apart, so that a day's file has as many rows as one of a real machine. Resident
-memory, open files and threads of every process are looked at every few hundred blocks; the slope is the least-squares
-line over all looks after the warm-up. The store is on a disk that honours fsync, or the latency means little.
+memory, open files and threads of every process are looked at every few hundred blocks, and each time the page is asked
+for machines, trends and events; the slope is the least-squares line over all looks after the warm-up. The store is on
+a disk that honours fsync, or the latency means little.
 """
 
 from __future__ import annotations
 
+import json
 import signal
 import socket
 import subprocess
 import sys
 import tempfile
 import time
+import urllib.request
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -151,7 +154,18 @@ def connect(port: int, daemon: subprocess.Popen[bytes]) -> TcpLink:
             return link
 
 
-def feed(link: TcpLink, daemon: subprocess.Popen[bytes], blocks: int) -> tuple[list[float], list[Process]]:
+def ask_page(state: Path) -> None:
+    """Ask the page for what somebody who looks at it would see; it may not be there yet."""
+    try:
+        page = json.loads((state / "status.json").read_text(encoding="utf-8")).get("page")
+    except FileNotFoundError:
+        return
+    for path in ("api/machines", "api/channels/m/x/records?points=500", "api/events?limit=50") if page else ():
+        with urllib.request.urlopen(f"{page}{path}", timeout=60.0) as answer:
+            answer.read()
+
+
+def feed(link: TcpLink, daemon: subprocess.Popen[bytes], blocks: int, state: Path) -> tuple[list[float], list[Process]]:
     """Send the blocks one after the other; return their latencies, s, and what was seen of the processes."""
     latencies: list[float] = []
     seen: dict[str, Process] = {"daemon": Process("daemon")}
@@ -168,6 +182,7 @@ def feed(link: TcpLink, daemon: subprocess.Popen[bytes], blocks: int) -> tuple[l
             seen["daemon"].look(daemon.pid, sequence)
             for pid, role in children(daemon.pid).items():
                 seen.setdefault(role, Process(role)).look(pid, sequence)
+            ask_page(state)
     return latencies, list(seen.values())
 
 
@@ -180,7 +195,7 @@ def measure(blocks: int) -> dict[str, Any]:
         try:
             link = connect(port, daemon)
             began = time.monotonic()
-            latencies, processes = feed(link, daemon, blocks)
+            latencies, processes = feed(link, daemon, blocks, folder / "state")
             seconds = time.monotonic() - began
             link.close()
             asked = time.monotonic()

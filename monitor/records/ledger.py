@@ -74,6 +74,18 @@ class StoreLedger:
         query = "SELECT min(sequence) FROM blocks WHERE source = ? AND content_hash = ?"
         return self._reader.rows(query, source, content_hash)[0][0]
 
+    def number_of(self, source: str, name: str, content_hash: str) -> int | None:
+        """Return the number of a committed block of this name and content, or None.
+
+        Of many blocks of one content (a dead sensor gives the same again and again), the latest are looked at.
+        """
+        found = self._reader.rows(
+            "SELECT sequence FROM (SELECT sequence, name FROM blocks WHERE source = ? AND content_hash = ?"
+            f" ORDER BY id DESC LIMIT {_ALIKE * _ALIKE}) WHERE name = ?",
+            *(source, content_hash, name),
+        )
+        return found[0][0] if found else None
+
     def file(self, source: str, path: str) -> FileProgress | None:
         """Return what is known of a file, or None."""
         found = self._reader.rows(f"SELECT {_COLUMNS} FROM files WHERE source = ? AND path = ?", source, path)

@@ -25,6 +25,7 @@ from monitor.records.filesystem import sync_folder
 from monitor.records.leaf_pages import leaf_rows
 from monitor.records.ledger import StoreLedger
 from monitor.records.locks import let_go, take_lock
+from monitor.records.salvage_published import from_published
 from monitor.records.salvage_rows import carry_over
 from monitor.records.salvage_settle import first_change, settle
 from monitor.records.store import Store, StoreError
@@ -63,6 +64,7 @@ class SalvageReport:
         reason: what was wrong with it, in the words of who found it.
         saved: records that are as they were committed.
         unchecked: how many of them have no digest that proves it: of an older version, or the digest itself is gone.
+        restored: how many of them come from the published files, and are proven by their digests.
         emptied: blocks whose record is gone, and of which the ledger entry was kept as ``unreadable``.
         missing: blocks of which nothing is left.
         unplaced: further blocks that are gone, of sources that nobody knows any more.
@@ -74,6 +76,7 @@ class SalvageReport:
     reason: str
     saved: int
     unchecked: int = 0
+    restored: int = 0
     emptied: tuple[Stretch, ...] = ()
     missing: tuple[Stretch, ...] = ()
     unplaced: int = 0
@@ -96,6 +99,8 @@ class SalvageReport:
         """What happened, in sentences."""
         parts = [f"the store was damaged ({self.reason}) and is kept as {self.aside.name}"]
         parts.append(f"{self.saved} records were saved")
+        if self.restored:
+            parts.append(f"{self.restored} of them from the published files")
         if self.unchecked:
             parts.append(f"{self.unchecked} of them cannot be proven to be unchanged")
         lost = [str(part) for part in (*self.emptied, *self.missing)]
@@ -233,7 +238,7 @@ def _salvage(
         for suffix in ("", "-wal", "-shm"):
             fresh.with_name(fresh.name + suffix).unlink(missing_ok=True)
         aside = _free_name(path, now)
-        report = _fill(path, fresh, aside, machine, reason, beat)
+        report = _fill(path, fresh, aside, machine, reason, records_dir, beat)
         with EventLog(fresh) as events:
             events.notice(now, report.notice())
         _close_for_good(fresh)
@@ -248,7 +253,15 @@ def _salvage(
     return report
 
 
-def _fill(path: Path, fresh: Path, aside: Path, machine: str, reason: str, beat: Callable[[], object]) -> SalvageReport:
+def _fill(
+    path: Path,
+    fresh: Path,
+    aside: Path,
+    machine: str,
+    reason: str,
+    records_dir: Path | None,
+    beat: Callable[[], object],
+) -> SalvageReport:
     """Make the new store and fill it."""
 
     def still_there() -> bool:
@@ -263,12 +276,14 @@ def _fill(path: Path, fresh: Path, aside: Path, machine: str, reason: str, beat:
         connection.execute("PRAGMA synchronous = OFF")
         connection.set_progress_handler(still_there, _BEAT_EVERY)
         found = carry_over(path, connection)
-        account = settle(connection, found)
+        restore = None if records_dir is None else from_published(records_dir, machine)
+        account = settle(connection, found, restore)
     return SalvageReport(
         aside=aside,
         reason=reason,
         saved=account.saved,
         unchecked=account.unchecked,
+        restored=account.restored,
         emptied=_stretches(account.emptied),
         missing=tuple(Stretch(*part) for part in account.missing),
         unplaced=account.unplaced,

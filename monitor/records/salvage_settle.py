@@ -11,6 +11,7 @@ from typing import Any
 from monitor.records.digests import content_digest, ledger_digest, states_digest
 from monitor.records.filing import Filing, Stored
 from monitor.records.packing import pack
+from monitor.records.salvage_published import Restore
 from monitor.records.salvage_rows import LEDGER, Found
 
 LOST = "its record was lost when the store was damaged"
@@ -31,6 +32,7 @@ class Account:
     Attributes:
         saved: records that are as they were committed.
         unchecked: those among them that have no digest to prove it.
+        restored: how many of them were taken from the published files.
         emptied: source and number of the blocks of which only the ledger entry is left.
         missing: source, first and last number of blocks of which nothing is left.
         unplaced: how many more blocks are gone, the newest ones, of which not even the source is known.
@@ -39,13 +41,14 @@ class Account:
 
     saved: int = 0
     unchecked: int = 0
+    restored: int = 0
     emptied: list[tuple[str, int]] = field(default_factory=list)
     missing: list[tuple[str, int, int]] = field(default_factory=list)
     unplaced: int = 0
     relearning: list[str] = field(default_factory=list)
 
 
-def settle(fresh: sqlite3.Connection, found: Found) -> Account:
+def settle(fresh: sqlite3.Connection, found: Found, restore: Restore | None = None) -> Account:
     """Check every record that was carried over, and keep what can be believed.
 
     A block whose ledger entry is whole but whose record is not stays in the ledger as ``unreadable``, so that it is
@@ -54,11 +57,12 @@ def settle(fresh: sqlite3.Connection, found: Found) -> Account:
     Args:
         fresh: the new store, in autocommit and without foreign keys.
         found: what :func:`monitor.records.salvage_rows.carry_over` found.
+        restore: looks for what is lost among the published files.
     """
     account = Account()
     known = _highest(fresh)
     checker = _Checker(fresh, found)
-    emptied: list[tuple[Any, ...]] = []
+    emptied: dict[int, tuple[Any, ...]] = {}
     fresh.execute("BEGIN")
     last = 0
     while rows := fresh.execute(_BLOCKS, (last,)).fetchall():
@@ -69,11 +73,13 @@ def settle(fresh: sqlite3.Connection, found: Found) -> Account:
                 account.saved += 1
                 account.unchecked += verdict == "unchecked"
             elif verdict == "emptied":
-                emptied.append(row)
+                emptied[row[0]] = row
             else:
                 fresh.execute("DELETE FROM blocks WHERE id = ?", (row[0],))
+    if restore is not None:
+        _restore(fresh, found, restore, checker, account, emptied)
     checker.write_layouts()
-    for row in emptied:
+    for row in emptied.values():
         account.emptied.append((row[1], row[2]))
         _empty(fresh, row)
     for table in _PARTS:
@@ -89,6 +95,43 @@ def settle(fresh: sqlite3.Connection, found: Found) -> Account:
     _never_again(fresh, known)
     fresh.execute("COMMIT")
     return account
+
+
+def _restore(
+    fresh: sqlite3.Connection,
+    found: Found,
+    restore: Restore,
+    checker: _Checker,
+    account: Account,
+    emptied: dict[int, tuple[Any, ...]],
+) -> None:
+    """Take from the published files what their digests prove, with the record where that is proven, too."""
+    lost = {
+        row[1]: row[0]
+        for row in fresh.execute("SELECT block, ledger FROM digests WHERE block NOT IN (SELECT id FROM blocks)")
+    }
+    lost |= {row[15]: block for block, row in emptied.items() if row[15] is not None}
+    layouts = [(number, text) for number, texts in found.layouts.items() for text in texts]
+    for piece in restore(list(lost), layouts):
+        block = lost[piece.ledger]
+        if block not in emptied:
+            values = (block, *piece.entry)
+            run = "coalesce((SELECT run FROM blocks WHERE id < ? ORDER BY id DESC LIMIT 1), 0)"
+            marks = ", ".join("?" for _ in values)
+            statement = f"INSERT OR IGNORE INTO blocks (id, {LEDGER}, run) VALUES ({marks}, {run})"
+            if not fresh.execute(statement, (*values, block)).rowcount:
+                continue
+            emptied[block] = values
+        if not _bodies(fresh, "events", block):
+            rows = [(block, text) for text in piece.events]
+            fresh.executemany("INSERT INTO events (block, body) VALUES (?, ?)", rows)
+        for layout, row in piece.rows:
+            fresh.execute("INSERT OR REPLACE INTO records VALUES (?, ?, ?)", (block, layout, row))
+            if checker.verdict(fresh.execute(_BLOCKS, (block - 1,)).fetchone()) == "saved":
+                account.saved += 1
+                account.restored += 1
+                del emptied[block]
+                break
 
 
 def first_change(store: sqlite3.Connection, most: int) -> str | None:

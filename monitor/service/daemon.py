@@ -29,6 +29,8 @@ _LOG = logging.getLogger(__name__)
 _STATUS_EVERY = 1.0
 _LOOK_EVERY = 1.0
 _STATUS_SHARE = 50.0
+_STATUS_AT_LEAST = 5.0
+"""s: whoever reads it takes a status that is three times as old for that of a daemon that hangs."""
 _PAUSE = 0.5
 
 
@@ -157,9 +159,10 @@ class Daemon:
             _LOG.warning("there is room on the disk again; going on")
         self._companions.tick(room=room)
         if now >= self._status_due:
-            began = time.monotonic()
+            began = time.thread_time()
             self._write_status("running")
-            self._status_due = now + max(_STATUS_EVERY, _STATUS_SHARE * (time.monotonic() - began))
+            spent = time.thread_time() - began
+            self._status_due = now + min(max(_STATUS_EVERY, _STATUS_SHARE * spent), _STATUS_AT_LEAST)
         return room
 
     def _look(self) -> None:

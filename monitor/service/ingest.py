@@ -201,7 +201,12 @@ class Ingest:
             return item
         had = self._ledger.content_of(item.source, item.sequence)
         if had is None:
-            return item
+            # A file that the ledger has lost sight of is read again, and its blocks get new numbers.
+            number = self._ledger.number_of(item.source, item.name, item.content_hash) if item.content_hash else None
+            if number is None:
+                return item
+            reason = f"is block {number} read once more"
+            return Rejected(item.source, number, item.name, "duplicate", reason, item.content_hash)
         status = "duplicate" if had == item.content_hash else "changed"
         reason = f"block {item.sequence} is there already"
         return Rejected(item.source, item.sequence, item.name, status, reason, item.content_hash)

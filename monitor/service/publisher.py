@@ -22,6 +22,8 @@ _LONGEST = 600.0
 _SHARE = 20.0
 _LOOK_AGAIN = 10
 _KILLED_WITHIN = 0.5
+_RETIRED_AFTER = 200
+"""Publications after which another child takes over: the libraries lose some kilobytes with every file."""
 _START = """
 import signal, sys
 for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -59,6 +61,8 @@ class Publisher:
         self._every, self._monotonic = every, monotonic
         self._child: subprocess.Popen[bytes] | None = None
         self._buffer = b""
+        self._answers = 0
+        self._retired: subprocess.Popen[bytes] | None = None
         self._asked: float | None = None
         self._due = monotonic()
         # Files may have been lost or damaged while nobody looked.
@@ -110,21 +114,25 @@ class Publisher:
 
     def close(self) -> None:
         """End the child; a file that it was writing stays as it was."""
+        self._asked = None
+        earlier, self._retired = self._retired, None
+        self._retire()
+        later, self._retired = self._retired, None
+        for child in (earlier, later):
+            if child is not None:
+                _end(child)
+
+    def _retire(self) -> None:
+        """Let the child end, which it does when it has written what it is writing."""
         child, self._child = self._child, None
-        self._asked, self._buffer = None, b""
+        self._answers, self._buffer = 0, b""
         if child is None:
             return
+        self._retired = child
         for pipe in (child.stdin, child.stdout):
             if pipe is not None:
                 with contextlib.suppress(OSError):
                     pipe.close()
-        try:
-            child.wait(_KILLED_WITHIN)
-        except subprocess.TimeoutExpired:
-            child.kill()
-            # One that hangs in a dead network share cannot even be killed; it is left behind.
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                child.wait(_KILLED_WITHIN)
 
     def _ask(self) -> None:
         self._asked, self._changed, self._idle_turns = self._monotonic(), False, 0
@@ -173,6 +181,9 @@ class Publisher:
         if answer["published"]:
             _LOG.info("published %s in %.1f s", ", ".join(str(done[0]) for done in answer["published"]), took)
         self._say(answer["problem"])
+        self._answers += 1
+        if self._answers >= _RETIRED_AFTER and (self._retired is None or self._retired.poll() is not None):
+            self._retire()
 
     def _fail(self, problem: str) -> None:
         self.close()
@@ -188,3 +199,14 @@ class Publisher:
             else:
                 _LOG.error("publishing fails: %s", problem)
         self.problem = problem
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    """Wait a moment for a child that ends, then end it."""
+    try:
+        child.wait(_KILLED_WITHIN)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        # One that hangs in a dead network share cannot even be killed; it is left behind.
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.wait(_KILLED_WITHIN)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from monitor.records.events import EventLog
 from tests.browser.conftest import Visitor
 from tests.browser.machine import Served, channel_name
 from tests.effort import effort_count
+from tests.faults.daemons import ROOT
 
 pytestmark = pytest.mark.browser
 
@@ -101,6 +104,33 @@ def test_an_alarm_is_acknowledged_with_a_name_and_a_note(fixed: Served, visitor:
     expect(page.locator(".event[data-open]")).to_have_count(before - 2)
     assert page.evaluate("window.trapped") is None
     visit.trouble = [text for text in visit.trouble if not text.startswith(("401", "403"))]
+
+
+@pytest.fixture
+def ended(tmp_path: Path) -> Iterator[str]:
+    """Address of the page of a machine that was well when its daemon was stopped."""
+    served = Served(tmp_path)
+    served.start()
+    served.put(16)
+    served.stop()
+    command = [sys.executable, "-m", "monitor.service.web.server", str(served.config), "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+        process.terminate()
+
+
+def test_where_no_daemon_runs_nothing_is_read_as_healthy(ended: str, visitor: Visitor) -> None:
+    visit = visitor(ended)
+    page = visit.go()
+    expect(page.locator("#banners")).to_contain_text("The daemon was stopped")
+    expect(page.locator(".group:visible > h2")).to_have_count(1)
+    expect(page.locator(".group:visible > h2")).to_contain_text("No data")
+    expect(page.locator(".row[data-stale]")).to_have_count(2)
+    expect(page.locator(".row").first).to_contain_text("last said: normal")
+    page = visit.go("#/channel/pump/x0")
+    expect(page.locator(".answers")).to_contain_text("nothing is known since")
+    expect(page.locator('[data-chart="rms"] canvas')).to_be_visible()
 
 
 @pytest.fixture

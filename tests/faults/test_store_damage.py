@@ -14,11 +14,15 @@ from monitor.records import salvage
 from monitor.records.events import EventLog
 from monitor.records.leaf_pages import leaf_rows
 from monitor.records.ledger import StoreLedger
+from monitor.records.packing import pack
+from monitor.records.publish import publish
 from monitor.records.record import Record
 from monitor.records.salvage import SalvageReport, open_or_salvage
 from monitor.records.store import Store, StoreError
 from streams.ledger import FileProgress
 from tests.effort import effort_count
+from tests.faults.test_folder_kill import drain
+from tests.streams.folders import csv_bytes, noise
 
 SOURCES = ("s", "t")
 BLOCKS = 260
@@ -87,9 +91,9 @@ def copied(source: Path, folder: Path) -> Path:
     return folder / "state.db"
 
 
-def check(path: Path) -> SalvageReport | None:
+def check(path: Path, records_dir: Path | None = None) -> SalvageReport | None:
     """Open a store that may be damaged, and hold what it has against what was committed."""
-    store, report = open_or_salvage(path, machine="m")
+    store, report = open_or_salvage(path, machine="m", records_dir=records_dir)
     with store:
         assert store.check() == []
         found = list(store.records())
@@ -293,3 +297,91 @@ def test_every_single_page_costs_only_what_is_on_it(stores: dict[bool, Path], tm
         assert report is not None
         assert report.saved + report.lost == len(ALL)
         assert report.lost < 90
+
+
+def test_what_the_store_lost_and_a_published_file_has_comes_back_bit_for_bit(
+    stores: dict[bool, Path], tmp_path: Path
+) -> None:
+    published = tmp_path / "records"
+    with Store.open(copied(stores[True], tmp_path / "state"), read_only=True) as store:
+        assert publish(store, published)
+    restored = 0
+    for where in (b"s100.csv[1]", b"t40.csv[1]"):
+        path = copied(stores[True], tmp_path / "state")
+        data = bytearray(path.read_bytes())
+        while (place := data.find(where)) > 0:
+            zero(data, place, 0)
+        path.write_bytes(data)
+        without = check(copied_damage(data, tmp_path / "without"))
+        assert without is not None
+        report = check(path, published)
+        assert report is not None
+        # Forecasts are in no published file: they come back where their own pages are whole.
+        assert report.lost == 0 < without.lost
+        assert report.restored == without.lost
+        restored += report.restored
+    assert restored > 50
+
+
+def test_records_on_lost_pages_come_back_unless_their_forecasts_are_gone_too(
+    stores: dict[bool, Path], tmp_path: Path
+) -> None:
+    published = tmp_path / "records"
+    with Store.open(copied(stores[True], tmp_path / "state"), read_only=True) as store:
+        assert publish(store, published)
+    whole = stores[True].read_bytes()
+    row = pack(record("s", 90).channels)[1]
+    place = whole.find(row)
+    assert place > 0
+    data = bytearray(whole)
+    zero(data, place, 0)
+    report = check(copied_damage(data, tmp_path / "one"), published)
+    assert report is not None
+    assert report.restored > 0 == report.lost
+    place = whole.find(b'"tt_s": 90.0')
+    assert place > 0
+    zero(data, place, 0)
+    report = check(copied_damage(data, tmp_path / "both"), published)
+    assert report is not None
+    assert report.restored > 0 < report.lost
+    (published / "m-20231114.nc").write_bytes(b"damaged, too")
+    report = check(copied_damage(data, tmp_path / "all"), published)
+    assert report is not None
+    assert report.restored == 0 < report.lost
+
+
+def copied_damage(data: bytes | bytearray, folder: Path) -> Path:
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    path = folder / "state.db"
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize("where", [b"f00003.csv", b"accepted"])
+def test_files_that_the_store_no_longer_knows_are_read_again_and_counted_once(tmp_path: Path, where: bytes) -> None:
+    folder, path = tmp_path / "in", tmp_path / "state.db"
+    folder.mkdir()
+    for number in range(1, 7):
+        (folder / f"f{number:05d}.csv").write_bytes(csv_bytes(noise(512, number)))
+    drain(folder, path)
+    with Store.open(path, read_only=True) as store:
+        before = list(store.records())
+    data = bytearray(path.read_bytes())
+    while (place := data.find(where)) > 0:
+        zero(data, place, 0)
+    path.write_bytes(data)
+    store, report = open_or_salvage(path, machine="m")
+    store.close()
+    assert report is not None
+    (folder / "f00007.csv").write_bytes(csv_bytes(noise(512, 7)))
+    drain(folder, path)
+    with Store.open(path, machine="m") as store, StoreLedger(store) as ledger:
+        assert store.check() == []
+        found = list(store.records())
+        # Those that are gone without a trace come again from their files, as late as they come.
+        assert sum(ledger.file_counts("s").values()) == 7
+    assert len(before) == 12
+    kept = [item.content_hash for item in found]
+    assert len(set(kept)) == len(kept) == 14
+    assert {item.content_hash for item in before} <= set(kept)

@@ -11,6 +11,7 @@ from contextlib import closing
 from typing import Any, NamedTuple
 
 from monitor.records.events import NEEDS_NOBODY, Acknowledgement, EventLog, LoggedEvent
+from monitor.records.tables import StoreError
 from monitor.service.event_words import event_text
 from monitor.service.web.answers import RequestError, without_folders
 from monitor.service.web.machines import Machine, Machines
@@ -40,12 +41,18 @@ def events(site: Machines, query: Query) -> dict[str, Any]:
     chosen = [site.machine(query["machine"])] if query.get("machine") else list(site)
     before = _place_of(site, query["before"]) if query.get("before") else None
     found: list[tuple[Place, dict[str, Any]]] = []
+    failing: dict[str, str] = {}
+    waiting = 0
     for machine in chosen:
-        if machine.store.identity() is not None:
-            found += _read(machine, limit, before)
+        try:
+            if machine.store.identity() is not None:
+                found += _read(machine, limit, before)
+                waiting += unacknowledged(machine)
+        except StoreError as error:
+            # The others' events are worth seeing all the same.
+            failing[machine.name] = without_folders(str(error))
     found.sort(key=lambda item: item[0], reverse=True)
-    waiting = sum(unacknowledged(machine) for machine in chosen)
-    return {"unacknowledged": waiting, "events": [event for _, event in found[:limit]]}
+    return {"unacknowledged": waiting, "failing": failing, "events": [event for _, event in found[:limit]]}
 
 
 def unacknowledged(machine: Machine) -> int:

@@ -89,8 +89,7 @@ class Hub:
         while True:
             if self._listeners:
                 subjects = {listener.subject for listener in self._listeners if listener.subject is not None}
-                news = await self._loop.run_in_executor(self._thread, lambda found=subjects: list(self._look(found)))
-                for item in news:
+                for item in await self._loop.run_in_executor(self._thread, self._found, subjects):
                     self._tell(item)
             else:
                 # Whoever comes first gets everything, and from then on what is new.
@@ -142,6 +141,14 @@ class Hub:
                 _LOG.debug("%s: %s", machine.name, error)
         whole = [machine.status().values for machine in self._machines]
         return message("machines", {"full": True, "machines": whole})
+
+    def _found(self, subjects: set[Subject]) -> list[_News]:
+        """Return what is new; a look that fails is no end of looking."""
+        try:
+            return list(self._look(subjects))
+        except Exception:
+            _LOG.exception("what is new cannot be told")
+            return []
 
     def _look(self, subjects: set[Subject]) -> Iterator[_News]:
         now = time.monotonic()

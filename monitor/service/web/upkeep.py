@@ -33,6 +33,10 @@ def keep_up(machines: Machines, ending: threading.Event) -> None:
                 if failing.get(machine.name) != str(error):
                     _LOG.warning("trends: %s", error)
                 failing[machine.name] = str(error)
+            except Exception:
+                _LOG.exception("trends of machine %s", machine.name)
+                failing[machine.name] = "a mistake of the program"
+                ending.wait(_EVERY)
             else:
                 failing.pop(machine.name, None)
         # Even where there is a year to catch up with, answers come first.

@@ -37,7 +37,14 @@ export class Blocks {
     const dated = this.options.info()?.dated;
     const counts = Object.entries(this.data.counts ?? {}).filter(([status, many]) => status !== "ok" && many > 0);
     const ok = this.data.counts?.ok ?? 0;
-    const summary = h("p", { class: "note" }, `${fmt.counted(ok, "block")} of this machine accepted`, counts.map(([status, many]) => `, ${fmt.count(many)} ${status.replaceAll("_", " ")}`), this.data.pending ? `; ${fmt.counted(this.data.pending, "block")} waiting` : "", ".");
+    const summary = h(
+      "p",
+      { class: "note" },
+      `${fmt.counted(ok, "block")} of this machine accepted`,
+      counts.map(([status, many]) => `, ${fmt.count(many)} ${status.replaceAll("_", " ")}`),
+      this.data.pending ? `; ${fmt.counted(this.data.pending, "block")} waiting` : "",
+      ".",
+    );
     if (!this.blocks.length) {
       fill(this.body, summary, h("p", null, "No block of this channel's source was rejected or flagged."));
       return;
@@ -45,8 +52,17 @@ export class Blocks {
     const zone = this.options.zone();
     const rows = this.blocks.slice(0, SHOWN).map((block) => [
       fmt.moment(block.time_s, { dated, zone }), String(block.block), block.name ?? "",
-      h("span", { class: block.rejected ? "wrong" : "" }, `${block.rejected ? "rejected" : "flagged"}: ${block.status.replaceAll("_", " ")}`), block.reason || blockSentence(block.status),
+      h(
+        "span",
+        { class: block.rejected ? "wrong" : "" },
+        `${block.rejected ? "rejected" : "flagged"}: ${block.status.replaceAll("_", " ")}`,
+      ), block.reason || blockSentence(block.status),
     ]);
-    fill(this.body, summary, table("Blocks rejected or flagged, newest first", ["Time", "Block", "Name", "Verdict", "Why"], rows), this.blocks.length > SHOWN ? h("p", { class: "note" }, `the newest ${SHOWN} of ${fmt.count(this.blocks.length)}`) : null);
+    fill(
+      this.body,
+      summary,
+      table("Blocks rejected or flagged, newest first", ["Time", "Block", "Name", "Verdict", "Why"], rows),
+      this.blocks.length > SHOWN ? h("p", { class: "note" }, `the newest ${SHOWN} of ${fmt.count(this.blocks.length)}`) : null,
+    );
   }
 }

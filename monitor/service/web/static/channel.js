@@ -28,7 +28,9 @@ export class Channel {
     this.trendBox = figure("Trends", { tools: this.makeRanges() });
     this.trends = new Trends({ ...options, onRange: (from, to) => this.choose(from, to) });
     this.spectrum = new Spectrum({ ...options, onBlock: (block) => this.waterfall.choose(this.spectrum.following ? null : block) });
-    this.waterfall = new Waterfall({ ...options, lines: () => this.spectrum.spectrum?.lines_hz, onBlock: (block) => this.spectrum.load(block) });
+    this.waterfall = new Waterfall(
+      { ...options, lines: () => this.spectrum.spectrum?.lines_hz, onBlock: (block) => this.spectrum.load(block) },
+    );
     this.map = new TrackMap(options);
     this.blocks = new Blocks({ ...options, onBlocks: (blocks) => this.trends.setBlocks(blocks) });
     this.eventBox = figure("Events");
@@ -37,7 +39,14 @@ export class Channel {
     this.note = h("p", { class: "note" });
     const left = h("div", { class: "column" }, this.trendBox.element, this.blocks.element);
     const right = h("div", { class: "column" }, this.spectrum.element, this.waterfall.element, this.map.element);
-    this.element = h("div", { class: "channel" }, this.head, this.answers, h("div", { class: "columns" }, left, right), this.eventBox.element);
+    this.element = h(
+      "div",
+      { class: "channel" },
+      this.head,
+      this.answers,
+      h("div", { class: "columns" }, left, right),
+      this.eventBox.element,
+    );
     this.drawHead();
   }
 
@@ -46,7 +55,9 @@ export class Channel {
   }
 
   makeRanges() {
-    this.buttons = RANGES.map(([name]) => h("button", { type: "button", "aria-pressed": "false", onclick: () => this.chooseMode(name) }, name));
+    this.buttons = RANGES.map(
+      ([name]) => h("button", { type: "button", "aria-pressed": "false", onclick: () => this.chooseMode(name) }, name),
+    );
     return h("div", { class: "ranges", role: "group", "aria-label": "Stretch of time" }, this.buttons);
   }
 
@@ -57,8 +68,8 @@ export class Channel {
     records.catch(() => null);
     if (!(await this.readInfo())) return;
     this.spectrum.load();
-    this.waterfall.load();
     await this.readTrends(records);
+    this.waterfall.load();
     this.map.load();
     this.blocks.load();
     this.readEvents();
@@ -70,7 +81,22 @@ export class Channel {
       this.app.model.zones.set(this.machine, this.info.timezone);
     } catch (error) {
       if (this.info) this.app.complain(`What is known of ${this.title} could not be read: ${error.message}`);
-      else fill(this.element, h("div", { class: "empty" }, h("strong", null, error.status === 404 ? "There is no such channel" : "The channel could not be read"), error.message, h("p", null, h("a", { href: "#/" }, "All machines"), " ", h("button", { type: "button", onclick: () => this.app.route() }, "Try again"))));
+      else fill(
+        this.element,
+        h(
+          "div",
+          { class: "empty" },
+          h("strong", null, error.status === 404 ? "There is no such channel" : "The channel could not be read"),
+          error.message,
+          h(
+            "p",
+            null,
+            h("a", { href: "#/" }, "All machines"),
+            " ",
+            h("button", { type: "button", onclick: () => this.app.route() }, "Try again"),
+          ),
+        ),
+      );
       return false;
     }
     this.drawHead();
@@ -81,10 +107,22 @@ export class Channel {
     const row = this.app.model.row(this.machine, this.channel);
     this.known = JSON.stringify([row?.status.stage, row?.status.t_fs_block, row?.status.t_eol_block, row?.status.levels]);
     const state = row?.state ?? "no_data";
-    fill(this.head, h("div", { class: "bar" }, h("nav", { "aria-label": "Way back" }, h("a", { href: "#/" }, "Machines"), " / "), h("h1", null, h("span", { class: "of" }, `${this.machine} / `), this.channel), h("span", { class: "state", "data-state": state }, symbol(state))));
+    fill(
+      this.head,
+      h(
+        "div",
+        { class: "bar" },
+        h("nav", { "aria-label": "Way back" }, h("a", { href: "#/" }, "Machines"), " / "),
+        h("h1", null, h("span", { class: "of" }, `${this.machine} / `), this.channel),
+        h("span", { class: "state", "data-state": state }, symbol(state)),
+      ),
+    );
     this.element.toggleAttribute("data-stale", Boolean(row?.stale));
     const age = row ? this.app.model.age(row) : null;
-    fill(this.answers, verdict({ row, info: this.info, zone: this.app.zone(this.machine), age, machine: this.app.model.machines.get(this.machine) }));
+    fill(
+      this.answers,
+      verdict({ row, info: this.info, zone: this.app.zone(this.machine), age, machine: this.app.model.machines.get(this.machine) }),
+    );
   }
 
   /** Points that the width can show. */
@@ -133,7 +171,18 @@ export class Channel {
       sayInstead(this.trendBox.body, "No usable block has been recorded yet. The trends begin with the first one.");
       return;
     }
-    if (!this.trends.element.isConnected) fill(this.trendBox.body, h("div", { class: "under-head" }, this.trends.when, h("span", { class: "note hint" }, "drag or Ctrl+wheel to zoom, double click for all")), this.trends.element, this.note, this.values);
+    if (!this.trends.element.isConnected) fill(
+      this.trendBox.body,
+      h(
+        "div",
+        { class: "under-head" },
+        this.trends.when,
+        h("span", { class: "note hint" }, "drag or Ctrl+wheel to zoom, double click for all"),
+      ),
+      this.trends.element,
+      this.note,
+      this.values,
+    );
     await this.trends.draw(this.info, this.data, range);
     this.sayMissing();
     this.fillValues();
@@ -146,7 +195,9 @@ export class Channel {
     const load = this.data.constant("load_newton");
     if (speed !== null) told.push(`Shaft speed ${fmt.hertz(speed)} (${fmt.number(speed * 60, 4)} rpm) throughout.`);
     if (load !== null) told.push(`Load ${fmt.withUnit(load, "N")} throughout.`);
-    if (!this.data.column("v_eq_mm2")) told.push(this.info.tracked ? "No V_eq in this stretch: it is tracked from the start of the final stage on." : "V_eq and time to threshold are not asked for on this channel.");
+    if (!this.data.column("v_eq_mm2")) told.push(
+      this.info.tracked ? "No V_eq in this stretch: it is tracked from the start of the final stage on." : "V_eq and time to threshold are not asked for on this channel.",
+    );
     if (this.data.resolution) told.push(`Each point spans ${fmt.duration(this.data.resolution)}: smallest and largest value in it.`);
     if (this.data.updating) told.push("Older records are still being summed up; the picture fills by itself.");
     setText(this.note, told.join(" "));
@@ -214,7 +265,9 @@ export class Channel {
 
   fillValues() {
     if (!this.values.open || !this.data) return;
-    const shown = Object.keys(this.data.columns).filter((name) => name.endsWith("_max")).map((name) => name.slice(0, -4)).filter((name) => this.data.column(name));
+    const shown = Object.keys(this.data.columns).filter((name) => name.endsWith("_max")).map((name) => name.slice(0, -4)).filter(
+      (name) => this.data.column(name),
+    );
     const stride = Math.max(1, Math.ceil(this.data.size / TABLE_ROWS));
     const zone = this.app.zone(this.machine);
     const rows = [];
@@ -225,7 +278,11 @@ export class Channel {
       });
       rows.push([fmt.moment(this.data.time[i], { dated: this.data.dated, zone }), ...cells]);
     }
-    fill(this.values.lastChild, stride > 1 ? h("p", { class: "note" }, `every ${stride}th of ${fmt.counted(this.data.size, "point")}; zoom in for more`) : null, table("Values of the trends, newest first", ["Time", ...shown], rows));
+    fill(
+      this.values.lastChild,
+      stride > 1 ? h("p", { class: "note" }, `one of every ${stride} points; zoom in for more`) : null,
+      table("Values of the trends, newest first", ["Time", ...shown], rows, "numbers"),
+    );
   }
 
   async readEvents() {
@@ -234,7 +291,19 @@ export class Channel {
       const { events } = await get(`api/events${query({ machine: this.machine, limit: 200 })}`);
       const mine = events.filter((event) => !event.channel || event.channel === this.channel);
       const shown = mine.slice(0, 8);
-      fill(this.eventBox.body, shown.length ? h("ol", { class: "events plain" }, shown.map((event) => eventItem(this.app, event, () => this.readEvents().then(() => this.app.countEvents())))) : h("p", null, "Nothing has happened yet."), mine.length > shown.length ? h("p", null, h("a", { href: `#/events?machine=${encodeURIComponent(this.machine)}` }, `all ${mine.length}`)) : null);
+      fill(
+        this.eventBox.body,
+        shown.length ? h(
+          "ol",
+          { class: "events plain" },
+          shown.map((event) => eventItem(this.app, event, () => this.readEvents().then(() => this.app.countEvents()))),
+        ) : h("p", null, "Nothing has happened yet."),
+        mine.length > shown.length ? h(
+          "p",
+          null,
+          h("a", { href: `#/events?machine=${encodeURIComponent(this.machine)}` }, `all ${mine.length}`),
+        ) : null,
+      );
     } catch (error) {
       sayInstead(this.eventBox.body, `The events could not be read: ${error.message}`, () => this.readEvents());
     }

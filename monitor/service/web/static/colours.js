@@ -20,7 +20,9 @@ function step(share, dark) {
   const lightness = dark ? 0.22 + 0.73 * share : 0.985 - 0.72 * share;
   // From blue over green to yellow on a dark ground; from white over cyan to deep blue on a light one.
   const hue = ((dark ? 255 - 150 * share : 190 + 85 * share) * Math.PI) / 180;
-  const chroma = dark ? 0.02 + 0.1 * Math.sin(Math.PI * (0.05 + 0.75 * share)) : 0.004 + 0.115 * Math.sin((Math.PI / 2) * Math.min(1, share * 1.2));
+  const chroma = dark ? 0.02 + 0.1 * Math.sin(Math.PI * (0.05 + 0.75 * share)) : 0.004 + 0.115 * Math.sin(
+    (Math.PI / 2) * Math.min(1, share * 1.2),
+  );
   return oklabToRgb(lightness, chroma * Math.cos(hue), chroma * Math.sin(hue));
 }
 

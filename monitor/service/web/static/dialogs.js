@@ -34,7 +34,13 @@ export function showHelp(app) {
     h("dl", { class: "keys" }, states),
     h("p", { class: "note" }, "In charts: drag to zoom, Ctrl and wheel to zoom where the pointer is, double click for the whole time."),
     h("dl", { class: "keys" }, keys),
-    h("div", { class: "buttons" }, h("span", { class: "note" }, version ? `spallwatch ${version}` : ""), app.session?.authorized && h("button", { type: "button", onclick: () => app.logOut() }, "Log out"), h("button", { type: "button", class: "main", onclick: () => dialog.close() }, "Close")),
+    h(
+      "div",
+      { class: "buttons" },
+      h("span", { class: "note" }, version ? `spallwatch ${version}` : ""),
+      app.session?.authorized && h("button", { type: "button", onclick: () => app.logOut() }, "Log out"),
+      h("button", { type: "button", class: "main", onclick: () => dialog.close() }, "Close"),
+    ),
   );
 }
 
@@ -118,6 +124,11 @@ function acknowledgeForm(app, event, dialog, ask, onDone) {
     h("label", null, "Your name", who),
     h("label", null, "Note (what was found, what is done)", note),
     wrong,
-    h("div", { class: "buttons" }, h("button", { type: "button", onclick: () => dialog.close() }, "Cancel"), h("button", { class: "main" }, "Acknowledge")),
+    h(
+      "div",
+      { class: "buttons" },
+      h("button", { type: "button", onclick: () => dialog.close() }, "Cancel"),
+      h("button", { class: "main" }, "Acknowledge"),
+    ),
   );
 }

@@ -72,14 +72,14 @@ export function arrange(parent, children) {
   }
 }
 
-/** A table with a caption for whoever does not see it. */
-export function table(caption, heads, rows) {
+/** A table with a caption for whoever does not see it; `kind` is a class of the style sheet. */
+export function table(caption, heads, rows, kind = null) {
   return h(
     "div",
     { class: "scroll", tabindex: "0", role: "region", "aria-label": caption },
     h(
       "table",
-      null,
+      { class: kind },
       h("caption", { class: "unseen" }, caption),
       h("thead", null, h("tr", null, heads.map((head) => h("th", { scope: "col" }, head)))),
       h("tbody", null, rows.map((row) => h("tr", null, row.map((cell) => h("td", null, cell))))),

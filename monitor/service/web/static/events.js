@@ -8,7 +8,14 @@ import { STATES } from "./words.js";
 
 const PAGE = 100;
 const BY_SEVERITY = { danger: "failure", alert: "maintenance_required" };
-const BY_KIND = { end_of_life: "failure", final_stage: "maintenance_required", no_data: "no_data", alarm_cleared: "normal", alarm_released: "normal", data_again: "normal" };
+const BY_KIND = {
+  end_of_life: "failure",
+  final_stage: "maintenance_required",
+  no_data: "no_data",
+  alarm_cleared: "normal",
+  alarm_released: "normal",
+  data_again: "normal",
+};
 
 /** The state whose symbol an event bears. */
 function stateOf(event) {
@@ -31,9 +38,18 @@ export function eventItem(app, event, onChange) {
     h("span", { class: "text" }, event.text),
     h("span", { class: "meta" }, event.time_s === null ? "" : `${when} · `, link, event.block ? ` · block ${event.block}` : ""),
     event.acknowledgements.map((given) =>
-      h("span", { class: "given" }, `acknowledged by ${given.who}, ${fmt.moment(given.time_s, { zone: app.zone(event.machine) })}`, given.note ? `: “${given.note}”` : ""),
+      h(
+        "span",
+        { class: "given" },
+        `acknowledged by ${given.who}, ${fmt.moment(given.time_s, { zone: app.zone(event.machine) })}`,
+        given.note ? `: “${given.note}”` : "",
+      ),
     ),
-    event.open && h("button", { type: "button", "aria-label": `Acknowledge: ${event.text}`, onclick: () => acknowledge(app, event, onChange) }, "Acknowledge"),
+    event.open && h(
+      "button",
+      { type: "button", "aria-label": `Acknowledge: ${event.text}`, onclick: () => acknowledge(app, event, onChange) },
+      "Acknowledge",
+    ),
   );
 }
 
@@ -41,8 +57,17 @@ export class Events {
   constructor(app, parameters = {}) {
     this.app = app;
     this.events = [];
-    this.search = h("input", { type: "search", placeholder: "Filter: channel, words …", "aria-label": "Filter events", oninput: () => this.draw() });
-    this.which = h("select", { "aria-label": "Which events", onchange: () => this.draw() }, h("option", { value: "all" }, "all, open ones first"), h("option", { value: "open" }, "open only"), h("option", { value: "time" }, "all, by time"));
+    this.search = h(
+      "input",
+      { type: "search", placeholder: "Filter: channel, words …", "aria-label": "Filter events", oninput: () => this.draw() },
+    );
+    this.which = h(
+      "select",
+      { "aria-label": "Which events", onchange: () => this.draw() },
+      h("option", { value: "all" }, "all, open ones first"),
+      h("option", { value: "open" }, "open only"),
+      h("option", { value: "time" }, "all, by time"),
+    );
     this.machine = h("select", { "aria-label": "Machine", onchange: () => this.load() }, h("option", { value: "" }, "all machines"));
     for (const name of app.model.machines.keys()) this.machine.append(h("option", { value: name }, name));
     if (parameters.machine) this.machine.value = parameters.machine;
@@ -50,7 +75,14 @@ export class Events {
     this.list = h("ol", { class: "events", "aria-label": "Events" });
     this.state = h("div", { class: "empty" }, "reading the events …");
     this.older = h("button", { type: "button", class: "more", hidden: true, onclick: () => this.load(true) }, "Older events");
-    this.element = h("div", null, h("div", { class: "bar" }, h("h1", null, "Events"), this.which, this.machine, this.search, this.shown), this.state, this.list, this.older);
+    this.element = h(
+      "div",
+      null,
+      h("div", { class: "bar" }, h("h1", null, "Events"), this.which, this.machine, this.search, this.shown),
+      this.state,
+      this.list,
+      this.older,
+    );
     this.load();
   }
 
@@ -85,8 +117,18 @@ export class Events {
     this.list.hidden = !events.length;
     this.shown.textContent = this.events.length ? fmt.counted(events.length, "event") : "";
     this.state.hidden = events.length > 0 && !this.failure;
-    if (this.failure) fill(this.state, h("strong", null, "The events could not be read"), this.failure.message, " ", h("button", { type: "button", onclick: () => this.load() }, "Try again"));
-    else if (!this.events.length) fill(this.state, h("strong", null, "Nothing has happened yet"), "Alarms, the start of a final stage, silences and their acknowledgements will stand here.");
+    if (this.failure) fill(
+      this.state,
+      h("strong", null, "The events could not be read"),
+      this.failure.message,
+      " ",
+      h("button", { type: "button", onclick: () => this.load() }, "Try again"),
+    );
+    else if (!this.events.length) fill(
+      this.state,
+      h("strong", null, "Nothing has happened yet"),
+      "Alarms, the start of a final stage, silences and their acknowledgements will stand here.",
+    );
     else fill(this.state, "No event fits the filter.");
   }
 
@@ -120,7 +162,15 @@ export class Files {
   async load() {
     try {
       const { files } = await get("api/records");
-      fill(this.body, files.length ? this.table(files) : h("div", { class: "empty" }, h("strong", null, "No file is published yet"), "The daemon writes one netCDF file a day and machine."));
+      fill(
+        this.body,
+        files.length ? this.table(files) : h(
+          "div",
+          { class: "empty" },
+          h("strong", null, "No file is published yet"),
+          "The daemon writes one netCDF file a day and machine.",
+        ),
+      );
     } catch (error) {
       fill(this.body, h("div", { class: "empty" }, h("strong", null, "The list could not be read"), error.message));
     }
@@ -134,7 +184,17 @@ export class Files {
       h("td", null, fmt.moment(fmt.fromIso(file.modified_utc) ?? file.modified_utc)),
     ));
     const heads = ["Health records (netCDF)", "Machine", "Size", "Written"].map((head) => h("th", { scope: "col" }, head));
-    return h("div", { class: "card scroll" }, h("table", null, h("caption", { class: "unseen" }, "Published files"), h("thead", null, h("tr", null, heads)), h("tbody", null, rows)));
+    return h(
+      "div",
+      { class: "card scroll" },
+      h(
+        "table",
+        null,
+        h("caption", { class: "unseen" }, "Published files"),
+        h("thead", null, h("tr", null, heads)),
+        h("tbody", null, rows),
+      ),
+    );
   }
 
   on(kind) {

@@ -1,8 +1,9 @@
 // Every number, time and duration that people read is formatted here.
 
 export const MISSING = "–";
-const THIN = "\u2009";
-const RANGE = "\u2009–\u2009";
+const THIN = "\u202f";
+const SPACE = "\u00a0";
+const RANGE = "\u202f–\u2009";
 
 export const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
 
@@ -50,11 +51,11 @@ export function duration(seconds) {
   const minutes = Math.round(seconds / 60);
   if (minutes < 90) return `${minutes}${THIN}min`;
   const hours = Math.floor(minutes / 60);
-  if (hours < 48) return minutes % 60 && hours < 12 ? `${hours}${THIN}h ${minutes % 60}${THIN}min` : `${Math.round(minutes / 60)}${THIN}h`;
+  if (hours < 48) return minutes % 60 && hours < 12 ? `${hours}${THIN}h${SPACE}${minutes % 60}${THIN}min` : `${Math.round(minutes / 60)}${THIN}h`;
   const all = Math.round(seconds / 3600);
   const days = Math.floor(all / 24);
   if (days >= 730) return `${number(days / 365.25, 3)}${THIN}years`;
-  return all % 24 && days < 14 ? `${days}${THIN}d ${all % 24}${THIN}h` : `${Math.round(all / 24)}${THIN}d`;
+  return all % 24 && days < 14 ? `${days}${THIN}d${SPACE}${all % 24}${THIN}h` : `${Math.round(all / 24)}${THIN}d`;
 }
 
 /** How long ago, in steps that do not flicker. */

@@ -9,7 +9,7 @@ const QUIET = 25_000;
 export class Live {
   /**
    * @param onEvent called with the kind and the data of each event
-   * @param onState called with {live, since, retry}: since when it is not live, when it is tried again (ms)
+   * @param onState called with {live, since}: since when it is not live (ms)
    */
   constructor(onEvent, onState) {
     this.onEvent = onEvent;
@@ -48,7 +48,7 @@ export class Live {
     this.heard = Date.now();
     this.failures = 0;
     this.since = null;
-    this.onState({ live: true, since: null, retry: null });
+    this.onState({ live: true, since: null });
   }
 
   lost(source) {
@@ -59,7 +59,7 @@ export class Live {
     const pause = Math.min(LONGEST_PAUSE, 1000 * 2 ** Math.min(this.failures, 5)) * (0.8 + 0.4 * Math.random());
     this.failures += 1;
     this.timer = setTimeout(() => this.open(), pause);
-    this.onState({ live: false, since: this.since, retry: Date.now() + pause });
+    this.onState({ live: false, since: this.since });
   }
 
   /** A connection can die without a word; where nothing came for a while, somebody is asked. */

@@ -29,13 +29,18 @@ class App {
     addEventListener("keydown", (event) => this.key(event));
     addEventListener("error", (event) => this.complain(event.message));
     addEventListener("unhandledrejection", (event) => this.complain(event.reason?.message ?? String(event.reason)));
+    // Paper is white.
+    addEventListener("beforeprint", () => this.printTheme("light"));
+    addEventListener("afterprint", () => this.printTheme(null));
     at("zone").onclick = () => this.nextZone();
     at("theme").onclick = () => this.nextTheme();
     at("help").onclick = () => this.help();
     this.labels();
     setInterval(() => this.banners(), 1000);
     // The header's height decides where group titles stick.
-    new ResizeObserver(([entry]) => document.documentElement.style.setProperty("--top", `${entry.target.offsetHeight}px`)).observe(document.querySelector(".top"));
+    new ResizeObserver(
+      ([entry]) => document.documentElement.style.setProperty("--top", `${entry.target.offsetHeight}px`),
+    ).observe(document.querySelector(".top"));
     // What the view needs comes while the machines are read.
     this.module(this.parts()[0]).catch(() => null);
     const [session] = await Promise.all([this.readSession(), this.readMachines()]);
@@ -180,10 +185,15 @@ class App {
   /** What everybody must see: a lost connection, a daemon that does not run, a failure of the page itself. */
   banners() {
     const found = [];
-    const { live, since, retry } = this.model.live;
+    const { live, since } = this.model.live;
     if (!live && since && Date.now() - since > 2500) {
-      const seconds = Math.max(0, Math.ceil((retry - Date.now()) / 1000));
-      found.push(["bad", `Not live since ${fmt.clock(since / 1000, this.zone(null))}: what is shown is as old as that. ${seconds ? `Trying again in ${seconds} s.` : "Trying again."}`]);
+      // No countdown: every change of this text is read out.
+      found.push(
+        [
+          "bad",
+          `Not live since ${fmt.clock(since / 1000, this.zone(null))}: what is shown is as old as that. It is tried again and again.`,
+        ],
+      );
     }
     document.body.toggleAttribute("data-not-live", found.length > 0);
     const problems = this.model.problems(this.view?.machine ?? null);
@@ -218,6 +228,12 @@ class App {
 
   nextTheme() {
     choose("theme", THEMES[(THEMES.indexOf(prefs.theme) + 1) % THEMES.length]);
+  }
+
+  printTheme(theme) {
+    applyTheme();
+    if (theme) document.documentElement.dataset.theme = theme;
+    this.view?.on("prefs", "theme");
   }
 
   labels() {

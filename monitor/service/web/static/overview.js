@@ -38,9 +38,19 @@ class Row {
     setText(this.why, row.reason);
     const before = row.stale || row.state === "no_data" || row.state === "bad_data" ? "was " : "";
     setText(this.stage, [status.stage ? before + stageWord(status.stage) : "", faultWords(status.fault)].filter(Boolean).join(", "));
-    ranged(this.size, fmt.isNumber(status.v_eq_mm2) ? fmt.number(status.v_eq_mm2) : "", fmt.interval(status.v_eq_lower_mm2, status.v_eq_upper_mm2), refusal(status.edv_status, edvSentence));
+    ranged(
+      this.size,
+      fmt.isNumber(status.v_eq_mm2) ? fmt.number(status.v_eq_mm2) : "",
+      fmt.interval(status.v_eq_lower_mm2, status.v_eq_upper_mm2),
+      refusal(status.edv_status, edvSentence),
+    );
     const reached = status.tt_status === "already_crossed";
-    ranged(this.left, reached ? "threshold reached" : fmt.isNumber(status.tt_s) ? fmt.duration(status.tt_s) : "", reached ? "" : fmt.interval(status.tt_lower_s, status.tt_upper_s, fmt.duration), refusal(status.tt_status, ttSentence));
+    ranged(
+      this.left,
+      reached ? "threshold reached" : fmt.isNumber(status.tt_s) ? fmt.duration(status.tt_s) : "",
+      reached ? "" : fmt.interval(status.tt_lower_s, status.tt_upper_s, fmt.duration),
+      refusal(status.tt_status, ttSentence),
+    );
     this.setAge(age, zone);
     this.order = [-(status.alarms?.length ?? 0), status.tt_s ?? Infinity, row.machine, row.channel ?? ""];
     this.words = `${row.machine} ${row.channel ?? ""} ${STATES[row.state][0]} ${row.reason} ${this.stage.textContent}`.toLowerCase();
@@ -76,13 +86,22 @@ export class Overview {
     this.app = app;
     this.rows = new Map();
     this.only = new Set();
-    this.search = h("input", { type: "search", placeholder: "Filter: machine, channel, part …", "aria-label": "Filter channels", oninput: () => this.filter() });
+    this.search = h(
+      "input",
+      { type: "search", placeholder: "Filter: machine, channel, part …", "aria-label": "Filter channels", oninput: () => this.filter() },
+    );
     this.shown = h("span", { class: "note right", role: "status" });
     this.chips = h("div", { class: "chips", role: "group", "aria-label": "Filter by state" });
     this.groups = new Map(STATE_ORDER.map((state) => [state, this.makeGroup(state)]));
     this.body = h("div", null, this.heads(), [...this.groups.values()].map((group) => group.element));
     this.nothing = h("div", { class: "empty" });
-    this.element = h("div", null, h("div", { class: "bar" }, h("h1", null, "Machines"), this.chips, this.search, this.shown), this.nothing, this.body);
+    this.element = h(
+      "div",
+      null,
+      h("div", { class: "bar" }, h("h1", null, "Machines"), this.chips, this.search, this.shown),
+      this.nothing,
+      this.body,
+    );
     this.timer = setInterval(() => this.tick(), REFRESH);
     this.update();
   }
@@ -100,9 +119,20 @@ export class Overview {
     const list = h("ul", { class: "rows" });
     const name = `group-${state}`;
     const chipMany = h("b");
-    const chip = h("button", { type: "button", class: "chip", "data-state": state, "aria-pressed": "false", onclick: () => this.toggle(state) }, symbol(state), chipMany, STATES[state][0]);
+    const chip = h(
+      "button",
+      { type: "button", class: "chip", "data-state": state, "aria-pressed": "false", onclick: () => this.toggle(state) },
+      symbol(state),
+      chipMany,
+      STATES[state][0],
+    );
     this.chips.append(chip);
-    const element = h("section", { class: "group", "data-state": state, "aria-labelledby": name }, h("h2", { id: name }, symbol(state), STATES[state][0], many), list);
+    const element = h(
+      "section",
+      { class: "group", "data-state": state, "aria-labelledby": name },
+      h("h2", { id: name }, symbol(state), STATES[state][0], many),
+      list,
+    );
     return { element, many, list, chip, chipMany };
   }
 
@@ -155,7 +185,10 @@ export class Overview {
       setText(group.many, fmt.counted(many.get(state), "channel"));
       setAttribute(group.chip, "aria-pressed", this.only.has(state));
     }
-    setText(this.shown, all === this.rows.size ? fmt.counted(all, "channel") : `${fmt.count(all)} of ${fmt.counted(this.rows.size, "channel")}`);
+    setText(
+      this.shown,
+      all === this.rows.size ? fmt.counted(all, "channel") : `${fmt.count(all)} of ${fmt.counted(this.rows.size, "channel")}`,
+    );
     this.sayNothing(all);
   }
 
@@ -165,8 +198,16 @@ export class Overview {
     if (shown) return;
     if (this.app.failure) fill(this.nothing, h("strong", null, "The machines could not be read"), this.app.failure.message);
     else if (!this.app.model.loaded) fill(this.nothing, "reading the machines …");
-    else if (!this.rows.size) fill(this.nothing, h("strong", null, "No machine is configured here"), "A machine appears as soon as a daemon follows it: spallwatch run --config machine.toml");
-    else fill(this.nothing, h("strong", null, "No channel fits the filter"), h("button", { type: "button", onclick: () => this.clear() }, "Show all"));
+    else if (!this.rows.size) fill(
+      this.nothing,
+      h("strong", null, "No machine is configured here"),
+      "A machine appears as soon as a daemon follows it: spallwatch run --config machine.toml",
+    );
+    else fill(
+      this.nothing,
+      h("strong", null, "No channel fits the filter"),
+      h("button", { type: "button", onclick: () => this.clear() }, "Show all"),
+    );
   }
 
   clear() {

@@ -18,10 +18,28 @@ export function faultLines(spectrum, part, sidebands) {
   const side = part === "inner" ? spectrum.speed_hz : part === "ball" ? spectrum.lines_hz.cage : null;
   const sideName = part === "inner" ? "shaft" : "cage";
   for (let n = 1; n <= HARMONICS; n += 1) {
-    found.push({ frequency: n * first, label: n === 1 ? LINE_NAMES[part] : `${n}×`, name: `${n} × ${LINE_NAMES[part]}`, main: true, part, harmonic: n });
+    found.push(
+      {
+        frequency: n * first,
+        label: n === 1 ? LINE_NAMES[part] : `${n}×`,
+        name: `${n} × ${LINE_NAMES[part]}`,
+        main: true,
+        part,
+        harmonic: n,
+      },
+    );
     if (!sidebands || !fmt.isNumber(side)) continue;
     for (const k of [-2, -1, 1, 2])
-      found.push({ frequency: n * first + k * side, label: "", name: `${n} × ${LINE_NAMES[part]} ${k > 0 ? "+" : "−"} ${Math.abs(k)} × ${sideName}`, main: false, part, harmonic: n });
+      found.push(
+        {
+          frequency: n * first + k * side,
+          label: "",
+          name: `${n} × ${LINE_NAMES[part]} ${k > 0 ? "+" : "−"} ${Math.abs(k)} × ${sideName}`,
+          main: false,
+          part,
+          harmonic: n,
+        },
+      );
   }
   return found.filter((line) => line.frequency > 0);
 }
@@ -45,7 +63,7 @@ export class Spectrum {
     this.element = box.element;
     this.body = box.body;
     this.caption = h("span", { class: "note" });
-    this.readout = h("span", { class: "note readout", role: "status" });
+    this.readout = h("span", { class: "note readout" });
     this.switches = h("div", { class: "switches", role: "group", "aria-label": "Lines shown" });
     this.earlier = h("button", { type: "button", class: "quiet", "aria-label": "Earlier spectrum", onclick: () => this.stepTo(-1) }, "←");
     this.later = h("button", { type: "button", class: "quiet", "aria-label": "Later spectrum", onclick: () => this.stepTo(1) }, "→");
@@ -108,7 +126,9 @@ export class Spectrum {
     this.updateButtons();
     const info = this.options.info();
     const [low, high] = spectrum.band_hz ?? [];
-    setText(this.caption, `${fmt.moment(spectrum.time_s, { dated: info?.dated, zone: this.options.zone() })}, block ${spectrum.block}${fmt.isNumber(low) ? `; band ${fmt.number(low)} to ${fmt.number(high)} Hz` : ""}; ${fmt.number(spectrum.resolution_hz, 2)} Hz a line`);
+    const when = fmt.moment(spectrum.time_s, { dated: info?.dated, zone: this.options.zone() });
+    const band = fmt.isNumber(low) ? `; band ${fmt.number(low)} to ${fmt.number(high)} Hz` : "";
+    setText(this.caption, `${when}, block ${spectrum.block}${band}; ${fmt.number(spectrum.resolution_hz, 2)} Hz a line`);
     const frequencies = spectrum.amplitude_g.map((_, index) => index * spectrum.resolution_hz);
     this.plot = new Uplot(
       {
@@ -123,7 +143,10 @@ export class Spectrum {
       this.holder,
     );
     this.holder.setAttribute("role", "img");
-    this.holder.setAttribute("aria-label", `Envelope spectrum of block ${spectrum.block} up to ${fmt.number(frequencies.at(-1))} Hz; the table below gives the amplitudes at the lines of each part.`);
+    this.holder.setAttribute(
+      "aria-label",
+      `Envelope spectrum of block ${spectrum.block} up to ${fmt.number(frequencies.at(-1))} Hz; the table below gives the amplitudes at the lines of each part.`,
+    );
     this.fillTable();
   }
 
@@ -154,7 +177,16 @@ export class Spectrum {
   shownLines() {
     const lines = PARTS.filter((part) => this.parts.get(part)).flatMap((part) => faultLines(this.spectrum, part, this.sidebands));
     if (this.parts.get("shaft") && fmt.isNumber(this.spectrum.speed_hz))
-      for (let n = 1; n <= HARMONICS; n += 1) lines.push({ frequency: n * this.spectrum.speed_hz, label: n === 1 ? "shaft" : "", name: `${n} × shaft`, main: n === 1, part: "shaft", harmonic: n });
+      for (let n = 1; n <= HARMONICS; n += 1) lines.push(
+        {
+          frequency: n * this.spectrum.speed_hz,
+          label: n === 1 ? "shaft" : "",
+          name: `${n} × shaft`,
+          main: n === 1,
+          part: "shaft",
+          harmonic: n,
+        },
+      );
     return lines;
   }
 
@@ -166,7 +198,16 @@ export class Spectrum {
       const at = u.valToPos(line.frequency, "x");
       const crowded = line.label && at - (labelled.get(line.part) ?? -Infinity) < 44;
       if (line.label && !crowded) labelled.set(line.part, at);
-      verticalLine(u, line.frequency, { stroke: line.main ? colour(line.part) : translucent(line.part, 0.45), dash: line.main ? [4, 3] : [1, 3], label: crowded ? "" : line.label, row: rows.get(line.part) });
+      verticalLine(
+        u,
+        line.frequency,
+        {
+          stroke: line.main ? colour(line.part) : translucent(line.part, 0.45),
+          dash: line.main ? [4, 3] : [1, 3],
+          label: crowded ? "" : line.label,
+          row: rows.get(line.part),
+        },
+      );
     }
   }
 
@@ -175,17 +216,30 @@ export class Spectrum {
     const index = u.cursor.left >= 0 ? u.cursor.idx : null;
     if (index === null || index === undefined) return setText(this.readout, "");
     const frequency = index * spectrum.resolution_hz;
-    const near = this.shownLines().filter((line) => Math.abs(line.frequency - frequency) <= Math.max(NEAR * line.frequency, 1.5 * spectrum.resolution_hz));
+    const near = this.shownLines().filter(
+      (line) => Math.abs(line.frequency - frequency) <= Math.max(NEAR * line.frequency, 1.5 * spectrum.resolution_hz),
+    );
     near.sort((a, b) => Math.abs(a.frequency - frequency) - Math.abs(b.frequency - frequency));
     const order = fmt.isNumber(spectrum.speed_hz) ? `, order ${fmt.number(frequency / spectrum.speed_hz, 4)}` : "";
-    return setText(this.readout, `${fmt.hertz(frequency, 5)}${order}: ${fmt.level(spectrum.amplitude_g[index], spectrum.unit)}${near.length ? ` (${near[0].name})` : ""}`);
+    return setText(
+      this.readout,
+      `${fmt.hertz(frequency, 5)}${order}: ${fmt.level(spectrum.amplitude_g[index], spectrum.unit)}${near.length ? ` (${near[0].name})` : ""}`,
+    );
   }
 
   fillTable() {
     if (!this.table.open || !this.spectrum) return;
     const lines = PARTS.flatMap((part) => faultLines(this.spectrum, part, false));
-    const rows = lines.map((line) => [PART_NAMES[line.part], line.name, fmt.hertz(line.frequency, 5), fmt.isNumber(this.spectrum.speed_hz) ? fmt.number(line.frequency / this.spectrum.speed_hz, 4) : fmt.MISSING, fmt.level(amplitudeAt(this.spectrum, line.frequency), this.spectrum.unit)]);
-    fill(this.table.lastChild, table("Amplitudes at the lines", ["Part", "Line", "Frequency", "Order", "Amplitude"], rows));
+    const rows = lines.map(
+      (line) => [
+        PART_NAMES[line.part],
+        line.name,
+        fmt.hertz(line.frequency, 5),
+        fmt.isNumber(this.spectrum.speed_hz) ? fmt.number(line.frequency / this.spectrum.speed_hz, 4) : fmt.MISSING,
+        fmt.level(amplitudeAt(this.spectrum, line.frequency), this.spectrum.unit),
+      ],
+    );
+    fill(this.table.lastChild, table("Amplitudes at the lines", ["Part", "Line", "Frequency", "Order", "Amplitude"], rows, "numbers"));
   }
 
   resize(width) {

@@ -19,7 +19,12 @@ export function contour(x, y, values, level) {
   };
   for (let j = 0; j + 1 < y.length; j += 1)
     for (let i = 0; i + 1 < x.length; i += 1) {
-      const corners = [[x[i], y[j], values[j][i]], [x[i + 1], y[j], values[j][i + 1]], [x[i + 1], y[j + 1], values[j + 1][i + 1]], [x[i], y[j + 1], values[j + 1][i]]];
+      const corners = [
+        [x[i], y[j], values[j][i]],
+        [x[i + 1], y[j], values[j][i + 1]],
+        [x[i + 1], y[j + 1], values[j + 1][i + 1]],
+        [x[i], y[j + 1], values[j + 1][i]],
+      ];
       if (corners.some((corner) => !fmt.isNumber(corner[2]))) continue;
       const points = [];
       for (let k = 0; k < 4; k += 1) {
@@ -42,7 +47,7 @@ export class TrackMap {
     this.body = box.body;
     this.caption = h("span", { class: "note" });
     this.legend = h("span");
-    this.readout = h("span", { class: "note readout", role: "status" });
+    this.readout = h("span", { class: "note readout" });
     this.board = new Board("RMS map");
     this.board.canvas.addEventListener("pointermove", (event) => this.moved(event));
     this.board.canvas.addEventListener("pointerleave", () => setText(this.readout, ""));
@@ -94,7 +99,11 @@ export class TrackMap {
     const y = (value) => top + height - (height * (value - y0)) / (y1 - y0 || 1);
     for (const level of ticks(low, high, LEVELS)) {
       const ink = translucent(share(level) > 0.55 ? "surface" : "text", 0.55);
-      for (const segment of contour(data.dphi_deg, data.h_d_um, data.rms_g, level)) board.line(segment.map(([a, b]) => [x(a), y(b)]), ink, { width: 0.8 });
+      for (const segment of contour(data.dphi_deg, data.h_d_um, data.rms_g, level)) board.line(
+        segment.map(([a, b]) => [x(a), y(b)]),
+        ink,
+        { width: 0.8 },
+      );
     }
     board.frame();
     board.bottomAxis(ticks(x0, x1, width / 80).map((value) => [value, fmt.number(value)]), x, "extent of the damage, degrees");
@@ -126,7 +135,9 @@ export class TrackMap {
 
   drawTrack(x, y) {
     const track = this.data.track ?? {};
-    const points = (track.time_s ?? []).map((time, i) => [time, track.dphi_deg[i], track.h_d_um[i]]).filter((point) => point.every(fmt.isNumber));
+    const points = (track.time_s ?? []).map(
+      (time, i) => [time, track.dphi_deg[i], track.h_d_um[i]],
+    ).filter((point) => point.every(fmt.isNumber));
     this.points = points.map(([time, a, b], i) => ({ time, x: x(a), y: y(b), dphi: a, h_d: b, index: i }));
     const first = points[0]?.[0];
     const last = points.at(-1)?.[0];
@@ -151,9 +162,14 @@ export class TrackMap {
     const { data } = this;
     const end = this.points.at(-1);
     const where = end ? `Now ${fmt.number(end.dphi)}° by ${fmt.number(end.h_d)} µm, from the pale to the full end of the path.` : "Nothing is tracked yet.";
-    const condition = [fmt.isNumber(data.load_newton) && `${fmt.number(data.load_newton, 4)} N`, fmt.isNumber(data.speed_hz) && fmt.hertz(data.speed_hz)].filter(Boolean).join(", ");
+    const condition = [
+      fmt.isNumber(data.load_newton) && `${fmt.number(data.load_newton, 4)} N`,
+      fmt.isNumber(data.speed_hz) && fmt.hertz(data.speed_hz),
+    ].filter(Boolean).join(", ");
     const every = ticks(...this.range(), LEVELS);
-    const text = `${where} Contours every ${fmt.number(every[1] - every[0])} g.${condition ? ` Map at ${condition}.` : ""}${data.calibrated ? "" : " Not calibrated: the rig's parameters were not found on this machine."}`;
+    const at = condition ? ` Map at ${condition}.` : "";
+    const calibrated = data.calibrated ? "" : " Not calibrated: the rig's parameters were not found on this machine.";
+    const text = `${where} Contours every ${fmt.number(every[1] - every[0])} g.${at}${calibrated}`;
     setText(this.caption, text);
     this.board.canvas.setAttribute("aria-label", `RMS map over extent and depth of the damage. ${text}`);
   }
@@ -166,7 +182,10 @@ export class TrackMap {
     const near = this.points.reduce((best, point) => (distance(point) < distance(best) ? point : best));
     if (distance(near) > 24) return setText(this.readout, "");
     const info = this.options.info();
-    setText(this.readout, `${fmt.moment(near.time, { dated: info?.dated, zone: this.options.zone() })}: ${fmt.number(near.dphi)}°, ${fmt.number(near.h_d)} µm`);
+    setText(
+      this.readout,
+      `${fmt.moment(near.time, { dated: info?.dated, zone: this.options.zone() })}: ${fmt.number(near.dphi)}°, ${fmt.number(near.h_d)} µm`,
+    );
   }
 
   /** Another theme. */

@@ -22,7 +22,13 @@ export function trendSpecs(info, data) {
       name: "lines", title: "Lines of the damaged parts in the envelope spectrum", unit, height: 150,
       series: PARTS.map((part) => ({ column: H_COLUMNS[part], label: PART_NAMES[part], colour: part })),
     },
-    { name: "kurtosis", title: "Kurtosis", unit: "3 for a healthy bearing's noise", height: 96, series: [{ column: "kurtosis", label: "kurtosis", colour: "series" }] },
+    {
+      name: "kurtosis",
+      title: "Kurtosis",
+      unit: "3 for a healthy bearing's noise",
+      height: 96,
+      series: [{ column: "kurtosis", label: "kurtosis", colour: "series" }],
+    },
     { name: "peak", title: "Peak", unit, height: 96, series: [{ column: "peak_g", label: "peak", colour: "series" }] },
     {
       name: "v_eq", title: "Damaged volume V_eq", unit: "mm³ per mm of width", height: 150,
@@ -37,9 +43,27 @@ export function trendSpecs(info, data) {
     },
   ];
   if (data.constant("speed_hz") === null)
-    specs.push({ name: "speed", title: "Shaft speed", unit: "Hz", height: 84, free: true, series: [{ column: "speed_hz", label: "speed", colour: "shaft" }] });
+    specs.push(
+      {
+        name: "speed",
+        title: "Shaft speed",
+        unit: "Hz",
+        height: 84,
+        free: true,
+        series: [{ column: "speed_hz", label: "speed", colour: "shaft" }],
+      },
+    );
   if (data.constant("load_newton") === null)
-    specs.push({ name: "load", title: "Load", unit: "N", height: 84, free: true, series: [{ column: "load_newton", label: "load", colour: "shaft" }] });
+    specs.push(
+      {
+        name: "load",
+        title: "Load",
+        unit: "N",
+        height: 84,
+        free: true,
+        series: [{ column: "load_newton", label: "load", colour: "shaft" }],
+      },
+    );
   return specs
     .map((spec) => ({ ...spec, series: spec.series.filter((series) => has(series.column)) }))
     .filter((spec) => spec.series.length)

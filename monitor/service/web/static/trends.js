@@ -23,9 +23,19 @@ export class Trends {
     this.options = options;
     this.charts = [];
     this.blocks = [];
-    this.when = h("span", { class: "when", role: "status" });
+    this.when = h("span", { class: "when" });
     this.stack = h("div", { class: "stack" });
-    this.element = h("div", { class: "trends", tabindex: "0", role: "group", "aria-label": "Trends over time. Plus and minus zoom, arrows move, 0 shows all; the values stand in the table below.", onkeydown: (event) => this.key(event) }, this.stack);
+    this.element = h(
+      "div",
+      {
+        class: "trends",
+        tabindex: "0",
+        role: "group",
+        "aria-label": "Trends over time. Plus and minus zoom, arrows move, 0 shows all; the values stand in the table below.",
+        onkeydown: (event) => this.key(event),
+      },
+      this.stack,
+    );
     this.element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.stop = onWidth(this.stack, (width) => this.resize(width));
   }
@@ -37,7 +47,9 @@ export class Trends {
     this.data = data;
     this.range = range;
     const specs = trendSpecs(info, data);
-    const signature = JSON.stringify([specs.map((spec) => [spec.name, spec.levels, spec.series.length]), colour("surface"), this.options.zone(), data.dated, info.marks]);
+    const signature = JSON.stringify(
+      [specs.map((spec) => [spec.name, spec.levels, spec.series.length]), colour("surface"), this.options.zone(), data.dated, info.marks],
+    );
     const { time, places } = data.broken();
     this.places = places;
     if (signature !== this.signature) {
@@ -60,7 +72,12 @@ export class Trends {
     ]);
     const unit = h("span", { class: "note" });
     const holder = h("div", { class: "plot" });
-    const element = h("div", { class: "trend", "data-chart": spec.name }, h("div", { class: "trend-head" }, h("h3", null, spec.title), unit, legend.element), holder);
+    const element = h(
+      "div",
+      { class: "trend", "data-chart": spec.name },
+      h("div", { class: "trend-head" }, h("h3", null, spec.title), unit, legend.element),
+      holder,
+    );
     const [name, divisor] = spec.duration ? fmt.durationUnit(this.mostOf(spec)) : [spec.unit, 1];
     setText(unit, name);
     return { spec, legend, holder, element, factor: 1 / divisor };
@@ -84,7 +101,12 @@ export class Trends {
     }
     for (const one of spec.series) {
       const at = series.length;
-      const line = { stroke: colour(one.colour), width: 1.3, gaps: this.gaps, points: { show: this.showPoints, size: 4, fill: colour(one.colour) } };
+      const line = {
+        stroke: colour(one.colour),
+        width: 1.3,
+        gaps: this.gaps,
+        points: { show: this.showPoints, size: 4, fill: colour(one.colour) },
+      };
       series.push({ ...line, label: `${one.label} max` }, { ...line, label: `${one.label} min`, points: { show: false } });
       bands.push({ series: [at, at + 1], fill: translucent(one.colour, 0.35) });
     }
@@ -178,12 +200,22 @@ export class Trends {
   /** The blocks that were not simply accepted, as a row of marks below the charts. */
   addRug(Uplot) {
     const holder = h("div", { class: "plot" });
-    const key = h("div", { class: "legend" }, h("span", { class: "item" }, h("i", { class: "swatch", "data-kind": "tick", "data-of": "rejected" }), "rejected"), h("span", { class: "item" }, h("i", { class: "swatch", "data-kind": "tick", "data-of": "flagged" }), "kept with a flag"));
-    this.stack.append(h("div", { class: "trend" }, h("div", { class: "trend-head" }, h("h3", null, "Rejected and flagged blocks"), key), holder));
+    const key = h(
+      "div",
+      { class: "legend" },
+      h("span", { class: "item" }, h("i", { class: "swatch", "data-kind": "tick", "data-of": "rejected" }), "rejected"),
+      h("span", { class: "item" }, h("i", { class: "swatch", "data-kind": "tick", "data-of": "flagged" }), "kept with a flag"),
+    );
+    this.stack.append(
+      h("div", { class: "trend" }, h("div", { class: "trend-head" }, h("h3", null, "Rejected and flagged blocks"), key), holder),
+    );
     const spec = { height: RUG_HEIGHT, series: [], levels: [] };
     const plot = new Uplot(
       {
-        width: this.width ?? 600, height: RUG_HEIGHT, series: [{}, { stroke: "transparent", points: { show: false } }], legend: { show: false }, padding: [2, 14, 0, 0], tzDate: this.tzDate(Uplot),
+        width: this.width ?? 600, height: RUG_HEIGHT, series: [
+          {},
+          { stroke: "transparent", points: { show: false } },
+        ], legend: { show: false }, padding: [2, 14, 0, 0], tzDate: this.tzDate(Uplot),
         scales: { x: this.xScale(), y: { range: [0, 1] } },
         axes: [this.timeAxis(), valueAxis(() => [])], cursor: this.cursor(),
         hooks: { draw: [(u) => this.drawRug(u)], setCursor: [(u) => this.moved(u)], setSelect: [(u) => this.selected(u)] },
@@ -225,14 +257,24 @@ export class Trends {
     const taken = [];
     // Marks near the right edge have their words there; levels are then named at the left one.
     const edge = u.bbox.left + u.bbox.width - 170 * devicePixelRatio;
-    const atLeft = [marks?.t_fs_s, marks?.t_eol_s].some((time) => fmt.isNumber(time) && u.valToPos(time, "x", true) > edge && time <= u.scales.x.max);
+    const atLeft = [marks?.t_fs_s, marks?.t_eol_s].some(
+      (time) => fmt.isNumber(time) && u.valToPos(time, "x", true) > edge && time <= u.scales.x.max,
+    );
     for (const { value, label, colour: name } of [...(chart.spec.lines ?? []), ...chart.spec.levels])
       horizontalLine(u, value * chart.factor, { stroke: colour(name), label, taken, atLeft });
     const named = chart.spec.marks ? (text) => text : () => "";
     const line = colour("mark");
     if (fmt.isNumber(marks?.t_fs_s)) verticalLine(u, marks.t_fs_s, { stroke: line, width: 1.5, label: named("final stage began") });
-    if (fmt.isNumber(marks?.t_fs_known_s) && marks.t_fs_known_s !== marks.t_fs_s) verticalLine(u, marks.t_fs_known_s, { stroke: line, dash: [2, 3], label: named("known"), row: 1 });
-    if (fmt.isNumber(marks?.t_eol_s)) verticalLine(u, marks.t_eol_s, { stroke: colour("failure"), width: 1.5, label: named("end of life"), row: 2 });
+    if (fmt.isNumber(marks?.t_fs_known_s) && marks.t_fs_known_s !== marks.t_fs_s) verticalLine(
+      u,
+      marks.t_fs_known_s,
+      { stroke: line, dash: [2, 3], label: named("known"), row: 1 },
+    );
+    if (fmt.isNumber(marks?.t_eol_s)) verticalLine(
+      u,
+      marks.t_eol_s,
+      { stroke: colour("failure"), width: 1.5, label: named("end of life"), row: 2 },
+    );
   }
 
   /** Show a stretch of time on all charts. */
@@ -268,7 +310,12 @@ export class Trends {
     const place = index === null || index === undefined ? null : this.places[index];
     const at = place === null || place < 0 ? null : place;
     const time = at === null ? this.data.time.at(-1) : this.data.time[at];
-    setText(this.when, fmt.isNumber(time) ? `${at === null ? "latest: " : ""}${fmt.moment(time, { dated: this.data.dated, zone: this.options.zone() })}` : "");
+    setText(
+      this.when,
+      fmt.isNumber(
+        time,
+      ) ? `${at === null ? "latest: " : ""}${fmt.moment(time, { dated: this.data.dated, zone: this.options.zone() })}` : "",
+    );
     this.options.onCursor?.(at === null ? null : time);
     for (const { spec, legend } of this.charts) {
       const show = spec.duration ? fmt.duration : fmt.number;

@@ -5,7 +5,12 @@ import * as fmt from "./fmt.js";
 import { STATES, edvSentence, faultWords, featureWord, stageWord, ttSentence } from "./words.js";
 
 const answer = (question, value, ...more) =>
-  h("div", { class: "answer" }, h("dt", null, question), h("dd", null, h("span", { class: "value" }, value), more.filter(Boolean).map((text) => h("span", { class: "note" }, text))));
+  h(
+    "div",
+    { class: "answer" },
+    h("dt", null, question),
+    h("dd", null, h("span", { class: "value" }, value), more.filter(Boolean).map((text) => h("span", { class: "note" }, text))),
+  );
 
 /** The answers as a list of terms. */
 export function verdict({ row, info, zone, age, machine }) {
@@ -22,8 +27,18 @@ export function verdict({ row, info, zone, age, machine }) {
 
 function standing(row, status, info) {
   const state = row?.state ?? "no_data";
-  const alarms = (status.alarms ?? []).map((alarm) => alarmText(alarm, info));
-  const element = answer("How does it stand?", [symbol(state), " ", STATES[state][0]], alarms.length && !row?.stale && state !== "no_data" && state !== "bad_data" ? null : row?.reason ?? STATES[state][1], ...alarms);
+  const alarmed = status.alarms ?? [];
+  // Where the danger of a rule stands, its alert goes without saying.
+  const worst = alarmed.filter(
+    (alarm) => alarm.severity === "danger" || !alarmed.some((other) => other.rule === alarm.rule && other.severity === "danger"),
+  );
+  const alarms = worst.map((alarm) => alarmText(alarm, info));
+  const element = answer(
+    "How does it stand?",
+    [symbol(state), " ", STATES[state][0]],
+    alarms.length && !row?.stale && state !== "no_data" && state !== "bad_data" ? null : row?.reason ?? STATES[state][1],
+    ...alarms,
+  );
   element.dataset.state = state;
   return element;
 }
@@ -32,7 +47,9 @@ function alarmText(alarm, info) {
   const level = (info?.levels ?? []).find((one) => one.rule === alarm.rule && one.feature === alarm.feature);
   const value = level?.[alarm.severity];
   const bound = fmt.isNumber(value) ? ` ${level.side === "below" ? "below" : "above"} ${boundText(value, level.column, info)}` : "";
-  return `${alarm.severity}: ${featureWord(alarm.feature)}${bound}${alarm.since_block ? ` since block ${alarm.since_block}` : ""}${alarm.active === false ? ", over by now, waits to be acknowledged" : ""}`;
+  const since = alarm.since_block ? ` since block ${alarm.since_block}` : "";
+  const over = alarm.active === false ? ", over by now, waits to be acknowledged" : "";
+  return `${alarm.severity}: ${featureWord(alarm.feature)}${bound}${since}${over}`;
 }
 
 function boundText(value, column, info) {
@@ -47,12 +64,23 @@ function since(status, info, zone, row) {
   const options = { dated: info?.dated, zone, seconds: false };
   const block = (number) => (fmt.isNumber(number) ? `block ${number}` : null);
   if (status.stage === "end_of_life")
-    return answer("Since when?", `end of life ${fmt.isNumber(marks.t_eol_s) ? fmt.moment(marks.t_eol_s, options) : block(status.t_eol_block) ?? ""}`, fmt.isNumber(marks.t_fs_s) ? `final stage since ${fmt.moment(marks.t_fs_s, options)}` : null);
+    return answer(
+      "Since when?",
+      `end of life ${fmt.isNumber(marks.t_eol_s) ? fmt.moment(marks.t_eol_s, options) : block(status.t_eol_block) ?? ""}`,
+      fmt.isNumber(marks.t_fs_s) ? `final stage since ${fmt.moment(marks.t_fs_s, options)}` : null,
+    );
   if (status.t_fs_block || status.stage === "final") {
+    const began = fmt.isNumber(marks.t_fs_s) ? (info.dated ? fmt.short(marks.t_fs_s, zone) : fmt.moment(marks.t_fs_s, options)) : block(
+      status.t_fs_block,
+    );
     const known = fmt.isNumber(marks.t_fs_known_s) ? fmt.moment(marks.t_fs_known_s, options) : block(status.t_fs_known_block);
-    return answer("Since when?", `final stage since ${fmt.isNumber(marks.t_fs_s) ? fmt.moment(marks.t_fs_s, options) : block(status.t_fs_block) ?? "an unknown time"}`, known && `known ${known}`);
+    return answer("Since when?", began ?? "an unknown time", "the final stage began then", known && `known ${known}`);
   }
-  if (status.stage === "learning") return answer("Since when?", "learning", "what healthy means for this channel is being learned; nothing is judged before");
+  if (status.stage === "learning") return answer(
+    "Since when?",
+    "learning",
+    "what healthy means for this channel is being learned; nothing is judged before",
+  );
   if (status.stage === "healthy" && (row?.stale || row?.state === "no_data" || row?.state === "bad_data"))
     return answer("Since when?", "not known", "there was no sign of a final stage before; nothing is known since");
   if (status.stage === "healthy") return answer("Since when?", "no final stage", "nothing departs from what was learned as healthy");
@@ -62,7 +90,12 @@ function since(status, info, zone, row) {
 function part(status) {
   if (!status.fault) return answer("Which part?", "none named", "no family of lines stands out of the envelope spectrum");
   const both = status.fault.includes("|") ? "their lines cannot be told apart here" : null;
-  return answer("Which part?", faultWords(status.fault), fmt.isNumber(status.fault_snr) ? `lines ${fmt.number(status.fault_snr, 2)} times the floor under them` : null, both);
+  return answer(
+    "Which part?",
+    faultWords(status.fault),
+    fmt.isNumber(status.fault_snr) ? `lines ${fmt.number(status.fault_snr, 2)} times the floor under them` : null,
+    both,
+  );
 }
 
 function size(status, info) {
@@ -74,28 +107,51 @@ function size(status, info) {
   const range = fmt.interval(status.v_eq_lower_mm2, status.v_eq_upper_mm2);
   const share = fmt.isNumber(info?.interval) ? fmt.percent(info.interval) : "";
   const doubt = ["ok", null, undefined].includes(status.edv_status) ? null : edvSentence(status.edv_status);
-  return answer("How large?", fmt.volume(status.v_eq_mm2), range ? `${share} interval ${range}` : "a single number: this method gives no interval", doubt, calibrated);
+  return answer(
+    "How large?",
+    fmt.volume(status.v_eq_mm2),
+    range ? `${share} interval ${range}` : "a single number: this method gives no interval",
+    doubt,
+    calibrated,
+  );
 }
 
 function left(status, info) {
   const threshold = info?.thresholds_mm2?.[0];
   const to = fmt.isNumber(threshold) ? `until ${fmt.volume(threshold)}` : null;
-  const probable = fmt.isNumber(status.p_threshold) ? `reached within the maintenance window: ${fmt.probability(status.p_threshold)}` : null;
-  if (status.tt_status === "already_crossed") return answer("How long is left?", "threshold reached", to && to.replace("until", "V_eq is beyond"), probable);
+  const probable = fmt.isNumber(
+    status.p_threshold,
+  ) ? `reached within the maintenance window: ${fmt.probability(status.p_threshold)}` : null;
+  if (status.tt_status === "already_crossed") return answer(
+    "How long is left?",
+    "threshold reached",
+    to && to.replace("until", "V_eq is beyond"),
+    probable,
+  );
   if (!fmt.isNumber(status.tt_s)) {
     if (info && !info.tracked) return answer("How long is left?", "not forecast", "a forecast needs the size of the damage");
     return answer("How long is left?", "cannot be said", ttSentence(status.tt_status), probable);
   }
   const range = fmt.interval(status.tt_lower_s, status.tt_upper_s, fmt.duration);
   const share = fmt.isNumber(info?.interval) ? fmt.percent(info.interval) : "";
-  return answer("How long is left?", fmt.duration(status.tt_s), range ? `${share} interval ${range}` : "a single number: this method gives no interval", to, probable);
+  return answer(
+    "How long is left?",
+    fmt.duration(status.tt_s),
+    range ? `${share} interval ${range}` : "a single number: this method gives no interval",
+    to,
+    probable,
+  );
 }
 
 function latest(status, info, zone, age, machine) {
   const time = fmt.fromIso(status.last_block_utc);
   const value = fmt.isNumber(age) ? fmt.age(age) : time === null ? fmt.MISSING : fmt.moment(time, { zone, seconds: false });
-  const which = status.last_block ? `block ${status.last_block}${status.last_block_status && status.last_block_status !== "ok" ? `, ${status.last_block_status}` : ""}` : "no block yet";
-  const bearing = info?.bearing ? [info.bearing.designation ?? info.bearing.name, fmt.isNumber(info.bearing.n_elements) ? fmt.counted(info.bearing.n_elements, "element") : null].filter(Boolean).join(", ") : null;
+  const verdict = [undefined, null, "ok"].includes(status.last_block_status) ? "" : `, ${status.last_block_status.replaceAll("_", " ")}`;
+  const which = status.last_block ? `block ${status.last_block}${verdict}` : "no block yet";
+  const bearing = info?.bearing ? [
+    info.bearing.designation ?? info.bearing.name,
+    fmt.isNumber(info.bearing.n_elements) ? fmt.counted(info.bearing.n_elements, "element") : null,
+  ].filter(Boolean).join(", ") : null;
   const pending = machine?.sources?.[status.source]?.pending;
   return answer("Last block", value, which, condition(info), bearing, pending > 1 ? `${fmt.counted(pending, "block")} waiting` : null);
 }
@@ -103,6 +159,9 @@ function latest(status, info, zone, age, machine) {
 function condition(info) {
   const speed = info?.speed_hz;
   const load = info?.load_newton;
-  const parts = [fmt.isNumber(speed) && `${fmt.hertz(speed)} (${fmt.number(speed * 60, 4)} rpm)`, fmt.isNumber(load) && fmt.withUnit(load, "N")].filter(Boolean);
+  const parts = [
+    fmt.isNumber(speed) && `${fmt.hertz(speed)} (${fmt.number(speed * 60, 4)} rpm)`,
+    fmt.isNumber(load) && fmt.withUnit(load, "N"),
+  ].filter(Boolean);
   return parts.length ? parts.join(", ") : null;
 }

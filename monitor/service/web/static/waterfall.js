@@ -24,7 +24,7 @@ export class Waterfall {
     const box = figure("Spectra over the life", { note: "logarithmic colours; click for the spectrum" });
     this.element = box.element;
     this.body = box.body;
-    this.readout = h("span", { class: "note readout", role: "status" });
+    this.readout = h("span", { class: "note readout" });
     this.legend = h("span");
     this.board = new Board("Spectra over time");
     const { canvas } = this.board;
@@ -72,7 +72,11 @@ export class Waterfall {
     const { board, data } = this;
     const span = Math.log(this.high / this.low);
     // Newest on top: the last row first.
-    this.image ??= picture(data.amplitude_g.map((row) => row.map((value) => (fmt.isNumber(value) ? (value > 0 ? Math.log(value / this.low) / span : 0) : NaN))).reverse());
+    this.image ??= picture(
+      data.amplitude_g.map(
+        (row) => row.map((value) => (fmt.isNumber(value) ? (value > 0 ? Math.log(value / this.low) / span : 0) : NaN)),
+      ).reverse(),
+    );
     const context = board.begin(this.width, HEIGHT, { left: 92, top: 18 });
     const { left, top, width, height } = board.plot;
     context.imageSmoothingEnabled = false;
@@ -84,7 +88,10 @@ export class Waterfall {
     board.leftAxis(this.timeMarks(height), (row) => this.rowTop(row) + height / data.blocks.length / 2);
     this.markLines(x);
     this.markChosen();
-    fill(this.legend, colourLegend(fmt.level(this.low, this.options.info()?.unit), fmt.level(this.high, this.options.info()?.unit), "amplitude"));
+    fill(
+      this.legend,
+      colourLegend(fmt.level(this.low, this.options.info()?.unit), fmt.level(this.high, this.options.info()?.unit), "amplitude"),
+    );
     this.describe();
   }
 

@@ -5,8 +5,8 @@ export const STATES = {
   failure: ["Failure", "a danger stands, or the end of life was reached"],
   no_data: ["No data", "no block comes"],
   bad_data: ["Bad data", "too many blocks are rejected or flagged"],
-  maintenance_required: ["Maintenance required", "an alert stands, or the final stage has begun"],
   out_of_specification: ["Out of specification", "how large the damage is cannot be said"],
+  maintenance_required: ["Maintenance required", "an alert stands, or the final stage has begun"],
   check_function: ["Function check", "what healthy is, is being learned"],
   normal: ["Normal", "healthy as far as can be heard"],
 };
