@@ -113,8 +113,9 @@ Figures of chapter 5 rest on six run-to-failure tests whose signals are not at h
 **simulated lives**, another machine: each has the load, speed, onset and end of a test (Tables 3 and 20), and its true
 volume follows the quadratic that Table 22 prints for it up to 0.05 mm³/mm. What the print does not tell was chosen:
 from there the volume grows faster, to 0.5 mm³/mm at the end; extent and depth grow in proportion (50° to 32 µm); the
-rough floor is another than those of the maps; the sensor adds white noise of 0.5 m/s². Their values are therefore *not comparable* with printed ones and stand beside them for the record. Real recordings
-(PRONOSTIA) are reported by `spallwatch report`.
+rough floor is another than those of the maps; the sensor adds white noise of 0.5 m/s². Their values are therefore
+*not comparable* with printed ones and stand beside them for the record. Real recordings (PRONOSTIA) are reported by
+`spallwatch report`.
 
 """
 
@@ -190,12 +191,14 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", default=[], metavar="NUMBER", help="make these figures only")
     parser.add_argument("--page", type=Path, metavar="FILE", help="the page (default: beside the folder, .md)")
     options = parser.parse_args()
+    target = options.page or options.out.with_suffix(".md")
     try:
         make(options.out, options.only)
+        target.write_text(page(options.out, f"{options.out.name}/"), encoding="utf-8")
     except ValueError as error:
         parser.error(str(error))
-    target = options.page or options.out.with_suffix(".md")
-    target.write_text(page(options.out, f"{options.out.name}/"), encoding="utf-8")
+    except FileNotFoundError as error:
+        parser.error(f"{error.filename} is missing: the page needs every figure, make all of them first")
     print(target)
 
 

@@ -206,7 +206,8 @@ def histories() -> dict[str, tuple[Values, Values, Values]]:
     """Return time (s), RMS (m/s2) and H_or (m/s2) over the whole of each life: some blocks of it."""
     found = {}
     for number, test in enumerate(TESTS):
-        healthy = np.linspace(0.0, ONSETS[test] * MINUTE, HEALTHY, endpoint=False)
+        # The last one just before the onset, so that no line slopes towards it.
+        healthy = np.linspace(0.0, ONSETS[test] * MINUTE - STEP, HEALTHY)
         final = np.arange(0.0, LENGTHS[test] * MINUTE + 1.0, 5 * STEP)
         volumes = [*(0.0 for _ in healthy), *(true_volume(test, float(t)) for t in final)]
         blocks = [block(test, v, 1000 * number + k) for k, v in enumerate(volumes)]

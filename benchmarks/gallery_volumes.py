@@ -27,7 +27,7 @@ from benchmarks.gallery_lives import (
 )
 from benchmarks.gallery_plate import Claim, Plate, letter, words
 from monitor.health.prognosis import rms_from_map, rms_history
-from monitor.report.drawing import AXIS, BLUE, INK, VERMILION, legend_above
+from monitor.report.drawing import AXIS, BLUE, INK, VERMILION
 
 
 def figure_62() -> Plate:
@@ -260,7 +260,7 @@ def figure_67() -> Plate:
             letter(axes, place, f"V_th = {value:g} mm³/mm")
             axes.set_xlabel("time from t_fs (min)")
         panels[0].set_ylabel("TT (min)")
-        legend_above(panels[0])
+        panels[0].legend(loc="upper right", fontsize=7.5)
 
     middles = [float(np.nanmedian(_tt(twin, value * MM2)[1])) for value in thresholds]
     claims = [
