@@ -159,7 +159,8 @@ def _levels(
         style = {"label": f"{_SYMBOLS[name]}, {FAULT_NAMES[name]}"} if named else {}
         if any(np.array_equal(values, other, equal_nan=True) for other in shown[1:]):
             continue  # Lines that the resolution does not tell apart are one line.
-        draw_line(lower, axis, time, values, color=_SUM_COLOURS[name], linewidth=1.0 if named else 1.3, **style)
+        pale = 0.45 if named and name == "outer" else 1.0
+        draw_line(lower, axis, time, values, color=_SUM_COLOURS[name], alpha=pale, **style)
         shown.append(values)
     for axes, name in ((upper, "rms"), (lower, "h_or")):
         learned = baseline(channel, name) / scale

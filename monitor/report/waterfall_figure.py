@@ -120,7 +120,7 @@ def _on_grid(time: NDArray[np.float64], amplitude: NDArray[Any]) -> tuple[NDArra
 def _point_at_lines(axes: Axes, lines: Any, fault: str, top: float) -> str:
     """Mark the orders of the named part on the left edge; return what they are called, "" where none is named."""
     named = [part for part in fault.split("|") if part in lines]
-    for part in named:
+    for place, part in enumerate(named):
         colour, _ = FAULT_MARKS[part]
         for order in range(1, ORDERS + 1):
             at = order * lines[part]
@@ -128,7 +128,7 @@ def _point_at_lines(axes: Axes, lines: Any, fault: str, top: float) -> str:
                 axes.annotate(
                     f"{order}×",
                     (0.0, at),
-                    (4, 0),
+                    (4 + 22 * place, 0),
                     xycoords=("axes fraction", "data"),
                     textcoords="offset points",
                     fontsize=8,
