@@ -58,11 +58,9 @@ def waterfall(
     amplitude = amplitude / (STANDARD_GRAVITY if absolute else 1.0)
     # The mean and slow drift below the cage's line are no lines.
     amplitude[:, frequency < 0.5 * min(lines.values(), default=0.0)] = np.nan
-    positive = amplitude[amplitude > 0]
-    if not positive.size:
+    low, high = _ends(amplitude)
+    if not high > 0.0:
         return None
-    low, high = float(np.percentile(positive, 20.0)), float(positive.max())
-    low = max(min(low, 0.5 * high), 1e-4 * high)
     unit = "g" if absolute else "sensor unit"
     axis = time_axis(time, clock)
     made, (axes,) = new_figure(3.9)
@@ -95,6 +93,15 @@ def waterfall(
     )
     data = _data(time, frequency, amplitude, (low, high), unit, [row.sequence for row in dated])
     return Picture("Envelope spectra over life", to_svg(made, label, numbers), caption, data, "waterfall")
+
+
+def _ends(amplitude: NDArray[Any]) -> tuple[float, float]:
+    """Return the ends of the colour scale: from where most noise lies, four decades at most, to the highest line."""
+    positive = amplitude[amplitude > 0]
+    if not positive.size:
+        return 0.0, 0.0
+    low, high = float(np.percentile(positive, 20.0)), float(positive.max())
+    return max(min(low, 0.5 * high), 1e-4 * high), high
 
 
 def _plain(value: float, _: int | None = None) -> str:
