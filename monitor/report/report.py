@@ -17,6 +17,7 @@ from monitor import __version__
 from monitor.report.comparison import Comparison, compare
 from monitor.report.comparison_tables import laws, milestones, scores
 from monitor.report.options import Options
+from monitor.report.pdf import require_pdf, to_pdf
 from monitor.report.quality import without_folders
 from monitor.report.reading import Records, ReportError, Run, read_runs
 from monitor.report.run_section import RunPart, part_of_run
@@ -25,7 +26,7 @@ from monitor.report.summary import RunSummary, summarise
 from monitor.report.tables import Table, write_tables, write_whole
 from monitor.report.wording import Clock
 
-__all__ = ["Options", "ReportError", "SpectrumView", "build_report", "render", "report_runs"]
+__all__ = ["Options", "ReportError", "SpectrumView", "build_report", "is_pdf", "render", "report_runs", "write_page"]
 
 SYMBOLS = {"good": "●", "watch": "▲", "bad": "■", "open": "○"}
 STATES = {"good": "no sign of damage", "watch": "damage", "bad": "end of life", "open": "no verdict"}
@@ -47,7 +48,7 @@ def build_report(
 
     Args:
         records: datasets, stores, or paths, see :func:`monitor.report.reading.read_runs`.
-        out: the HTML file, put in place at once when it is complete.
+        out: the file, HTML or, where its name ends in .pdf, PDF; put in place at once when it is complete.
         title: of the page; by default it names the machines.
         spectra: an envelope spectrum worth drawing, by channel: :class:`SpectrumView` or a tuple of its fields
             (frequency in Hz, amplitude in g, fundamental of each family in Hz, label).
@@ -60,8 +61,10 @@ def build_report(
         ``out``.
 
     Raises:
-        ReportError: the records cannot be read, or a file cannot be written.
+        ReportError: the records cannot be read, a file cannot be written, or what a PDF needs is missing.
     """
+    if is_pdf(Path(out)):
+        require_pdf()
     options = options or Options()
     options = replace(options, title=title or options.title, notes=(*options.notes, *notes))
     views = {
@@ -78,8 +81,18 @@ def report_runs(
     views: Mapping[str, SpectrumView] | None = None,
     pending: int = 0,
     tables: Path | None = None,
+    pdf: bool = False,
 ) -> tuple[Path, list[RunSummary]]:
     """Write a report of runs that were read already; see :func:`build_report`.
+
+    Args:
+        runs: that were read.
+        out: the page, HTML or, where the name ends in .pdf, PDF.
+        options: of the page.
+        views: an envelope spectrum worth drawing, by channel.
+        pending: blocks offered but not judged yet, where there is one run.
+        tables: folder for the tables, None for none.
+        pdf: write it as PDF too, beside ``out``.
 
     Returns:
         The page, and what comparing its runs with others takes.
@@ -95,8 +108,10 @@ def report_runs(
     ]
     compared = compare(summaries, options, numbers) if len(runs) > 1 and options.holds("comparison") else None
     alone = [] if compared is not None else _alone(summaries, options)
-    page = render(
+    write_page(
+        Path(out),
         "report.html.j2",
+        pdf=pdf,
         title=options.title or f"Bearing health: {', '.join(dict.fromkeys(run.machine for run in runs))}",
         notes=[without_folders(note) for note in options.notes],
         runs=parts,
@@ -104,10 +119,6 @@ def report_runs(
         scores=[table for table in alone if table.name == "scores"],
         options=options,
     )
-    try:
-        write_whole(Path(out), page)
-    except OSError as error:
-        raise ReportError(f"{out}: cannot be written: {error.strerror or error}") from error
     if tables is not None:
         write_tables([*alone, *tables_of(parts, compared)], tables, {"product_version": f"spallwatch {__version__}"})
     return Path(out), summaries
@@ -128,11 +139,42 @@ def tables_of(parts: Sequence[RunPart], compared: Comparison | None) -> list[Tab
     return found
 
 
-def render(template: str, **values: Any) -> str:
+def is_pdf(path: Path) -> bool:
+    """Say whether a name asks for PDF."""
+    return path.suffix.lower() == ".pdf"
+
+
+def write_page(out: Path, template: str, *, pdf: bool = False, **values: Any) -> None:
+    """Write a template as a page, HTML or PDF by the name's ending, and put it in place at once.
+
+    Args:
+        out: the file.
+        template: its name.
+        pdf: write it as PDF too, beside ``out``.
+        values: that it uses.
+
+    Raises:
+        ReportError: a file cannot be written, or what a PDF needs is missing.
+    """
+    paper = out if is_pdf(out) else out.with_suffix(".pdf") if pdf else None
+    path = out
+    try:
+        if paper is not None:
+            path = paper
+            write_whole(paper, to_pdf(render(template, bare=True, **values)))
+        if not is_pdf(out):
+            path = out
+            write_whole(out, render(template, **values))
+    except OSError as error:
+        raise ReportError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def render(template: str, *, bare: bool = False, **values: Any) -> str:
     """Return a template as a page; what comes from outside (names, reasons) is escaped everywhere.
 
     Args:
         template: its name.
+        bare: for paper: without scripts and without the data of figures.
         values: that it uses, beside those that every page has.
     """
     environment = Environment(autoescape=True, loader=FunctionLoader(_file), trim_blocks=True, lstrip_blocks=True)
@@ -144,6 +186,7 @@ def render(template: str, **values: Any) -> str:
         version=__version__,
         symbols=SYMBOLS,
         states=STATES,
+        bare=bare,
         **values,
     )
 

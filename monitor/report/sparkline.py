@@ -6,11 +6,14 @@ import numpy as np
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
-from monitor.report.drawing import thin
+from monitor.report.drawing import BLUE, thin
 
 _WIDTH, _HEIGHT, _BINS = 120, 26, 60
 _LEAST_SPAN = np.log(2.0)
 """What changes by less than a factor of two fills less than the height: noise is to look small."""
+_STROKE = f'fill="none" stroke="{BLUE}" stroke-width="1.2"'
+_DOT = f'fill="{BLUE}"'
+"""For where style sheets do not reach into pictures; the page's own has the last word."""
 
 
 def sparkline(time: NDArray[np.float64], values: NDArray[np.float64], label: str) -> Markup:
@@ -25,5 +28,5 @@ def sparkline(time: NDArray[np.float64], values: NDArray[np.float64], label: str
     points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across, down, strict=True))
     return Markup(
         f'<svg class="spark" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{escape(label)}">'
-        f'<polyline points="{points}"/><circle cx="{across[-1]:.1f}" cy="{down[-1]:.1f}" r="2"/></svg>'
+        f'<polyline points="{points}" {_STROKE}/><circle {_DOT} cx="{across[-1]:.1f}" cy="{down[-1]:.1f}" r="2"/></svg>'
     )

@@ -167,8 +167,8 @@ def write_tables(tables: Iterable[Table], folder: Path, attributes: Mapping[str,
     return written
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file beside its place and put it there at once.
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file, text as UTF-8, beside its place and put it there at once.
 
     Raises:
         OSError: it cannot be written.
@@ -176,7 +176,7 @@ def write_whole(path: Path, text: str) -> None:
     temporary = path.with_name(f".{path.name}.tmp")
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
         replace_durably(temporary, path)
     except OSError:
         with suppress(OSError):
