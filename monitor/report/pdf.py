@@ -7,7 +7,6 @@ import logging
 import re
 from collections.abc import Callable
 from contextlib import redirect_stdout
-from importlib import resources
 from typing import Any
 
 from monitor.report.reading import ReportError
@@ -39,11 +38,9 @@ def to_pdf(page: str) -> bytes:
     Raises:
         ReportError: the extra ``pdf`` is missing, or the system library Pango.
     """
-    html, style, fetcher = _library()
-    sheet = resources.files("monitor.report").joinpath("templates/pdf.css").read_text(encoding="utf-8")
-    refusing = fetcher(allowed_protocols=("data",), allow_redirects=False)
-    document = html(string=for_paper(page), url_fetcher=refusing)
-    return document.write_pdf(stylesheets=[style(string=sheet, url_fetcher=refusing)], pdf_variant=VARIANT)
+    html, fetcher = _library()
+    document = html(string=for_paper(page), url_fetcher=fetcher(allowed_protocols=("data",), allow_redirects=False))
+    return document.write_pdf(pdf_variant=VARIANT)
 
 
 def for_paper(page: str) -> str:
@@ -54,12 +51,12 @@ def for_paper(page: str) -> str:
     return _LABELLED.sub(r"\1<title>\2</title>", _VARIABLE.sub(r"\1", page))
 
 
-def _library() -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
-    """Load the library that lays pages out: its page, its style sheet and its fetcher."""
+def _library() -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Load the library that lays pages out: its page and its fetcher."""
     try:
         # It prints where it finds no Pango; what is printed here belongs to programs.
         with redirect_stdout(io.StringIO()):
-            from weasyprint import CSS, HTML
+            from weasyprint import HTML
             from weasyprint.urls import URLFetcher
     except ImportError as error:
         raise ReportError(
@@ -74,4 +71,4 @@ def _library() -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., An
     # What it says of the style sheet's parts for browsers is no news to anybody who reports a bearing.
     for name in _LIBRARIES:
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    return HTML, CSS, URLFetcher
+    return HTML, URLFetcher

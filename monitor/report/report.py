@@ -181,7 +181,7 @@ def render(template: str, *, bare: bool = False, **values: Any) -> str:
     return environment.get_template(template).render(
         written=Clock(True, values["options"].zone).moment(float(int(datetime.now(UTC).timestamp()))),
         # Ours, not from outside: a style sheet has quotes and brackets that must stay.
-        style=Markup(_file("report.css")),
+        style=Markup(_file("report.css") + (_file("pdf.css") if bare else "")),
         svg=Markup,
         version=__version__,
         symbols=SYMBOLS,
