@@ -95,6 +95,7 @@ ENTRIES = (
 )
 """All figures of chapters 4 and 5."""
 
+_PLURAL = {"agrees": "agree", "differs": "differ"}
 _HEAD = """# Gallery: the figures of the thesis' chapters 4 and 5
 
 A. Gabrielli's doctoral thesis (University of Ferrara, 2022) describes the model and the methods that this program
@@ -102,7 +103,7 @@ started from. This page goes through every figure of its two chapters on them: w
 simulation, what agrees with the print, what does not, and why some figures have no counterpart.
 
 `python -m benchmarks.gallery --out docs/gallery` makes all pictures, the data under them (`docs/gallery/fig*.json`)
-and this page; `--only 45 61` makes some. It takes {time}.
+and this page; `--only 45 61` makes some. All of it takes a minute or two.
 
 How to read the verdicts: a number *agrees* within half a unit of the last printed digit (or within the bound that the
 text gives) and is *close* within 3 %; a statement in words agrees where it holds in every case, and holds *in part*
@@ -147,7 +148,7 @@ def page(folder: Path, prefix: str) -> str:
     stored = {
         number: json.loads((folder / f"fig{number}.json").read_text(encoding="utf-8")) for number in sorted(FIGURES)
     }
-    lines = [_HEAD.format(time=_TIME), "| Fig. | shows | counterpart | verdicts |", "| --- | --- | --- | --- |"]
+    lines = [_HEAD, "| Fig. | shows | counterpart | verdicts |", "| --- | --- | --- | --- |"]
     lines += [_row(entry, stored) for entry in ENTRIES]
     for chapter, title in (
         ("4", "Chapter 4: the model and its parameters"),
@@ -160,16 +161,13 @@ def page(folder: Path, prefix: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-_TIME = "about two minutes on two cores"
-
-
 def _row(entry: Entry, stored: Mapping[str, Any]) -> str:
     if entry.number not in stored:
         like = " ".join(f"[Fig. {number}](#fig-{number})" for number in entry.like)
         text = f"none: {entry.why}" + (f"; see {like}" if like else "")
         return f"| {entry.number} | {entry.title} | {text} |  |"
     found = [claim["verdict"] for claim in stored[entry.number]["claims"]]
-    counts = ", ".join(f"{found.count(verdict)} {verdict}" for verdict in dict.fromkeys(found))
+    counts = ", ".join(f"{found.count(verdict)} {_PLURAL.get(verdict, verdict)}" for verdict in dict.fromkeys(found))
     kind = "simulated lives" if stored[entry.number]["machine"] else "made"
     return f"| {entry.number} | {entry.title} | [{kind}](#fig-{entry.number}) | {counts} |"
 
