@@ -197,7 +197,7 @@ def figure_40() -> Plate:
         left.plot(6.22, 12.6, "s", color=INK, label="Table 18")
         left.set(xlabel="ζ_1 (%)", ylabel="ζ_2 (%)", xlim=(0, 15), ylim=(0, 15))
         letter(left, 0, "")
-        left.legend(loc="lower right", fontsize=7.5)
+        left.legend(loc="lower right", fontsize=7.5, frameon=True)
         right.contourf(alpha, 1e5 * beta, admitted.astype(float), levels=[0.5, 1.5], colors=[SHADE])
         for value, stroke in zip(BETA_C, ("-", "--"), strict=True):
             right.axhline(1e5 * value, color=BLUE, ls=stroke)

@@ -227,7 +227,7 @@ def figure_66() -> Plate:
 
     def line(test: str, axes: Axes) -> None:
         _draw_tt(axes, found[test], V_TH)
-        if test == TESTS[0]:
+        if test == "E4":
             axes.legend(loc="upper right", fontsize=7.5)
 
     def draw(made: FigureBase) -> None:

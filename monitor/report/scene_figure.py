@@ -50,6 +50,7 @@ class Heard:
         periodic: whether the spectrum is one of lines at multiples of BPFO and nothing between them.
         rms: m/s2, as the model gives it.
         status: how the simulation ended.
+        band: to which the RMS refers, Hz, None for full bandwidth.
     """
 
     time: Values
@@ -59,6 +60,7 @@ class Heard:
     periodic: bool
     rms: float
     status: str
+    band: tuple[float, float] | None = None
 
 
 def heard_of(response: Response, sensor: Sensor) -> Heard:
@@ -68,7 +70,8 @@ def heard_of(response: Response, sensor: Sensor) -> Heard:
     shown = frequency <= _HIGHEST
     rms = response.rms if sensor == "mo" else response.rms_resonator
     time = np.arange(signal.size) / _RATE
-    return Heard(time, signal, frequency[shown], amplitude[shown], True, rms, response.status)
+    lines = frequency[shown], amplitude[shown]
+    return Heard(time, signal, *lines, True, rms, response.status, response.rms_band)
 
 
 def heard_over_time(response: TimeResponse, sensor: Sensor, fundamental: float) -> Heard:
@@ -105,7 +108,8 @@ def draw_scene(scene: Scene, heard: Heard, path: Path, *, sensor: Sensor, title:
 def scene_sheet(scene: Scene, heard: Heard, *, sensor: Sensor, title: str) -> Sheet:
     """Return the report of a scene (thesis, Figs. 47, 48 and 53)."""
     place = "casing" if sensor == "mo" else "resonator"
-    lead = f"RMS {figure(heard.rms / STANDARD_GRAVITY)} g on the {place} ({heard.status.replace('_', ' ')})."
+    band = "over full bandwidth" if heard.band is None else f"in {heard.band[0]:g} to {heard.band[1]:g} Hz"
+    lead = f"RMS {figure(heard.rms / STANDARD_GRAVITY)} g {band} on the {place} ({heard.status.replace('_', ' ')})."
     parts = [_signal_part(scene, heard)]
     if scene.defect is not None:
         parts.append(_path_part(scene, scene.defect))

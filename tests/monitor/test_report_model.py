@@ -242,11 +242,17 @@ def test_a_scene_report_says_what_the_model_gives(defect: Defect, words: str) ->
     assert spectrum.data["amplitude_g"][strongest] == pytest.approx(amplitude.max() / STANDARD_GRAVITY)
 
 
+def test_a_band_of_the_rms_is_said() -> None:
+    scene = scene_with(PIT)
+    heard = heard_of(simulate(scene, band=(0.0, 9500.0)), "mo")
+    assert "in 0 to 9500 Hz" in scene_sheet(scene, heard, sensor="mo", title="a scene").lead
+
+
 def test_a_silent_scene_has_a_report() -> None:
     silent = Heard(np.arange(8.0), np.zeros(8), np.arange(1.0, 9.0), np.zeros(8), True, 0.0, "converged")
     sheet = scene_sheet(scene_with(), silent, sensor="mr", title="healthy")
     assert [part.name for part in sheet.parts] == ["signal", "spectrum"]
-    assert sheet.lead == "RMS 0 g on the resonator (converged)."
+    assert sheet.lead == "RMS 0 g over full bandwidth on the resonator (converged)."
 
 
 @pytest.mark.parametrize("options", [["--fault", "inner"], ["--slip-deg", "0.5"], ["--direction-deg", "90"]])
