@@ -19,7 +19,11 @@ if TYPE_CHECKING:
 
 @click.command("report")
 @click.argument("records", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="The page [report.html]; with --batch a folder [reports].")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="The page, .html or .pdf [report.html]; with --batch a folder [reports].",
+)
 @click.option("--title", help="Of the page.")
 @click.option("--timezone", help="In which dates are written, such as Europe/Rome. [UTC]")
 @click.option(
@@ -33,6 +37,7 @@ if TYPE_CHECKING:
 @click.option(
     "--config", "config_path", type=click.Path(path_type=Path), help="With --batch: replay what is a recording."
 )
+@click.option("--pdf", is_flag=True, help="Write every page as PDF too (needs the extra pdf and Pango).")
 @click.option("--workers", type=click.IntRange(min=0), default=0, help="With --batch: processes. [one a core]")
 @output_options
 def command(
@@ -45,11 +50,12 @@ def command(
     tables: bool | None,
     batch: Path | None,
     config_path: Path | None,
+    pdf: bool,
     workers: int,
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Write one HTML page of RECORDS: netCDF files, folders of them, or state.db of one or several runs.
+    """Write one page, HTML or PDF, of RECORDS: netCDF files, folders of them, or state.db of one or several runs.
 
     With --batch, write a page for each run under a folder and an index of them all. It goes on where it was stopped;
     a run that fails is listed in the index and in failures.json, and the exit code is then 1.
@@ -66,7 +72,16 @@ def command(
         if records or maps:
             raise InputError("--batch DIR takes no RECORDS and no --map; name maps in the [report.maps] of --include")
         _batch(
-            batch, out or Path("reports"), options, include, config_path, tables is not False, workers, as_json, quiet
+            batch,
+            out or Path("reports"),
+            options,
+            include,
+            config_path,
+            tables is not False,
+            pdf,
+            workers,
+            as_json,
+            quiet,
         )
         return
     if not records:
@@ -78,9 +93,11 @@ def command(
     options = replace(options, maps={**options.maps, **read_maps(maps)})
     page = out or Path("report.html")
     folder = page.with_name(f"{page.stem}-tables") if tables else None
-    build_report(list(records), page, options=options, tables=folder)
+    build_report(list(records), page, options=options, tables=folder, pdf=pdf)
     say(f"report: {page}", quiet=quiet)
     values: dict[str, Any] = {"out": str(page)}
+    if pdf:
+        values["pdf"] = str(page.with_suffix(".pdf"))
     if folder is not None:
         values["tables"] = sorted(str(path) for path in folder.iterdir())
     emit(values, [], as_json=as_json)
@@ -93,6 +110,7 @@ def _batch(
     include: Path | None,
     config_path: Path | None,
     tables: bool,
+    pdf: bool,
     workers: int,
     as_json: bool,
     quiet: bool,
@@ -108,6 +126,7 @@ def _batch(
         options_path=include,
         config_path=config_path,
         tables=tables,
+        pdf=pdf,
         workers=workers,
         progress=counter("reports", quiet=quiet),
     )

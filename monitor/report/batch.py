@@ -20,6 +20,7 @@ from monitor import __version__
 from monitor.config import ConfigError
 from monitor.records.store import StoreError
 from monitor.report.options import Options
+from monitor.report.pdf import require_pdf
 from monitor.report.reading import ReportError, read_runs
 from monitor.report.summary import VERSION, RunSummary
 
@@ -53,6 +54,7 @@ class Task:
     options_path: Path | None
     config_path: Path | None
     tables: bool
+    pdf: bool = False
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,7 @@ def run_batch(
     options_path: Path | None = None,
     config_path: Path | None = None,
     tables: bool = True,
+    pdf: bool = False,
     workers: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[Outcome]:
@@ -149,6 +152,7 @@ def run_batch(
         options_path: TOML file with ``[report]``.
         config_path: configuration with which recordings are replayed.
         tables: write every table as CSV and netCDF too.
+        pdf: write every page, and the index, as PDF too.
         workers: processes; 0 means one a core.
         progress: told how many of how many are done.
 
@@ -156,14 +160,16 @@ def run_batch(
         What became of each run.
 
     Raises:
-        ReportError: the output folder or the index cannot be written.
+        ReportError: the output folder or the index cannot be written, or what a PDF needs is missing.
     """
+    if pdf:
+        require_pdf()
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ReportError(f"{out}: cannot be made: {error.strerror or error}") from error
     plain = replace(options, maps={})
-    tasks = [Task(item, out, plain, options_path, config_path, tables) for item in items]
+    tasks = [Task(item, out, plain, options_path, config_path, tables, pdf) for item in items]
     found = {task.item.name: outcome for task in tasks if (outcome := reused(task)) is not None}
     if found:
         progress(len(found), len(tasks))
@@ -173,7 +179,7 @@ def run_batch(
     outcomes = [found[item.name] for item in items]
     from monitor.report.index import write_index
 
-    write_index(outcomes, out, options, tables=tables)
+    write_index(outcomes, out, options, tables=tables, pdf=pdf)
     return outcomes
 
 
@@ -198,7 +204,7 @@ def _outcomes(tasks: Sequence[Task], workers: int) -> Iterator[Outcome]:
 def reused(task: Task) -> Outcome | None:
     """Return the outcome of a run whose page needs no making, else None."""
     try:
-        kept = _kept(task.out / task.item.name, fingerprint(task))
+        kept = _kept(task.out / task.item.name, fingerprint(task), pdf=task.pdf)
     except OSError:
         return None
     return None if kept is None else Outcome(task.item, kept, reused=True)
@@ -231,9 +237,8 @@ def _report(task: Task, folder: Path, print_of: str) -> tuple[RunSummary, ...]:
     if len(runs) == 1:
         runs = [replace(runs[0], label=f"{runs[0].machine}, {task.item.name}")]
     options = replace(options, title=f"Bearing health: {task.item.name}")
-    page, summaries = report_runs(
-        runs, folder / "report.html", options=options, tables=folder / "tables" if task.tables else None
-    )
+    place = folder / "tables" if task.tables else None
+    page, summaries = report_runs(runs, folder / "report.html", options=options, tables=place, pdf=task.pdf)
     link = f"{task.item.name}/{page.name}"
     linked = tuple(replace(item, link=link if len(runs) == 1 else f"{link}{item.link}") for item in summaries)
     stored = {"fingerprint": print_of, "runs": [item.to_dict() for item in linked]}
@@ -267,7 +272,16 @@ def fingerprint(task: Task) -> str:
     """Return a digest of all that makes a page: its records, options, configuration and the program's version."""
     digest = hashlib.sha256()
     options = task.options
-    said = (__version__, VERSION, str(options.zone), sorted(options.sections), options.notes, task.tables, task.item)
+    said = (
+        __version__,
+        VERSION,
+        str(options.zone),
+        sorted(options.sections),
+        options.notes,
+        task.tables,
+        task.pdf,
+        task.item,
+    )
     digest.update(repr(said).encode())
     for path in (task.options_path, task.config_path if task.item.recording else None):
         digest.update(b"-" if path is None else path.read_bytes())
@@ -287,11 +301,12 @@ def _inputs(path: Path) -> list[Path]:
     return [item for item in records or found if item.suffix != ".db-wal" or item.stat().st_size > 0]
 
 
-def _kept(folder: Path, print_of: str) -> tuple[RunSummary, ...] | None:
+def _kept(folder: Path, print_of: str, *, pdf: bool) -> tuple[RunSummary, ...] | None:
     """Return the summaries of a page that needs no making, else None."""
     try:
         stored = json.loads((folder / _SUMMARY).read_text(encoding="utf-8"))
-        if stored["fingerprint"] != print_of or not (folder / "report.html").is_file():
+        pages = ("report.html", "report.pdf") if pdf else ("report.html",)
+        if stored["fingerprint"] != print_of or not all((folder / page).is_file() for page in pages):
             return None
         return tuple(RunSummary.from_dict(item) for item in stored["runs"])
     except (OSError, ValueError, KeyError, TypeError):

@@ -13,14 +13,14 @@ from monitor.report.comparison import compare
 from monitor.report.options import Options
 from monitor.report.quality import without_folders
 from monitor.report.reading import ReportError
-from monitor.report.report import render
+from monitor.report.report import write_page
 from monitor.report.tables import write_tables, write_whole
 
 if TYPE_CHECKING:
     from monitor.report.batch import Outcome
 
 
-def write_index(outcomes: Sequence[Outcome], out: Path, options: Options, *, tables: bool) -> Path:
+def write_index(outcomes: Sequence[Outcome], out: Path, options: Options, *, tables: bool, pdf: bool = False) -> Path:
     """Write ``index.html`` and ``failures.json`` of a batch, and its tables where they are wanted.
 
     Args:
@@ -28,6 +28,7 @@ def write_index(outcomes: Sequence[Outcome], out: Path, options: Options, *, tab
         out: folder of the batch.
         options: of its pages.
         tables: write the tables over runs to ``tables/`` too.
+        pdf: write ``index.pdf`` too.
 
     Returns:
         The index.
@@ -38,21 +39,23 @@ def write_index(outcomes: Sequence[Outcome], out: Path, options: Options, *, tab
     runs = [summary for outcome in outcomes for summary in outcome.summaries]
     failed = [(outcome.item.name, outcome.error) for outcome in outcomes if outcome.error]
     compared = compare(runs, options, itertools.count(1))
-    page = render(
+    path = out / "index.html"
+    write_page(
+        path,
         "index.html.j2",
+        pdf=pdf,
         title=options.title or "Bearing health: all runs",
         notes=options.notes,
         compared=compared,
         failed=[(name, without_folders(error)) for name, error in failed],
         options=options,
     )
-    path = out / "index.html"
+    listed = out / "failures.json"
     try:
-        write_whole(path, page)
         told = [{"run": name, "error": error} for name, error in failed]
-        write_whole(out / "failures.json", json.dumps(told, indent=1))
+        write_whole(listed, json.dumps(told, indent=1))
     except OSError as error:
-        raise ReportError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise ReportError(f"{listed}: cannot be written: {error.strerror or error}") from error
     if tables:
         write_tables(compared.tables, out / "tables", {"product_version": f"spallwatch {__version__}"})
     return path

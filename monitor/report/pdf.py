@@ -7,9 +7,12 @@ import logging
 import re
 from collections.abc import Callable
 from contextlib import redirect_stdout
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from monitor.report.reading import ReportError
+
+if TYPE_CHECKING:
+    from weasyprint.document import Document
 
 VARIANT = "pdf/ua-1"
 """Tagged, with a title, a language and texts for what is a picture: readable by those who do not see it."""
@@ -28,7 +31,14 @@ def require_pdf() -> None:
 
 
 def to_pdf(page: str) -> bytes:
-    """Return a page as PDF (PDF/UA-1) on A4.
+    """Return a page as PDF (PDF/UA-1) on A4; see :func:`lay_out`."""
+    buffer = io.BytesIO()
+    lay_out(page).write_pdf(buffer, pdf_variant=VARIANT)
+    return buffer.getvalue()
+
+
+def lay_out(page: str) -> Document:
+    """Return a page laid out on A4.
 
     Nothing is fetched: what the page names beside itself, on a network or in a file, is left out.
 
@@ -39,14 +49,14 @@ def to_pdf(page: str) -> bytes:
         ReportError: the extra ``pdf`` is missing, or the system library Pango.
     """
     html, fetcher = _library()
-    document = html(string=for_paper(page), url_fetcher=fetcher(allowed_protocols=("data",), allow_redirects=False))
-    return document.write_pdf(pdf_variant=VARIANT)
+    refusing = fetcher(allowed_protocols=("data",), allow_redirects=False)
+    return html(string=for_paper(page), url_fetcher=refusing).render(pdf_variant=VARIANT)
 
 
 def for_paper(page: str) -> str:
     """Return a page with what only a browser understands said otherwise.
 
-    Colours of figures are themselves rather than variables of the style sheet, and what a figure is called stands in it.
+    Colours of figures are themselves rather than variables of the style sheet, and what a figure shows is its title.
     """
     return _LABELLED.sub(r"\1<title>\2</title>", _VARIABLE.sub(r"\1", page))
 

@@ -43,6 +43,7 @@ def build_report(
     notes: Sequence[str] = (),
     options: Options | None = None,
     tables: Path | None = None,
+    pdf: bool = False,
 ) -> Path:
     """Write a report of one or several runs.
 
@@ -56,6 +57,7 @@ def build_report(
         notes: sentences to say first.
         options: what the page holds and how it is written; by default everything, in UTC.
         tables: folder for every table of the page as CSV and netCDF, None for none.
+        pdf: write it as PDF too, beside ``out``.
 
     Returns:
         ``out``.
@@ -63,14 +65,16 @@ def build_report(
     Raises:
         ReportError: the records cannot be read, a file cannot be written, or what a PDF needs is missing.
     """
-    if is_pdf(Path(out)):
+    if pdf or is_pdf(Path(out)):
         require_pdf()
     options = options or Options()
     options = replace(options, title=title or options.title, notes=(*options.notes, *notes))
     views = {
         name: view if isinstance(view, SpectrumView) else SpectrumView(*view) for name, view in (spectra or {}).items()
     }
-    return report_runs(read_runs(records), out, options=options, views=views, pending=pending, tables=tables)[0]
+    return report_runs(read_runs(records), out, options=options, views=views, pending=pending, tables=tables, pdf=pdf)[
+        0
+    ]
 
 
 def report_runs(
