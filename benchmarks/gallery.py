@@ -95,7 +95,7 @@ ENTRIES = (
 )
 """All figures of chapters 4 and 5."""
 
-_PLURAL = {"agrees": "agree", "differs": "differ"}
+_PLURAL = {"agrees": "agree", "close": "are close", "in part": "hold in part", "differs": "differ"}
 _HEAD = """# Gallery: the figures of the thesis' chapters 4 and 5
 
 A. Gabrielli's doctoral thesis (University of Ferrara, 2022) describes the model and the methods that this program
@@ -107,7 +107,8 @@ and this page; `--only 45 61` makes some. All of it takes a minute or two.
 
 How to read the verdicts: a number *agrees* within half a unit of the last printed digit (or within the bound that the
 text gives) and is *close* within 3 %; a statement in words agrees where it holds in every case, and holds *in part*
-where it does so in some. Almost all values of these figures are drawn and not printed, so that words are most of what
+where it does so in some; in how many stands beside it, and where words had to be made into a bound, the bound is ours and
+is stated. Almost all values of these figures are drawn and not printed, so that words are most of what
 there is to hold against. Tables of printed numbers are in [published figures](published-figures.md).
 
 Figures of chapter 5 rest on six run-to-failure tests whose signals are not at hand. Their counterparts show six
@@ -148,7 +149,7 @@ def page(folder: Path, prefix: str) -> str:
     stored = {
         number: json.loads((folder / f"fig{number}.json").read_text(encoding="utf-8")) for number in sorted(FIGURES)
     }
-    lines = [_HEAD, "| Fig. | shows | counterpart | verdicts |", "| --- | --- | --- | --- |"]
+    lines = [_HEAD + _summary(stored), "", "| Fig. | shows | counterpart | verdicts |", "| --- | --- | --- | --- |"]
     lines += [_row(entry, stored) for entry in ENTRIES]
     for chapter, title in (
         ("4", "Chapter 4: the model and its parameters"),
@@ -159,6 +160,16 @@ def page(folder: Path, prefix: str) -> str:
             if entry.number in stored and (int(entry.number) >= 52) == (chapter == "5"):
                 lines += _section(entry, stored[entry.number], prefix)
     return "\n".join(lines) + "\n"
+
+
+def _summary(stored: Mapping[str, Any]) -> str:
+    """Return how many figures and statements there are of each kind."""
+    found = [claim["verdict"] for figure in stored.values() for claim in figure["claims"]]
+    lives = sum(bool(figure["machine"]) for figure in stored.values())
+    counts = {verdict: found.count(verdict) for verdict in ("agrees", "close", "in part", "differs", "not comparable")}
+    words = ", ".join(f"{count} {_PLURAL.get(verdict, verdict)}" for verdict, count in counts.items())
+    text = f"{len(stored)} of {len(ENTRIES)} figures have a counterpart, {lives} of them from simulated lives."
+    return f"**{text} Of {len(found)} statements of the print: {words}.**"
 
 
 def _row(entry: Entry, stored: Mapping[str, Any]) -> str:

@@ -14,13 +14,20 @@ from streams.block import STANDARD_GRAVITY
 
 def lead_of(rms_map: RmsMap) -> str:
     """Return the sentence that says most of a map: the range of its levels, and whether they are absolute."""
-    low, high = (float(f(rms_map.rms)) / STANDARD_GRAVITY for f in (np.nanmin, np.nanmax))
+    low, high = (value / STANDARD_GRAVITY for value in span_of(rms_map.rms))
     trust = (
         "the rig's parameters were calibrated on this machine"
         if rms_map.plan.rig.calibrated
         else "the rig's parameters were not calibrated on this machine, so that levels and volumes are relative"
     )
-    return f"RMS {figure(low)} to {figure(high)} g in {_band(rms_map.plan)}; {trust}."
+    level = f"RMS {figure(low)} to {figure(high)} g" if math.isfinite(low) else "No simulation ended well: no RMS"
+    return f"{level} in {_band(rms_map.plan)}; {trust}."
+
+
+def span_of(values: np.ndarray) -> tuple[float, float]:
+    """Return the least and the largest finite value, NaN where there is none."""
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if finite.size else (math.nan, math.nan)
 
 
 def facts_of(rms_map: RmsMap) -> list[tuple[str, str]]:
@@ -69,8 +76,11 @@ def _rig(plan: MapPlan) -> str:
 
 
 def _numerical(rms_map: RmsMap) -> str:
-    level = float(np.sqrt(np.nanmean(rms_map.rms**2)))
-    return f"{figure(100.0 * float(np.sqrt(np.nanmean(rms_map.rms_error**2))) / level, 2)} % (rms)" if level else "none"
+    known = np.isfinite(rms_map.rms) & np.isfinite(rms_map.rms_error)
+    level = float(np.sum(rms_map.rms[known] ** 2))
+    if level == 0.0:
+        return "unknown"
+    return f"{figure(100.0 * math.sqrt(float(np.sum(rms_map.rms_error[known] ** 2)) / level), 2)} % (rms)"
 
 
 def _error(said: dict[str, object], name: str) -> str:

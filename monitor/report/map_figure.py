@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from models.map_data import MapSlice
 from models.rms_map import RmsMap
 from monitor.report.drawing import BLUE, GREEN, INK, PURPLE, SOFT, VERMILION, legend_above
-from monitor.report.map_facts import facts_of, lead_of
+from monitor.report.map_facts import facts_of, lead_of, span_of
 from monitor.report.sheet import Part, Sheet, write_sheet
 from monitor.report.wording import figure
 from streams.block import STANDARD_GRAVITY
@@ -62,11 +62,9 @@ def draw_map(rms_map: RmsMap, path: Path) -> None:
 def map_sheet(rms_map: RmsMap) -> Sheet:
     """Return the report of a map (thesis, Fig. 61); of more than twelve conditions it shows twelve and says so."""
     at = [rms_map.slice_at(float(load), float(speed)) for load in rms_map.load for speed in rms_map.speed]
-    parts = [_levels_part(rms_map, at)]
-    if at[0].rms.shape[0] > 1 and at[0].rms.shape[1] > 1:
-        parts.append(_cuts_part(at[0]))
-        if doubts(at[0]):
-            parts.append(_doubts_part(at[0]))
+    parts = [_line_part(at)] if min(at[0].rms.shape) < 2 else [_levels_part(rms_map, at), _cuts_part(at[0])]
+    if len(parts) > 1 and doubts(at[0]):
+        parts.append(_doubts_part(at[0]))
     return Sheet(f"RMS map of {rms_map.plan.bearing.designation}", lead_of(rms_map), parts, facts_of(rms_map))
 
 
@@ -97,7 +95,7 @@ def node_miss(values: Values, axis: Values, place: int) -> Values:
 
 def doubts(at: MapSlice) -> list[Doubt]:
     """Return the kinds of doubt that a slice knows of, in per cent; those that are negligible are left out."""
-    largest = float(np.nanmax(at.rms))
+    largest = span_of(at.rms)[1]
     between = np.maximum(node_miss(at.rms, at.dphi_d, 1), node_miss(at.rms, at.h_d, 0))
     with np.errstate(invalid="ignore", divide="ignore"):
         kinds = [
@@ -131,7 +129,7 @@ def show_levels(axes: Axes, at: MapSlice, highest: float, radius: float, *, volu
     image = axes.imshow(
         between, origin="lower", extent=box, aspect="auto", cmap="viridis", vmin=0.0, vmax=highest, zorder=1
     )
-    levels = [level for level in np.linspace(0.0, highest, 7)[1:-1] if np.nanmin(rms) < level < np.nanmax(rms)]
+    levels = [level for level in np.linspace(0.0, highest, 7)[1:-1] if span_of(rms)[0] < level < span_of(rms)[1]]
     if levels:
         drawn = axes.contour(extent, depth, rms, levels=levels, colors="white", linewidths=0.6, alpha=0.7, zorder=3)
         axes.clabel(drawn, fmt="%.2g", fontsize=6.5)
@@ -172,7 +170,7 @@ def _volumes(axes: Axes, radius: float, box: tuple[float, float, float, float]) 
 
 def _levels_part(rms_map: RmsMap, at: Sequence[MapSlice]) -> Part:
     shown = at[:_MOST_PANELS]
-    columns, highest = min(2, len(shown)), float(np.nanmax(rms_map.rms)) / STANDARD_GRAVITY
+    columns, highest = min(2, len(shown)), span_of(rms_map.rms)[1] / STANDARD_GRAVITY
     rows = math.ceil(len(shown) / columns)
     falling = rms_map.falling("h_d").reshape(-1, *at[0].rms.shape)
 
@@ -198,13 +196,38 @@ def _levels_part(rms_map: RmsMap, at: Sequence[MapSlice]) -> Part:
     data: dict[str, Any] = {
         "load_newton": [part.load for part in shown],
         "speed_hz": [part.speed for part in shown],
-        "rms_least_g": [float(np.nanmin(part.rms)) / STANDARD_GRAVITY for part in shown],
-        "rms_most_g": [float(np.nanmax(part.rms)) / STANDARD_GRAVITY for part in shown],
+        "rms_least_g": [span_of(part.rms)[0] / STANDARD_GRAVITY for part in shown],
+        "rms_most_g": [span_of(part.rms)[1] / STANDARD_GRAVITY for part in shown],
         "falls_with_depth": [int(np.count_nonzero(falls)) for falls in falling[: len(shown)]],
     }
     label = f"RMS over extent and depth of the defect at {len(shown)} conditions, up to {figure(highest)} g."
     height = 0.4 + (_PANEL if columns == 2 else 1.35 * _PANEL) * rows
     return Part("RMS over extent and depth", caption, label, height, draw, data, "levels")
+
+
+def _line_part(at: Sequence[MapSlice]) -> Part:
+    """Return the levels of a map of one depth or one extent: lines, one a condition."""
+    by_extent = len(at[0].dphi_d) >= len(at[0].h_d)
+    x = np.degrees(at[0].dphi_d) if by_extent else 1e6 * at[0].h_d
+    held = f"{1e6 * at[0].h_d[0]:.3g} µm deep" if by_extent else f"{np.degrees(at[0].dphi_d[0]):.3g}° wide"
+    shown = at[:_MOST_PANELS]
+    lines = {condition(part): part.rms.ravel() / STANDARD_GRAVITY for part in shown}
+
+    def draw(made: FigureBase) -> None:
+        axes = made.subplots(1, 1)
+        for place, (name, values) in enumerate(lines.items()):
+            color, stroke = _STROKES[place % len(_STROKES)]
+            axes.plot(x, values, color=color, ls=stroke, marker=".", label=name)
+        axes.set(xlabel=f"{'extent' if by_extent else 'depth'} of the defect ({'degrees' if by_extent else 'µm'})")
+        axes.set_ylabel("RMS of the casing (g)")
+        legend_above(axes, 4)
+
+    caption = f"All defects of the map are {held}."
+    if len(at) > len(shown):
+        caption += f" {len(at) - len(shown)} more conditions are not shown."
+    data: dict[str, Any] = {"extent_deg" if by_extent else "depth_um": x}
+    data |= {f"rms_at_{part.load:g}_newton_{part.speed:g}_hz_g": part.rms.ravel() / STANDARD_GRAVITY for part in shown}
+    return Part("RMS along the map", caption, f"RMS of defects that are {held}.", 2.9, draw, data, "levels")
 
 
 def _pale(axes: Axes, falls: NDArray[np.bool_], extent: Values, depth: Values) -> None:

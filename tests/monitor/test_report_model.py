@@ -111,6 +111,36 @@ def test_many_conditions_are_cut_short_and_a_line_of_nodes_has_levels_only() -> 
     assert "1 more conditions are not shown" in levels.caption
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"h_d": (1e-5,)}, "10 µm deep"),
+        ({"dphi_d": (0.1,)}, "5.73° wide"),
+        ({"h_d": (0.0,), "dphi_d": (0.0,)}, "0 µm deep"),
+    ],
+)
+def test_maps_of_one_depth_or_extent_are_lines(tmp_path: Path, changes: dict[str, object], words: str) -> None:
+    thin = small_map(**changes)
+    [part] = map_sheet(thin).parts
+    assert words in part.caption
+    assert part.data["rms_at_3000_newton_40_hz_g"] == pytest.approx(thin.rms[0].ravel() / STANDARD_GRAVITY)
+    draw_map(thin, tmp_path / "map.png")
+
+
+def test_holes_in_a_map_are_left_out(rms_map: RmsMap, tmp_path: Path) -> None:
+    holes, nothing = rms_map.rms.copy(), np.full_like(rms_map.rms, np.nan)
+    holes[0, 0, 2, 3] = np.nan
+    draw_map(replace(rms_map, rms=holes), tmp_path / "holes.html")
+    assert "NaN" not in (tmp_path / "holes.html").read_text(encoding="utf-8")
+    assert map_sheet(replace(rms_map, rms=holes)).parts[0].data["rms_most_g"][1] == pytest.approx(
+        rms_map.rms[1].max() / STANDARD_GRAVITY
+    )
+    empty = map_sheet(replace(rms_map, rms=nothing))
+    assert empty.lead.startswith("No simulation ended well")
+    draw_map(replace(rms_map, rms=nothing), tmp_path / "nothing.html")
+    draw_map(replace(rms_map, rms=np.zeros_like(nothing)), tmp_path / "silent.svg")
+
+
 def test_names_with_html_in_them_do_no_harm(tmp_path: Path) -> None:
     wild = small_map(bearing=replace(BEARING, designation="<script>alert(1)</script>&"), load=(3000.0,), floors=1)
     draw_map(wild, tmp_path / "map.html")
