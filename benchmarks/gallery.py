@@ -107,8 +107,8 @@ and this page; `--only 45 61` makes some. All of it takes a minute or two.
 
 How to read the verdicts: a number *agrees* within half a unit of the last printed digit (or within the bound that the
 text gives) and is *close* within 3 %; a statement in words agrees where it holds in every case, and holds *in part*
-where it does so in some; in how many stands beside it. Where words had to be made into a bound, the bound is ours and is
-stated. Almost all values of these figures are drawn and not printed, so that words are most of what there is to hold
+where it does so in some; in how many stands beside it. Where words had to be made into a bound, the bound is ours and
+is stated. Almost all values of these figures are drawn and not printed, so that words are most of what there is to hold
 against. Tables of printed numbers are in [published figures](published-figures.md).
 
 Figures of chapter 5 rest on six run-to-failure tests whose signals are not at hand. Their counterparts show six
