@@ -31,9 +31,10 @@ from monitor.report.drawing import (
 )
 from monitor.report.reading import Channel, Run
 from monitor.report.score_reading import running_time
-from monitor.report.trend_figures import draw_marks
+from monitor.report.trend_figures import draw_marks, zoom_marks
 from monitor.report.verdict import Verdict, interval_name, unscaled
 from monitor.report.wording import Clock, figure, volume
+from monitor.report.zoom import Band, Line, Panel, zoom_data
 
 ENDS = ("lower", "upper")
 _LAWS = (0.25, 0.5, 0.75, 1.0)
@@ -89,7 +90,11 @@ def damaged_volume(
     data |= {f"v_eq_{end}_mm2": values for end, values in zip(ENDS, ends, strict=True)}
     label = f"Equivalent damaged volume of channel {channel.name} over the final stage."
     caption = _volume_caption(channel, part, thresholds, truth) + unscaled(run)
-    return Picture("Damaged volume", to_svg(made, label, numbers), caption, _known(data), "damage")
+    lines = [Line("tracked", BLUE, found), Line("true", GREEN, truth, "dashed")]
+    levels = [("threshold", ORANGE, 1e6 * threshold) for threshold in thresholds]
+    chart = Panel(axes, lines, [Band(interval_name(run), SKY, *ends)], levels)
+    zoom = zoom_data(axis, time, [chart], marks=zoom_marks(verdict))
+    return Picture("Damaged volume", to_svg(made, label, numbers), caption, _known(data), "damage", zoom)
 
 
 def _volume_caption(channel: Channel, part: slice, thresholds: Sequence[float], truth: NDArray[np.float64]) -> str:

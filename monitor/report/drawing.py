@@ -89,6 +89,7 @@ class Picture:
         data: what is drawn, as columns or single values; units end the names. The page carries it, so that a program
             can draw it again.
         name: by which a program finds it.
+        zoom: charts that can be zoomed, see :func:`monitor.report.zoom.zoom_data`; empty where there are none.
     """
 
     heading: str
@@ -96,6 +97,7 @@ class Picture:
     caption: str
     data: Mapping[str, Any] = field(default_factory=dict)
     name: str = ""
+    zoom: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def json(self) -> str:
@@ -165,6 +167,11 @@ def time_axis(time: NDArray[np.float64], clock: Clock) -> TimeAxis:
     return TimeAxis(False, unit, f"{name} from the first block")
 
 
+def colour_name(colour: str) -> str:
+    """Return what the style sheet of the page calls a colour of this file."""
+    return _THEMED[colour]
+
+
 def new_figure(height: float, panels: Sequence[float] = (1.0,)) -> tuple[Figure, list[Axes]]:
     """Return a figure of panels above each other that share the horizontal axis; ``panels`` are their heights."""
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
@@ -210,8 +217,14 @@ def thin(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> tuple[NDA
         y: values, NaN where the line breaks.
         bins: columns of the picture.
     """
+    keep = places_kept(x, y, bins)
+    return x[keep], y[keep]
+
+
+def places_kept(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> NDArray[np.intp]:
+    """Return the places of the points that :func:`thin` leaves."""
     if x.size <= 2 * bins or x[-1] <= x[0]:
-        return x, y
+        return np.arange(x.size)
     edges = np.searchsorted(x, np.linspace(x[0], x[-1], bins + 1)[1:-1])
     keep: list[int] = []
     for start, stop in itertools.pairwise([0, *edges.tolist(), x.size]):
@@ -223,7 +236,7 @@ def thin(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> tuple[NDA
         if finite.any():
             places |= {int(np.nanargmin(part)), int(np.nanargmax(part))}
         keep.extend(start + place for place in sorted(places))
-    return x[keep], y[keep]
+    return np.array(keep, dtype=np.intp)
 
 
 def with_breaks(time: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -21,6 +21,7 @@ from monitor.report.drawing import (
     BLUE,
     GREEN,
     ORANGE,
+    SKY,
     STYLE,
     Picture,
     TimeAxis,
@@ -32,9 +33,10 @@ from monitor.report.drawing import (
 )
 from monitor.report.reading import Channel, Run
 from monitor.report.score_reading import running_time
-from monitor.report.trend_figures import draw_marks
+from monitor.report.trend_figures import draw_marks, zoom_marks
 from monitor.report.verdict import Verdict, interval_name, unscaled
 from monitor.report.wording import TT_REFUSALS, Clock, count, volume
+from monitor.report.zoom import Band, Line, Panel, zoom_data
 
 ALPHA = 0.2
 """Half-width of the cone as a share of the true time left (Saxena et al., IJPHM 1(1), 2010)."""
@@ -118,7 +120,12 @@ def _forecast(
     data = {"time_s": time, "tt_s": tt, "tt_lower_s": ends[0], "tt_upper_s": ends[1], "truth_s": truth, "truth": kind}
     data = {k: v for k, v in data.items() if not isinstance(v, np.ndarray) or np.isfinite(v).any()}
     caption = _caption(tt, truth, ends, kind, refused) + unscaled(run)
-    return Picture(f"Time to the threshold{of}", to_svg(made, label, numbers), caption, data, "forecast")
+    cone = Band("±20 %", GREEN, (1 - ALPHA) * truth / unit, (1 + ALPHA) * truth / unit)
+    issued = Band(interval_name(run), SKY, ends[0] / unit, ends[1] / unit)
+    against = Line("true" if kind == "true" else "until the tracked V_eq crossed", GREEN, truth / unit, "dashed")
+    chart = Panel(axes, [against, Line("as issued", BLUE, tt / unit, "dots")], [cone, issued], top=top / unit)
+    zoom = zoom_data(axis, time, [chart], marks=zoom_marks(verdict))
+    return Picture(f"Time to the threshold{of}", to_svg(made, label, numbers), caption, data, "forecast", zoom)
 
 
 def _cone(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], truth: NDArray[np.float64], kind: str) -> None:

@@ -25,6 +25,7 @@ from monitor.report.spectrum_figures import SpectrumView
 from monitor.report.summary import RunSummary, summarise
 from monitor.report.tables import Table, write_tables, write_whole
 from monitor.report.wording import Clock
+from monitor.report.zoom import policy_hash, zoom_json, zoom_script, zoom_style
 
 __all__ = ["Options", "ReportError", "SpectrumView", "build_report", "is_pdf", "render", "report_runs", "write_page"]
 
@@ -116,6 +117,7 @@ def report_runs(
         Path(out),
         "report.html.j2",
         pdf=pdf,
+        zoomed=any(picture.zoom for part in parts for channel in part.channels for picture in channel.pictures),
         title=options.title or f"Bearing health: {', '.join(dict.fromkeys(run.machine for run in runs))}",
         notes=[without_folders(note) for note in options.notes],
         runs=parts,
@@ -173,19 +175,24 @@ def write_page(out: Path, template: str, *, pdf: bool = False, **values: Any) ->
         raise ReportError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
-def render(template: str, *, bare: bool = False, **values: Any) -> str:
+def render(template: str, *, bare: bool = False, zoomed: bool = False, **values: Any) -> str:
     """Return a template as a page; what comes from outside (names, reasons) is escaped everywhere.
 
     Args:
         template: its name.
         bare: for paper: without scripts and without the data of figures.
+        zoomed: with the script that makes charts of the figures that can be zoomed.
         values: that it uses, beside those that every page has.
     """
+    script = zoom_script() if zoomed and not bare else ""
     environment = Environment(autoescape=True, loader=FunctionLoader(_file), trim_blocks=True, lstrip_blocks=True)
     return environment.get_template(template).render(
         written=Clock(True, values["options"].zone).moment(float(int(datetime.now(UTC).timestamp()))),
         # Ours, not from outside: a style sheet has quotes and brackets that must stay.
-        style=Markup(_file("report.css") + (_file("pdf.css") if bare else "")),
+        style=Markup(_file("report.css") + (_file("pdf.css") if bare else "") + (zoom_style() if script else "")),
+        script=Markup(script),
+        policy=Markup(policy_hash(script)),
+        zoom_json=lambda data: Markup(zoom_json(data)),
         svg=Markup,
         version=__version__,
         symbols=SYMBOLS,

@@ -36,6 +36,7 @@ from monitor.report.drawing import (
 from monitor.report.reading import Channel, Run
 from monitor.report.verdict import Moment, Verdict
 from monitor.report.wording import FAULT_NAMES, Clock, figure
+from monitor.report.zoom import Line, Panel, zoom_data
 from streams.block import STANDARD_GRAVITY
 
 _SUMS = {"outer": "h_or", "inner": "h_ir", "ball": "h_ball", "cage": "h_cage"}
@@ -137,7 +138,55 @@ def _drawn(
         _caption(channel, verdict, part, scored=scored),
         {"time_s" if axis.timed else "block": time, **data} if time.size <= 2 * _DATA_BINS else _thinned(time, data),
         "final_stage" if heading else "trends",
+        _zoomed(axis, time, panels, data, channel, part, verdict, alarms),
     )
+
+
+def _zoomed(
+    axis: TimeAxis,
+    time: NDArray[np.float64],
+    panels: list[Axes],
+    data: dict[str, Any],
+    channel: Channel,
+    part: slice,
+    verdict: Verdict,
+    alarms: list[tuple[float, str]],
+) -> dict[str, Any]:
+    scale, unit = scale_of(channel)
+    suffix = "g" if unit == "g" else "sensor_unit"
+    rms = [Line("RMS", BLUE, data[f"rms_{suffix}"])]
+    rms.append(Line("moving mean that the tracker takes", INK, channel.column("rms_smoothed")[part] / scale))
+    sums = [
+        Line(_SYMBOLS[name], _SUM_COLOURS[name], data[key])
+        for name in _SUMS
+        if (key := f"{_SUMS[name]}_{suffix}") in data
+    ]
+    charts = [
+        Panel(axes, lines, levels=[("learned", GREY, data.get(f"{name}_learned_{suffix}", math.nan))])
+        for axes, lines, name in ((panels[0], rms, "rms"), (panels[1], sums, "h_or"))
+    ]
+    if len(panels) > 2:
+        threshold = channel.column("detect_threshold")[part]
+        score = [Line("score", GREY, data["score"]), Line("threshold of an alarm", ORANGE, threshold, "dashed")]
+        charts.append(Panel(panels[2], score, height=0.8))
+    ticks = [(name, colour, time[rows], False) for _, colour, name, rows in _rugs(channel, part)]
+    for severity, colour in (("alert", ORANGE), ("danger", VERMILION)):
+        at = np.array([at for at, said in alarms if said == severity and at >= time[0]])
+        ticks.append((f"{severity} raised", colour, at, True))
+    learning = time[channel.word("stage")[part] == "learning"]
+    return zoom_data(
+        axis,
+        time,
+        charts,
+        marks=zoom_marks(verdict) if axis.timed else (),
+        ticks=ticks if axis.timed else ticks[:-2],
+        shade=(learning[0], learning[-1]) if learning.size > 1 else (),
+    )
+
+
+def zoom_marks(verdict: Verdict) -> list[tuple[str, str, float, str]]:
+    """Return the vertical lines of :func:`draw_marks` as :func:`monitor.report.zoom.zoom_data` takes them."""
+    return [(name, colour, mark.time, style) for mark, colour, style, name in _moments(verdict)]
 
 
 def _levels(
