@@ -54,7 +54,7 @@
     }
   }
 
-  /** Steps of a logarithmic axis: one, two and five, or powers of ten alone where there are many. */
+  /** Steps of a logarithmic axis: one, two and five, powers of ten alone where there are many, even steps where few. */
   function ladder(low, high) {
     const found = [];
     const wide = Math.log10(high / low) > 3.5;
@@ -63,7 +63,12 @@
         const value = Number(`${step}e${power}`);
         if (value >= low && value <= high) found.push(value);
       }
-    return found;
+    if (found.length > 2) return found;
+    const room = (high - low) / 4;
+    const power = 10 ** Math.floor(Math.log10(room));
+    const step = power * [1, 2, 5, 10].find((times) => times * power >= room);
+    const first = Math.ceil(low / step);
+    return Array.from({ length: Math.floor(high / step) - first + 1 }, (_, at) => Number(((first + at) * step).toPrecision(12)));
   }
 
   /** The charts of one figure, on one axis of time. */
@@ -220,7 +225,10 @@
         if (value > high && value < 2.5 * high) high = value;
         if (panel.log && value > 0 && value < low && value > low / 2.5) low = value;
       }
-      if (panel.log) return [low / 1.12, high * 1.12];
+      if (panel.log) {
+        const margin = Math.max((high / low) ** 0.06, 1.005);
+        return [low / margin, high * margin];
+      }
       return [Math.min(0, low), Math.min(1.08 * high, panel.top ?? Infinity) || 1];
     }
 
