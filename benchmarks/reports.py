@@ -3,9 +3,10 @@
 Run as ``python -m benchmarks.reports [--quick] [--json FILE]``. Two tables:
 
 1. one run of 30,000 blocks with two channels, one of them tracked and forecast from its onset on, and 400 kept envelope
-   spectra of each: processor and passed seconds to read the store and to write the page, and its size;
-2. a batch of 100 runs of 600 blocks with 200 spectra: passed seconds and seconds a run, ten from one process and then
-   all from one a core, tables as CSV and netCDF included, and all again when nothing has changed.
+   spectra of each: processor and passed seconds to read the store and to write the page, and its size; then the same
+   page drawn again and laid out as PDF;
+2. a batch of 100 runs of 600 blocks with 200 spectra: passed seconds and seconds a run, ten from one process, without
+   and with PDF, then all from one a core, and all again when nothing has changed; tables as CSV and netCDF included.
 
 Stores are made up; drawing costs the same whatever is drawn.
 """
@@ -128,11 +129,14 @@ def one_page(folder: Path, blocks: int, spectra: int) -> list[Row]:
     middle = time.process_time(), time.perf_counter()
     report_runs(runs, out, options=Options())
     end = time.process_time(), time.perf_counter()
-    size = out.stat().st_size / 1e6
-    for name, first, last in (
-        ("read the store", (cpu, wall), middle),
-        ("judge, draw, write", middle, end),
-        ("in all", (cpu, wall), end),
+    paper = out.with_suffix(".pdf")
+    report_runs(runs, paper, options=Options())
+    printed = time.process_time(), time.perf_counter()
+    for name, first, last, path in (
+        ("read the store", (cpu, wall), middle, out),
+        ("judge, draw, write", middle, end, out),
+        ("in all", (cpu, wall), end, out),
+        ("judge, draw, write as PDF", end, printed, paper),
     ):
         rows.append(
             {
@@ -141,7 +145,7 @@ def one_page(folder: Path, blocks: int, spectra: int) -> list[Row]:
                 "spectra": 2 * spectra,
                 "processor s": last[0] - first[0],
                 "passed s": last[1] - first[1],
-                "page MB": size,
+                "MB": path.stat().st_size / 1e6,
             }
         )
     return rows
@@ -154,13 +158,15 @@ def many_pages(folder: Path, runs: int, blocks: int, spectra: int) -> list[Row]:
     items = find_items(folder / "fleet", recordings=False)
     rows: list[Row] = []
     cores = os.cpu_count() or 1
+    few = items[: max(2, runs // 10)]
     for name, chosen, workers, place in (
-        ("one process", items[: max(2, runs // 10)], 1, "one"),
+        ("one process", few, 1, "one"),
+        ("one process, with PDF", few, 1, "paper"),
         (f"{cores} processes", items, 0, "many"),
         ("nothing changed", items, 0, "many"),
     ):
         wall, cpu = time.perf_counter(), _processor_seconds()
-        outcomes = run_batch(chosen, folder / place, options=Options(), workers=workers)
+        outcomes = run_batch(chosen, folder / place, options=Options(), workers=workers, pdf=place == "paper")
         seconds, busy = time.perf_counter() - wall, _processor_seconds() - cpu
         size = sum(path.stat().st_size for path in (folder / place).rglob("*") if path.is_file())
         rows.append(
