@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from monitor.report.pdf import require_pdf
-from monitor.report.reading import ReportError
 from tests.broker import broker_program
 
 _REPOSITORY = Path(__file__).resolve().parents[1]
@@ -29,6 +27,9 @@ def chromium_program() -> str | None:
 @functools.cache
 def missing_for_pdf() -> str:
     """Return what is missing for a PDF, "" where nothing is."""
+    from monitor.report.pdf import require_pdf
+    from monitor.report.reading import ReportError
+
     try:
         require_pdf()
     except ReportError as error:
