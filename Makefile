@@ -28,7 +28,9 @@ demo: $(READY)
 	$(BIN)/spallwatch demo --out demo-out
 
 test: $(READY)
-	$(BIN)/python -m pytest
+	@# Kernels are compiled once, not by each of the workers at the same time.
+	$(BIN)/spallwatch warmup --quiet
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
 check: $(READY)
 	$(BIN)/ruff check .

@@ -4,7 +4,7 @@ Run as ``python -m benchmarks.page [--quick] [--json FILE]``. The page is a proc
 and is asked over one connection that stays open, packed answers allowed. Three tables:
 
 1. each address of a machine of 1,000 channels (ten sources of a hundred) whose status is renewed every second, and of a
-   machine of one channel with 500,000 records of 5 s (``--quick``: 50,000): milliseconds, median and 99th percentile,
+   machine of one channel with 100,000 records of 5 s (``--quick``: 50,000): milliseconds, median and 99th percentile,
    and bytes as sent;
 2. the first minutes: seconds until the page answers, and until all records are in the trends;
 3. milliseconds from the commit of a block until who follows its channel has it, with one and with 32 open streams. The
@@ -239,8 +239,8 @@ def run(folder: Path, records: int, rounds: int) -> dict[str, Sequence[Row]]:
             caught_up = time.perf_counter() - began
             rows = latencies(client, BEGIN + INTERVAL * records, rounds)
             store = folder / "rig" / "state" / "state.db"
-            few = deliveries(client, store, records + 1, 1, min(rounds, 20))
-            many = deliveries(client, store, records + 100, 32, min(rounds, 20))
+            few = deliveries(client, store, records + 1, 1, min(rounds, 12))
+            many = deliveries(client, store, records + 100, 32, min(rounds, 12))
         finally:
             page.close()
     start = [{"records": records, "page answers s": ready, "all records in the trends s": caught_up}]
@@ -255,7 +255,7 @@ def main() -> None:
     """Measure, print, and write what was asked for."""
     options = arguments("the page's server")
     with tempfile.TemporaryDirectory() as name:
-        found = run(Path(name), 50_000 if options.quick else 500_000, 5 if options.quick else 50)
+        found = run(Path(name), 50_000 if options.quick else 100_000, 5 if options.quick else 15)
     print_table("addresses (wall clock, one after the other over one connection)", found["addresses"])
     print_table("start", found["start"])
     print_table("from a commit to who follows the channel (the page looks twice a second)", found["stream"])

@@ -1,14 +1,11 @@
-"""From the rows of a file to blocks: which rows are channels, in what unit, and where a long file is cut."""
+"""From the rows of a file to channels: which rows they are, in what unit, at which rate."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-
-import numpy as np
-from numpy.typing import NDArray
 
 from streams.readers.reading import ReaderError, Reading
 from streams.spec import UNITS, ChannelSpec
@@ -140,50 +137,6 @@ def agreed_rate(stated: Sequence[float | None], configured: float | None, where:
     return rates[0]
 
 
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """Part of a file that becomes a block.
-
-    Attributes:
-        samples: shape (channel, sample), rows contiguous.
-        offset: index of its first sample in the file.
-        whole: whether it is the whole file.
-        missing: number of samples that it lacks to be a block, 0 where it is one.
-    """
-
-    samples: NDArray[np.floating]
-    offset: int
-    whole: bool
-    missing: int = 0
-
-
-def cut(samples: NDArray[np.floating], length: int | None) -> Iterator[Piece]:
-    """Cut rows into blocks of equal length and drop nothing silently.
-
-    Args:
-        samples: shape (channel, sample).
-        length: samples of a block, or None for the whole file as one.
-
-    Yields:
-        The pieces in order. The last one may be shorter: from 0.9 of the length on it is a block (``missing`` 0), below
-        that it is not (``missing`` > 0).
-    """
-    total = samples.shape[1]
-    if length is None:
-        yield Piece(samples, 0, whole=True)
-        return
-    for offset in range(0, total, length):
-        part = samples[:, offset : offset + length]
-        short = part.shape[1] < TAIL * length
-        contiguous = np.ascontiguousarray(part)
-        yield Piece(contiguous, offset, part.shape[1] == total, length - part.shape[1] if short else 0)
-
-
 def content_hash(data: bytes) -> str:
     """Return the BLAKE2b-128 digest of the bytes of a file, in hexadecimal."""
     return hashlib.blake2b(data, digest_size=16).hexdigest()
-
-
-def piece_hash(file_hash: str, index: int) -> str:
-    """Return the digest of one of several blocks of a file: that of the file's digest and the block's 0-based index."""
-    return hashlib.blake2b(f"{file_hash}[{index}]".encode(), digest_size=16).hexdigest()

@@ -54,6 +54,10 @@ class Ledger(Protocol):
         """Return the highest committed sequence number of a source (or stream), 0 where there is none."""
         ...
 
+    def began(self, source: str) -> float | None:
+        """Return when the first dated block of a source began, seconds since 1970 UTC, or None where none is dated."""
+        ...
+
     def content_of(self, source: str, sequence: int) -> str | None:
         """Return the content hash of the block committed under a number, or None where the number is free."""
         ...
@@ -95,6 +99,7 @@ class MemoryLedger:
         self._lock = threading.Lock()
         self._blocks: dict[str, dict[int, str]] = {}
         self._highest: dict[str, int] = {}
+        self._began: dict[str, float] = {}
         self._sequences: dict[tuple[str, str], int] = {}
         self._files: dict[str, dict[str, FileProgress]] = {}
         self._heads: dict[tuple[str, str], dict[str, None]] = {}
@@ -103,6 +108,11 @@ class MemoryLedger:
         """Return the highest committed sequence number of a source, 0 where there is none."""
         with self._lock:
             return self._highest.get(source, 0)
+
+    def began(self, source: str) -> float | None:
+        """Return when the first dated block of a source began, or None."""
+        with self._lock:
+            return self._began.get(source)
 
     def content_of(self, source: str, sequence: int) -> str | None:
         """Return the content hash of the block committed under a number, or None."""
@@ -162,6 +172,8 @@ class MemoryLedger:
                 outcome = "duplicate" if blocks[sequence] == content_hash else "changed"
             else:
                 blocks[sequence] = content_hash
+                if isinstance(item, Block) and item.start is not None:
+                    self._began.setdefault(source, item.start)
                 self._highest[source] = max(sequence, self._highest.get(source, 0))
                 if content_hash:
                     self._sequences.setdefault((source, content_hash), sequence)

@@ -24,11 +24,13 @@ class Chunk:
         rate: sampling rate in Hz.
         channels: name of each row.
         units: unit of each row.
-        start: seconds since 1970 UTC of the first sample, or None.
+        start: seconds since 1970 UTC of the first sample of the origin, or None.
         origin: what the samples are of, a path or the number of a frame; blocks say how much of it they used.
         offset: index of the first sample in its origin.
         number: place of the origin in a stream without gaps, or None where it has none: what is undated is joined
             where these follow each other.
+        elapsed: seconds from the first sample of the source to that of the origin, or None.
+        speed, load: shaft speed in Hz and radial load in N that the origin states, or None.
     """
 
     samples: NDArray[np.floating]
@@ -39,11 +41,18 @@ class Chunk:
     origin: Hashable
     offset: int = 0
     number: int | None = None
+    elapsed: float | None = None
+    speed: float | None = None
+    load: float | None = None
 
     @property
     def end(self) -> int:
         """Index behind the last sample in the origin."""
         return self.offset + self.samples.shape[1]
+
+    def time_of(self, index: int) -> float | None:
+        """Return the time of a sample of the origin; it does not depend on how the origin was taken apart."""
+        return None if self.start is None else self.start + index / self.rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +66,8 @@ class Cut:
         used: of each origin that the samples came from, in order, the index behind its last used sample.
         first: origin and index in it of the first sample.
         missing: number of samples that it lacks to be a block, 0 where it is one.
+        elapsed: seconds from the first sample of the source, where the first origin knows it, or None.
+        speed, load: as the origin of the first sample states them.
     """
 
     samples: NDArray[np.floating]
@@ -67,6 +78,9 @@ class Cut:
     used: tuple[tuple[Hashable, int], ...]
     first: tuple[Hashable, int]
     missing: int = 0
+    elapsed: float | None = None
+    speed: float | None = None
+    load: float | None = None
 
 
 class Reblocker:
@@ -139,6 +153,8 @@ class Reblocker:
             chunk = self._held.pop(0)
             taken = min(left, chunk.samples.shape[1])
             parts.append(chunk.samples[:, :taken])
+            if used and used[-1][0] == chunk.origin:
+                used.pop()
             used.append((chunk.origin, chunk.offset + taken))
             left -= taken
             if taken < chunk.samples.shape[1]:
@@ -150,16 +166,18 @@ class Reblocker:
             rate=first.rate,
             channels=first.channels,
             units=first.units,
-            start=first.start,
+            start=first.time_of(first.offset),
             used=tuple(used),
             first=(first.origin, first.offset),
             missing=missing,
+            elapsed=None if first.elapsed is None else first.elapsed + first.offset / first.rate,
+            speed=first.speed,
+            load=first.load,
         )
 
 
 def _rest(chunk: Chunk, taken: int) -> Chunk:
-    start = None if chunk.start is None else chunk.start + taken / chunk.rate
-    return replace(chunk, samples=chunk.samples[:, taken:], start=start, offset=chunk.offset + taken)
+    return replace(chunk, samples=chunk.samples[:, taken:], offset=chunk.offset + taken)
 
 
 def _follows(before: Chunk, after: Chunk) -> bool:
@@ -174,10 +192,10 @@ def _follows(before: Chunk, after: Chunk) -> bool:
         return False
     if before.origin == after.origin:
         return after.offset == before.end
-    if before.start is not None and after.start is not None:
-        end = before.start + before.samples.shape[1] / before.rate
-        return abs(after.start - end) <= max(_TIME_TOLERANCE, 0.5 / before.rate)
-    if before.start is not None or after.start is not None or before.number is None or after.number is None:
+    end, begin = before.time_of(before.end), after.time_of(after.offset)
+    if end is not None and begin is not None:
+        return abs(begin - end) <= max(_TIME_TOLERANCE, 0.5 / before.rate)
+    if end is not None or begin is not None or before.number is None or after.number is None:
         return False
     return after.number == before.number + 1 and after.offset == 0
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from zoneinfo import ZoneInfo
 
 from streams.block import Block, Rejected
-from streams.blocks import TAIL, Piece, agreed_rate, choose_rows, content_hash, cut, piece_hash
+from streams.blocks import TAIL, agreed_rate, choose_rows, content_hash
+from streams.cut_blocks import began_at, cut_item, elapsed_at
 from streams.dataset import DataSet, FileFacts
 from streams.files import Files, Item, open_files
 from streams.readers.packed import unpack
 from streams.readers.reading import ReaderError, Reading
+from streams.reblock import Chunk, Cut, Reblocker
 from streams.recognise import data_set_of
 from streams.spec import SourceError, SourceSpec
 
@@ -29,8 +31,16 @@ class _Loaded:
     digest: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class _Origin:
+    """A file that samples are of: its path and the number of its samples."""
+
+    path: str
+    total: int
+
+
 class Recording:
-    """The blocks of a recording.
+    """The blocks of a recording, the same as of a followed folder with the same files.
 
     A folder's files are sorted first. An archive is read in one pass: a file that comes before its turn is held back
     until those before it have come (where the files are numbered without gaps nothing else is needed; elsewhere the
@@ -45,13 +55,13 @@ class Recording:
         self._set = data_set
         self._zone = ZoneInfo(spec.timezone)
         self._count: int | None = None
-        self._one_a_file = data_set.snapshot or spec.block_s == "file"
+        self._block_s = None if data_set.snapshot or spec.block_s == "file" else spec.block_s
         self._check()
 
     def __len__(self) -> int:
         """Return the number of blocks, rejected ones included; it is found by one pass over the recording."""
         if self._count is None:
-            self._count = self._count_files() if self._one_a_file else sum(1 for _ in self)
+            self._count = self._count_files() if self._block_s is None else sum(1 for _ in self._cuts(self._block_s))
         return self._count
 
     def _count_files(self) -> int:
@@ -73,13 +83,22 @@ class Recording:
     def __iter__(self) -> Iterator[Block | Rejected]:
         """Iterate over the blocks from the first one on."""
         sequence = 0
-        origin: float | None = None
-        for loaded in self._in_order():
-            if origin is None:
-                origin = _start_of(loaded)
-            for item in self._blocks(loaded, sequence, origin):
-                sequence = max(sequence, item.sequence)
-                yield item
+        began: float | None = None
+        made: Iterable[Cut | Rejected | _Loaded] = self._in_order()
+        if self._block_s is not None:
+            made = self._cuts(self._block_s)
+        for part in made:
+            if isinstance(part, Rejected):
+                item: Block | Rejected = replace(part, sequence=sequence + 1)
+            elif isinstance(part, _Loaded):
+                item = self._whole(part, sequence + 1, began)
+            else:
+                origin = part.first[0]
+                path, total = (origin.path, origin.total) if isinstance(origin, _Origin) else ("", 0)
+                item = cut_item(part, self.name, sequence + 1, path, total, began)
+            sequence = max(sequence, item.sequence)
+            began = began_at(began, item)
+            yield item
 
     def _facts(self, path: str) -> FileFacts | None:
         return self._set.facts(path, str(self._files.root), self._zone)
@@ -197,43 +216,68 @@ class Recording:
         except ReaderError as error:
             return _Loaded(item.path, facts, error=error, digest=digest)
 
-    def _blocks(self, loaded: _Loaded, sequence: int, origin: float | None) -> Iterator[Block | Rejected]:
-        """Give the blocks of one file, or the one rejection that stands for it, numbered after ``sequence``."""
-        numbered = self._one_a_file and loaded.facts.number is not None
-        number = loaded.facts.number if numbered and loaded.facts.number is not None else sequence + 1
-        try:
-            if loaded.reading is None:
-                raise loaded.error or ReaderError("unreadable", f"{loaded.path}: was not read")
-            self._check_length(loaded.reading, loaded.path)
-            rows = choose_rows(loaded.reading, self._spec.channels, self._set.unit, loaded.path)
-            rate = agreed_rate((loaded.reading.rate, loaded.facts.rate), self._spec.rate, loaded.path)
-        except ReaderError as error:
-            yield Rejected(self.name, number, loaded.path, error.status, str(error), loaded.digest)
-            return
-        samples = loaded.reading.samples[[row.index for row in rows]]
-        block_s = self._spec.block_s
-        length = None if self._one_a_file or block_s == "file" else max(1, round(block_s * rate))
-        for index, piece in enumerate(cut(samples, length)):
-            name = loaded.path if piece.whole else f"{loaded.path}[{index + 1}]"
-            digest = loaded.digest if piece.whole else piece_hash(loaded.digest, index)
-            if piece.missing:
-                yield Rejected(self.name, number + index, name, "short", _too_short(name, piece, rate, length), digest)
+    def _chunk(self, loaded: _Loaded) -> Chunk:
+        """Return the samples of a file and what is known of them.
+
+        Raises:
+            ReaderError: it could not be read, or is not what was configured.
+        """
+        reading, facts = loaded.reading, loaded.facts
+        if reading is None:
+            raise loaded.error or ReaderError("unreadable", f"{loaded.path}: was not read")
+        self._check_length(reading, loaded.path)
+        rows = choose_rows(reading, self._spec.channels, self._set.unit, loaded.path)
+        rate = agreed_rate((reading.rate, facts.rate), self._spec.rate, loaded.path)
+        start, elapsed = self._times(loaded)
+        return Chunk(
+            samples=reading.samples[[row.index for row in rows]],
+            rate=rate,
+            channels=tuple(row.channel for row in rows),
+            units=tuple(row.unit for row in rows),
+            start=start,
+            origin=_Origin(loaded.path, reading.samples.shape[1]),
+            elapsed=elapsed,
+            speed=reading.speed if reading.speed is not None else facts.speed,
+            load=reading.load if reading.load is not None else facts.load,
+        )
+
+    def _cuts(self, block_s: float) -> Iterator[Cut | Rejected]:
+        """Give what the files are cut to, and the rejections of those that cannot be read, numbered by the caller."""
+        cutter = Reblocker(block_s)
+        for loaded in self._in_order():
+            try:
+                chunk = self._chunk(loaded)
+            except ReaderError as error:
+                # Nothing may be joined over a file that could not be read.
+                yield from cutter.flush()
+                yield Rejected(self.name, 0, loaded.path, error.status, str(error), loaded.digest)
                 continue
-            elapsed, start = self._times(loaded, origin, piece.offset / rate)
-            yield Block(
-                samples=piece.samples,
-                rate=rate,
-                channels=tuple(row.channel for row in rows),
-                units=tuple(row.unit for row in rows),
-                source=self.name,
-                sequence=number + index,
-                name=name,
-                start=start,
-                elapsed=elapsed,
-                speed=loaded.reading.speed if loaded.reading.speed is not None else loaded.facts.speed,
-                load=loaded.reading.load if loaded.reading.load is not None else loaded.facts.load,
-                content_hash=digest,
-            )
+            yield from cutter.feed(chunk)
+            if chunk.start is None:
+                yield from cutter.flush()
+        yield from cutter.flush()
+
+    def _whole(self, loaded: _Loaded, sequence: int, began: float | None) -> Block | Rejected:
+        """Return the one block of a file, under its own number where it has one, or the rejection in its place."""
+        number = sequence if loaded.facts.number is None else loaded.facts.number
+        try:
+            chunk = self._chunk(loaded)
+        except ReaderError as error:
+            return Rejected(self.name, number, loaded.path, error.status, str(error), loaded.digest)
+        return Block(
+            samples=chunk.samples,
+            rate=chunk.rate,
+            channels=chunk.channels,
+            units=chunk.units,
+            source=self.name,
+            sequence=number,
+            name=loaded.path,
+            start=chunk.start,
+            elapsed=elapsed_at(chunk.start, chunk.elapsed, began),
+            speed=chunk.speed,
+            load=chunk.load,
+            content_hash=loaded.digest,
+        )
 
     def _check_length(self, reading: Reading, path: str) -> None:
         expected, found = self._set.samples, reading.samples.shape[1]
@@ -244,20 +288,19 @@ class Recording:
         if found > expected:
             raise ReaderError("wrong_shape", f"{path}: {found} samples, {expected} were expected")
 
-    def _times(self, loaded: _Loaded, origin: float | None, offset: float) -> tuple[float | None, float | None]:
-        """Return (elapsed, start) of a block that begins ``offset`` s into its file.
+    def _times(self, loaded: _Loaded) -> tuple[float | None, float | None]:
+        """Return (start, elapsed) of the first sample of a file; of a dated one elapsed is for the start to say.
 
         The stamp of a file goes before the configured start. Without stamps and without numbers in known intervals
         nothing says how much time lies between two files, so only a recording of one file has times then.
         """
         facts, stamp = loaded.facts, _start_of(loaded)
         if stamp is not None:
-            elapsed = stamp - origin + offset if origin is not None else None
-            return elapsed, stamp + offset
+            return stamp, None
         if facts.elapsed is None and self._files.several:
             return None, None
-        elapsed = (facts.elapsed or 0.0) + offset
-        return elapsed, None if self._spec.start is None else self._spec.start + elapsed
+        elapsed = facts.elapsed or 0.0
+        return None if self._spec.start is None else self._spec.start + elapsed, elapsed
 
 
 def _start_of(loaded: _Loaded) -> float | None:
@@ -265,11 +308,6 @@ def _start_of(loaded: _Loaded) -> float | None:
     if loaded.facts.start is not None or loaded.reading is None:
         return loaded.facts.start
     return loaded.reading.start
-
-
-def _too_short(name: str, piece: Piece, rate: float, length: int | None) -> str:
-    reason = f"{name}: {piece.samples.shape[1] / rate:g} s are left, a block has {(length or 0) / rate:g} s"
-    return reason + ('; block_s = "file" takes the file as one block' if piece.whole else "")
 
 
 def _one_run(paths: Iterable[str], name: str, data_set: DataSet) -> list[str]:

@@ -64,6 +64,12 @@ class StoreLedger:
         """Return the highest committed sequence number of a source, 0 where there is none."""
         return self._reader.rows("SELECT coalesce(max(sequence), 0) FROM blocks WHERE source = ?", source)[0][0]
 
+    def began(self, source: str) -> float | None:
+        """Return when the first dated block of a source began, seconds since 1970 UTC, or None."""
+        query = "SELECT time FROM blocks WHERE source = ? AND time IS NOT NULL ORDER BY id LIMIT 1"
+        found = self._reader.rows(query, source)
+        return found[0][0] if found else None
+
     def content_of(self, source: str, sequence: int) -> str | None:
         """Return the content hash of the block committed under a number, or None."""
         found = self._reader.rows("SELECT content_hash FROM blocks WHERE source = ? AND sequence = ?", source, sequence)
@@ -82,7 +88,8 @@ class StoreLedger:
         found = self._reader.rows(
             "SELECT sequence FROM (SELECT sequence, name FROM blocks WHERE source = ? AND content_hash = ?"
             f" ORDER BY id DESC LIMIT {_ALIKE * _ALIKE}) WHERE name = ?",
-            *(source, content_hash, name),
+            # A name that is no text stands escaped in the ledger.
+            *(source, content_hash, name.encode("utf-8", "backslashreplace").decode("utf-8")),
         )
         return found[0][0] if found else None
 

@@ -177,7 +177,10 @@ def _damage(path: Path, machine: str) -> str | None:
         return "the file is empty" if log.exists() and log.stat().st_size else None
     if head != _MAGIC:
         return "it does not begin as a database does" if _looks_like_a_store(path) else None
-    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)) as connection:
+    # A store that was killed while its tables were made has a journal, which only a writer can take back.
+    mode = "rw" if path.with_name(f"{path.name}-journal").exists() else "ro"
+    uri = f"{path.absolute().as_uri()}?mode={mode}"
+    with closing(sqlite3.connect(uri, uri=True, isolation_level=None)) as connection:
         try:
             return _found_wrong(connection, path, machine)
         except UnicodeDecodeError as error:

@@ -75,7 +75,7 @@ class Store:
                 system, or a second writer.
         """
         path = Path(path)
-        new = refuse_unsuitable(path, create=create and not read_only)
+        new = refuse_unsuitable(path, create=create and not read_only, look_inside=not read_only)
         if new and not machine:
             raise StoreError(f"{path}: a new store needs the name of its machine")
         lock = None if read_only else _lock(path)

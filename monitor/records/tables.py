@@ -114,12 +114,14 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return found.st_dev, found.st_ino
 
 
-def refuse_unsuitable(path: Path, *, create: bool) -> bool:
+def refuse_unsuitable(path: Path, *, create: bool, look_inside: bool = True) -> bool:
     """Refuse places and files that cannot hold a store, before SQLite touches them.
 
     Args:
         path: where the store is or is to be.
         create: whether it may be made.
+        look_inside: whether to read how the file begins. Closing it takes all locks of this process on it away, without
+            which its connections are not seen by others, who then remove the log: never where it may be open already.
 
     Returns:
         Whether the store has to be made.
@@ -135,9 +137,11 @@ def refuse_unsuitable(path: Path, *, create: bool) -> bool:
         path.parent.mkdir(parents=True, exist_ok=True)
         kind = file_system_type(path.parent)
         head = b""
-        if path.exists():
+        if path.exists() and look_inside:
             with path.open("rb") as file:
                 head = file.read(len(_MAGIC))
+        elif path.exists() and path.stat().st_size:
+            head = _MAGIC
     except OSError as error:
         raise StoreError(f"{path}: {error.strerror or error}") from error
     if kind in NETWORK_FILE_SYSTEMS:

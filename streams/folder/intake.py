@@ -12,6 +12,7 @@ import numpy as np
 
 from streams.block import Block, Rejected
 from streams.blocks import TAIL
+from streams.cut_blocks import began_at, cut_item, elapsed_at
 from streams.dataset import DataSet, FileFacts
 from streams.folder.listing import look_at
 from streams.folder.loading import GROWS, Parsed, Raw, UnfinishedError, is_more_of, parse, read_raw
@@ -20,7 +21,7 @@ from streams.folder.register import ARCHIVED, INCOMPLETE_AFTER, Entry, Register
 from streams.ledger import ACCEPTED, PENDING, FileProgress, Ledger
 from streams.live import Delivery
 from streams.readers.reading import ReaderError
-from streams.reblock import Chunk, Cut, Reblocker, samples_hash
+from streams.reblock import Chunk, Cut, Reblocker
 from streams.spec import SourceSpec
 
 _LOOK_AHEAD = 8
@@ -62,30 +63,36 @@ class Intake:
         self._period = spec.block_s if self._grows and spec.block_s != "file" else None
         self._on_the_way: dict[int, str] = {}
         self._highest = ledger.committed(spec.name)
+        self._began = ledger.began(spec.name)
+        self._batch: list[Loaded] = []
 
     def advance(self, now: float) -> bool:
         """Take the next files; return whether anything happened.
 
         Names need not sort by time, but the files themselves often state it: a few of them are looked at at once.
         """
-        batch: list[Loaded] = []
-        size, happened = 0, False
-        while len(batch) < (1 if self._reblocker is None else _LOOK_AHEAD) and size < _LOOK_AHEAD_BYTES:
+        size, happened, most = 0, False, 1 if self._reblocker is None else _LOOK_AHEAD
+        while len(self._batch) < most and size < _LOOK_AHEAD_BYTES:
             entry = self._register.take(now, self._period)
             if entry is None:
                 break
             happened = True
             loaded = self._load(entry, now)
             if loaded is not None:
-                batch.append(loaded)
+                self._batch.append(loaded)
                 size += loaded[3].samples.nbytes
             elif self.ready:
                 break
+        self._emit_batch()
+        return self._flush_late(now) or happened
+
+    def _emit_batch(self) -> None:
+        """Give what was looked at; also before a file is refused that comes after it."""
+        batch, self._batch = self._batch, []
         if all(loaded[3].start is not None for loaded in batch):
             batch.sort(key=lambda loaded: loaded[3].start or 0.0)
         for loaded in batch:
             self._emit(*loaded)
-        return self._flush_late(now) or happened
 
     def acknowledge(self, delivery: Delivery) -> None:
         """Take note that a delivery is committed."""
@@ -144,6 +151,7 @@ class Intake:
         self._register.queue(entry)
 
     def _reject(self, entry: Entry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
+        self._emit_batch()
         if self._reblocker is not None:
             # Nothing may be joined over a file that could not be read.
             self._give(self._reblocker.flush())
@@ -175,6 +183,7 @@ class Intake:
             if touched or (self._grows and is_more_of(raw, last)):
                 entry.fed = max(entry.fed, 0 if entry.base is None else entry.base.samples)
                 return False
+            self._emit_batch()
             if self._reblocker is not None:
                 self._give(self._reblocker.flush())
             self._register.renew(entry)
@@ -248,18 +257,28 @@ class Intake:
             elif self._is_taken(entry, raw, facts):
                 return
             progress = replace(raw.progress, samples=entry.total, verdict=ACCEPTED)
-            block = _block(self.name, parsed, number, entry.key, raw.progress.content_hash)
+            block = _block(self.name, parsed, number, entry.key, raw.progress.content_hash, self._began)
             self._deliver(block, [(entry, progress)])
             return
         begin = min(entry.fed, entry.total)
-        start = None if parsed.start is None else parsed.start + begin / parsed.rate
-        chunk = Chunk(parsed.samples[:, begin:], parsed.rate, parsed.channels, parsed.units, start, entry, begin)
+        chunk = Chunk(
+            samples=parsed.samples[:, begin:],
+            rate=parsed.rate,
+            channels=parsed.channels,
+            units=parsed.units,
+            start=parsed.start,
+            origin=entry,
+            offset=begin,
+            elapsed=parsed.elapsed,
+            speed=parsed.speed,
+            load=parsed.load,
+        )
         entry.fed = entry.total
         entry.phase = "held"
-        self._give(self._reblocker.feed(chunk), parsed)
+        self._give(self._reblocker.feed(chunk))
         if parsed.start is None and not self._grows:
             # Nothing says when the next file begins, so nothing can be joined to this one.
-            self._give(self._reblocker.flush(), parsed)
+            self._give(self._reblocker.flush())
         self._let_go(entry)
 
     def _flush_late(self, now: float) -> bool:
@@ -282,34 +301,12 @@ class Intake:
             self._register.settle(entry, progress)
         entry.phase = "delivered"
 
-    def _give(self, cuts: Iterable[Cut], parsed: Parsed | None = None) -> None:
+    def _give(self, cuts: Iterable[Cut]) -> None:
         for cut in cuts:
             pairs = list(self._progress_of(cut))
-            first, offset = cut.first
-            name = first.key if isinstance(first, Entry) else ""
-            length = cut.samples.shape[1]
-            name += f"[{round(offset / cut.rate, 3):g} s]" if offset or len(pairs) > 1 else ""
-            digest = samples_hash(cut.samples, cut.rate, cut.channels)
-            number = self._next_number()
-            if cut.missing:
-                whole = (length + cut.missing) / cut.rate
-                reason = f"{name}: {length / cut.rate:g} s are left before a gap, a block has {whole:g} s"
-                item: Block | Rejected = Rejected(self.name, number, name, "short", reason, digest)
-            else:
-                speed, load = (None, None) if parsed is None else (parsed.speed, parsed.load)
-                item = Block(
-                    samples=cut.samples,
-                    rate=cut.rate,
-                    channels=cut.channels,
-                    units=cut.units,
-                    source=self.name,
-                    sequence=number,
-                    name=name,
-                    start=cut.start,
-                    speed=speed,
-                    load=load,
-                    content_hash=digest,
-                )
+            first = cut.first[0]
+            path, total = (first.key, first.total) if isinstance(first, Entry) else ("", 0)
+            item = cut_item(cut, self.name, self._next_number(), path, total, self._began)
             self._deliver(item, pairs)
             for entry, _ in pairs:
                 self._let_go(entry)
@@ -331,6 +328,7 @@ class Intake:
         if not (isinstance(item, Rejected) and item.status in _REFUSED):
             self._on_the_way[item.sequence] = item.content_hash
             self._highest = max(self._highest, item.sequence)
+        self._began = began_at(self._began, item)
         for entry, _ in pairs:
             entry.outstanding += 1
             if entry.phase != "held":
@@ -343,7 +341,7 @@ def _printable(text: str) -> str:
     return "".join(character if character.isprintable() else "?" for character in text)
 
 
-def _block(source: str, parsed: Parsed, number: int, name: str, digest: str) -> Block:
+def _block(source: str, parsed: Parsed, number: int, name: str, digest: str, began: float | None) -> Block:
     return Block(
         samples=parsed.samples,
         rate=parsed.rate,
@@ -353,7 +351,7 @@ def _block(source: str, parsed: Parsed, number: int, name: str, digest: str) -> 
         sequence=number,
         name=name,
         start=parsed.start,
-        elapsed=parsed.elapsed,
+        elapsed=elapsed_at(parsed.start, parsed.elapsed, began),
         speed=parsed.speed,
         load=parsed.load,
         content_hash=digest,

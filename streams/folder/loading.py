@@ -47,7 +47,7 @@ class Parsed:
         rate: sampling rate in Hz.
         channels, units: of each row.
         start: seconds since 1970 UTC of the first sample, or None.
-        elapsed: seconds from the first sample of the source, or None.
+        elapsed: seconds from the first sample of the source where the name says it and no stamp does, or None.
         speed, load: shaft speed in Hz, radial load in N, or None.
     """
 
@@ -155,15 +155,16 @@ def _chosen(reading: Reading, name: str, facts: FileFacts, data_set: DataSet, sp
     rows = choose_rows(reading, spec.channels, data_set.unit, name)
     rate = agreed_rate((reading.rate, facts.rate), spec.rate, name)
     start = facts.start if facts.start is not None else reading.start
-    if start is None and spec.start is not None and facts.elapsed is not None:
-        start = spec.start + facts.elapsed
+    elapsed = facts.elapsed if start is None else None
+    if spec.start is not None and elapsed is not None:
+        start = spec.start + elapsed
     return Parsed(
         samples=reading.samples[[row.index for row in rows]],
         rate=rate,
         channels=tuple(row.channel for row in rows),
         units=tuple(row.unit for row in rows),
         start=start,
-        elapsed=facts.elapsed,
+        elapsed=elapsed,
         speed=reading.speed if reading.speed is not None else facts.speed,
         load=reading.load if reading.load is not None else facts.load,
     )

@@ -52,6 +52,8 @@ def test_a_new_block_and_a_new_state_appear_by_themselves(fixed: Served, visitor
     expect(page.get_by_role("region", name="Envelope spectrum")).to_contain_text("block 14")
     fixed.put(4, level=5.0)
     expect(answers).to_contain_text("Failure")
+    newest = page.get_by_role("slider")
+    expect(newest).to_have_attribute("aria-valuetext", re.compile("block 18"))
     expect(page.get_by_role("region", name="Events")).to_contain_text("RMS")
     expect(page).to_have_title(re.compile(r"^\(\d\) pump / x0 – spallwatch$"))
     assert page.evaluate("window.same") is True

@@ -147,7 +147,7 @@ def test_cwru_key_pattern_and_blocks(tmp_path: Path) -> None:
     path = mat_file(tmp_path / "105_0.mat", cwru_values(105))
     items = blocks(path, block_s=0.6, channels=(ChannelSpec("de", key="X*_DE_time", unit="g"),))
     assert [type(item).__name__ for item in items] == ["Block", "Block", "Block", "Rejected"]
-    assert [item.name for item in items] == [f"105_0.mat[{i}]" for i in (1, 2, 3, 4)]
+    assert [item.name for item in items] == ["105_0.mat", *(f"105_0.mat[{0.6 * i:g} s]" for i in (1, 2, 3))]
     assert [item.elapsed for item in items if isinstance(item, Block)] == [0, 0.6, 1.2]
     assert isinstance(items[3], Rejected)
     assert items[3].status == "short"

@@ -35,7 +35,7 @@ def test_plain_text_is_cut_to_blocks(tmp_path: Path) -> None:
     assert [(block.sequence, block.start, block.elapsed) for block in found] == [(1, 50, 0), (2, 55, 5)]
     (*_, tail) = source
     assert isinstance(tail, Rejected)
-    assert (tail.sequence, tail.status, tail.name) == (3, "short", "x.csv[3]")
+    assert (tail.sequence, tail.status, tail.name) == (3, "short", "x.csv[10 s]")
     assert "0.9 s are left, a block has 5 s" in tail.reason
     assert len(source) == 3
 
@@ -53,7 +53,7 @@ def test_folder_of_sound_files_in_natural_order(tmp_path: Path) -> None:
     (tmp_path / "README.txt").write_text("how this was recorded\n")
     channels = (ChannelSpec("x", column=2, unit="V", sensitivity_mv_per_g=100.0, scale=10.0),)
     found = list(open_at(f"folder:{tmp_path}", block_s=1.0, channels=channels, start=0.0))
-    assert [item.name for item in found] == ["r9.wav[1]", "r9.wav[2]", "r10.wav[1]", "r10.wav[2]"]
+    assert [item.name for item in found] == ["r9.wav", "r9.wav[1 s]", "r10.wav", "r10.wav[1 s]"]
     assert [item.sequence for item in found] == [1, 2, 3, 4]
     for item in found:
         assert isinstance(item, Block)

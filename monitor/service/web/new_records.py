@@ -18,7 +18,7 @@ _MOST = 5000
 _QUERY = """
 SELECT id, source, sequence, status, flags, day IS NOT NULL, axis_time, layout
 FROM blocks JOIN records ON records.block = blocks.id
-WHERE id > ? AND id <= ? AND source = ? ORDER BY id DESC LIMIT ?
+WHERE id > ? AND id <= ? AND +source = ? ORDER BY id DESC LIMIT ?
 """
 
 

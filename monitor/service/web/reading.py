@@ -98,7 +98,7 @@ class StoreReader:
 
 def _open(path: Path) -> sqlite3.Connection:
     """Open a store for reading; the connection may go from thread to thread, one at a time."""
-    refuse_unsuitable(path, create=False)
+    refuse_unsuitable(path, create=False, look_inside=False)
     try:
         connection = sqlite3.connect(
             f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None, timeout=2.0, check_same_thread=False

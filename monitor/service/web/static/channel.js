@@ -15,6 +15,8 @@ import { Waterfall } from "./waterfall.js";
 const RANGES = [["hour", 3600], ["day", 86400], ["week", 7 * 86400], ["all", null], ["final stage", "final"]];
 const MOST_POINTS = 1200;
 const TABLE_ROWS = 60;
+const SOON = 1000;
+const SLOWLY = 8000;
 
 export class Channel {
   constructor(app, machine, channel) {
@@ -22,6 +24,7 @@ export class Channel {
     this.path = channelPath(machine, channel);
     this.mode = "all";
     this.turn = 0;
+    this.falling = null;
     const options = { machine, channel, zone: () => app.zone(machine), info: () => this.info };
     this.head = h("div", { class: "channel-head" });
     this.answers = h("div");
@@ -338,11 +341,13 @@ export class Channel {
 
   newSpectrum() {
     this.spectrum.newer();
-    clearTimeout(this.falling);
-    this.falling = setTimeout(() => {
+    // What takes long to read follows at its own pace; it is not put off by the next block.
+    this.falling ??= setTimeout(() => {
+      this.falling = null;
       this.waterfall.load();
+      this.blocks.load();
       if (this.info.tracked) this.map.load();
-    }, 5000);
+    }, this.waterfall.data ? SLOWLY : SOON);
   }
 
   /** Another theme, zone, level or mark. */

@@ -44,9 +44,10 @@ export class Model {
   /** Take what changed: the keys of a machine, and whole channels of it. */
   merge(machines) {
     const receivedAt = Date.now() / 1000;
+    // Ages count from when the daemon wrote them, which for one that does not run may be long ago.
     for (const machine of machines) {
       const known = this.machines.get(machine.name);
-      const came = Object.entries(machine.channels ?? {}).map(([name, status]) => [name, { ...status, receivedAt }]);
+      const came = Object.entries(machine.channels ?? {}).map(([name, status]) => [name, { ...status, receivedAt, writtenAt: fromIso(machine.updated_utc) }]);
       const channels = { ...known?.channels, ...Object.fromEntries(came) };
       this.machines.set(machine.name, { ...machine, channels, receivedAt });
     }
@@ -85,8 +86,9 @@ export class Model {
 
   /** Seconds since the latest block came, or null. */
   age(row) {
-    const at = row.status.last_block_age_s;
-    return isNumber(at) ? at + Date.now() / 1000 - row.status.receivedAt : null;
+    const { last_block_age_s: then, writtenAt, receivedAt } = row.status;
+    if (!isNumber(then) || (row.stale && writtenAt === null)) return null;
+    return then + Math.max(0, writtenAt === null ? Date.now() / 1000 - receivedAt : this.now() - writtenAt);
   }
 
   /** Sentences about machines that have a problem, or whose daemon does not run. */

@@ -118,6 +118,7 @@ export class Waterfall {
     if (!info?.dated) return fmt.duration(time);
     const words = fmt.moment(time, { zone: this.options.zone(), seconds: false });
     const whole = this.data.time_s.at(-1) - this.data.time_s[0];
+    if (whole < 3600) return fmt.moment(time, { zone: this.options.zone() }).slice(11, 19);
     return whole > 3 * 86400 ? words.slice(0, 10) : words.slice(5, 16);
   }
 

@@ -1,0 +1,72 @@
+"""Locks of a store between processes: whoever looks at the file beside its own connections must not let go of them.
+
+POSIX takes all locks of a process on a file away as soon as it closes any descriptor of that file. Without its lock a
+connection is not seen by others, and the last one that they see removes the log when it is closed.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from monitor.records.record import Record
+from monitor.records.store import Store, StoreError
+from monitor.service.web.reading import StoreReader
+from tests.faults.daemons import ROOT
+
+_COUNT = "SELECT count(*) FROM blocks"
+_ACKNOWLEDGE = """
+import sys, time
+from pathlib import Path
+from monitor.records.events import EventLog
+EventLog(Path(sys.argv[1])).close()
+"""
+_COMMIT = """
+import sys
+from pathlib import Path
+from monitor.records.record import Record
+from monitor.records.store import Store
+with Store.open(Path(sys.argv[1]), machine="m") as store:
+    number = store.last("s") + 1
+    store.commit(Record("s", number, "b", str(number)), {})
+"""
+
+
+def other_process(program: str, path: Path) -> None:
+    subprocess.run([sys.executable, "-c", program, str(path)], cwd=ROOT, check=True, timeout=60)
+
+
+def test_a_reader_in_the_process_of_the_writer_does_not_cost_it_its_log(tmp_path: Path) -> None:
+    path = tmp_path / "state.db"
+    with Store.open(path, machine="m") as store:
+        store.commit(Record("s", 1, "b", "1"), {})
+        log = path.with_name("state.db-wal").stat().st_ino
+        with Store.open(path, read_only=True) as reader:
+            assert reader.last("s") == 1
+        other_process(_ACKNOWLEDGE, path)
+        assert path.with_name("state.db-wal").stat().st_ino == log
+        assert store.commit(Record("s", 2, "b", "2"), {}) == "committed"
+        with Store.open(path, read_only=True) as reader:
+            assert reader.last("s") == 2
+
+
+def test_the_page_reads_on_when_the_writer_is_started_anew(tmp_path: Path) -> None:
+    path = tmp_path / "state.db"
+    other_process(_COMMIT, path)
+    reader = StoreReader(path)
+    with reader.connection() as first, reader.connection() as second:
+        assert first.execute(_COUNT).fetchall() == second.execute(_COUNT).fetchall() == [(1,)]
+    for number in (2, 3):
+        other_process(_COMMIT, path)
+        assert reader.rows(_COUNT) == [(number,)]
+    reader.close()
+
+
+@pytest.mark.parametrize(("content", "says"), [(b"words, no database" * 9, "is not a database"), (b"", "is empty")])
+def test_a_reader_is_told_what_is_no_store(tmp_path: Path, content: bytes, says: str) -> None:
+    (tmp_path / "state.db").write_bytes(content)
+    with pytest.raises(StoreError, match=says):
+        Store.open(tmp_path / "state.db", read_only=True)
