@@ -33,7 +33,9 @@ def main() -> None:
         if outcome.exception is not None:
             raise outcome.exception
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT}, color_scheme="light")
+        page = browser.new_page(
+            viewport={"width": WIDTH, "height": HEIGHT}, color_scheme="light", java_script_enabled=False
+        )
         page.goto((folder / "report.html").as_uri())
         page.screenshot(path=PICTURES[0])
         for figure, picture in zip(("path", "forecast"), PICTURES[1:], strict=True):
