@@ -95,6 +95,7 @@ ENTRIES = (
 )
 """All figures of chapters 4 and 5."""
 
+_SINGULAR = {"close": "is close", "in part": "holds in part"}
 _PLURAL = {"agrees": "agree", "close": "are close", "in part": "hold in part", "differs": "differ"}
 _HEAD = """# Gallery: the figures of the thesis' chapters 4 and 5
 
@@ -167,9 +168,14 @@ def _summary(stored: Mapping[str, Any]) -> str:
     found = [claim["verdict"] for figure in stored.values() for claim in figure["claims"]]
     lives = sum(bool(figure["machine"]) for figure in stored.values())
     counts = {verdict: found.count(verdict) for verdict in ("agrees", "close", "in part", "differs", "not comparable")}
-    words = ", ".join(f"{count} {_PLURAL.get(verdict, verdict)}" for verdict, count in counts.items())
+    words = ", ".join(f"{count} {_counted(verdict, count)}" for verdict, count in counts.items())
     text = f"{len(stored)} of {len(ENTRIES)} figures have a counterpart, {lives} of them from simulated lives."
     return f"**{text} Of {len(found)} statements of the print: {words}.**"
+
+
+def _counted(verdict: str, count: int) -> str:
+    """Return what so many statements do."""
+    return (_SINGULAR if count == 1 else _PLURAL).get(verdict, verdict)
 
 
 def _row(entry: Entry, stored: Mapping[str, Any]) -> str:
@@ -178,7 +184,8 @@ def _row(entry: Entry, stored: Mapping[str, Any]) -> str:
         text = f"none: {entry.why}" + (f"; see {like}" if like else "")
         return f"| {entry.number} | {entry.title} | {text} |  |"
     found = [claim["verdict"] for claim in stored[entry.number]["claims"]]
-    counts = ", ".join(f"{found.count(verdict)} {_PLURAL.get(verdict, verdict)}" for verdict in dict.fromkeys(found))
+    numbers = {verdict: found.count(verdict) for verdict in found}
+    counts = ", ".join(f"{count} {_counted(verdict, count)}" for verdict, count in numbers.items())
     kind = "simulated lives" if stored[entry.number]["machine"] else "made"
     return f"| {entry.number} | {entry.title} | [{kind}](#fig-{entry.number}) | {counts} |"
 
