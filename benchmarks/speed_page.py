@@ -8,13 +8,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from benchmarks.common import REFERENCE_MS, Row, circumstances
+from monitor.report.drawing import GREY, STYLE
 
 RESULTS = Path(__file__).resolve().parent / "results"
 MATLAB = "rtol 1e-3, atol 1e-6"
@@ -178,26 +176,27 @@ def circumstances_text(references: Sequence[Row]) -> str:
     )
 
 
+@mpl.rc_context(STYLE)
 def draw(runs: Sequence[Row], path: Path) -> None:
-    """Draw waveform error against time, one panel a scene, as SVG and PNG."""
-    mpl.rcParams["svg.hashsalt"] = "speed-against-error"
+    """Draw waveform error against time, one panel a scene, as SVG and PNG, as the figures of reports are drawn."""
     scenes = names(runs, "scene")
-    figure, grid = plt.subplots(2, 3, figsize=(13.5, 8.4), layout="constrained", sharex=True, sharey=True)
+    figure = Figure(figsize=(13.5, 8.4), layout="constrained")
+    grid = figure.subplots(2, 3, sharex=True, sharey=True)
     panels: list[Axes] = list(grid.flat)
     for axes, scene in zip(panels, scenes, strict=False):
         _panel(axes, of(runs, scene=scene))
-        axes.set_title(scene, fontsize=11)
-        axes.set(ylabel="relative waveform error", xlabel="thread time, ms per integrated second")
+        axes.set_title(scene, fontsize=11, loc="left")
+        axes.set(ylabel="relative waveform error", xlabel="thread time (ms per integrated second)")
         axes.label_outer()
     panels[2].tick_params(labelbottom=True)
-    panels[2].set_xlabel("thread time, ms per integrated second")
+    panels[2].set_xlabel("thread time (ms per integrated second)")
     for axes in panels[len(scenes) :]:
         axes.set_axis_off()
     handles, labels = panels[0].get_legend_handles_labels()
-    panels[-1].legend(handles, labels, loc="center", fontsize=9, frameon=False)
+    panels[-1].legend(handles, labels, loc="center", fontsize=9.5)
     for suffix in (".svg", ".png"):
-        figure.savefig(path.with_suffix(suffix), dpi=110, metadata={"Date": None} if suffix == ".svg" else None)
-    plt.close(figure)
+        metadata = {"Date": None} if suffix == ".svg" else None
+        figure.savefig(path.with_suffix(suffix), dpi=85, facecolor="white", metadata=metadata)
 
 
 def _panel(axes: Axes, runs: Sequence[Row]) -> None:
@@ -217,8 +216,7 @@ def _panel(axes: Axes, runs: Sequence[Row]) -> None:
         place = number(row, "ms a second"), number(row, "waveform error")
         axes.loglog(*place, "X", color="#cc79a7", mec="black", ms=11, ls="none", zorder=6, label="ode45 defaults")
     for level in (1e-2, 1e-3):
-        axes.axhline(level, color="#5b6470", lw=0.6, alpha=0.6)
-    axes.grid(alpha=0.2)
+        axes.axhline(level, color=GREY, lw=0.6, alpha=0.6)
 
 
 def renew(document: Path, tables: Mapping[str, Sequence[Row]]) -> None:

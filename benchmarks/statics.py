@@ -1,8 +1,9 @@
-"""Stiffness of the three bearings of the thesis: against load with and without clearance, and while the elements pass.
+"""Stiffness of the three bearings of the thesis against load, with clearance and without, and what computing it takes.
 
 python -m benchmarks.statics [--quick] [--json FILE] [--pictures FOLDER]
 
-Loads of Tables 11 and 12 (Figs. 23, 24 and 28, whose analytical curves are Eq. 19) and the passages of Figs. 36 and 37.
+Loads of Tables 11 and 12 (Figs. 23, 24 and 28, whose analytical curves are Eq. 19). The passages of Figs. 36 and 37 are
+drawn by benchmarks.gallery.
 ``--quick`` measures the times with fewer repetitions.
 """
 
@@ -85,32 +86,6 @@ def time_rows(rounds: int) -> list[Row]:
     return [{"what": name, "ms": value} for name, value in times.items()]
 
 
-def draw_passages(path: Path) -> None:
-    """Draw k_xx, k_yy and k_xy of the healthy bearing and of that with D3 over one spacing (as Figs. 36 and 37)."""
-    bearing, k_c = from_catalogue("1205 ETN9"), Rig().k_c
-    defect = Defect(math.radians(EXTENTS_DEG["D3"]), SEEDED_DEPTH)
-    figure, axes = plt.subplots(3, 2, figsize=(10, 8), sharex=True, layout="constrained")
-    for column, (damage, title) in enumerate(((None, "healthy"), (defect, "D3 in one row"))):
-        for load, color in COLORS.items():
-            passage = stiffness_over_passage(bearing, load, k_c, defect=damage, points=360)
-            for row, (i, j) in enumerate(((1, 1), (0, 0), (0, 1))):
-                values = 1e-6 * passage.matrix[:, i, j]
-                axes[row, column].plot(np.degrees(passage.cage_angle), values, color=color, label=f"{load:g} N")
-        axes[0, column].set_title(title)
-    for row, label in enumerate(("k_xx [MN/m]", "k_yy [MN/m]", "k_xy [MN/m]")):
-        axes[row, 0].set_ylabel(label)
-    for ax in axes[:2].flat:
-        ax.set_ylim(80.0, 210.0)
-    for ax in axes.flat:
-        ax.grid(alpha=0.25)
-        ax.set_xlim(0.0, 30.0)
-    for ax in axes[-1]:
-        ax.set_xlabel("cage angle [deg]: one spacing of the balls of a row")
-    axes[0, 0].legend(fontsize=8)
-    figure.savefig(path, dpi=90)
-    plt.close(figure)
-
-
 def draw_loads(path: Path) -> None:
     """Draw k_yy against load (as the analytical curves of Figs. 23, 24 and 28)."""
     figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
@@ -142,7 +117,6 @@ def main() -> None:
     write_json(options.json, tables)
     if options.pictures is not None:
         options.pictures.mkdir(parents=True, exist_ok=True)
-        draw_passages(options.pictures / "stiffness_passage.png")
         draw_loads(options.pictures / "stiffness_load.png")
 
 

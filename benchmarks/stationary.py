@@ -1,5 +1,5 @@
-"""The 18 stationary conditions of the thesis (Table 13 x D1 to D3): RMS, peak and A* of each, and pictures of them:
-features, one turn of the cage and the spectrum of every condition, and what slip does to them (Figs. 45 to 51).
+"""The 18 stationary conditions of the thesis (Table 13 x D1 to D3): RMS, peak and A* of each, the spectrum of every
+condition as a picture, and what slip does to them. benchmarks.gallery draws the figures of the thesis (Figs. 45 to 51).
 
 python -m benchmarks.stationary [--quick] [--json FILE] [--pictures FOLDER]
 
@@ -23,15 +23,12 @@ import numpy as np
 
 from benchmarks.common import Row, print_table, write_json
 from benchmarks.stationary_slip import (
-    draw_slip_features,
-    draw_slip_spectra,
     slip_levels,
     slip_rows,
     slip_spectra,
     slip_spectrum_rows,
     slip_statements,
 )
-from models.bearing import kinematics
 from models.published.self_aligning import EXTENTS_DEG, SEEDED_DEPTH
 from models.scene import Defect, Scene
 from models.simulate import simulate
@@ -170,50 +167,6 @@ def statement_rows(found: list[Condition]) -> list[Row]:
     ]
 
 
-def draw_features(found: list[Condition], path: Path) -> None:
-    """Draw RMS and A* against speed (as Fig. 45) and against width (as Fig. 46)."""
-    figure, axes = plt.subplots(2, 2, figsize=(10, 7), layout="constrained")
-    for row, (name, label) in enumerate((("rms", "RMS [g]"), ("a_star", "A* [g]"))):
-        by_speed, by_width = axes[row]
-        for load, style in zip(LOADS, ("o--", "s-"), strict=True):
-            for defect, color in COLORS.items():
-                values = [getattr(c, name) for c in found if (c.defect, c.load) == (defect, load)]
-                by_speed.plot(SPEEDS, values, style, color=color, label=f"{defect}, {load:g} N")
-            for speed, color in zip(SPEEDS, ("#9aa4ae", "#5b6470", "#101418"), strict=True):
-                values = [getattr(c, name) for c in found if (c.speed, c.load) == (speed, load)]
-                by_width.plot(list(EXTENTS_DEG.values()), values, style, color=color, label=f"{speed:g} Hz, {load:g} N")
-        # Room above the curves for the legends.
-        top = 1.35 * max(getattr(c, name) for c in found)
-        by_speed.set(xlabel="speed [Hz]", ylabel=label, ylim=(0, top), xticks=SPEEDS)
-        by_width.set(xlabel="extent of the defect [deg]", ylabel=label, ylim=(0, top))
-    for ax in axes.flat:
-        ax.grid(alpha=0.25)
-    for ax in axes[0]:
-        ax.legend(fontsize=8, ncols=2, loc="upper center")
-    figure.suptitle("1205 ETN9 with seeded defects, simulated, 0 to 9.5 kHz, sensor on the casing")
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
-
-
-def draw_signals(found: list[Condition], path: Path) -> None:
-    """Draw one turn of the cage of every condition (as Fig. 47)."""
-    figure, axes = plt.subplots(6, 3, figsize=(12, 12), sharey="row", layout="constrained")
-    rate = 51200.0
-    for c, ax in zip(found, axes.flat, strict=True):
-        turn = 1.0 / kinematics(scene(c.defect, c.load, c.speed).bearing, c.speed).ftf
-        signal = c.response.acceleration(rate, turn, band=BAND) / STANDARD_GRAVITY
-        ax.plot(1e3 * np.arange(signal.size) / rate, signal, lw=0.6, color=COLORS[c.defect])
-        ax.set_title(f"{c.defect}, {c.load:g} N, {c.speed:g} Hz", fontsize=9)
-        ax.set_xlim(0.0, 1e3 * turn)
-        ax.grid(alpha=0.25)
-    for ax in axes[:, 0]:
-        ax.set_ylabel("[g]")
-    for ax in axes[-1]:
-        ax.set_xlabel("time [ms], one turn of the cage")
-    figure.savefig(path, dpi=80)
-    plt.close(figure)
-
-
 def draw_spectra(found: list[Condition], path: Path) -> None:
     """Draw the lines of every condition (as Fig. 48, which shows one)."""
     figure, axes = plt.subplots(6, 3, figsize=(12, 12), sharex=True, sharey="row", layout="constrained")
@@ -229,27 +182,6 @@ def draw_spectra(found: list[Condition], path: Path) -> None:
     for ax in axes[-1]:
         ax.set_xlabel("frequency [Hz], multiples of BPFO")
     figure.savefig(path, dpi=80)
-    plt.close(figure)
-
-
-def draw_spectrum(found: list[Condition], path: Path) -> None:
-    """Draw the lines of D2 at 2000 N and 30 Hz (as Fig. 48)."""
-    [condition] = [c for c in found if (c.defect, c.load, c.speed) == ("D2", 2000.0, 30.0)]
-    frequency, amplitude = condition.response.lines()
-    figure, axes = plt.subplots(3, 1, figsize=(10, 8), layout="constrained")
-    for ax, (low, high) in zip(axes, ((0.0, 9500.0), (0.0, 2000.0), (6000.0, 9000.0)), strict=True):
-        inside = (frequency >= low) & (frequency <= high)
-        ax.vlines(frequency[inside], 0.0, amplitude[inside] / STANDARD_GRAVITY, color=COLORS["D2"], lw=1.2)
-        for resonance in RESONANCES:
-            if low <= resonance <= high:
-                ax.axvline(resonance, color="#5b6470", lw=0.8, ls=":")
-        ax.set(xlim=(low, high), ylim=(0, None), ylabel="amplitude [g]")
-        ax.grid(alpha=0.25)
-    axes[-1].set_xlabel(
-        f"frequency [Hz]: multiples of BPFO, {condition.response.bpfo:.1f} Hz; dotted: printed resonances"
-    )
-    figure.suptitle("D2 at 2000 N and 30 Hz, simulated")
-    figure.savefig(path, dpi=100)
     plt.close(figure)
 
 
@@ -277,12 +209,7 @@ def main() -> None:
     write_json(options.json, tables)
     if options.pictures is not None:
         options.pictures.mkdir(parents=True, exist_ok=True)
-        draw_features(found, options.pictures / "stationary_features.png")
-        draw_signals(found, options.pictures / "stationary_signals.png")
-        draw_spectrum(found, options.pictures / "stationary_spectrum.png")
         draw_spectra(found, options.pictures / "stationary_spectra.png")
-        draw_slip_features(levels, options.pictures / "slip_features.png", COLORS)
-        draw_slip_spectra(spectra, options.pictures / "slip_spectra.png", BAND[1], COLORS["D2"])
 
 
 if __name__ == "__main__":

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 from models.dynamics.lanes import LaneOptions, simulate_lanes
@@ -123,34 +121,6 @@ def slip_statements(found: Levels) -> list[Row]:
     return rows
 
 
-def draw_slip_features(found: Levels, path: Path, colors: dict[str, str]) -> None:
-    """Draw RMS and A* against speed without slip and with the least and the largest, by rule (as Fig. 51)."""
-    figure, axes = plt.subplots(4, 3, figsize=(12, 13), sharey="row", sharex=True, layout="constrained")
-    for r, rule in enumerate(RULES):
-        for column, (defect, color) in enumerate(colors.items()):
-            for f, (name, label) in enumerate((("rms", "RMS [g]"), ("a_star", "A* [g]"))):
-                ax = axes[2 * f + r, column]
-                for angle, style in ((0.0, "o-"), (0.005, "s--"), (0.02, "^:")):
-                    for load, alpha in ((1000.0, 0.45), (2000.0, 1.0)):
-                        chosen = {k: v for k, v in found[rule, angle].items() if k[:2] == (defect, load)}
-                        values = [getattr(level, name) for level in chosen.values()]
-                        text = f"{load:g} N, {angle:g} rad"
-                        ax.plot([k[2] for k in chosen], values, style, color=color, alpha=alpha, label=text, ms=4)
-                ax.set_title(f"{defect}, {rule.replace('_', ' ')}", fontsize=9)
-                ax.grid(alpha=0.25)
-                if column == 0:
-                    ax.set_ylabel(label)
-    for ax in axes[:, 0]:
-        ax.set_ylim(0.0, None)
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9)
-    for ax in axes[-1]:
-        ax.set_xlabel("speed [Hz]")
-        ax.set_xticks((20.0, 30.0, 40.0))
-    figure.suptitle("Slip: the mean-force limit, and one sigma for each passage of a ball")
-    figure.savefig(path, dpi=80)
-    plt.close(figure)
-
-
 def slip_spectra(scene: Scene) -> dict[float, tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Return frequency, Hz, and amplitude, g, of one second of a scene by largest slip, one sigma for each passage."""
     found = {}
@@ -170,22 +140,3 @@ def slip_spectrum_rows(spectra: dict[float, tuple[NDArray[np.float64], NDArray[n
             row[f"{low:g} to {high:g} Hz, g"] = float(np.max(amplitude[(frequency >= low) & (frequency <= high)]))
         rows.append(row)
     return rows
-
-
-def draw_slip_spectra(
-    spectra: dict[float, tuple[NDArray[np.float64], NDArray[np.float64]]], path: Path, highest: float, color: str
-) -> None:
-    """Draw the spectra with slip (as Fig. 49)."""
-    figure, axes = plt.subplots(len(ANGLES), 1, figsize=(10, 8), sharex=True, sharey=True, layout="constrained")
-    for angle, ax in zip(ANGLES, axes, strict=True):
-        frequency, amplitude = spectra[angle]
-        shown = frequency <= highest
-        ax.plot(frequency[shown], amplitude[shown], lw=0.6, color=color)
-        ax.set_title(f"phi_slip {angle:g} rad", fontsize=9)
-        ax.set(xlim=(0.0, highest), ylabel="amplitude [g]")
-        ax.grid(alpha=0.25)
-    axes[0].set_ylim(0.0, None)
-    axes[-1].set_xlabel("frequency [Hz], lines of 1 Hz")
-    figure.suptitle("D2 at 2000 N and 30 Hz, one sigma for each passage of a ball")
-    figure.savefig(path, dpi=90)
-    plt.close(figure)

@@ -19,7 +19,7 @@ _COMMANDS = {
     "run": ("monitor.commands.run", "The daemon: follows the configured sources until it is stopped."),
     "status": ("monitor.commands.status", "What the daemon of a machine is doing now."),
     "replay": ("monitor.commands.replay", "The pipeline over a recording, as fast as it goes or at a pace."),
-    "report": ("monitor.commands.report", "One self-contained HTML report of records."),
+    "report": ("monitor.commands.report", "One self-contained HTML report of records, or one a run."),
     "check": ("monitor.commands.check", "Validate a configuration and say what would be monitored."),
     "bearing": ("monitor.commands.bearing", "Fault frequencies, stiffness, natural frequencies and life."),
     "simulate": ("monitor.commands.simulate", "One scene of the bearing model."),

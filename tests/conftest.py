@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import shutil
 from pathlib import Path
@@ -23,6 +24,19 @@ def chromium_program() -> str | None:
     return shutil.which("chromium")
 
 
+@functools.cache
+def missing_for_pdf() -> str:
+    """Return what is missing for a PDF, "" where nothing is."""
+    from monitor.report.pdf import require_pdf
+    from monitor.report.reading import ReportError
+
+    try:
+        require_pdf()
+    except ReportError as error:
+        return str(error)
+    return ""
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip a test where what it needs is missing; under CI that is a failure."""
     reason = None
@@ -32,6 +46,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         reason = "the MQTT broker mosquitto is missing (Debian package mosquitto)"
     if item.get_closest_marker("browser") is not None and chromium_program() is None:
         reason = "the browser Chromium is missing (Debian package chromium)"
+    if item.get_closest_marker("pdf") is not None and (missing := missing_for_pdf()):
+        reason = missing
     if reason is None:
         return
     if os.environ.get("CI"):

@@ -28,6 +28,7 @@ from monitor.commands.common import (
     read_machine,
     say,
 )
+from monitor.commands.pictures import check_ending
 from streams.block import STANDARD_GRAVITY
 
 # Error between nodes from which on a finer grid is advised.
@@ -223,28 +224,29 @@ def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
 
 @command.command("show")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="PNG or SVG.")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="PNG, SVG or HTML.")
 @output_options
 def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
-    """Draw a map."""
-    if out.suffix.lower() not in {".png", ".svg"}:
-        raise InputError(f"--out {out}: expected a name that ends in .png or .svg")
+    """Draw a map: its levels, cuts through them, and how far to trust them; as a picture or a page."""
+    check_ending("--out", out)
     rms_map = load_map(path)
+    from monitor.report.map_facts import span_of
     from monitor.report.map_figure import draw_map
 
     try:
         draw_map(rms_map, out)
     except OSError as error:
         raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
-    rms_g = rms_map.rms / STANDARD_GRAVITY
+    least, most = (_finite(value / STANDARD_GRAVITY) for value in span_of(rms_map.rms))
     values = {
         "points": int(rms_map.rms.size),
         "out": str(out),
-        "rms_min_g": _finite(np.nanmin(rms_g)),
-        "rms_max_g": _finite(np.nanmax(rms_g)),
+        "rms_min_g": least,
+        "rms_max_g": most,
         "hash": rms_map.hash,
     }
-    emit(values, [f"RMS {values['rms_min_g']:.3g} to {values['rms_max_g']:.3g} g; {out}"], as_json=as_json)
+    level = "no RMS" if least is None or most is None else f"RMS {least:.3g} to {most:.3g} g"
+    emit(values, [f"{level}; {out}"], as_json=as_json)
 
 
 @command.command("check")

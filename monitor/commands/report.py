@@ -1,36 +1,172 @@
-"""``spallwatch report``: one self-contained HTML page of one or several runs."""
+"""``spallwatch report``: one self-contained HTML page of one or several runs, or one a run and an index."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from monitor.commands.common import emit, output_options, say
+from monitor.commands.common import InputError, counter, duration_words, emit, output_options, say
 
 if TYPE_CHECKING:
+    from monitor.report.batch import Outcome
+    from monitor.report.options import Options
     from monitor.service.replay import Replay
 
 
 @click.command("report")
-@click.argument("records", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("records", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    default=Path("report.html"),
-    show_default=True,
-    help="The page.",
+    type=click.Path(path_type=Path),
+    help="The page, .html or .pdf [report.html]; with --batch a folder [reports].",
 )
 @click.option("--title", help="Of the page.")
+@click.option("--timezone", help="In which dates are written, such as Europe/Rome. [UTC]")
+@click.option(
+    "--map", "maps", multiple=True, metavar="FILE|CHANNEL=FILE", help="RMS map to draw the tracker's path on; many."
+)
+@click.option(
+    "--include", type=click.Path(path_type=Path, dir_okay=False), help="TOML file whose [report] says what it holds."
+)
+@click.option("--tables/--no-tables", default=None, help="Write every table as CSV and netCDF. [with --batch]")
+@click.option("--batch", type=click.Path(path_type=Path, file_okay=False), help="Report every run under this folder.")
+@click.option(
+    "--config", "config_path", type=click.Path(path_type=Path), help="With --batch: replay what is a recording."
+)
+@click.option("--pdf", is_flag=True, help="Write every page as PDF too (needs the extra pdf and Pango).")
+@click.option("--workers", type=click.IntRange(min=0), default=0, help="With --batch: processes. [one a core]")
 @output_options
-def command(records: tuple[Path, ...], out: Path, title: str | None, as_json: bool, quiet: bool) -> None:
-    """Write one HTML page of RECORDS: netCDF files, folders of them, or state.db of one or several runs."""
+def command(
+    records: tuple[Path, ...],
+    out: Path | None,
+    title: str | None,
+    timezone: str | None,
+    maps: tuple[str, ...],
+    include: Path | None,
+    tables: bool | None,
+    batch: Path | None,
+    config_path: Path | None,
+    pdf: bool,
+    workers: int,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Write one page, HTML or PDF, of RECORDS: netCDF files, folders of them, or state.db of one or several runs.
+
+    With --batch, write a page for each run under a folder and an index of them all. It goes on where it was stopped;
+    a run that fails is listed in the index and in failures.json, and the exit code is then 1.
+    """
+    from dataclasses import replace
+
+    from monitor.report.options import Options, read_maps, read_options, zone_of
+
+    options = read_options(include, Options())
+    if timezone is not None:
+        options = replace(options, zone=zone_of(timezone, "--"))
+    options = replace(options, title=title or options.title)
+    if batch is not None:
+        if records or maps:
+            raise InputError("--batch DIR takes no RECORDS and no --map; name maps in the [report.maps] of --include")
+        _batch(
+            batch,
+            out or Path("reports"),
+            options,
+            include,
+            config_path,
+            tables is not False,
+            pdf,
+            workers,
+            as_json,
+            quiet,
+        )
+        return
+    if not records:
+        raise click.UsageError("Missing argument 'RECORDS...' (or --batch DIR).")
+    if config_path is not None:
+        raise InputError("--config belongs to --batch; to replay one recording: spallwatch replay")
     from monitor.report.report import build_report
 
-    page = build_report(list(records), out, title=title)
+    options = replace(options, maps={**options.maps, **read_maps(maps)})
+    page = out or Path("report.html")
+    folder = page.with_name(f"{page.stem}-tables") if tables else None
+    build_report(list(records), page, options=options, tables=folder, pdf=pdf)
     say(f"report: {page}", quiet=quiet)
-    emit({"out": str(page)}, [], as_json=as_json)
+    values: dict[str, Any] = {"out": str(page)}
+    if pdf:
+        values["pdf"] = str(page.with_suffix(".pdf"))
+    if folder is not None:
+        values["tables"] = sorted(str(path) for path in folder.iterdir())
+    emit(values, [], as_json=as_json)
+
+
+def _batch(
+    batch: Path,
+    out: Path,
+    options: Options,
+    include: Path | None,
+    config_path: Path | None,
+    tables: bool,
+    pdf: bool,
+    workers: int,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    from monitor.report.batch import find_items, run_batch
+
+    began = time.perf_counter()
+    items = find_items(batch, recordings=config_path is not None, leave_out=out)
+    outcomes = run_batch(
+        items,
+        out,
+        options=options,
+        options_path=include,
+        config_path=config_path,
+        tables=tables,
+        pdf=pdf,
+        workers=workers,
+        progress=counter("reports", quiet=quiet),
+    )
+    seconds = time.perf_counter() - began
+    failed = sum(bool(outcome.error) for outcome in outcomes)
+    values = {
+        "index": str(out / "index.html"),
+        "runs": [_told(outcome, out) for outcome in outcomes],
+        "failed": failed,
+        "reused": sum(outcome.reused for outcome in outcomes),
+        "seconds": seconds,
+    }
+    emit(values, _lines(outcomes, out, seconds), as_json=as_json)
+    if failed:
+        click.get_current_context().exit(1)
+
+
+def _told(outcome: Outcome, out: Path) -> dict[str, Any]:
+    from monitor.report.comparison import state_of
+
+    return {
+        "name": outcome.item.name,
+        "path": str(outcome.item.path),
+        "report": None if outcome.error else str(out / outcome.item.name / "report.html"),
+        "states": [state_of(summary) for summary in outcome.summaries],
+        "reused": outcome.reused,
+        "error": outcome.error or None,
+    }
+
+
+def _lines(outcomes: Sequence[Outcome], out: Path, seconds: float) -> Iterator[str]:
+    failed = [outcome for outcome in outcomes if outcome.error]
+    reused = sum(outcome.reused for outcome in outcomes)
+    yield (
+        f"{len(outcomes) - len(failed)} of {len(outcomes)} runs reported in {duration_words(seconds)}"
+        + (f", {reused} of them as they were" if reused else "")
+    )
+    for outcome in failed:
+        yield f"failed: {outcome.item.name}: {outcome.error}"
+    yield f"index: {out / 'index.html'}"
 
 
 def write_report(result: Replay, out: Path, title: str, notes: tuple[str, ...] = ()) -> Path:

@@ -5,17 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
 from models.bearing import Bearing, kinematics
-from models.response import Response, Sensor
+from models.response import Sensor
 from models.scene import Defect, Floor, Rig, Scene, Slip, Waviness
 from monitor.commands.bearing import find_bearing
 from monitor.commands.common import BandHz, InputError, config_option, emit, output_options, read_machine
+from monitor.commands.pictures import check_ending
 from streams.block import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from monitor.report.scene_figure import Heard
 
 _WAVEFORM_RATE = 51200.0
 
@@ -50,7 +54,7 @@ _WAVEFORM_RATE = 51200.0
 @click.option("--tolerance", type=click.FloatRange(1e-12, 0.1), default=1e-5, show_default=True)
 @click.option("--periods", type=click.IntRange(min=2), default=300, show_default=True, help="Ball periods at most.")
 @click.option("--rms-band-hz", type=BandHz(), help="Take RMS and peak in this band only.")
-@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw waveform and lines (PNG or SVG).")
+@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw it (PNG, SVG or HTML).")
 @click.option(
     "--waveform", type=click.Path(path_type=Path, dir_okay=False), help="Write one second, or --duration-s, as CSV."
 )
@@ -61,6 +65,8 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
     What repeats with the ball passage is solved for one period; what does not (a defect that turns, an unbalance, slip,
     another direction of the sensor) is simulated for --duration-s and averaged, with its standard error.
     """
+    if options["plot"] is not None:
+        check_ending("--plot", options["plot"])
     config = read_machine(config_path)
     bearing, clearance = find_bearing(config, name)
     if options["clearance_um"] is not None:
@@ -87,7 +93,9 @@ def _one_period(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
     if options["waveform"] is not None:
         _write_waveform(options["waveform"], response.acceleration(_WAVEFORM_RATE, 1.0, sensor=sensor))
     if options["plot"] is not None:
-        _plot(response, options, scene)
+        from monitor.report.scene_figure import heard_of
+
+        _plot(heard_of(response, sensor), options, scene)
     casing = sensor == "mo"
     return {
         "rms_g": _in_g(response.rms if casing else response.rms_resonator),
@@ -108,8 +116,6 @@ def _over_time(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
     """Return the values of a motion that is simulated for some time, and write what was asked for."""
     from models.dynamics.time_domain import simulate_time
 
-    if options["plot"] is not None:
-        raise InputError("--plot draws one ball period, and this scene has none: use --waveform")
     angle, sensor = math.radians(options["direction_deg"]), options["sensor"]
     response = simulate_time(
         scene,
@@ -125,6 +131,10 @@ def _over_time(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
         rms_resonator = response.levels_in_band(*options["rms_band_hz"], sensor="mr")[0]
     if options["waveform"] is not None:
         _write_waveform(options["waveform"], response.acceleration[0 if casing else 1])
+    if options["plot"] is not None:
+        from monitor.report.scene_figure import fundamental_of, heard_over_time
+
+        _plot(heard_over_time(response, sensor, fundamental_of(scene)[0]), options, scene)
     bpfo = response.kinematics.bpfo
     # Error and spread are of the casing over full bandwidth; of another level, the same share.
     share = rms / response.rms if response.rms > 0.0 else 0.0
@@ -165,14 +175,12 @@ def _scene(options: dict[str, Any], bearing: Bearing, rig: Rig, clearance: float
     )
 
 
-def _plot(response: Response, options: dict[str, Any], scene: Scene) -> None:
-    path: Path = options["plot"]
-    if path.suffix.lower() not in {".png", ".svg"}:
-        raise InputError(f"--plot {path}: expected a name that ends in .png or .svg")
-    from monitor.report.scene_figure import draw_response
+def _plot(heard: Heard, options: dict[str, Any], scene: Scene) -> None:
+    from monitor.report.scene_figure import draw_scene
 
+    path: Path = options["plot"]
     try:
-        draw_response(response, path, sensor=options["sensor"], title=_title(options, scene))
+        draw_scene(scene, heard, path, sensor=options["sensor"], title=_title(options, scene))
     except OSError as error:
         raise InputError(f"--plot {path}: cannot be written: {error.strerror or error}") from None
 
@@ -180,7 +188,8 @@ def _plot(response: Response, options: dict[str, Any], scene: Scene) -> None:
 def _title(options: dict[str, Any], scene: Scene) -> str:
     damage = "healthy"
     if scene.defect is not None:
-        damage = f"{options['dphi_deg']:g}° x {options['h_d_um']:g} µm, {options['floor']} floor"
+        where = {"outer": "outer race", "inner": "inner race", "ball": "ball"}[scene.defect.part]
+        damage = f"{options['dphi_deg']:g}° x {options['h_d_um']:g} µm of the {where}, {options['floor']} floor"
     return f"{scene.bearing.designation}, {scene.speed:g} Hz, {scene.load:g} N, {damage}"
 
 

@@ -56,16 +56,16 @@ def to_dataset(items: Iterable[Stored], *, dated: bool, attributes: Mapping[str,
     groups = _groups(rows)
     channels = list(dict.fromkeys(channel for row in rows for channel in channels_of(row.layout)))
     time_units = UTC_UNITS if dated else UNDATED_UNITS
-    dataset = xr.Dataset(coords=_coordinates([row.filing.time for row in rows], channels, dated=dated))
-    for name, variable in _ledger(rows).items():
-        dataset[name] = variable
+    variables: dict[str, Any] = dict(_ledger(rows))
     for variable in VARIABLES.values():
         if variable.optional and not any(
             entry.variable == variable.name for group in groups for entry in group.entries
         ):
             continue
         dims, values = _column(variable, groups, len(rows), channels)
-        dataset[variable.name] = (("time", "channel", *dims), values, attributes_of(variable, time_units))
+        variables[variable.name] = (("time", "channel", *dims), values, attributes_of(variable, time_units))
+    # At once: xarray looks at all variables again for each one that is added.
+    dataset = xr.Dataset(variables, _coordinates([row.filing.time for row in rows], channels, dated=dated))
     dataset.attrs = {key: _attribute(value) for key, value in attributes.items()}
     dataset.attrs.update({"schema_version": SCHEMA_VERSION, "dated": "yes" if dated else "no"})
     return dataset

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import io
 import itertools
+import json
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, tzinfo
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,29 +17,56 @@ from matplotlib import dates
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
+from monitor.report.wording import Clock
+
 BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE, GREY = (
-    *("#0072b2", "#d55e00", "#009e73", "#a3527f", "#56b4e9", "#b07a00", "#5f6670"),
+    *("#0072b2", "#d55e00", "#008a63", "#a3527f", "#56b4e9", "#b07a00", "#5f6670"),
 )
-"""Colours that are told apart by everybody (after Okabe and Ito), two of them darkened to be read on white."""
+"""Colours that are told apart by everybody (after Okabe and Ito), three of them darkened to be read on white."""
+INK, SOFT, AXIS, GRID, SHADE, PAPER = "#22262b", "#4a5058", "#8a9099", "#e3e6ea", "#eef1f4", "#fefefe"
+"""Neutral colours of text, ticks, axes, grid, shaded spans and the inside of markers."""
+_THEMED = {
+    BLUE: "blue",
+    VERMILION: "vermilion",
+    GREEN: "green",
+    PURPLE: "purple",
+    SKY: "sky",
+    ORANGE: "orange",
+    GREY: "grey",
+    INK: "ink",
+    SOFT: "soft",
+    AXIS: "axis",
+    GRID: "grid",
+    SHADE: "shade",
+    PAPER: "paper",
+}
+"""What the style sheet of the page calls each colour, so that a dark page shows figures with dark colours."""
+_COLOURS = re.compile("|".join(_THEMED))
+_PLACES = re.compile(r'\b(?:d|x|y|transform|points)="[^"]*"')
+_FRACTION = re.compile(r"(\.\d\d)\d+")
 
 STYLE: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans", "Helvetica", "Arial"],
     "font.size": 9.5,
-    "axes.edgecolor": "#8a9099",
-    "axes.labelcolor": "#22262b",
+    "text.color": INK,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+    "axes.edgecolor": AXIS,
+    "axes.labelcolor": INK,
     "axes.linewidth": 0.8,
     "axes.spines.right": False,
     "axes.spines.top": False,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "grid.color": "#e3e6ea",
+    "grid.color": GRID,
     "grid.linewidth": 0.7,
-    "xtick.color": "#4a5058",
-    "ytick.color": "#4a5058",
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
     "legend.frameon": False,
     "legend.fontsize": 8.5,
     "lines.linewidth": 1.3,
@@ -47,6 +78,45 @@ WIDTH = 9.6
 """Width of every figure in inches: the page scales it."""
 
 
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A figure of the page.
+
+    Attributes:
+        heading: above it.
+        svg: inline SVG.
+        caption: what is seen, below it.
+        data: what is drawn, as columns or single values; units end the names. The page carries it, so that a program
+            can draw it again.
+        name: by which a program finds it.
+        zoom: charts that can be zoomed, see :func:`monitor.report.zoom.zoom_data`; empty where there are none.
+    """
+
+    heading: str
+    svg: str
+    caption: str
+    data: Mapping[str, Any] = field(default_factory=dict)
+    name: str = ""
+    zoom: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def json(self) -> str:
+        """The data as JSON: six figures a number, null where there is none."""
+        return json.dumps(_plain(self.data), allow_nan=False, separators=(",", ":"))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return float(f"{value:.6g}" if abs(value) < 1e8 else f"{value:.3f}") if math.isfinite(value) else None
+    return value
+
+
 class TimeAxis(NamedTuple):
     """How seconds become positions on the horizontal axis.
 
@@ -55,12 +125,14 @@ class TimeAxis(NamedTuple):
         unit: seconds in one unit of the axis.
         label: of the axis.
         timed: whether it is an axis of time at all.
+        zone: in which dates are written.
     """
 
     dated: bool
     unit: float
     label: str
     timed: bool = True
+    zone: tzinfo = UTC
 
     def position(self, time: NDArray[np.float64] | float) -> Any:
         """Return positions of moments in seconds."""
@@ -69,9 +141,9 @@ class TimeAxis(NamedTuple):
     def settle(self, axes: Axes) -> None:
         """Label an axis; dates are days since 1970, as matplotlib counts them."""
         if self.dated:
-            locator = dates.AutoDateLocator(maxticks=9)
+            locator = dates.AutoDateLocator(minticks=3, maxticks=9, tz=self.zone)
             axes.xaxis.set_major_locator(locator)
-            axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))
+            axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator, tz=self.zone))
         axes.set_xlabel(self.label)
 
 
@@ -79,15 +151,25 @@ BLOCK_AXIS = TimeAxis(False, 1.0, "block", timed=False)
 """The axis where a recording knows no times: numbers of blocks."""
 
 
-def time_axis(time: NDArray[np.float64], *, dated: bool) -> TimeAxis:
-    """Choose the axis for moments in seconds."""
-    if dated:
-        return TimeAxis(True, 86400.0, "UTC")
-    span = float(np.ptp(time)) if time.size else 0.0
+def unit_of(span: float) -> tuple[float, str]:
+    """Return the unit in which people would count a span of seconds, in seconds, and its name."""
     for limit, unit, name in ((300.0, 1.0, "seconds"), (3 * 3600.0, 60.0, "minutes"), (96 * 3600.0, 3600.0, "hours")):
         if span <= limit:
-            return TimeAxis(False, unit, f"{name} from the first block")
-    return TimeAxis(False, 86400.0, "days from the first block")
+            return unit, name
+    return 86400.0, "days"
+
+
+def time_axis(time: NDArray[np.float64], clock: Clock) -> TimeAxis:
+    """Choose the axis for moments in seconds."""
+    if clock.dated:
+        return TimeAxis(True, 86400.0, clock.label, zone=clock.zone)
+    unit, name = unit_of(float(np.ptp(time)) if time.size else 0.0)
+    return TimeAxis(False, unit, f"{name} from the first block")
+
+
+def colour_name(colour: str) -> str:
+    """Return what the style sheet of the page calls a colour of this file."""
+    return _THEMED[colour]
 
 
 def new_figure(height: float, panels: Sequence[float] = (1.0,)) -> tuple[Figure, list[Axes]]:
@@ -99,6 +181,8 @@ def new_figure(height: float, panels: Sequence[float] = (1.0,)) -> tuple[Figure,
 
 def to_svg(figure: Figure, label: str, numbers: itertools.count[int]) -> str:
     """Return a figure as inline SVG: without a header, scaling with the page, its ids unique on the page.
+
+    Colours become variables of the page's style sheet, each with itself to fall back to.
 
     Args:
         figure: to be drawn.
@@ -112,10 +196,17 @@ def to_svg(figure: Figure, label: str, numbers: itertools.count[int]) -> str:
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     prefix = f"f{next(numbers)}-"
-    text = re.sub(r'\bid="', f'id="{prefix}', text)
+    text = re.sub(r'\bid="', f'id="{prefix}', text.replace("xlink:href", "href"))
     text = re.sub(r'(url\(#|href="#)', rf"\1{prefix}", text)
+    text = _COLOURS.sub(lambda match: f"var(--{_THEMED[match[0]]},{match[0]})", text)
+    # Letters are those of the page, strokes are styled by its sheet, and a hundredth of a point is seen by nobody.
+    text = re.sub(r"; font-family: [^;\"]*", "", text)
+    text = re.sub(r"<style type=.text/css.>.*?</style>", "", text, flags=re.DOTALL)
+    text = _PLACES.sub(lambda match: _FRACTION.sub(r"\1", match[0]), text)
     escaped = label.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
-    return re.sub(r'<svg width="[^"]*" height="[^"]*"', f'<svg role="img" aria-label="{escaped}"', text, count=1)
+    box = re.search(r'viewBox="[^"]*"', text)
+    head = f'<svg role="img" aria-label="{escaped}" {box[0] if box else ""}>'
+    return head + text[text.index(">") + 1 :]
 
 
 def thin(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -126,8 +217,14 @@ def thin(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> tuple[NDA
         y: values, NaN where the line breaks.
         bins: columns of the picture.
     """
+    keep = places_kept(x, y, bins)
+    return x[keep], y[keep]
+
+
+def places_kept(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> NDArray[np.intp]:
+    """Return the places of the points that :func:`thin` leaves."""
     if x.size <= 2 * bins or x[-1] <= x[0]:
-        return x, y
+        return np.arange(x.size)
     edges = np.searchsorted(x, np.linspace(x[0], x[-1], bins + 1)[1:-1])
     keep: list[int] = []
     for start, stop in itertools.pairwise([0, *edges.tolist(), x.size]):
@@ -139,7 +236,7 @@ def thin(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> tuple[NDA
         if finite.any():
             places |= {int(np.nanargmin(part)), int(np.nanargmax(part))}
         keep.extend(start + place for place in sorted(places))
-    return x[keep], y[keep]
+    return np.array(keep, dtype=np.intp)
 
 
 def with_breaks(time: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -171,7 +268,8 @@ def log_if_wide(axes: Axes, *columns: NDArray[np.float64]) -> None:
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        # Twos and fives are marked already; every further stroke costs more time than it says.
+        axes.yaxis.set_minor_locator(NullLocator())
     elif values.size:
         axes.set_ylim(min(0.0, float(values.min()) * 1.05), float(values.max()) * 1.08 or 1.0)
 
@@ -181,3 +279,8 @@ def add_legend(axes: Axes, **place: Any) -> None:
     handles, _ = axes.get_legend_handles_labels()
     if handles:
         axes.legend(**place)
+
+
+def legend_above(axes: Axes, columns: int = 6) -> None:
+    """Add a legend above a panel, where it covers nothing."""
+    add_legend(axes, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.6)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from monitor.health.filter_particles import Particles
 from monitor.records.dataset import words
-from monitor.records.publish import day_dataset, days
+from monitor.records.publish import PublishError, day_dataset, days
 from monitor.records.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
+from monitor.records.spectra import SpectrumRow, read_spectra
 from monitor.records.store import Store, StoreError
 
 Records = xr.Dataset | Store | Path | str
@@ -73,6 +76,9 @@ class Run:
         counts: blocks by status.
         events: what became known, in order, each with the ``source`` and ``block``.
         attributes: how the records were made; a list of values where parts differ.
+        spectra: envelope spectra that the store keeps, by channel; files of records hold none.
+        label: what to call it beside others: its machine, with the place of its records where several have that name.
+        particles: what the physical tracker believes after the last block, by channel; likewise of the store alone.
     """
 
     machine: str
@@ -83,6 +89,18 @@ class Run:
     counts: Mapping[str, int]
     events: Sequence[Mapping[str, Any]]
     attributes: Mapping[str, str] = field(default_factory=dict)
+    spectra: Mapping[str, Sequence[SpectrumRow]] = field(default_factory=dict)
+    particles: Mapping[str, Particles] = field(default_factory=dict)
+    label: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Store:
+    """What a store says beside its records: blocks by status, spectra and particles by channel."""
+
+    counts: Mapping[str, int]
+    spectra: Mapping[str, Sequence[SpectrumRow]]
+    particles: Mapping[str, Particles]
 
 
 def read_runs(records: Records | Sequence[Records]) -> list[Run]:
@@ -100,32 +118,61 @@ def read_runs(records: Records | Sequence[Records]) -> list[Run]:
         ReportError: nothing is found, or a file cannot be read.
     """
     items = [records] if isinstance(records, xr.Dataset | Store | Path | str) else list(records)
-    parts: dict[tuple[str, bool], list[xr.Dataset]] = {}
-    counts: dict[str, dict[str, int]] = {}
+    parts: dict[_Key, list[xr.Dataset]] = {}
+    stores: dict[tuple[str, str], _Store] = {}
     for item in items:
-        for dataset, counted in _datasets(item):
-            key = (str(dataset.attrs.get("machine", "machine")), dataset.attrs.get("dated") == "yes")
+        place = _place(item) if len(items) > 1 else ""
+        for dataset, store in _datasets(item):
+            machine = str(dataset.attrs.get("machine", "machine"))
             if dataset.sizes["time"]:
-                parts.setdefault(key, []).append(dataset)
-            if counted is not None:
-                counts[key[0]] = dict(counted)
+                parts.setdefault((machine, place, dataset.attrs.get("dated") == "yes"), []).append(dataset)
+            if store is not None:
+                stores[machine, place] = store
     if not parts:
         raise ReportError("there are no records to report")
-    runs = {key: _run(*key, datasets) for key, datasets in parts.items()}
-    for machine in {machine for machine, _ in runs}:
-        _fold_rejected(runs, machine)
-        if machine in counts:
-            _take_counts(runs, machine, counts[machine])
-    return list(runs.values())
+    runs = {key: _run(key[0], key[2], datasets) for key, datasets in parts.items()}
+    for machine, place in dict.fromkeys(key[:2] for key in runs):
+        _fold_rejected(runs, machine, place)
+        if (machine, place) in stores:
+            _complete(runs, machine, place, stores[machine, place])
+    return _labelled(runs)
 
 
-def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, Mapping[str, int] | None]]:
-    """Yield the datasets of one item, with the counts of the store where there is one."""
+_Key = tuple[str, str, bool]
+"""Machine, place (a store or a folder is a run of its own, files and datasets of a machine are one), and if dated."""
+
+
+def _place(item: Records) -> str:
+    """Return what tells a store or a folder from others, "" for files and datasets."""
+    if isinstance(item, xr.Dataset):
+        return ""
+    path = item.path if isinstance(item, Store) else Path(item)
+    if path.suffix == ".nc":
+        return ""
+    return str(path.resolve().parent if path.is_file() else path.resolve())
+
+
+def _labelled(runs: Mapping[_Key, Run]) -> list[Run]:
+    """Give each run a label of its own: the machine, with the folder where several have that name."""
+    machines = [machine for machine, _, _ in runs]
+    labelled = []
+    for (machine, place, dated), run in runs.items():
+        label = machine
+        if machines.count(machine) > 1:
+            label += f", {Path(place).name}" if place else (", dated" if dated else ", undated")
+        labelled.append(replace(run, label=label))
+    return labelled
+
+
+def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, _Store | None]]:
+    """Yield the datasets of one item, the first with what the store says beside where there is one."""
     if isinstance(item, xr.Dataset):
         yield item, None
     elif isinstance(item, Store):
+        beside: _Store | None = None
         for day in days(item):
-            yield day_dataset(item, day), item.counts()
+            beside = beside or _beside(item)
+            yield day_dataset(item, day), beside
     else:
         for path in _files(Path(item)):
             if path.suffix == ".nc":
@@ -134,8 +181,20 @@ def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, Mapping[str, int] | N
                 try:
                     with Store.open(path, read_only=True) as store:
                         yield from _datasets(store)
-                except StoreError as error:
+                except (StoreError, PublishError) as error:
                     raise ReportError(str(error)) from error
+
+
+def _beside(store: Store) -> _Store:
+    """Read what a store holds beside records; particles in a layout of another version are left out."""
+    states = {key.split(":", 2)[2]: state for key, state in store.load_states().items() if key.startswith("channel:")}
+    particles: dict[str, Particles] = {}
+    for name, state in states.items():
+        stored = ((state.get("damage") or {}).get("filter") or {}).get("particles")
+        if stored:
+            with suppress(KeyError, ValueError, TypeError):
+                particles[name] = Particles.from_dict(stored)
+    return _Store(store.counts(), {name: read_spectra(store, name) for name in states}, particles)
 
 
 def _files(path: Path) -> list[Path]:
@@ -144,7 +203,8 @@ def _files(path: Path) -> list[Path]:
         if not path.exists():
             raise ReportError(f"{path}: no such file or folder")
         return [path]
-    found = sorted(path.glob("*.nc")) or sorted((path / "records").glob("*.nc")) or sorted(path.glob("*.db"))
+    # A store knows more than the files that are made from it.
+    found = sorted(path.glob("*.db")) or sorted(path.glob("*.nc")) or sorted((path / "records").glob("*.nc"))
     if not found:
         raise ReportError(f"{path}: holds neither .nc files of records nor a state.db")
     return found
@@ -207,7 +267,7 @@ def _columns(
                 missing: Any = "" if worded else np.nan
                 blocks.append(np.full((dataset.sizes["time"], 1), missing, dtype=object if worded else np.float64))
                 continue
-            array = dataset[variable.name].isel(channel=int(place[0]))
+            array = xr.DataArray(dataset.variables[variable.name].isel(channel=int(place[0])))
             values = words(array) if worded else _seconds_or_numbers(array)
             if variable.kind == "int":
                 values = np.where(values < 0, np.nan, values)
@@ -267,20 +327,22 @@ def _joined(attributes: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     return {key: "; ".join(values) for key, values in found.items()}
 
 
-def _fold_rejected(runs: dict[tuple[str, bool], Run], machine: str) -> None:
+def _fold_rejected(runs: dict[_Key, Run], machine: str, place: str) -> None:
     """Count the undated blocks of a dated machine with its others where all of them were rejected."""
-    undated, dated = runs.get((machine, False)), runs.get((machine, True))
+    undated, dated = runs.get((machine, place, False)), runs.get((machine, place, True))
     if undated is None or dated is None or any(status not in REJECTIONS for status in undated.counts):
         return
     counts = dict(dated.counts)
     for status, number in undated.counts.items():
         counts[status] = counts.get(status, 0) + number
-    runs[(machine, True)] = Run(**{**dated.__dict__, "counts": counts})
-    del runs[(machine, False)]
+    runs[machine, place, True] = replace(dated, counts=counts)
+    del runs[machine, place, False]
 
 
-def _take_counts(runs: dict[tuple[str, bool], Run], machine: str, counts: Mapping[str, int]) -> None:
-    """Take the counts of the store, which knows of repetitions that have no record, where there is one run."""
-    keys = [key for key in runs if key[0] == machine]
+def _complete(runs: dict[_Key, Run], machine: str, place: str, store: _Store) -> None:
+    """Add what the store says beside records, where there is one run: it also knows of repetitions without a record."""
+    keys = [key for key in runs if key[:2] == (machine, place)]
     if len(keys) == 1:
-        runs[keys[0]] = Run(**{**runs[keys[0]].__dict__, "counts": dict(counts)})
+        found = runs[keys[0]]
+        mine = {name: rows for name, rows in store.spectra.items() if rows and name in found.channels}
+        runs[keys[0]] = replace(found, counts=dict(store.counts), spectra=mine, particles=store.particles)

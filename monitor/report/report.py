@@ -3,55 +3,35 @@
 from __future__ import annotations
 
 import itertools
-import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from jinja2 import Environment
+from jinja2 import Environment, FunctionLoader
 from markupsafe import Markup
 
 from monitor import __version__
-from monitor.records.filesystem import replace_durably
-from monitor.records.schema import FLAGS, REJECTIONS
-from monitor.report import figures
-from monitor.report.figures import SpectrumView
-from monitor.report.reading import Channel, Records, ReportError, Run, read_runs
-from monitor.report.verdict import Verdict, interval_name, judge, named_fault
-from monitor.report.wording import STATUS_MEANINGS, count, duration, moment
+from monitor.report.comparison import Comparison, compare
+from monitor.report.comparison_tables import laws, milestones, scores
+from monitor.report.options import Options
+from monitor.report.pdf import require_pdf, to_pdf
+from monitor.report.quality import without_folders
+from monitor.report.reading import Records, ReportError, Run, read_runs
+from monitor.report.run_section import RunPart, part_of_run
+from monitor.report.spectrum_figures import SpectrumView
+from monitor.report.summary import RunSummary, summarise
+from monitor.report.tables import Table, write_tables, write_whole
+from monitor.report.wording import Clock
+from monitor.report.zoom import policy_hash, zoom_json, zoom_script, zoom_style
 
-__all__ = ["ReportError", "SpectrumView", "build_report"]
+__all__ = ["Options", "ReportError", "SpectrumView", "build_report", "is_pdf", "render", "report_runs", "write_page"]
 
-_SYMBOLS = {"good": "●", "watch": "▲", "bad": "■", "open": "○"}
-_MOST_EVENTS = 200
-_EVENT_NAMES = {
-    "final_stage": "start of the final stage known",
-    "end_of_life": "end of life reached",
-}
-_PROVENANCE = {
-    "software_version": "software version",
-    "schema_version": "record schema",
-    "config_hash": "hash of the configuration",
-    "map_hash": "hash of the RMS map",
-    "calibrated": "map calibrated on this machine",
-    "rms_band_hz": "band of RMS (Hz)",
-    "track_method": "method of V_eq",
-    "forecast_method": "method of TT",
-    "interval_level": "level of intervals",
-    "prior": "what intervals lean on",
-    "library_hash": "hash of the library of simulated lives",
-}
-_DISCOVERY = frozenset(
-    {"Conventions", "title", "summary", "keywords", "id", "machine", "source", "history", "processing_level"}
-    | {"date_created", "product_version", "dated"}
-)
-"""Attributes that describe a file and say nothing of how its records were made."""
-
-_FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/:'\"<>]+/)+")
+SYMBOLS = {"good": "●", "watch": "▲", "bad": "■", "open": "○"}
+STATES = {"good": "no sign of damage", "watch": "damage", "bad": "end of life", "open": "no verdict"}
+"""What a state is called where there is no room for a sentence."""
 
 
 def build_report(
@@ -62,226 +42,165 @@ def build_report(
     spectra: Mapping[str, SpectrumView | tuple[Any, ...]] | None = None,
     pending: int = 0,
     notes: Sequence[str] = (),
+    options: Options | None = None,
+    tables: Path | None = None,
+    pdf: bool = False,
 ) -> Path:
     """Write a report of one or several runs.
 
     Args:
         records: datasets, stores, or paths, see :func:`monitor.report.reading.read_runs`.
-        out: the HTML file, put in place at once when it is complete.
+        out: the file, HTML or, where its name ends in .pdf, PDF; put in place at once when it is complete.
         title: of the page; by default it names the machines.
         spectra: an envelope spectrum worth drawing, by channel: :class:`SpectrumView` or a tuple of its fields
             (frequency in Hz, amplitude in g, fundamental of each family in Hz, label).
         pending: blocks offered but not judged yet, where there is one run.
         notes: sentences to say first.
+        options: what the page holds and how it is written; by default everything, in UTC.
+        tables: folder for every table of the page as CSV and netCDF, None for none.
+        pdf: write it as PDF too, beside ``out``.
 
     Returns:
         ``out``.
 
     Raises:
-        ReportError: the records cannot be read, or the file cannot be written.
+        ReportError: the records cannot be read, a file cannot be written, or what a PDF needs is missing.
     """
-    runs = read_runs(records)
-    numbers = itertools.count(1)
+    if pdf or is_pdf(Path(out)):
+        require_pdf()
+    options = options or Options()
+    options = replace(options, title=title or options.title, notes=(*options.notes, *notes))
     views = {
         name: view if isinstance(view, SpectrumView) else SpectrumView(*view) for name, view in (spectra or {}).items()
     }
-    page = (
-        _environment()
-        .from_string(_template())
-        .render(
-            title=title or f"Bearing health: {', '.join(dict.fromkeys(run.machine for run in runs))}",
-            written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-            version=__version__,
-            notes=[_without_folders(note) for note in notes],
-            symbols=_SYMBOLS,
-            runs=[_run(run, views, pending if len(runs) == 1 else 0, numbers) for run in runs],
-        )
-    )
-    out = Path(out)
-    temporary = out.with_name(f".{out.name}.tmp")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(page, encoding="utf-8")
-        replace_durably(temporary, out)
-    except OSError as error:
-        with suppress(OSError):
-            temporary.unlink()
-        raise ReportError(f"{out}: cannot be written: {error.strerror or error}") from error
-    return out
-
-
-def _environment() -> Environment:
-    # Names of files, channels and reasons come from outside: everything is escaped.
-    return Environment(autoescape=True, trim_blocks=False)
-
-
-def _template() -> str:
-    return resources.files("monitor.report").joinpath("templates/report.html.j2").read_text(encoding="utf-8")
-
-
-def _run(run: Run, views: Mapping[str, SpectrumView], pending: int, numbers: itertools.count[int]) -> dict[str, Any]:
-    """Return what the template says of one run."""
-    channels = [_channel(run, channel, views.get(channel.name), numbers) for channel in run.channels.values()]
-    events = [_event(event) for event in run.events]
-    return {
-        "machine": run.machine,
-        "period": _period(run),
-        "notes": _notes(run),
-        "channels": channels,
-        "blocks": _blocks(run, pending),
-        "events": events[-_MOST_EVENTS:],
-        "events_left_out": max(0, len(events) - _MOST_EVENTS),
-        "provenance": _provenance(run),
-    }
-
-
-def _period(run: Run) -> str:
-    times = run.time[np.isfinite(run.time)]
-    blocks = count(run.time.size, "block")
-    if not times.size:
-        return f"{blocks}."
-    first, last = float(times.min()), float(times.max())
-    if not run.dated:
-        return (
-            f"{blocks} over {duration(last - first)}, without a date." if last > first else f"{blocks}, without a date."
-        )
-    return f"{blocks} from {moment(first, dated=True)} to {moment(last, dated=True)}."
-
-
-def _notes(run: Run) -> list[str]:
-    tracked = any((channel.word("edv_status") != "").any() for channel in run.channels.values())
-    notes = []
-    if tracked and run.attributes.get("calibrated") != "yes":
-        notes.append(
-            "The model of the rig was not calibrated on this machine: V_eq and TT stand on the scale of the model. "
-            "Their trend means something, their absolute value does not."
-        )
-    if run.attributes.get("prior"):
-        notes.append(
-            f"What is given as {interval_name(run)} leans on the bearing being one of these: {run.attributes['prior']}."
-        )
-    truth = any(np.isfinite(channel.numbers["v_eq_true"]).any() for channel in run.channels.values())
-    if truth:
-        notes.append(
-            "These records come from a simulated rig, whose true V_eq and TT are drawn beside what was tracked."
-        )
-    return notes
-
-
-def _channel(run: Run, channel: Channel, view: SpectrumView | None, numbers: itertools.count[int]) -> dict[str, Any]:
-    verdict = judge(run, channel)
-    drawn = (
-        _trend_figure(run, channel, verdict, numbers),
-        _spectrum_figure(channel, view, numbers),
-        _damage_figure(run, channel, verdict, numbers),
-    )
-    return {"verdict": verdict, "figures": [figure for figure in drawn if figure is not None]}
-
-
-def _trend_figure(
-    run: Run, channel: Channel, verdict: Verdict, numbers: itertools.count[int]
-) -> tuple[str, Markup, str] | None:
-    svg = figures.trends(channel, verdict, dated=run.dated, numbers=numbers)
-    if svg is None:
-        return None
-    caption = "Shaded: the learning window. Lines break where blocks are missing or were rejected."
-    return "Vibration", Markup(svg), caption
-
-
-def _spectrum_figure(
-    channel: Channel, view: SpectrumView | None, numbers: itertools.count[int]
-) -> tuple[str, Markup, str] | None:
-    drawn = None if view is None else figures.spectrum(view, channel.name, numbers)
-    if view is not None and drawn is not None:
-        caption = (
-            "Dotted: five orders of the kinematic frequency of each part; the marker is the highest point within 2 % "
-            "of it. A marker alone names nothing: a part is named only where its lines stand clear of noise and others."
-        )
-        return f"Envelope spectrum{f', {view.label}' if view.label else ''}", Markup(drawn), caption
-    row, _ = named_fault(channel)
-    if row is None:
-        return None
-    svg = figures.recorded_lines(channel, row, numbers)
-    if svg is None:
-        return None
-    heading = f"Fault lines of the envelope spectrum, block {channel.sequence[row]:,}"
-    return (
-        heading,
-        Markup(svg),
-        "Bars: the first five lines of each part. Black: the noise floor under each. Empty: not resolved.",
-    )
-
-
-def _damage_figure(
-    run: Run, channel: Channel, verdict: Verdict, numbers: itertools.count[int]
-) -> tuple[str, Markup, str] | None:
-    svg = figures.damage(channel, verdict, dated=run.dated, numbers=numbers, interval=interval_name(run))
-    if svg is None:
-        return None
-    caption = "Every forecast stands where it was issued, with what was known then. Vertical lines as above."
-    if run.attributes.get("calibrated") != "yes":
-        caption += " The model is not calibrated on this machine."
-    return "Damaged volume and time to threshold", Markup(svg), caption
-
-
-def _blocks(run: Run, pending: int) -> dict[str, Any]:
-    """Return the ledger by status: accepted + rejected + pending = offered."""
-    rejected = sum(number for status, number in run.counts.items() if status in REJECTIONS)
-    total = sum(run.counts.values())
-    order = {status: place for place, status in enumerate(("ok", *FLAGS, *REJECTIONS))}
-    rows = []
-    for status, number in sorted(run.counts.items(), key=lambda item: order[item[0]]):
-        outcome = "rejected" if status in REJECTIONS else ("accepted" if status == "ok" else "accepted, flagged")
-        example = ""
-        places = np.flatnonzero(run.ledger["status"] == status)
-        if places.size and status != "ok":
-            place = places[0]
-            name, reason = run.ledger["name"][place], run.ledger["reason"][place]
-            example = _without_folders(f"{run.ledger['sequence'][place]:,}: {name}{f': {reason}' if reason else ''}")
-        rows.append(
-            {
-                "status": status,
-                "number": f"{number:,}",
-                "outcome": outcome,
-                "meaning": STATUS_MEANINGS[status],
-                "example": example,
-            }
-        )
-    return {
-        "offered": count(total + pending, "block"),
-        "accepted": f"{total - rejected:,}",
-        "rejected": f"{rejected:,}",
-        "pending": f"{pending:,}",
-        "rows": rows,
-    }
-
-
-def _event(event: Mapping[str, Any]) -> dict[str, str]:
-    shown = {"kind", "channel", "block", "source"}
-    details = "; ".join(f"{key}: {_plain(value)}" for key, value in event.items() if key not in shown)
-    kind = str(event.get("kind", "event"))
-    return {
-        "block": str(event.get("block", "")),
-        "channel": str(event.get("channel", "")),
-        "kind": _EVENT_NAMES.get(kind, kind),
-        "details": _without_folders(details),
-    }
-
-
-def _plain(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _provenance(run: Run) -> list[tuple[str, str]]:
-    known = [(label, run.attributes[key]) for key, label in _PROVENANCE.items() if key in run.attributes]
-    others = [
-        (key, text)
-        for key, text in sorted(run.attributes.items())
-        if key not in _PROVENANCE and key not in _DISCOVERY and not key.startswith("time_coverage")
+    return report_runs(read_runs(records), out, options=options, views=views, pending=pending, tables=tables, pdf=pdf)[
+        0
     ]
-    return [(label, _without_folders(text) or "none") for label, text in (*known, *others)]
 
 
-def _without_folders(text: str) -> str:
-    """Leave of every absolute path its last part: where files lie on a machine is nobody else's business."""
-    return _FOLDERS.sub("", text)
+def report_runs(
+    runs: Sequence[Run],
+    out: Path,
+    *,
+    options: Options,
+    views: Mapping[str, SpectrumView] | None = None,
+    pending: int = 0,
+    tables: Path | None = None,
+    pdf: bool = False,
+) -> tuple[Path, list[RunSummary]]:
+    """Write a report of runs that were read already; see :func:`build_report`.
+
+    Args:
+        runs: that were read.
+        out: the page, HTML or, where the name ends in .pdf, PDF.
+        options: of the page.
+        views: an envelope spectrum worth drawing, by channel.
+        pending: blocks offered but not judged yet, where there is one run.
+        tables: folder for the tables, None for none.
+        pdf: write it as PDF too, beside ``out``.
+
+    Returns:
+        The page, and what comparing its runs with others takes.
+    """
+    numbers = itertools.count(1)
+    parts = [
+        part_of_run(run, options, views or {}, pending if len(runs) == 1 else 0, numbers, anchor=f"r{place}")
+        for place, run in enumerate(runs, start=1)
+    ]
+    summaries = [
+        summarise(run, part, f"#run{place}", scored=options.holds("score"))
+        for place, (run, part) in enumerate(zip(runs, parts, strict=True), start=1)
+    ]
+    compared = compare(summaries, options, numbers) if len(runs) > 1 and options.holds("comparison") else None
+    alone = [] if compared is not None else _alone(summaries, options)
+    write_page(
+        Path(out),
+        "report.html.j2",
+        pdf=pdf,
+        zoomed=any(picture.zoom for part in parts for channel in part.channels for picture in channel.pictures),
+        title=options.title or f"Bearing health: {', '.join(dict.fromkeys(run.machine for run in runs))}",
+        notes=[without_folders(note) for note in options.notes],
+        runs=parts,
+        compared=compared,
+        scores=[table for table in alone if table.name == "scores"],
+        options=options,
+    )
+    if tables is not None:
+        write_tables([*alone, *tables_of(parts, compared)], tables, {"product_version": f"spallwatch {__version__}"})
+    return Path(out), summaries
+
+
+def _alone(summaries: Sequence[RunSummary], options: Options) -> list[Table]:
+    """Return the tables over runs that say something of one run too."""
+    found = [milestones(summaries, options.zone), laws(summaries), scores(summaries)]
+    return [table for table in found if table is not None]
+
+
+def tables_of(parts: Sequence[RunPart], compared: Comparison | None) -> list[Table]:
+    """Return the tables of each run and those over runs, under names that no two share."""
+    found = [] if compared is None else list(compared.tables)
+    for place, part in enumerate(parts, start=1):
+        prefix = f"run{place}-" if len(parts) > 1 else ""
+        found += [replace(table, name=f"{prefix}{table.name}") for table in part.tables.values()]
+    return found
+
+
+def is_pdf(path: Path) -> bool:
+    """Say whether a name asks for PDF."""
+    return path.suffix.lower() == ".pdf"
+
+
+def write_page(out: Path, template: str, *, pdf: bool = False, **values: Any) -> None:
+    """Write a template as a page, HTML or PDF by the name's ending, and put it in place at once.
+
+    Args:
+        out: the file.
+        template: its name.
+        pdf: write it as PDF too, beside ``out``.
+        values: that it uses.
+
+    Raises:
+        ReportError: a file cannot be written, or what a PDF needs is missing.
+    """
+    paper = out if is_pdf(out) else out.with_suffix(".pdf") if pdf else None
+    path = out
+    try:
+        if paper is not None:
+            path = paper
+            write_whole(paper, to_pdf(render(template, bare=True, **values)))
+        if not is_pdf(out):
+            path = out
+            write_whole(out, render(template, **values))
+    except OSError as error:
+        raise ReportError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def render(template: str, *, bare: bool = False, zoomed: bool = False, **values: Any) -> str:
+    """Return a template as a page; what comes from outside (names, reasons) is escaped everywhere.
+
+    Args:
+        template: its name.
+        bare: for paper: without scripts and without the data of figures.
+        zoomed: with the script that makes charts of the figures that can be zoomed.
+        values: that it uses, beside those that every page has.
+    """
+    script = zoom_script() if zoomed and not bare else ""
+    environment = Environment(autoescape=True, loader=FunctionLoader(_file), trim_blocks=True, lstrip_blocks=True)
+    return environment.get_template(template).render(
+        written=Clock(True, values["options"].zone).moment(float(int(datetime.now(UTC).timestamp()))),
+        # Ours, not from outside: a style sheet has quotes and brackets that must stay.
+        style=Markup(_file("report.css") + (_file("pdf.css") if bare else "") + (zoom_style() if script else "")),
+        script=Markup(script),
+        policy=Markup(policy_hash(script)),
+        zoom_json=lambda data: Markup(zoom_json(data)),
+        svg=Markup,
+        version=__version__,
+        symbols=SYMBOLS,
+        states=STATES,
+        bare=bare,
+        **values,
+    )
+
+
+def _file(name: str) -> str:
+    return resources.files("monitor.report").joinpath(f"templates/{name}").read_text(encoding="utf-8")

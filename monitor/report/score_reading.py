@@ -121,6 +121,25 @@ def read_issued(path: Path, threshold: float | None = None) -> list[Issued]:
     return found
 
 
+def issued_of(run: Run, label: str) -> list[Issued]:
+    """Return the forecasts of a run for the first threshold of each channel, as its records hold them.
+
+    Args:
+        run: its records.
+        label: what to call them.
+
+    Raises:
+        ScoreError: the records do not say the level of their intervals.
+    """
+    spoken = [
+        channel
+        for channel in run.channels.values()
+        if not np.isin(channel.words["tt_status"].astype(str), _SILENT).all()
+        and np.isfinite(channel.numbers["v_th"][:, 0]).any()
+    ]
+    return [_issued(Path(label), run, channel, 0, {}) for channel in spoken]
+
+
 def _archive(path: Path) -> dict[tuple[str, int, str], list[Archived]]:
     """Return the archived forecasts by source, block and channel, or nothing where there is no store."""
     database = path / "state.db" if path.is_dir() else path
@@ -169,7 +188,7 @@ def _issued(
     archived = _matching(archive, run, channel, rows, threshold)
     if archived is None:
         interval, levels, quantiles = _from_records(path, run, channel, place, rows)
-        method, source = _of_channel(run.attributes.get("forecast_method", ""), channel.name), "records"
+        method, source = of_channel(run.attributes.get("forecast_method", ""), channel.name), "records"
     else:
         interval, levels, quantiles = _from_archive(archived)
         method, source = "; ".join(dict.fromkeys(row.method for row in archived if row.method)), "archive"
@@ -269,7 +288,7 @@ def _from_records(
     middle, lower, upper = (_column(channel, name, place)[rows] for name in ("tt", "tt_lower", "tt_upper"))
     if not np.isfinite(lower).any():
         return None, np.array([0.5]), middle[:, np.newaxis]
-    said = _of_channel(run.attributes.get("interval_level", ""), channel.name)
+    said = of_channel(run.attributes.get("interval_level", ""), channel.name)
     try:
         interval = float(said)
     except ValueError:
@@ -289,7 +308,7 @@ def _column(channel: Channel, name: str, place: int) -> Floats:
     return values[:, place] if place < values.shape[1] else np.full(values.shape[0], np.nan)
 
 
-def _of_channel(text: Any, channel: str) -> str:
+def of_channel(text: Any, channel: str) -> str:
     """Return the value of one channel where an attribute lists one a channel, or the value itself."""
     parts = [part.partition(": ") for part in str(text).split("; ")]
     if not all(separator for _, separator, _ in parts):

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
-from datetime import UTC, datetime, timedelta
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta, tzinfo
+from zoneinfo import ZoneInfo
 
 from streams.block import STANDARD_GRAVITY
 
@@ -95,15 +98,77 @@ def duration(seconds: float) -> str:
     return f"{days} d {hours} h" if hours else f"{days} d"
 
 
+@dataclass(frozen=True)
+class Clock:
+    """How moments of a run are written: the one place where dates are.
+
+    Attributes:
+        dated: whether moments are UTC seconds since 1970 rather than seconds from the first block.
+        zone: in which they are written.
+    """
+
+    dated: bool
+    zone: tzinfo = UTC
+
+    @property
+    def label(self) -> str:
+        """The name of the time zone."""
+        return "UTC" if self.zone is UTC else str(self.zone)
+
+    def moment(self, time: float) -> str:
+        """Return a moment with its time zone: "2026-11-20 14:05:00 UTC", "4 h 3 min after the first block"."""
+        if not math.isfinite(time):
+            return "at an unknown time"
+        if not self.dated:
+            return f"{duration(time)} after the first block"
+        return self._date(time).strftime("%Y-%m-%d %H:%M:%S %Z")
+
+    def short(self, time: float) -> str:
+        """Return a moment for a table, whose heading says the time zone; "–" where there is none."""
+        if not math.isfinite(time):
+            return "–"
+        return self._date(time).strftime("%Y-%m-%d %H:%M") if self.dated else duration(time)
+
+    def _date(self, time: float) -> datetime:
+        return (datetime.fromtimestamp(0, UTC) + timedelta(seconds=time)).astimezone(self.zone)
+
+
+def time_zone(name: str) -> tzinfo:
+    """Return a time zone by its name, such as Europe/Rome.
+
+    Raises:
+        ValueError: there is none of this name.
+    """
+    if name.upper() == "UTC":
+        return UTC
+    try:
+        return ZoneInfo(name)
+    except (KeyError, ValueError, OSError):
+        raise ValueError(f"timezone {name!r}: expected UTC or a name such as Europe/Rome") from None
+
+
 def moment(time: float, *, dated: bool) -> str:
     """Return a moment on the time axis: a UTC date and time, or how long after the first block."""
-    if not math.isfinite(time):
-        return "at an unknown time"
-    if not dated:
-        return f"{duration(time)} after the first block"
-    return (datetime.fromtimestamp(0, UTC) + timedelta(seconds=time)).strftime("%Y-%m-%d %H:%M:%S UTC")
+    return Clock(dated).moment(time)
 
 
 def count(number: float, noun: str) -> str:
     """Return "1 block", "2 blocks"."""
     return f"{number:,.0f} {noun}{'' if number == 1 else 's'}"
+
+
+def figure(value: float, digits: int = 3) -> str:
+    """Return a number with so many significant figures and without an exponent where people need none; "–" for NaN."""
+    if not math.isfinite(value):
+        return "–"
+    if value == 0.0:
+        return "0"
+    if 1e-4 <= abs(value) < 1e7:
+        places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+        return f"{value:,.{places}f}".replace("-", "−")
+    return f"{value:.{digits - 1}e}".replace("-", "−")
+
+
+def interval(lower: float, upper: float, words: Callable[[float], str]) -> str:
+    """Return "1 h to 3 h"; "" where an end is missing."""
+    return f"{words(lower)} to {words(upper)}" if math.isfinite(lower) and math.isfinite(upper) else ""

@@ -101,7 +101,7 @@ def test_people_read_the_lines_of_the_part() -> None:
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        (["--fault", "inner", "--plot", "scene.png"], "--waveform"),
+        (["--fault", "inner", "--plot", "scene.pdf"], "--plot"),
         (["--fault", "ball", "--slip-deg", "1"], "slip"),
         (["--first-row", "3"], "first_row"),
         (["--fault", "inner", "--rms-band-hz", "10:30000"], "band"),

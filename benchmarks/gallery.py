@@ -1,0 +1,222 @@
+"""The gallery: a counterpart of every figure of the thesis' chapters 4 and 5 that the simulation can make.
+
+python -m benchmarks.gallery --out docs/gallery [--only 45 ...] [--page docs/gallery.md]
+
+Writes for each figure a picture (SVG, or PNG where that would be large) and a JSON file with what is drawn and with
+what the print says of it, and then the page from all JSON files of the folder. Everything is made anew from the model;
+two runs of one version on one kind of machine give the same files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks import gallery_histories, gallery_rig, gallery_seeded, gallery_volumes
+from benchmarks.gallery_plate import Plate, save_plate
+
+FIGURES: dict[str, Callable[[], Plate]] = {
+    **gallery_rig.FIGURES,
+    **gallery_seeded.FIGURES,
+    **gallery_histories.FIGURES,
+    **gallery_volumes.FIGURES,
+}
+"""What makes each figure, by its number in the thesis."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A figure of the thesis.
+
+    Attributes:
+        number: in the thesis.
+        title: what it shows.
+        why: why it has no counterpart, "" where it has one.
+        like: numbers of figures that show what is most like it.
+    """
+
+    number: str
+    title: str
+    why: str = ""
+    like: tuple[str, ...] = ()
+
+
+_SCHEME = "a drawing of the method, no result"
+_MEASURED = "measured on the test rig; the signals are not at hand and no value is printed"
+_SEARCH = "results of the optimisation against the measured signals, which are not at hand"
+ENTRIES = (
+    Entry("29", "Scheme of the lumped-parameter model", _SCHEME),
+    Entry("30", "Geometry of the defect and displacement of a ball over it", _SCHEME, ("53",)),
+    Entry("31", "Measured waveforms of D1 to D3 at two loads", _MEASURED, ("47",)),
+    Entry("32", "Measured spectrum of D2 at 2000 N and 30 Hz", _MEASURED, ("48", "49")),
+    Entry("33", "Measured RMS and A* against speed", _MEASURED, ("45",)),
+    Entry("34", "Measured RMS and A* against the width", _MEASURED, ("46",)),
+    Entry("35", "Finite-element model of the shaft", "a mesh; its result k_i = 75 MN/m is taken as a datum"),
+    Entry("36", "Stiffness of the healthy bearing while the balls pass"),
+    Entry("37", "Stiffness of the bearing with D3 while the balls pass"),
+    Entry("38", "Natural frequency of the resonator over its mass and stiffness"),
+    Entry("39", "First four natural frequencies over mass and stiffness of the resonator"),
+    Entry("40", "Admitted damping of the contacts"),
+    Entry("41", "Pareto front of the optimisation", _SEARCH),
+    Entry("42", "Parameters along the Pareto front", _SEARCH),
+    Entry("43", "Natural frequencies of the parameters found"),
+    Entry("44", "Pareto fronts of one defect at a time", _SEARCH),
+    Entry("45", "RMS and A* against speed, simulated and measured"),
+    Entry("46", "RMS and A* against the width, simulated and measured"),
+    Entry("47", "Simulated waveforms of D1 to D3 at two loads"),
+    Entry("48", "Simulated spectrum of D2 at 2000 N and 30 Hz"),
+    Entry("49", "Spectra with slip"),
+    Entry("50", "Waveforms with slip"),
+    Entry("51", "RMS and A* against speed with slip"),
+    Entry("52", "Angles at which a ball meets the floor", _SCHEME, ("53",)),
+    Entry("53", "Ways of a ball over a localised and an extended defect"),
+    Entry("54", "Final stage of a life", "a sketch of an RMS history", ("57", "60")),
+    Entry("55", "Steps of the tracker"),
+    Entry(
+        "56",
+        "Flowchart of the tracker",
+        "a flowchart; in words: [how the thesis tracks](how-the-thesis-tracks.md)",
+    ),
+    Entry("57", "RMS over six whole lives"),
+    Entry("58", "H_or over six whole lives"),
+    Entry("59", "Envelope spectra before and in the final stage"),
+    Entry("60", "RMS in six final stages"),
+    Entry("61", "RMS maps at four loads"),
+    Entry("62", "Tracked volumes"),
+    Entry("63", "Histories under other loads (first prognostic model)"),
+    Entry("64", "Volumes below the threshold"),
+    Entry("65", "Fitted quadratics"),
+    Entry("66", "Forecasts of the time to the threshold"),
+    Entry("67", "Forecasts to other thresholds"),
+)
+"""All figures of chapters 4 and 5."""
+
+_SINGULAR = {"close": "is close", "in part": "holds in part"}
+_PLURAL = {"agrees": "agree", "close": "are close", "in part": "hold in part", "differs": "differ"}
+_HEAD = """# Gallery: the figures of the thesis' chapters 4 and 5
+
+A. Gabrielli's doctoral thesis (University of Ferrara, 2022) describes the model and the methods that this program
+started from. This page goes through every figure of its two chapters on them: what this program makes from its own
+simulation, what agrees with the print, what does not, and why some figures have no counterpart.
+
+`python -m benchmarks.gallery --out docs/gallery` makes all pictures, the data under them (`docs/gallery/fig*.json`)
+and this page; `--only 45 61` makes some. All of it takes a minute or two.
+
+How to read the verdicts: a number *agrees* within half a unit of the last printed digit (or within the bound that the
+text gives) and is *close* within 3 %; a statement in words agrees where it holds in every case, and holds *in part*
+where it does so in some; in how many stands beside it. Where words had to be made into a bound, the bound is ours and
+is stated. Almost all values of these figures are drawn and not printed, so that words are most of what there is to hold
+against. Tables of printed numbers are in [published figures](published-figures.md).
+
+Figures of chapter 5 rest on six run-to-failure tests whose signals are not at hand. Their counterparts show six
+**simulated lives**, another machine: each has the load, speed, onset and end of a test (Tables 3 and 20), and its true
+volume follows the quadratic that Table 22 prints for it up to 0.05 mm³/mm. What the print does not tell was chosen:
+from there the volume grows faster, to 0.5 mm³/mm at the end; extent and depth grow in proportion (50° to 32 µm); the
+rough floor is another than those of the maps; the sensor adds white noise of 0.5 m/s². Their values are therefore
+*not comparable* with printed ones and stand beside them for the record. Real recordings (PRONOSTIA) are reported by
+`spallwatch report`.
+
+"""
+
+
+def make(folder: Path, only: Sequence[str]) -> None:
+    """Write pictures and data of the figures asked for, all where none is.
+
+    Raises:
+        ValueError: a figure has no counterpart.
+    """
+    unknown = [number for number in only if number not in FIGURES]
+    if unknown:
+        raise ValueError(f"--only {' '.join(unknown)}: expected numbers among {', '.join(FIGURES)}")
+    for number in only or FIGURES:
+        path = save_plate(FIGURES[number](), number, folder)
+        print(f"Fig. {number}: {path} ({path.stat().st_size / 1000:.0f} kB)")
+
+
+def page(folder: Path, prefix: str) -> str:
+    """Return the page from what the folder holds.
+
+    Args:
+        folder: with the JSON file of every figure that has a counterpart.
+        prefix: of the links to its files.
+
+    Raises:
+        OSError: a file is missing.
+    """
+    stored = {
+        number: json.loads((folder / f"fig{number}.json").read_text(encoding="utf-8")) for number in sorted(FIGURES)
+    }
+    lines = [_HEAD + _summary(stored), "", "| Fig. | shows | counterpart | verdicts |", "| --- | --- | --- | --- |"]
+    lines += [_row(entry, stored) for entry in ENTRIES]
+    for chapter, title in (
+        ("4", "Chapter 4: the model and its parameters"),
+        ("5", "Chapter 5: tracking and forecasts"),
+    ):
+        lines += ["", f"## {title}"]
+        for entry in ENTRIES:
+            if entry.number in stored and (int(entry.number) >= 52) == (chapter == "5"):
+                lines += _section(entry, stored[entry.number], prefix)
+    return "\n".join(lines) + "\n"
+
+
+def _summary(stored: Mapping[str, Any]) -> str:
+    """Return how many figures and statements there are of each kind."""
+    found = [claim["verdict"] for figure in stored.values() for claim in figure["claims"]]
+    lives = sum(bool(figure["machine"]) for figure in stored.values())
+    counts = {verdict: found.count(verdict) for verdict in ("agrees", "close", "in part", "differs", "not comparable")}
+    words = ", ".join(f"{count} {_counted(verdict, count)}" for verdict, count in counts.items())
+    text = f"{len(stored)} of {len(ENTRIES)} figures have a counterpart, {lives} of them from simulated lives."
+    return f"**{text} Of {len(found)} statements of the print: {words}.**"
+
+
+def _counted(verdict: str, count: int) -> str:
+    """Return what so many statements do."""
+    return (_SINGULAR if count == 1 else _PLURAL).get(verdict, verdict)
+
+
+def _row(entry: Entry, stored: Mapping[str, Any]) -> str:
+    if entry.number not in stored:
+        like = " ".join(f"[Fig. {number}](#fig-{number})" for number in entry.like)
+        text = f"none: {entry.why}" + (f"; see {like}" if like else "")
+        return f"| {entry.number} | {entry.title} | {text} |  |"
+    found = [claim["verdict"] for claim in stored[entry.number]["claims"]]
+    numbers = {verdict: found.count(verdict) for verdict in found}
+    counts = ", ".join(f"{count} {_counted(verdict, count)}" for verdict, count in numbers.items())
+    kind = "simulated lives" if stored[entry.number]["machine"] else "made"
+    return f"| {entry.number} | {entry.title} | [{kind}](#fig-{entry.number}) | {counts} |"
+
+
+def _section(entry: Entry, stored: Mapping[str, Any], prefix: str) -> list[str]:
+    lines = ["", f'<a id="fig-{entry.number}"></a>', "", f"### Fig. {entry.number}: {entry.title}", ""]
+    lines += [f"![{stored['label']}]({prefix}{stored['picture']})", "", stored["caption"]]
+    if stored["machine"]:
+        lines[-1] += f" Another machine: {stored['machine']}."
+    lines += ["", "| what the print says | print | here | verdict |", "| --- | --- | --- | --- |"]
+    lines += [f"| {c['what']} | {c['printed']} | {c['obtained']} | {c['verdict']} |" for c in stored["claims"]]
+    return lines
+
+
+def main() -> None:
+    """Make figures and the page."""
+    parser = argparse.ArgumentParser(description="The gallery of the thesis' figures.")
+    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for pictures and data")
+    parser.add_argument("--only", nargs="+", default=[], metavar="NUMBER", help="make these figures only")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="the page (default: beside the folder, .md)")
+    options = parser.parse_args()
+    target = options.page or options.out.with_suffix(".md")
+    try:
+        make(options.out, options.only)
+        target.write_text(page(options.out, f"{options.out.name}/"), encoding="utf-8")
+    except ValueError as error:
+        parser.error(str(error))
+    except FileNotFoundError as error:
+        parser.error(f"{error.filename} is missing: the page needs every figure, make all of them first")
+    print(target)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,240 @@
+"""The first screen: is it failing, since when, where, how large, how long left; each with what speaks for it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.report.reading import Channel, Run
+from monitor.report.verdict import Moment, Verdict, interval_name, last_value, named_fault, unscaled
+from monitor.report.wording import (
+    EDV_REFUSALS,
+    TT_REFUSALS,
+    Clock,
+    count,
+    duration,
+    fault_words,
+    figure,
+    interval,
+    volume,
+)
+
+_LATEST = 20
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One question and what the records say to it.
+
+    Attributes:
+        question: short.
+        answer: one sentence at most; a refusal where nothing can be said.
+        support: how sure this is, and what it rests on.
+        known: whether it is an answer rather than a refusal.
+        brief: for a table, "" where there is nothing to say.
+    """
+
+    question: str
+    answer: str
+    support: str
+    known: bool = True
+    brief: str = ""
+
+
+def answers(run: Run, channel: Channel, verdict: Verdict, clock: Clock) -> tuple[Answer, ...]:
+    """Answer the five questions about a channel after its last block."""
+    return (
+        _failing(channel, verdict),
+        _since(verdict, clock),
+        _where(channel, verdict),
+        _how_large(run, channel),
+        *_how_long(run, channel),
+    )
+
+
+def _failing(channel: Channel, verdict: Verdict) -> Answer:
+    question = "Is it failing?"
+    said = {
+        "end_of_life": "Yes: the end of its life is reached.",
+        "final": "Yes: it is in the final stage of its life.",
+        "healthy": "No sign of it.",
+        "learning": "Not known yet.",
+        "": "Cannot be said.",
+    }.get(verdict.stage, verdict.stage)
+    if verdict.stage == "":
+        rejected = int(np.sum(channel.status != "ok"))
+        why = f"No block could be judged; {count(rejected, 'block')} could not be used." if rejected else ""
+        return Answer(question, said, why or "No block could be judged.", known=False)
+    if verdict.stage == "learning":
+        if verdict.fault:
+            said = f"Not known yet, but damage of the {fault_words(verdict.fault)} is heard."
+        why = "The baseline is not complete, so that no change can be judged yet."
+        return Answer(question, said, why, known=False)
+    if verdict.stage == "healthy" and verdict.fault:
+        said = f"Its level says no, but damage of the {fault_words(verdict.fault)} is heard."
+    return Answer(question, said, " ".join(text for text in (_scores(channel), _growth(channel)) if text))
+
+
+def _scores(channel: Channel) -> str:
+    """Say how the latest scores stand to the threshold."""
+    score, threshold = channel.column("detect_score"), channel.column("detect_threshold")
+    rows = np.flatnonzero(np.isfinite(score) & np.isfinite(threshold))[-_LATEST:]
+    if not rows.size:
+        return ""
+    above = int(np.sum(score[rows] > threshold[rows]))
+    return (
+        f"The score of RMS and H_or is above its threshold in {above} of the last {count(rows.size, 'block')} "
+        f"(last {figure(float(score[rows[-1]]), 2)}, threshold {figure(float(threshold[rows[-1]]), 2)})."
+    )
+
+
+def _growth(channel: Channel) -> str:
+    row = last_value(channel, "rms")
+    learned = channel.column("rms")[(channel.word("stage") == "learning") & np.isfinite(channel.column("rms"))]
+    if row is None or learned.size < 2 or channel.word("stage")[row] == "learning" or np.median(learned) <= 0.0:
+        return ""
+    return f"RMS is {figure(float(channel.column('rms')[row] / np.median(learned)), 2)} times what was learned."
+
+
+def _since(verdict: Verdict, clock: Clock) -> Answer:
+    question = "Since when?"
+    if verdict.t_fs is None:
+        return Answer(question, "–", "No final stage so far.", known=False)
+    sentences = [f"The final stage began at {_at(verdict.t_fs, clock)}."]
+    if verdict.t_fs_known is not None:
+        sentences.append(f"This was known at {_at(verdict.t_fs_known, clock)}.")
+    if verdict.t_eol is not None:
+        sentences.append(f"The end of life was reached at {_at(verdict.t_eol, clock)}.")
+    short = clock.moment(verdict.t_fs.time)
+    if not math.isfinite(verdict.t_fs.time) and verdict.t_fs.block is not None:
+        short = f"block {verdict.t_fs.block:,}"
+    brief = clock.short(verdict.t_fs.time) if math.isfinite(verdict.t_fs.time) else short
+    return Answer(question, f"{_capital(short)}.", " ".join(sentences), brief=brief)
+
+
+def _at(mark: Moment, clock: Clock) -> str:
+    block = "" if mark.block is None else f"block {mark.block:,}, "
+    return f"{block}{clock.moment(mark.time)}"
+
+
+def _where(channel: Channel, verdict: Verdict) -> Answer:
+    question = "Where?"
+    row, fault = named_fault(channel)
+    if row is None:
+        return Answer(question, "Cannot be said.", "No block could be judged.", known=False)
+    if not fault:
+        why = "No family of fault lines stands clear of the noise and of all others."
+        return Answer(question, "No part named.", why, known=False)
+    snr, depth = channel.column("fault_snr")[row], channel.column("fault_depth")[row]
+    evidence = []
+    if math.isfinite(snr):
+        evidence.append(f"lines {snr:.1f} times the noise floor")
+    if math.isfinite(depth):
+        evidence.append(f"modulation depth {depth:.2f}")
+    best = f"At best {', '.join(evidence)} (block {channel.sequence[row]:,})." if evidence else ""
+    apart = "The resolution does not tell them apart." if "|" in fault else ""
+    support = " ".join(text for text in (best, _agreement(channel, verdict, fault), apart) if text)
+    return Answer(question, f"{fault_words(fault).capitalize()}.", support, brief=fault_words(fault))
+
+
+def _agreement(channel: Channel, verdict: Verdict, fault: str) -> str:
+    """Say in how many blocks since the onset was known the same part was named, and what in the others."""
+    late = np.isin(channel.word("stage"), ("final", "end_of_life"))
+    if verdict.stage not in ("final", "end_of_life") or not late.any():
+        return ""
+    names = channel.word("fault")[late].astype(str)
+    same, none = int(np.sum(names == fault)), int(np.sum(names == ""))
+    other = names.size - same - none
+    rest = [f"none in {none:,}"] if none else []
+    rest += [f"another in {other:,}"] if other else []
+    return f"Named in {same:,} of {count(names.size, 'block')} since then{''.join(f'; {text}' for text in rest)}."
+
+
+def _how_large(run: Run, channel: Channel) -> Answer:
+    question = "How large?"
+    statuses = channel.word("edv_status")
+    rows = np.flatnonzero(statuses != "")
+    if not rows.size:
+        return Answer(question, "Not tracked on this channel.", "", known=False)
+    row, known = int(rows[-1]), last_value(channel, "v_eq")
+    status = str(statuses[row])
+    if known is None:
+        return Answer(question, "No value.", _sentence(EDV_REFUSALS.get(status, status)), known=False)
+    value = volume(channel.column("v_eq")[known])
+    lower, upper = channel.column("v_eq_lower")[known], channel.column("v_eq_upper")[known]
+    ends = interval(float(lower), float(upper), volume)
+    sentences = [f"{_capital(interval_name(run))}: {ends}."] if ends else ["A single number, without an interval."]
+    if status == "ambiguous":
+        sentences.append("Several sizes of damage explain the vibration, so that the middle says little.")
+    if status == "widened":
+        sentences.append("The search had to go back, so that it may be lower than before.")
+    if known != row:
+        why = EDV_REFUSALS.get(status, status)
+        sentences.insert(0, f"At block {channel.sequence[known]:,}; since then none: {why}.")
+        value = f"Last {value}"
+    sentences.append("Equivalent damaged volume V_eq, in the model of this rig." + unscaled(run))
+    return Answer(
+        question,
+        f"{value}.",
+        " ".join(sentences),
+        brief=value if known == row else f"({volume(channel.column('v_eq')[known])})",
+    )
+
+
+def _how_long(run: Run, channel: Channel) -> list[Answer]:
+    question = "How long left?"
+    statuses = channel.words["tt_status"]
+    rows = np.flatnonzero(np.any(statuses != "", axis=1))
+    if not rows.size:
+        return [Answer(question, "Not forecast on this channel.", "", known=False)]
+    row = int(rows[-1])
+    found = [
+        _one_forecast(run, channel, row, place, str(status)) for place, status in enumerate(statuses[row]) if status
+    ]
+    refusals = {(answer.answer, answer.support.split(": ", 1)[-1]) for answer in found if not answer.known}
+    if len(found) > 1 and len(refusals) == 1 and not any(answer.known for answer in found):
+        return found[:1]
+    return found
+
+
+def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str) -> Answer:
+    def number(name: str) -> float:
+        values = channel.numbers[name][row]
+        return float(values[place]) if place < values.size else math.nan
+
+    threshold, tt, lower, upper = (number(name) for name in ("v_th", "tt", "tt_lower", "tt_upper"))
+    of = f" of {volume(threshold)}" if math.isfinite(threshold) else ""
+    question = "How long left?"
+    if status == "already_crossed":
+        if math.isfinite(lower) and math.isfinite(upper):
+            late = f"{_capital(interval_name(run))}: up to {duration(upper)} from now." if upper > 0.0 else ""
+            return Answer(
+                question, f"The threshold{of} has more likely than not been reached.", late, brief="likely reached"
+            )
+        first = np.flatnonzero(channel.words["tt_status"][:, place] == status)[0]
+        return Answer(
+            question, f"The threshold{of} was reached.", f"By block {channel.sequence[first]:,}.", brief="reached"
+        )
+    if status != "ok" or not math.isfinite(tt):
+        why = f"For the threshold{of}: {TT_REFUSALS.get(status, status)}."
+        return Answer(question, "No forecast.", why, known=False, brief="no forecast")
+    ends = interval(lower, upper, duration)
+    sentences = [f"{_capital(interval_name(run))}: {ends}."] if ends else ["A single number, without an interval."]
+    probability = number("p_threshold")
+    if math.isfinite(probability):
+        sentences.append(f"Reached within the maintenance window with a probability of {probability:.0%}.")
+    v_eq = float(channel.column("v_eq")[row])
+    if math.isfinite(v_eq) and math.isfinite(threshold) and v_eq >= threshold:
+        sentences.append("V_eq as tracked stands above it already: it comes from another method, and the two disagree.")
+    sentences.append("If V_eq goes on growing as it did; it is not the remaining life." + unscaled(run))
+    return Answer(question, f"{duration(tt)} to the threshold{of}.", " ".join(sentences), brief=duration(tt))
+
+
+def _sentence(text: str) -> str:
+    return f"{_capital(text)}."
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,141 @@
+"""What a report holds and how it is written: defaults, and the table ``[report]`` of a TOML file."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, tzinfo
+from pathlib import Path
+from typing import Any
+
+from models.map_data import RmsMap
+from models.map_plan import MapError
+from models.rms_map import load_map
+from monitor.report.reading import ReportError
+from monitor.report.wording import time_zone
+
+SECTIONS = {
+    "trends": "RMS, fault lines and score over the whole life",
+    "final_stage": "the same over the final stage alone",
+    "envelope": "envelope spectra before and after the onset",
+    "waterfall": "envelope spectra over life",
+    "path": "the path of the tracker over the RMS map",
+    "posterior": "what the physical tracker believes after the last block",
+    "damage": "V_eq with its interval",
+    "law": "the law that the thesis' forecast fits",
+    "forecast": "time to threshold as issued, with the cone",
+    "quality": "data quality: rejected blocks, gaps, speed and load",
+    "events": "events and alarms",
+    "provenance": "settings and versions",
+    "guide": "how to read the page",
+    "comparison": "several runs: figures side by side and tables over runs",
+    "score": "several runs: how good the forecasts were",
+}
+"""What a report may hold, by the names that a configuration uses."""
+_KEYS = ("title", "timezone", "include", "leave_out", "maps")
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a report is made.
+
+    Attributes:
+        title: of the page, None for the machines' names.
+        zone: in which dates are written.
+        sections: what it holds, of ``SECTIONS``.
+        maps: RMS maps by channel, "" for all channels; where none is given, the kept one that the records name.
+        notes: sentences to say first.
+    """
+
+    title: str | None = None
+    zone: tzinfo = UTC
+    sections: frozenset[str] = frozenset(SECTIONS)
+    maps: Mapping[str, RmsMap] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def map_for(self, channel: str) -> RmsMap | None:
+        """Return the given map of a channel, or None."""
+        return self.maps.get(channel, self.maps.get(""))
+
+    def holds(self, section: str) -> bool:
+        """Say whether a section is asked for."""
+        return section in self.sections
+
+
+def read_options(path: Path | None, base: Options | None = None) -> Options:
+    """Read the table ``[report]`` of a TOML file; what it leaves out stays as in ``base``.
+
+    Args:
+        path: the file; other tables in it are not looked at. None for the base alone.
+        base: by default everything, in UTC.
+
+    Raises:
+        ReportError: naming the file, the key, what was expected and what came.
+    """
+    base = base or Options()
+    if path is None:
+        return base
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8")).get("report", {})
+    except (OSError, ValueError) as error:
+        raise ReportError(f"{path}: cannot be read as TOML: {error}") from error
+    if not isinstance(table, dict):
+        raise ReportError(f"{path}: [report] must be a table, got {table!r}")
+    for key in table:
+        if key not in _KEYS:
+            raise ReportError(f"{path}: [report] {key}: not known; expected one of {', '.join(_KEYS)}")
+    sections = base.sections
+    if "include" in table:
+        sections = _sections(path, "include", table["include"])
+    if "leave_out" in table:
+        sections -= _sections(path, "leave_out", table["leave_out"])
+    title = table.get("title", base.title)
+    if title is not None and not isinstance(title, str):
+        raise ReportError(f"{path}: [report] title: expected a string, got {title!r}")
+    maps = dict(base.maps)
+    named = table.get("maps", {})
+    if not isinstance(named, dict) or not all(isinstance(value, str) for value in named.values()):
+        raise ReportError(f"{path}: [report] maps: expected a table of channel = file, got {named!r}")
+    maps |= read_maps([f"{channel}={path.parent / file}" for channel, file in named.items()])
+    zone = zone_of(table["timezone"], f"{path}: [report] ") if "timezone" in table else base.zone
+    return replace(base, title=title, sections=sections, maps=maps, zone=zone)
+
+
+def _sections(path: Path, key: str, value: Any) -> frozenset[str]:
+    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+        raise ReportError(f"{path}: [report] {key}: expected a list of names, got {value!r}")
+    for name in value:
+        if name not in SECTIONS:
+            raise ReportError(f"{path}: [report] {key}: {name!r} is none of {', '.join(SECTIONS)}")
+    return frozenset(value)
+
+
+def zone_of(name: Any, where: str = "--") -> tzinfo:
+    """Return a time zone by its name.
+
+    Raises:
+        ReportError: there is none of this name; ``where`` says who asked.
+    """
+    try:
+        return time_zone(str(name))
+    except ValueError as error:
+        raise ReportError(f"{where}{error}") from None
+
+
+def read_maps(given: Sequence[str]) -> dict[str, RmsMap]:
+    """Read maps given as FILE (for all channels) or CHANNEL=FILE.
+
+    Raises:
+        ReportError: a file cannot be read as a map.
+    """
+    maps: dict[str, RmsMap] = {}
+    for item in given:
+        channel, equals, file = item.partition("=")
+        if not equals:
+            channel, file = "", item
+        try:
+            maps[channel] = load_map(Path(file))
+        except (MapError, OSError) as error:
+            raise ReportError(f"map {file}: {error}") from error
+    return maps

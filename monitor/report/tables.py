@@ -1,0 +1,184 @@
+"""Tables of reports: shown on the page, and written beside it as CSV and netCDF from the same values."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from monitor.records.filesystem import replace_durably
+from monitor.report.reading import ReportError
+from monitor.report.wording import figure
+
+Cell = float | int | str | bool | None
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    Attributes:
+        name: of the quantity, without a unit.
+        heading: for people, with the unit.
+        units: UDUNITS string of the SI unit, None for words.
+        edge: what ends the name in CSV: the unit there, "" for none.
+        scale: what SI values are multiplied by at the edge.
+        words: how a value is shown; by default with three figures.
+        on_page: whether the page shows it, or the files alone.
+    """
+
+    name: str
+    heading: str
+    units: str | None = None
+    edge: str = ""
+    scale: float = 1.0
+    words: Callable[[Any], str] | None = None
+    on_page: bool = True
+
+    @property
+    def is_number(self) -> bool:
+        """Whether its values are numbers."""
+        return self.units is not None
+
+    @property
+    def key(self) -> str:
+        """Its name at the edge."""
+        return f"{self.name}_{self.edge}" if self.edge else self.name
+
+    def shown(self, value: Cell) -> str:
+        """Return a value as the page shows it: "–" where there is none."""
+        if value is None or value == "" or (isinstance(value, float) and not math.isfinite(value)):
+            return "–"
+        if self.words is not None:
+            return self.words(value)
+        if self.is_number:
+            return f"{value:,}" if isinstance(value, int) else figure(self.scale * float(value))
+        return str(value)
+
+    def written(self, value: Cell) -> Cell:
+        """Return a value as CSV has it: None where there is none."""
+        if value is None or (isinstance(value, float) and not math.isfinite(value)):
+            return None
+        if self.is_number and self.scale != 1.0:
+            return float(f"{self.scale * float(value):.12g}")
+        return value
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes:
+        name: of its files.
+        title: for people.
+        columns: of it.
+        rows: SI values in the order of the columns.
+        note: a sentence below it.
+    """
+
+    name: str
+    title: str
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Cell]]
+    note: str = ""
+
+    @property
+    def page_columns(self) -> list[Column]:
+        """The columns that the page shows."""
+        return [column for column in self.columns if column.on_page]
+
+    @property
+    def cells(self) -> list[list[str]]:
+        """The rows as the page shows them."""
+        return [
+            [column.shown(cell) for column, cell in zip(self.columns, row, strict=True) if column.on_page]
+            for row in self.rows
+        ]
+
+    def to_csv(self) -> str:
+        """Return it as CSV, units at the ends of names; what a spreadsheet would take for a formula gets a quote."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow([column.key for column in self.columns])
+        for row in self.rows:
+            cells = (column.written(cell) for column, cell in zip(self.columns, row, strict=True))
+            writer.writerow(["" if cell is None else _harmless(cell) for cell in cells])
+        return out.getvalue()
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return it as a dataset over ``row``, SI, NaN where a number is missing."""
+        variables: dict[str, Any] = {}
+        for place, column in enumerate(self.columns):
+            cells = [row[place] for row in self.rows]
+            attributes = {"long_name": column.heading}
+            if column.is_number:
+                values = np.array([np.nan if cell is None else float(cell) for cell in cells], dtype=np.float64)
+                attributes["units"] = column.units or "1"
+            else:
+                values = np.array(["" if cell is None else str(cell) for cell in cells], dtype=object)
+            variables[column.name] = ("row", values, attributes)
+        return xr.Dataset(variables, attrs={"title": self.title, "comment": self.note, "Conventions": "CF-1.11"})
+
+
+def _harmless(cell: Cell) -> Cell:
+    return f"'{cell}" if isinstance(cell, str) and cell[:1] in ("=", "+", "-", "@", "\t", "\r") else cell
+
+
+def write_tables(tables: Iterable[Table], folder: Path, attributes: Mapping[str, str] | None = None) -> list[Path]:
+    """Write each table as ``NAME.csv`` and ``NAME.nc``, whole or not at all.
+
+    Args:
+        tables: their names are distinct.
+        folder: made where it is missing.
+        attributes: of every netCDF file, such as the version that made it.
+
+    Returns:
+        The files.
+
+    Raises:
+        ReportError: a file cannot be written.
+    """
+    written: list[Path] = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for table in tables:
+            path = folder / f"{table.name}.csv"
+            write_whole(path, table.to_csv())
+            written.append(path)
+            path = folder / f"{table.name}.nc"
+            temporary = path.with_name(f".{path.name}.tmp")
+            try:
+                table.to_dataset().assign_attrs(attributes or {}).to_netcdf(temporary, engine="netcdf4")
+                replace_durably(temporary, path)
+            finally:
+                with suppress(OSError):
+                    temporary.unlink()
+            written.append(path)
+    except (OSError, RuntimeError) as error:
+        raise ReportError(f"{folder}: tables cannot be written: {error}") from error
+    return written
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file, text as UTF-8, beside its place and put it there at once.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    temporary = path.with_name(f".{path.name}.tmp")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+        replace_durably(temporary, path)
+    except OSError:
+        with suppress(OSError):
+            temporary.unlink()
+        raise
