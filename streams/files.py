@@ -149,6 +149,22 @@ def _damage(error: BaseException, where: str) -> ReaderError:
     return ReaderError("unreadable", f"{where}: the archive is damaged ({error})")
 
 
+def path_within(root: Path, path: str) -> Path:
+    """Return where a file really is.
+
+    Args:
+        root: the resolved folder.
+        path: path of the file relative to it.
+
+    Raises:
+        ReaderError: ``refused`` for a link out of the folder.
+    """
+    real = Path(os.path.realpath(root / path))
+    if not real.is_relative_to(root):
+        raise ReaderError("refused", f"{path}: a link out of {root.name}")
+    return real
+
+
 def read_guarded(root: Path, path: str, *, may_grow: bool = False) -> bytes:
     """Read a regular file that lies below a folder, and nothing else.
 
@@ -164,9 +180,7 @@ def read_guarded(root: Path, path: str, *, may_grow: bool = False) -> bytes:
         ReaderError: ``refused`` for a link out of the folder, a FIFO, a device, a folder or a file above ``MAX_BYTES``,
             ``unreadable`` where it cannot be opened, ``changed`` where it changes while it is read.
     """
-    real = Path(os.path.realpath(root / path))
-    if not real.is_relative_to(root):
-        raise ReaderError("refused", f"{path}: a link out of {root.name}")
+    real = path_within(root, path)
     try:
         # Without O_NONBLOCK a FIFO would block for ever; without O_NOFOLLOW a link could be put there meanwhile.
         handle = os.open(real, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)

@@ -17,7 +17,7 @@ from streams.dataset import DataSet, FileFacts
 from streams.folder.listing import look_at
 from streams.folder.loading import GROWS, Parsed, Raw, UnfinishedError, is_more_of, parse, read_raw
 from streams.folder.names import unshown
-from streams.folder.register import ARCHIVED, INCOMPLETE_AFTER, Entry, Register
+from streams.folder.register import ARCHIVED, INCOMPLETE_AFTER, Entry, Order, Register
 from streams.ledger import ACCEPTED, PENDING, FileProgress, Ledger
 from streams.live import Delivery
 from streams.readers.packed import unpacked_name
@@ -66,6 +66,7 @@ class Intake:
         self._highest = ledger.committed(spec.name)
         self._began = ledger.began(spec.name)
         self._batch: list[Loaded] = []
+        self._passed: Order | None = None
 
     def advance(self, now: float) -> bool:
         """Take the next files; return whether anything happened.
@@ -143,6 +144,10 @@ class Intake:
             raise
         return entry, raw, facts, parsed
 
+    def _is_passed(self, entry: Entry) -> bool:
+        """Tell whether files that come after a file were taken while it waited: what they gave is not cut for it."""
+        return self._passed is not None and entry.order < self._passed
+
     def _wait_again(self, entry: Entry, error: UnfinishedError, now: float) -> None:
         entry.changed, entry.closed = now, False
         if error.stat is None:
@@ -153,7 +158,7 @@ class Intake:
 
     def _reject(self, entry: Entry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
         self._emit_batch()
-        if self._reblocker is not None:
+        if self._reblocker is not None and not self._is_passed(entry):
             # Nothing may be joined over a file that could not be read.
             self._give(self._reblocker.flush())
         digest = "" if raw is None else raw.progress.content_hash
@@ -251,6 +256,7 @@ class Intake:
     def _emit(self, entry: Entry, raw: Raw, facts: FileFacts, parsed: Parsed) -> None:
         """Give the blocks of a file."""
         entry.read, entry.total = raw.progress, parsed.samples.shape[1]
+        self._passed = entry.order if self._passed is None else max(self._passed, entry.order)
         if self._reblocker is None:
             number = self._number_of(facts)
             if number is None:

@@ -44,11 +44,12 @@ def look_at(root: str, path: str) -> Stat | None:
         return None
 
 
-def list_files(root: str) -> dict[str, Stat]:
+def list_files(root: str, closed: list[str] | None = None) -> dict[str, Stat]:
     """List all files below a folder but those that are left alone; links are listed, never followed.
 
     Args:
         root: the folder.
+        closed: gets the folders below it that may not be read, as paths below it.
 
     Returns:
         What the file system says of each, by path below the folder.
@@ -61,24 +62,32 @@ def list_files(root: str) -> dict[str, Stat]:
     while folders:
         folder = folders.pop()
         try:
-            entries = os.scandir(f"{root}/{folder}")
-        except OSError:
+            _list_one(root, folder, folders, found)
+        except OSError as error:
             if not folder:
                 raise
-            continue
-        with entries:
-            for entry in entries:
-                if left_alone(entry.name):
-                    continue
-                path = f"{folder}/{entry.name}" if folder else entry.name
-                try:
-                    if entry.is_dir(follow_symlinks=False):
-                        folders.append(path)
-                        continue
-                    status = stat_of(entry.stat(follow_symlinks=False))
-                except OSError:
-                    # Gone between the list and the look.
-                    continue
-                if status is not None:
-                    found[path] = status
+            if closed is not None and isinstance(error, PermissionError):
+                closed.append(folder)
     return found
+
+
+def _list_one(root: str, folder: str, folders: list[str], found: dict[str, Stat]) -> None:
+    """Add the files of one folder to those that were found, and its folders to those that are to be looked at."""
+    with os.scandir(f"{root}/{folder}") as entries:
+        for entry in entries:
+            if left_alone(entry.name):
+                continue
+            path = f"{folder}/{entry.name}" if folder else entry.name
+            try:
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append(path)
+                    continue
+                status = stat_of(entry.stat(follow_symlinks=False))
+            except PermissionError:
+                # The folder may be listed, but nothing in it looked at.
+                raise
+            except OSError:
+                # Gone between the list and the look.
+                continue
+            if status is not None:
+                found[path] = status

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from streams.blocks import agreed_rate, choose_rows, content_hash
 from streams.dataset import DataSet, FileFacts
-from streams.files import read_guarded
+from streams.files import path_within, read_guarded
 from streams.folder.complete import declared_size, whole_part
 from streams.folder.listing import Stat, look_at
 from streams.folder.register import Entry
@@ -90,6 +90,7 @@ def read_raw(root: Path, entry: Entry, growing: str | None) -> Raw:
         UnfinishedError: it is not what it was when its turn came.
     """
     if not entry.stat.regular:
+        path_within(root, entry.path)
         raise ReaderError("refused", f"{entry.key}: a link, a pipe or a device, not a regular file")
     try:
         data = read_guarded(root, entry.path, may_grow=growing is not None)

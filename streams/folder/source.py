@@ -6,6 +6,8 @@ The truth is a periodic scan against the ledger; events only wake it. What waits
 from __future__ import annotations
 
 import logging
+import os
+import stat
 import threading
 import time
 from collections.abc import Iterator
@@ -92,12 +94,21 @@ class FolderSource:
         """Begin with what the ledger has.
 
         Raises:
-            SourceError: the folder is a file, or the configuration names no known format.
+            SourceError: the folder is a file or may not be read, or the configuration names no known format. One that
+                is not there may still come, and is a problem only.
         """
         where = f"[[source]] {self.name}"
-        if self._root.exists() and not self._root.is_dir():
-            raise SourceError(f"{where}: url: expected a folder, {str(self._root)!r} is a file")
-        self._real = self._root.resolve()
+        try:
+            if not stat.S_ISDIR(self._root.stat().st_mode):
+                raise SourceError(f"{where}: url: expected a folder, {str(self._root)!r} is a file")
+            # Files can be looked at in a folder that may be searched, and found in one that may be read.
+            os.close(os.open(self._root / ".", os.O_RDONLY | os.O_DIRECTORY))
+            self._real = self._root.resolve()
+        except PermissionError as error:
+            raise SourceError(f"{where}: url: {str(self._root)!r} may not be read ({error.strerror})") from error
+        except OSError:
+            # The scan says so, for as long as it lasts.
+            self._real = self._root.absolute()
         if self._spec.format.strip().lower() != "auto":
             self._set = data_set_of(self._spec, _Some(self._real, ()), self._spec.format)
         self._ledger = ledger
@@ -160,9 +171,9 @@ class FolderSource:
     def _listen(self, now: float) -> None:
         """Look at what the events name, and scan where it is time."""
         for path in self._watch.finished():
-            stat = look_at(str(self._real), path)
-            if stat is not None and not any(map(left_alone, path.split("/"))):
-                self._register.look(path, stat, now, closed=True)
+            found = look_at(str(self._real), path)
+            if found is not None and not any(map(left_alone, path.split("/"))):
+                self._register.look(path, found, now, closed=True)
         if now < self._next_scan:
             return
         self._scan(now)
@@ -181,17 +192,18 @@ class FolderSource:
                 self._real = self._root.resolve()
                 self._watch.start(self._real)
                 self._identity = (status.st_dev, status.st_ino)
-            listing = list_files(str(self._real))
+            closed: list[str] = []
+            listing = list_files(str(self._real), closed)
         except OSError as error:
             self._say(f"{self._root}: cannot be read ({error.strerror})")
             self._identity = None
             return
-        self._say(None)
+        self._say(f"{self._root / closed[0]}: may not be read (Permission denied)" if closed else None)
         self._register.update(listing, now)
 
     def _say(self, problem: str | None) -> None:
         if problem != self._problem:
-            _LOG.warning("source %s: %s", self.name, problem or f"{self._root} is there again")
+            _LOG.warning("source %s: %s", self.name, problem or f"{self._root} can be read again")
         self._problem = problem
 
     def _order_of(self, path: str) -> Order | None:

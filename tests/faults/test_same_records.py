@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import signal
 import time
-from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ import pytest
 from monitor.records.record import Record
 from monitor.records.store import Store
 from tests.effort import effort_count
-from tests.faults.daemons import call, make_machine, start, status, wait_for
+from tests.faults.daemons import RATE, call, make_machine, start, status, wait_for
 from tests.streams.folders import csv_bytes, noise
 
 FILES = effort_count(quick=24, full=240)
@@ -97,14 +97,51 @@ def test_the_same_files_give_the_same_records_however_they_were_taken(tmp_path: 
     assert records(parts) == expected
 
 
-def test_blocks_that_are_cut_from_files_say_the_same_live_and_replayed(tmp_path: Path) -> None:
-    config = make(tmp_path, "0.1")
-    (tmp_path / "in0" / f"f{FILES // 3:05d}.csv").write_bytes(csv_bytes(noise(512, 0)))
-    live(config, 0, random.Random(0))
-    found = records(tmp_path / "state" / "state.db")
-    assert len(found) == 2 * FILES
-    # A stream is cut across its files, a recording file by file: the names and digests of the pieces are their own.
-    again = records(replayed(config, tmp_path / "in0", tmp_path / "out"))
-    assert [replace(record, name="", content_hash="") for record in again] == [
-        replace(record, name="", content_hash="") for record in found
-    ]
+def make_cut(folder: Path, dated: bool) -> Path:
+    """Make a machine of two channels whose files are of any length, with gaps, and one that cannot be read.
+
+    Dated files go on where the one before ended, but after a gap; the last run ends with a block.
+    """
+    config = make_machine(folder)
+    text = config.read_text()
+    second = text[text.index("[[channel]]") :].replace('"x0"', '"y0"').replace("column = 1", "column = 2")
+    config.write_text(f"{text}{second}[detect]\nlearn_blocks = {LEARNED}\nrun_in_blocks = 0\npersist_blocks = 2\n")
+    generator, block = np.random.default_rng(7), 256
+    lengths = [int(length) for length in generator.integers(30, 700, FILES)]
+    gaps = {FILES // 3, FILES // 2}
+    bad = 2 * FILES // 3
+    lengths[-1] += -(sum(lengths[bad:]) if dated else lengths[-1]) % block
+    when = datetime(2026, 3, 1, 12, tzinfo=UTC)
+    for number, length in enumerate(lengths, 1):
+        when += timedelta(seconds=1.0 if number in gaps else 0.0)
+        samples = np.round(generator.normal(size=(length, 2)) * (1.0 if number < 0.7 * FILES else 8.0), 4)
+        head = f"# start_utc: {when.isoformat()}\n" if dated else ""
+        body = "".join(f"{x:.4f},{y:.4f}\n" for x, y in samples)
+        path = folder / "in0" / f"f{number:05d}.csv"
+        if number == bad:
+            path.symlink_to(config)
+        else:
+            path.write_text(head + body)
+        when += timedelta(seconds=length / RATE)
+    return config
+
+
+@pytest.mark.parametrize("dated", [False, True], ids=["undated", "dated"])
+@pytest.mark.timeout(effort_count(quick=300, full=1800))
+def test_blocks_that_are_cut_from_files_are_the_same_live_and_replayed(tmp_path: Path, dated: bool) -> None:
+    generator = random.Random(20261121)
+    at_once, disturbed = tmp_path / "a", tmp_path / "b"
+    for folder in (at_once, disturbed):
+        folder.mkdir()
+    config = make_cut(at_once, dated)
+    live(config, 0, generator)
+    live(make_cut(disturbed, dated), ENDS, generator)
+    expected = records(at_once / "state" / "state.db")
+    assert {record.status for record in expected} >= {"ok", "short", "refused"}
+    assert all(set(record.channels) == {"x0", "y0"} for record in expected if record.accepted)
+    times = [(record.time, record.elapsed) for record in expected if record.accepted]
+    assert all((time is not None) == (elapsed is not None) == dated for time, elapsed in times)
+    assert records(disturbed / "state" / "state.db") == expected
+    assert records(replayed(config, at_once / "in0", tmp_path / "c")) == expected
+    parts = replayed(config, at_once / "in0", tmp_path / "d", FILES // 4, FILES // 4)
+    assert records(parts) == expected
