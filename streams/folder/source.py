@@ -102,7 +102,7 @@ class FolderSource:
             if not stat.S_ISDIR(self._root.stat().st_mode):
                 raise SourceError(f"{where}: url: expected a folder, {str(self._root)!r} is a file")
             # Files can be looked at in a folder that may be searched, and found in one that may be read.
-            os.close(os.open(self._root / ".", os.O_RDONLY | os.O_DIRECTORY))
+            os.close(os.open(f"{self._root}/.", os.O_RDONLY | os.O_DIRECTORY))
             self._real = self._root.resolve()
         except PermissionError as error:
             raise SourceError(f"{where}: url: {str(self._root)!r} may not be read ({error.strerror})") from error

@@ -1,0 +1,110 @@
+"""A folder that may not be read: said at the start, and while the daemon runs, and taken up when it may be again."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from streams.folder.listing import list_files
+from tests.faults.daemons import make_machine, start, status, wait_for
+from tests.streams.folders import csv_bytes, noise
+
+# Permissions bind the superuser, too, once these are taken away.
+BOUND = ("setpriv", "--bounding-set=-dac_override,-dac_read_search") if os.geteuid() == 0 else ()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Iterator[Path]:
+    make_machine(tmp_path)
+    found = tmp_path / "in0"
+    yield found
+    for path in (tmp_path, found, found / "sub"):
+        if path.is_dir():
+            path.chmod(0o755)
+
+
+@pytest.mark.parametrize("mode", [0o000, 0o300, 0o600], ids=["nothing", "no list", "no look"])
+def test_it_is_named_at_the_start(folder: Path, mode: int) -> None:
+    folder.chmod(mode)
+    daemon = start(folder.parent / "m.toml", prefix=BOUND)
+    _, said = daemon.communicate(timeout=30)
+    assert daemon.returncode == 2
+    assert f"[[source]] s0: url: '{folder}' may not be read (Permission denied)" in said
+    assert "Traceback" not in said
+
+
+def test_so_is_one_below_a_folder_that_may_not_be_searched(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "hidden" / "in").mkdir(parents=True)
+    config = tmp_path / "m.toml"
+    config.write_text(config.read_text().replace(str(folder), str(tmp_path / "hidden" / "in")))
+    (tmp_path / "hidden").chmod(0o600)
+    try:
+        daemon = start(config, prefix=BOUND)
+        _, said = daemon.communicate(timeout=30)
+    finally:
+        (tmp_path / "hidden").chmod(0o755)
+    assert daemon.returncode == 2
+    assert "may not be read (Permission denied)" in said
+
+
+def test_it_is_a_problem_while_the_daemon_runs(folder: Path, tmp_path: Path) -> None:
+    config = tmp_path / "m.toml"
+    (folder / "f1.csv").write_bytes(csv_bytes(noise(512, 1)))
+
+    def problem() -> str | None:
+        return status(config).get("problems", {}).get("s0")
+
+    def accepted() -> int:
+        return status(config).get("sources", {}).get("s0", {}).get("accepted", 0)
+
+    daemon = start(config, prefix=BOUND)
+    try:
+        wait_for(lambda: accepted() == 1)
+        for mode in (0o000, 0o600):
+            folder.chmod(mode)
+            wait_for(lambda: problem() == f"{folder}: cannot be read (Permission denied)")
+            folder.chmod(0o755)
+            wait_for(lambda: problem() is None)
+        (folder / "sub").mkdir(mode=0o000)
+        wait_for(lambda: problem() == f"{folder}/sub: may not be read (Permission denied)")
+        (folder / "f2.csv").write_bytes(csv_bytes(noise(512, 2)))
+        wait_for(lambda: accepted() == 2)
+        (folder / "sub").chmod(0o755)
+        wait_for(lambda: problem() is None)
+        folder.rename(tmp_path / "gone")
+        wait_for(lambda: problem() == f"{folder}: cannot be read (No such file or directory)")
+        (tmp_path / "gone").rename(folder)
+        wait_for(lambda: problem() is None)
+        assert accepted() == 2
+        daemon.send_signal(signal.SIGTERM)
+        _, said = daemon.communicate(timeout=20)
+    finally:
+        daemon.kill()
+        daemon.communicate()
+    assert daemon.returncode == 0, said
+    assert "can be read again" in said
+
+
+def test_a_folder_that_is_not_there_is_waited_for(folder: Path, tmp_path: Path) -> None:
+    folder.rmdir()
+    config = tmp_path / "m.toml"
+    daemon = start(config, prefix=BOUND)
+    try:
+        wait_for(lambda: "No such file" in status(config).get("problems", {}).get("s0", ""))
+        folder.mkdir()
+        wait_for(lambda: status(config).get("problems") == {})
+    finally:
+        daemon.kill()
+        daemon.communicate()
+
+
+def test_what_is_closed_is_told_beside_what_is_open(folder: Path) -> None:
+    (folder / "sub").mkdir()
+    (folder / "a.csv").write_bytes(b"1\n")
+    closed: list[str] = []
+    assert set(list_files(str(folder), closed)) == {"a.csv"}
+    assert closed == []
