@@ -30,6 +30,8 @@ from streams.spec import SourceError, SourceSpec
 
 _LOG = logging.getLogger(__name__)
 _SHARE_OF_SCAN = 20.0
+_OVERFLOW_SHOWN = 60.0
+"""Seconds for which it is shown as a problem that events were lost."""
 
 
 class Clock(Protocol):
@@ -87,6 +89,8 @@ class FolderSource:
         self._problem: str | None = None
         self._unknown: str | None = None
         self._next_scan = 0.0
+        self._overflows = 0
+        self._overflowed: float | None = None
         self._ledger: Ledger | None = None
         self._files: Register | None = None
 
@@ -143,8 +147,8 @@ class FolderSource:
         return self._register.backlog(self._clock.monotonic())
 
     def problem(self) -> str | None:
-        """Return what keeps the folder from giving anything, or None."""
-        return self._problem or self._unknown
+        """Return what keeps the folder from giving anything, or for a minute that events were lost, or None."""
+        return self._problem or self._unknown or self._lost_events(self._clock.monotonic())
 
     def close(self) -> None:
         """Stop watching; what is not acknowledged comes again."""
@@ -169,7 +173,11 @@ class FolderSource:
         return self._files
 
     def _listen(self, now: float) -> None:
-        """Look at what the events name, and scan where it is time."""
+        """Look at what the events name, and scan where it is time, or where events were lost."""
+        if self._watch.overflows != self._overflows:
+            self._overflows, self._overflowed = self._watch.overflows, now
+            self._next_scan = now
+            _LOG.warning("source %s: %s", self.name, self._lost_events(now))
         for path in self._watch.finished():
             found = look_at(str(self._real), path)
             if found is not None and not any(map(left_alone, path.split("/"))):
@@ -200,6 +208,13 @@ class FolderSource:
             return
         self._say(f"{self._root / closed[0]}: may not be read (Permission denied)" if closed else None)
         self._register.update(listing, now)
+
+    def _lost_events(self, now: float) -> str | None:
+        """Say that the kernel dropped events, while that is news; no file is lost by it."""
+        if self._overflowed is None or now - self._overflowed >= _OVERFLOW_SHOWN:
+            return None
+        times = f" ({self._overflows} times since the start)" if self._overflows > 1 else ""
+        return f"{self._root}: more events than the system keeps, some were lost{times}; files are found by scanning"
 
     def _say(self, problem: str | None) -> None:
         if problem != self._problem:

@@ -16,6 +16,9 @@ _LOG = logging.getLogger(__name__)
 _MOST = 10_000
 """Names kept between two looks; with more the next scan finds the files, only a settling time later."""
 
+_OVERFLOW_MASK = 0x00000008 | 0x00000080 | 0x00000100 | 0x02000000 | 0x20000000
+"""IN_CLOSE_WRITE, IN_MOVED_TO, IN_CREATE, IN_DONT_FOLLOW, and IN_MASK_ADD: what the observer wants of it is kept."""
+
 
 class Watch:
     """Watches one folder and all below it; of a network share it hears nothing, and the scan alone has to do."""
@@ -29,6 +32,8 @@ class Watch:
         self._root = ""
         self.lost = 0
         """Number of names for which there was no room."""
+        self.overflows = 0
+        """How often the kernel had no room for events and dropped some."""
 
     def start(self, root: Path) -> None:
         """Watch a folder, in place of the one before. Where that is impossible it is said, and the scan has to do."""
@@ -54,6 +59,7 @@ class Watch:
                 observer.stop()
             return
         self._observer = observer
+        _Overflow(self.note_overflow).listen(observer, self._root)
 
     @property
     def listening(self) -> bool:
@@ -83,6 +89,11 @@ class Watch:
                     self.lost += 1
         self._wake()
 
+    def note_overflow(self) -> None:
+        """Take note that events were dropped; called by the thread that hears them."""
+        self.overflows += 1
+        self._wake()
+
     def stop(self) -> None:
         """Stop watching."""
         observer, self._observer = self._observer, None
@@ -104,3 +115,30 @@ class _Handler:
         moved = event.event_type == "moved"
         path = os.fsdecode(event.dest_path if moved else event.src_path)
         self._watch.note(path, finished=moved or event.event_type == "closed")
+
+
+class _Overflow:
+    """Hears that the kernel's queue overflowed: watchdog mends its watches then, but tells its handlers nothing.
+
+    The methods ``on_...`` are those of ``watchdog.observers.inotify_c.WatchCallback``; it ends with the observer.
+    """
+
+    def __init__(self, call: Callable[[], None]) -> None:
+        self._call = call
+
+    def listen(self, observer: Any, root: str) -> None:
+        """Listen to the queue of an observer, where this system and this version of watchdog have one that tells."""
+        queue = vars(observer).get("_inotify_fd")
+        if hasattr(queue, "add_callback"):
+            with contextlib.suppress(OSError):
+                queue.add_callback(os.fsencode(root), _OVERFLOW_MASK, self, id(self))
+
+    def on_event(self, event: Any) -> None:
+        """Leave single events to the observer."""
+
+    def on_watch_deleted(self, place: Any) -> None:
+        """Leave the end of a folder to the scan, which finds it gone."""
+
+    def on_queue_overflow(self) -> None:
+        """Pass it on."""
+        self._call()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import threading
 import time
@@ -114,6 +115,32 @@ def test_a_dead_observer_and_a_root_made_anew_are_recovered(folder: Path, collec
     write(folder, "f3.csv", 3)
     collector.collect(20.0, until=3)
     assert source._watch.alive()
+
+
+def test_events_that_the_kernel_dropped_are_told_and_no_file_is_lost_by_it(
+    folder: Path, collector: Collector, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(folder, "f1.csv", 1)
+    collector.collect(20.0, until=1)
+    most = int(Path("/proc/sys/fs/inotify/max_queued_events").read_text())
+    # Two names in turn, as the kernel keeps one of several equal events.
+    hidden = [folder / ".a", folder / ".b"]
+    with collector.source._watch._observer._inotify_fd._lock:
+        for number in range(2 * most):
+            os.close(os.open(hidden[number % 2], os.O_WRONLY | os.O_CREAT))
+            if number % 2 == 0:
+                hidden[1].unlink(missing_ok=True)
+        write(folder, "f2.csv", 2)
+    collector.collect(20.0, until=2)
+    assert collector.names == ["f1.csv", "f2.csv"]
+    said = f"{folder}: more events than the system keeps, some were lost; files are found by scanning"
+    assert collector.source.problem() == said
+    assert f"source s: {said}" in caplog.messages
+    # Events are heard as before.
+    write(folder, "f3.csv", 3)
+    collector.collect(20.0, until=3)
+    monkeypatch.setattr("streams.folder.source._OVERFLOW_SHOWN", 0.0)
+    assert collector.source.problem() is None
 
 
 @pytest.mark.timeout(effort_count(quick=120, full=900))

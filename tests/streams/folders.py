@@ -42,6 +42,7 @@ class DeafWatch:
         self.starts: list[Path] = []
         self.closed: set[str] = set()
         self.dead = False
+        self.overflows = 0
 
     def start(self, root: Path) -> None:
         self.starts.append(root)
