@@ -158,7 +158,23 @@ def _lines(config: Config, problems: list[str]) -> Iterator[str]:
         f"{detect.false_alarms_per_1000_blocks:g} in 1000 healthy blocks; "
         f"end of life at {detect.end_of_life_peak_g:g} g in {detect.end_of_life_blocks} blocks"
     )
+    yield from _telling_lines(config)
     yield from (f"problem: {problem}" for problem in problems)
+
+
+def _telling_lines(config: Config) -> Iterator[str]:
+    """Yield which levels raise alarms and who hears of them, where a daemon follows the machine."""
+    for level in config.alarms.level:
+        values = [
+            " ".join([key.partition("_")[0], f"{value:g}", key.partition("_")[2]]).strip()
+            for key, value in level
+            if value is not None and key.startswith(("alert", "danger"))
+        ]
+        where = f" of {', '.join(level.channels)}" if level.channels else ""
+        yield f"alarm {level.rule_name}: {level.feature}{where}, {', '.join(values)}"
+    told = [name for name in ("smtp", "webhook", "mqtt") if getattr(config.notify, name) is not None]
+    if told:
+        yield f"told of events: {', '.join(told)}, at most {config.notify.most_per_hour} messages an hour"
 
 
 def _channel_lines(config: Config, channel: ChannelSection, speed: float | None) -> Iterator[str]:
