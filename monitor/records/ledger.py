@@ -28,6 +28,8 @@ _TABLES = (
 )
 _COLUMNS = "path, size, mtime_ns, inode, head_hash, content_hash, read_bytes, samples, verdict"
 _ALIKE = 8
+SALVAGED_UP_TO = "salvaged_up_to"
+"""Key in the table ``meta`` of the id of the last block that a salvage left in the store."""
 
 
 class StoreLedger:
@@ -81,15 +83,18 @@ class StoreLedger:
         return self._reader.rows(query, source, content_hash)[0][0]
 
     def number_of(self, source: str, name: str, content_hash: str) -> int | None:
-        """Return the number of a committed block of this name and content, or None.
+        """Return the number of the block that comes again with this name and content, or None where none does.
 
-        Of many blocks of one content (a dead sensor gives the same again and again), the latest are looked at.
+        Only a salvage makes the ledger lose sight of files, so only blocks that were there then come again; a file that
+        was written anew may well hold what it held before, of a dead sensor say. Of many blocks of one content the
+        latest are looked at.
         """
         found = self._reader.rows(
             "SELECT sequence FROM (SELECT sequence, name FROM blocks WHERE source = ? AND content_hash = ?"
+            " AND id <= (SELECT CAST(value AS INTEGER) FROM meta WHERE key = ?)"
             f" ORDER BY id DESC LIMIT {_ALIKE * _ALIKE}) WHERE name = ?",
             # A name that is no text stands escaped in the ledger.
-            *(source, content_hash, name.encode("utf-8", "backslashreplace").decode("utf-8")),
+            *(source, content_hash, SALVAGED_UP_TO, name.encode("utf-8", "backslashreplace").decode("utf-8")),
         )
         return found[0][0] if found else None
 

@@ -23,7 +23,7 @@ from typing import Any
 from monitor.records.events import EventLog
 from monitor.records.filesystem import sync_folder
 from monitor.records.leaf_pages import leaf_rows
-from monitor.records.ledger import StoreLedger
+from monitor.records.ledger import SALVAGED_UP_TO, StoreLedger
 from monitor.records.locks import let_go, take_lock
 from monitor.records.salvage_published import from_published
 from monitor.records.salvage_rows import carry_over
@@ -281,6 +281,8 @@ def _fill(
         found = carry_over(path, connection)
         restore = None if records_dir is None else from_published(records_dir, machine)
         account = settle(connection, found, restore)
+        # What is known of files may be gone with the damage: blocks up to here may come once more.
+        connection.execute(f"INSERT INTO meta SELECT '{SALVAGED_UP_TO}', coalesce(max(id), 0) FROM blocks")
     return SalvageReport(
         aside=aside,
         reason=reason,

@@ -201,7 +201,7 @@ class Ingest:
             return item
         had = self._ledger.content_of(item.source, item.sequence)
         if had is None:
-            # A file that the ledger has lost sight of is read again, and its blocks get new numbers.
+            # A file that a salvaged ledger has lost sight of is read again, and its blocks get new numbers.
             number = self._ledger.number_of(item.source, item.name, item.content_hash) if item.content_hash else None
             if number is None:
                 return item

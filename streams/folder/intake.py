@@ -207,7 +207,12 @@ class Intake:
                     entry.fed = known.samples
                     return False
                 continue
-            if known.inode == entry.stat.inode and look_at(str(self.root), unshown(known.path)) is None:
+            archived = ARCHIVED in known.path
+            if (
+                not archived
+                and known.inode == entry.stat.inode
+                and look_at(str(self.root), unshown(known.path)) is None
+            ):
                 self._register.adopt(entry, known)
                 return True
             if self._is_flat(entry, raw, facts):

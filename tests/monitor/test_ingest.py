@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from monitor.config import ConfigError
-from monitor.records.ledger import StoreLedger
+from monitor.records.ledger import SALVAGED_UP_TO, StoreLedger
 from monitor.records.store import Store, StoreError
 from monitor.service.ingest import Ingest
 from monitor.service.setup import channel_setups
@@ -123,6 +124,20 @@ def test_what_the_ledger_has_is_counted_and_never_judged_again(store: Store) -> 
         steps(ingest, 1)
     assert source.acknowledged == [1, 2, 1, 1, 1, 3]
     assert store.counts() == {"ok": 3, "duplicate": 2, "changed": 1}
+
+
+def test_a_block_as_one_before_is_new_unless_a_salvage_made_it_come_again(store: Store) -> None:
+    again = [replace(block(1), sequence=number, name="live.csv") for number in (1, 3, 4)]
+    source = Queue(store, [again[0], block(2), *again[1:]])
+    with ingest_of(store, source) as ingest:
+        steps(ingest, 4)
+    assert store.counts() == {"ok": 4}
+    with StoreLedger(store) as ledger:
+        assert ledger.number_of("s", "live.csv", again[0].content_hash) is None
+        with store.transaction() as connection:
+            connection.execute("INSERT INTO meta VALUES (?, '2')", (SALVAGED_UP_TO,))
+        assert ledger.number_of("s", "live.csv", again[0].content_hash) == 1
+        assert ledger.number_of("s", "b2", again[0].content_hash) is None
 
 
 def test_a_block_that_does_not_fit_the_configuration_is_refused_and_the_next_one_taken(store: Store) -> None:

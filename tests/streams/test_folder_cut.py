@@ -164,6 +164,19 @@ def test_an_unreadable_file_holds_up_no_block_of_the_next(rig: Rig, bad: bytes) 
     assert rig.source.backlog().pending == 0
 
 
+@pytest.mark.parametrize("block_s", [BLOCK_S, "file"])
+def test_a_file_that_is_written_anew_with_the_zeros_of_before_counts(tmp_path: Path, block_s: float | str) -> None:
+    rig = Rig(tmp_path, block_s=block_s, format="csv")
+    zeros = np.zeros(LENGTH)
+    expected = [zeros, noise(LENGTH, 1), zeros, noise(LENGTH, 2), zeros]
+    for samples in expected:
+        # In place, as a logger does that has one name for its files: the inode stays.
+        (tmp_path / "live.csv").write_bytes(csv_bytes(samples))
+        rig.run(700.0)
+    check = [item.samples[0] for item in rig.items if isinstance(item, Block)]
+    np.testing.assert_array_equal(check, expected)
+
+
 def test_files_without_a_date_are_never_joined(tmp_path: Path) -> None:
     rig = Rig(tmp_path, block_s=BLOCK_S, format="npy")
     for number in range(2):
