@@ -58,9 +58,9 @@ class Visit:
 Visitor = Callable[..., Visit]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Chromium of the system."""
+    """Chromium of the system; while it runs, no other event loop can run in this thread."""
     with sync_playwright() as playwright:
         program = chromium_program()
         assert program is not None

@@ -243,7 +243,8 @@ def test_the_manager_is_told_once_all_are_ready_or_have_failed(tmp_path: Path) -
             heard: list[str] = []
             while not any(line.startswith("READY=1") for line in heard):
                 heard.append(manager.recv(4096).decode())
-            assert runs(tmp_path, "a")
+            # It is ready a moment before its status says so.
+            wait_for(lambda: runs(tmp_path, "a"))
             ready = heard[-1]
             assert ready.startswith("READY=1\nSTATUS=1 of 2 machines run; b: ended with exit code 2")
             assert "expected a folder" in ready
