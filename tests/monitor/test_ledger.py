@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,7 +14,7 @@ from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.record import Record
 from monitor.records.store import Store
 from monitor.records.tables import StoreError
-from streams.block import Rejected
+from streams.block import Block, Rejected
 from streams.ledger import FileProgress, Ledger, MemoryLedger
 from tests.effort import effort_count
 
@@ -125,3 +126,14 @@ def test_a_closed_ledger_says_so(tmp_path: Path) -> None:
         ledger.close()
         with pytest.raises(StoreError, match=r"state\.db"):
             ledger.committed("s")
+
+
+def test_a_source_began_with_its_first_dated_block(tmp_path: Path) -> None:
+    with Store.open(tmp_path / "state.db", machine="m") as store, StoreLedger(store) as ledger:
+        memory = MemoryLedger()
+        for sequence, start in enumerate([None, 20.5, 30.0], 1):
+            assert ledger.began("s") == memory.began("s") == (20.5 if sequence == 3 else None)
+            store.commit(Record("s", sequence, "n", str(sequence), time=start), {})
+            memory.commit(Block(np.zeros((1, 2)), 1.0, ("x",), ("g",), "s", sequence, "n", start=start))
+        assert ledger.began("s") == memory.began("s") == 20.5
+        assert ledger.began("other") is memory.began("other") is None

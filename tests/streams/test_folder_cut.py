@@ -17,6 +17,7 @@ from streams.dataset import DATA_SETS, DataSet, FileFacts
 from streams.folder.complete import declared_size, whole_part
 from streams.readers.npy import read_npy
 from streams.reblock import samples_hash
+from streams.source import open_source
 from tests.effort import effort_count
 from tests.streams.folders import RATE, Rig, csv_bytes, noise
 
@@ -200,6 +201,11 @@ def _stamped() -> object:
     del DATA_SETS["stamped"]
 
 
+def said(item: Block | Rejected) -> tuple[object, ...]:
+    """Return all that is said of a block, or of what stands in its place, but its samples."""
+    return tuple(value for key, value in vars(item).items() if key != "samples")
+
+
 CUTS = st.lists(st.integers(1, 260), min_size=1, max_size=8)
 
 
@@ -237,6 +243,7 @@ def test_dated_files_give_the_same_blocks_however_they_were_cut(
     assert sorted(rig.ledger.blocks("s")) == list(range(1, len(rig.items) + 1))
     assert rig.source.backlog().pending == 0
     assert rig.source.backlog().offered == len(cuts)
+    assert list(map(said, rig.items)) == list(map(said, open_source(rig.spec)))
 
 
 def test_times_of_blocks_go_on_across_files(tmp_path: Path) -> None:

@@ -93,6 +93,24 @@ def test_more_of_the_same_origin_is_joined_without_a_date() -> None:
     assert cutter.origins == {"a.csv"}
 
 
+def test_what_is_said_of_a_block_does_not_depend_on_when_its_file_was_read() -> None:
+    rate, run = 1000.0, np.arange(300.0)[np.newaxis]
+    whole = Chunk(run, rate, ("x",), ("g",), 1.7e9 + 1 / 3, "a", elapsed=1 / 7, speed=30.0, load=10.0)
+    other = replace(whole, origin="b", start=0.0, speed=40.0)
+    at_once = flushed(Reblocker(0.1), [whole, other])
+    cutter = Reblocker(0.1)
+    parts = [replace(whole, samples=run[:, :30]), replace(whole, samples=run[:, 30:210], offset=30)]
+    in_parts = [cut for part in parts for cut in cutter.feed(part)]
+    # A process that begins anew reads on after the last block.
+    in_parts += flushed(Reblocker(0.1), [replace(whole, samples=run[:, 200:], offset=200), other])
+    assert len(at_once) == len(in_parts) == 6
+    for one, two in zip(at_once, in_parts, strict=True):
+        first, second = ({k: v for k, v in vars(cut).items() if k != "samples"} for cut in (one, two))
+        assert first == second
+    assert [cut.speed for cut in at_once] == [30.0] * 3 + [40.0] * 3
+    assert [cut.used for cut in at_once[:2]] == [(("a", 100),), (("a", 200),)]
+
+
 @pytest.mark.parametrize(
     "other",
     [
