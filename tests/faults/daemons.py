@@ -68,10 +68,15 @@ def start(config: Path, *options: str, prefix: Sequence[str] = (), **more: Any) 
     return subprocess.Popen(command, cwd=ROOT, text=True, **{"stderr": subprocess.PIPE, **more})
 
 
-def call(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run a command to its end."""
+def call(*arguments: str, prefix: Sequence[str] = ()) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end; the prefix is a program, with its options, that starts it."""
     return subprocess.run(
-        [sys.executable, "-c", _CLI, *arguments], cwd=ROOT, capture_output=True, text=True, check=False, timeout=60
+        [*prefix, sys.executable, "-c", _CLI, *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
     )
 
 
