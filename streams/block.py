@@ -22,7 +22,7 @@ class Block:
         units: unit of each row: "m/s2", "g", "V" or "unknown", as the file or the configuration states it.
         source: name of the source that gave the block.
         sequence: 1-based number of the block in the source's own unit (a PRONOSTIA file, a 5-second block).
-        name: where the block came from, for people: a file name, "recording.wav[12]".
+        name: where the block came from, for people: a file name, "recording.wav[55 s]".
         start: seconds since 1970-01-01 UTC of the first sample, or None where the recording has no date.
         elapsed: seconds from the first sample of the source to the first sample of this block, or None where unknown.
         speed: shaft speed in Hz where the source states it, else None.

@@ -212,6 +212,23 @@ def is_archive(path: str) -> bool:
     return path.lower().endswith(tuple(_ARCHIVE_MODES))
 
 
+def check_readable(folder: Path, where: str) -> None:
+    """Refuse a folder that may not be listed, or in which nothing may be looked at.
+
+    Args:
+        folder: the folder.
+        where: the key of the configuration that names it.
+
+    Raises:
+        SourceError: it may not be read.
+        OSError: it is not there, or is none.
+    """
+    try:
+        os.close(os.open(f"{folder}/.", os.O_RDONLY | os.O_DIRECTORY))
+    except PermissionError as error:
+        raise SourceError(f"{where}: {str(folder)!r} may not be read ({error.strerror})") from error
+
+
 def open_files(name: str, path: str, must_be_folder: bool = False) -> Files:
     """Look what a path is.
 
@@ -224,7 +241,7 @@ def open_files(name: str, path: str, must_be_folder: bool = False) -> Files:
         Its files.
 
     Raises:
-        SourceError: there is no such path, or it is neither a regular file nor a folder.
+        SourceError: there is no such path, it is neither a regular file nor a folder, or a folder that may not be read.
     """
     where = f"[[source]] {name}: url"
     try:
@@ -235,6 +252,7 @@ def open_files(name: str, path: str, must_be_folder: bool = False) -> Files:
     if not there:
         raise SourceError(f"{where}: there is no {path!r}")
     if place.is_dir():
+        check_readable(place, where)
         return Folder(place)
     if must_be_folder:
         raise SourceError(f"{where}: expected a folder, {path!r} is a file")

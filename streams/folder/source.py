@@ -6,7 +6,6 @@ The truth is a periodic scan against the ledger; events only wake it. What waits
 from __future__ import annotations
 
 import logging
-import os
 import stat
 import threading
 import time
@@ -17,7 +16,7 @@ from typing import Protocol, Self
 from zoneinfo import ZoneInfo
 
 from streams.dataset import DataSet, FileFacts
-from streams.files import Item, natural_key, read_guarded
+from streams.files import Item, check_readable, natural_key, read_guarded
 from streams.folder.intake import Intake
 from streams.folder.listing import list_files, look_at
 from streams.folder.names import left_alone
@@ -105,8 +104,7 @@ class FolderSource:
         try:
             if not stat.S_ISDIR(self._root.stat().st_mode):
                 raise SourceError(f"{where}: url: expected a folder, {str(self._root)!r} is a file")
-            # Files can be looked at in a folder that may be searched, and found in one that may be read.
-            os.close(os.open(f"{self._root}/.", os.O_RDONLY | os.O_DIRECTORY))
+            check_readable(self._root, f"{where}: url")
             self._real = self._root.resolve()
         except PermissionError as error:
             raise SourceError(f"{where}: url: {str(self._root)!r} may not be read ({error.strerror})") from error

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from streams.folder.listing import list_files
-from tests.faults.daemons import make_machine, start, status, wait_for
+from tests.faults.daemons import call, make_machine, start, status, wait_for
 from tests.streams.folders import csv_bytes, noise
 
 # Permissions bind the superuser, too, once these are taken away.
@@ -35,6 +35,10 @@ def test_it_is_named_at_the_start(folder: Path, mode: int) -> None:
     assert daemon.returncode == 2
     assert f"[[source]] s0: url: '{folder}' may not be read (Permission denied)" in said
     assert "Traceback" not in said
+    again = ("replay", str(folder), "--config", str(folder.parent / "m.toml"), "--out", str(folder.parent / "out"))
+    made = call(*again, prefix=BOUND)
+    assert made.returncode == 2
+    assert f"[[source]] s0: url: '{folder}' may not be read (Permission denied)" in made.stderr
 
 
 def test_so_is_one_below_a_folder_that_may_not_be_searched(folder: Path, tmp_path: Path) -> None:
