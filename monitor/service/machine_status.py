@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from datetime import UTC, datetime
 from typing import Any
 
 from monitor import __version__
@@ -12,6 +11,7 @@ from monitor.config import Config
 from monitor.health.alarms import machine_state
 from monitor.records.record import Record
 from monitor.records.store import Store
+from monitor.service.event_words import utc_text
 from monitor.service.ingest import Ingest
 from monitor.service.silence import Hearing, Last, patience
 from monitor.service.standing import channel_state
@@ -99,8 +99,8 @@ class MachineStatus:
             "state": machine_state(*(channel["state"] for channel in channels.values())),
             "pid": os.getpid(),
             "version": __version__,
-            "since_utc": _utc(self._since),
-            "updated_utc": _utc(self._clock()),
+            "since_utc": utc_text(self._since),
+            "updated_utc": utc_text(self._clock()),
             "up_s": round(self._monotonic() - self._began, 3),
             "config_hash": self._config.hash,
             "blocks": self.blocks,
@@ -127,7 +127,7 @@ class MachineStatus:
             "state": state,
             "reason": reason,
             "last_block": last.sequence or None,
-            "last_block_utc": _utc(last.time),
+            "last_block_utc": utc_text(last.time),
             "last_block_status": last.status,
             "last_block_age_s": None if last.came is None else round(self._monotonic() - last.came, 3),
             "alarms": standing,
@@ -139,12 +139,3 @@ class MachineStatus:
 def _last_of(store: Store, source: str) -> Last:
     record = store.record(source, store.last(source))
     return Last() if record is None else Last().after(record, None, patience(None))
-
-
-def _utc(time: float | None) -> str | None:
-    if time is None:
-        return None
-    try:
-        return datetime.fromtimestamp(time, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    except (OverflowError, OSError, ValueError):
-        return None
