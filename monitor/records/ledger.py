@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import Self
 
 from monitor.records.connection import SharedConnection
+from monitor.records.record import storable
 from monitor.records.store import Store
 from streams.block import Rejected
 from streams.ledger import FileProgress
@@ -93,8 +94,7 @@ class StoreLedger:
             "SELECT sequence FROM (SELECT sequence, name FROM blocks WHERE source = ? AND content_hash = ?"
             " AND id <= (SELECT CAST(value AS INTEGER) FROM meta WHERE key = ?)"
             f" ORDER BY id DESC LIMIT {_ALIKE * _ALIKE}) WHERE name = ?",
-            # A name that is no text stands escaped in the ledger.
-            *(source, content_hash, SALVAGED_UP_TO, name.encode("utf-8", "backslashreplace").decode("utf-8")),
+            *(source, content_hash, SALVAGED_UP_TO, storable(name)),
         )
         return found[0][0] if found else None
 

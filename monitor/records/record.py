@@ -21,7 +21,7 @@ from monitor.records.schema import (
     Variable,
 )
 
-__all__ = ["SCHEMA_VERSION", "VARIABLES", "Record", "RecordError", "Variable", "mask_names", "plain"]
+__all__ = ["SCHEMA_VERSION", "VARIABLES", "Record", "RecordError", "Variable", "mask_names", "plain", "storable"]
 
 
 class RecordError(ValueError):
@@ -47,6 +47,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, Iterable):
         return tuple(plain(item) for item in value)
     return value
+
+
+def storable(text: str) -> str:
+    """Return a text that a database takes: bytes of a file's name that are no UTF-8 stand escaped."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 @dataclass(frozen=True)

@@ -109,8 +109,8 @@ def score_run(
         "interval": issued.interval,
         "issued_in": issued.source,
         "end_source": end.source,
-        "end_utc_s" if issued.dated else "end_s": _number(issued.to_time(end.clock)) if before.size else None,
-        "lifetime_s": _number(end.clock - issued.onset),
+        "end_utc_s" if issued.dated else "end_s": finite_or_none(issued.to_time(end.clock)) if before.size else None,
+        "lifetime_s": finite_or_none(end.clock - issued.onset),
         "forecasts": int(before.sum()),
         "missing": "left_out" if guess is None else "constant",
         **_figures(clock, end.clock, issued.levels, quantiles, issued.interval, guess),
@@ -156,7 +156,7 @@ def _figures(
         # An interval that was not given is no interval of width zero.
         lower, upper = np.where(answered, lower, np.nan), np.where(answered, upper, np.nan)
         figures |= {"coverage": metrics.coverage(lower, upper, true), "width_s": metrics.mean_width(lower, upper)}
-    return {name: _number(value) for name, value in figures.items()} | {"alpha_lambda": verdict.passed}
+    return {name: finite_or_none(value) for name, value in figures.items()} | {"alpha_lambda": verdict.passed}
 
 
 def _at(levels: Floats, quantiles: Floats, level: float) -> Floats:
@@ -204,7 +204,7 @@ def _damage(issued: Issued, before: NDArray[np.bool_]) -> dict[str, Any]:
     log_ratio = np.log(found[usable] / true[usable])
     return {
         "v_eq_ln_error": float(np.sqrt(np.mean(log_ratio**2))) if usable.any() else None,
-        "v_eq_coverage": _number(metrics.coverage(issued.v_eq_lower[before], issued.v_eq_upper[before], true)),
+        "v_eq_coverage": finite_or_none(metrics.coverage(issued.v_eq_lower[before], issued.v_eq_upper[before], true)),
     }
 
 
@@ -215,9 +215,9 @@ def _onset(issued: Issued, onset: float) -> dict[str, Any]:
     later = issued.alarms[issued.alarms >= onset]
     healthy = int((issued.judged < onset).sum())
     return {
-        "onset_delay_s": _number(metrics.onset_delay(float(later[0]) if later.size else math.nan, onset)),
+        "onset_delay_s": finite_or_none(metrics.onset_delay(float(later[0]) if later.size else math.nan, onset)),
         "false_alarms": int((issued.alarms < onset).sum()),
-        "false_alarms_per_1000_blocks": _number(metrics.false_alarms_per_1000(issued.alarms, healthy, onset)),
+        "false_alarms_per_1000_blocks": finite_or_none(metrics.false_alarms_per_1000(issued.alarms, healthy, onset)),
     }
 
 
@@ -242,8 +242,8 @@ def mean_of_runs(runs: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]
         mean = metrics.mean_over_runs(of_runs)
         if mean.runs:
             found[name] = {
-                "mean": _number(mean.mean),
-                "standard_error": _number(mean.standard_error),
+                "mean": finite_or_none(mean.mean),
+                "standard_error": finite_or_none(mean.standard_error),
                 "runs": mean.runs,
             }
     return found
@@ -260,5 +260,6 @@ def _ratio(one: float | None, other: float | None) -> float | None:
     return one / other if one is not None and other else None
 
 
-def _number(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
+    """Return a number as JSON takes it, None where it is not finite."""
     return float(value) if math.isfinite(value) else None

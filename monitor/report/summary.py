@@ -147,9 +147,9 @@ def _channel(run: Run, channel: Channel, part: ChannelPart) -> ChannelSummary:
         left=said.get("How long left?", ""),
         level=part.level,
         spark=str(part.spark),
-        t_fs=_number(start),
-        t_eol=None if verdict.t_eol is None else _number(verdict.t_eol.time),
-        last=_number(float(channel.time[-1])) if channel.time.size else None,
+        t_fs=score.finite_or_none(start),
+        t_eol=None if verdict.t_eol is None else score.finite_or_none(verdict.t_eol.time),
+        last=score.finite_or_none(float(channel.time[-1])) if channel.time.size else None,
         rms_end=_rms_end(channel, verdict),
         load=_last(channel, "load"),
         speed=_last(channel, "speed"),
@@ -233,10 +233,6 @@ def _scores(run: Run) -> list[dict[str, Any]]:
 def _last(channel: Channel, name: str) -> float | None:
     row = last_value(channel, name)
     return None if row is None else float(channel.column(name)[row])
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def _rounded(values: NDArray[np.float64]) -> list[float]:

@@ -12,7 +12,7 @@ from typing import Any, Self
 
 from monitor.config import Config, ConfigError
 from monitor.records.ledger import StoreLedger, write_progress
-from monitor.records.record import Record
+from monitor.records.record import Record, storable
 from monitor.records.store import Store, StoreError, UnstorableError
 from monitor.service.recording import rejected_record
 from monitor.service.setup import channel_setups, source_spec
@@ -289,6 +289,5 @@ class Ingest:
 
 def _in_its_place(item: Block | Rejected, status: str, reason: str) -> Rejected:
     """Return the rejection that stands in the place of a block; texts that come from outside are made storable."""
-    said = " ".join(reason.split())[:_LONGEST_REASON].encode("utf-8", "backslashreplace").decode("utf-8")
-    name = item.name.encode("utf-8", "backslashreplace").decode("utf-8")
-    return Rejected(item.source, item.sequence, name, status, said, item.content_hash)
+    said = storable(" ".join(reason.split())[:_LONGEST_REASON])
+    return Rejected(item.source, item.sequence, storable(item.name), status, said, item.content_hash)
