@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from models.bearing import kinematics
 from monitor.health import detect
-from monitor.health.features import FeatureSettings, block_features, fundamentals
 from monitor.health.naming import bins_needed, name_fault
-from monitor.health.pipeline import BlockInfo, ChannelSettings, judge, step
 from monitor.health.quality import check_samples
+from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from monitor.health.state import ChannelState
+from monitor.health.step import BlockInfo, ChannelSettings, judge, step
 from tests.conftest import recordings_folder
 from tests.recordings import RUNS, History, Run, histories
 from tests.signals import HealthyMachine, bearing_lines, impacts

@@ -29,10 +29,10 @@ from benchmarks.common import (
     print_table,
     write_json,
 )
-from monitor.health import edv, forecast
-from monitor.health.edv import EdvState, EdvStatus, MapSlice
-from monitor.health.forecast import ForecastState, TtStatus, fit_quadratic
-from monitor.health.level_set import least_volume
+from monitor.health.damage.thesis import edv, forecast
+from monitor.health.damage.thesis.edv import EdvState, EdvStatus, MapSlice
+from monitor.health.damage.thesis.forecast import ForecastState, TtStatus, fit_quadratic
+from monitor.health.damage.thesis.level_set import least_volume
 from tests.oracles.edv_oracle import scan_least_volume
 
 Floats = NDArray[np.float64]

@@ -31,12 +31,12 @@ from benchmarks.common import (
     print_table,
     write_json,
 )
-from monitor.health import plans
-from monitor.health.features import FAULTS, FeatureSettings, block_features
-from monitor.health.harmonics import FALSE_ALARM, fault_lines
-from monitor.health.indicators import time_indicators
-from monitor.health.plans import Effort, Precision
-from monitor.health.spectrum import Band, BlockTransform
+from monitor.health.spectrum import plans
+from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features
+from monitor.health.spectrum.harmonics import FALSE_ALARM, fault_lines
+from monitor.health.spectrum.indicators import time_indicators
+from monitor.health.spectrum.plans import Effort, Precision
+from monitor.health.spectrum.transform import Band, BlockTransform
 from tests.oracles import features_oracle as oracle
 
 BAND: Band = (7000.0, 9000.0)

@@ -6,8 +6,8 @@ Run as ``python -m benchmarks.filter [--quick] [--json FILE]``. Tables:
 2. the widening: lives of the library of ``benchmarks.forecast`` (loads of 3 to 5 kN, 20 to 45 Hz, slip), tracked on the
    map of a smooth floor without widening, each scored at 1/4, 1/2 and 3/4 of the time to the threshold; the factor on
    the half widths of ln V_eq with which the interval would have held the truth is found for every life and moment, and
-   its quantile at the level of the interval is what ``monitor.health.filter`` has as ``WIDENING_RMS`` and
-   ``WIDENING_HARMONICS``;
+   its quantile at the level of the interval is what ``monitor.health.damage.filter.particle_filter`` has as
+   ``WIDENING_RMS`` and ``WIDENING_HARMONICS``;
 3. the figures with that widening on other lives of the library, which took no part in finding it;
 4. the same at one load and speed, on the map of a smooth floor and on the mean of twelve rough floors;
 5. the spread that is taken where a map has none: the standard deviation of ln X over rough floors and drawn rigs, at
@@ -31,11 +31,11 @@ from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, 
 from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_population import FRACTIONS, LIBRARY, THRESHOLD
 from benchmarks.forecast_thesis import map_plan
-from models.lives import LifeHistory
-from models.map_data import MapPlan, MapSlice, RmsMap
-from models.rms_map import cached_map
+from models.lives.life import LifeHistory
+from models.maps.data import MapPlan, MapSlice, RmsMap
+from models.maps.file import cached_map
 from models.scene import Floor
-from monitor.health.filter import FilterInput, FilterSettings, FilterState, step
+from monitor.health.damage.filter.particle_filter import FilterInput, FilterSettings, FilterState, step
 
 Floats = NDArray[np.float64]
 Slices = Callable[[LifeHistory], MapSlice]
@@ -155,7 +155,7 @@ def _block_ms(life: LifeHistory, map_slice: MapSlice, settings: FilterSettings, 
 
 
 def spread_rows(rms_map: RmsMap) -> list[Row]:
-    """Return the spread over floors and rigs at the depths that ``monitor.health.filter_model`` tables."""
+    """Return the spread over floors and rigs at the depths that ``monitor.health.damage.filter.prior`` tables."""
     at = rms_map.slice_at(4000.0, 40.0)
     wide = at.dphi_d >= math.radians(2.0)
     rows: list[Row] = []

@@ -37,9 +37,9 @@ from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_naive import constant, lifetimes, of_elapsed_time, of_tracked_volume, of_true_volume
 from benchmarks.forecast_population import FRACTIONS, LIBRARY, LIBRARY_RUNS, TEST, TEST_RUNS
 from benchmarks.forecast_thesis import exact_maps, map_plan, on_map, rough_map, thesis
-from models.life_laws import LAWS
-from models.lives import LifeHistory
-from models.rms_map import cached_map
+from models.lives.laws import LAWS
+from models.lives.life import LifeHistory
+from models.maps.file import cached_map
 
 THESIS = "thesis, smooth map"
 CLIMATOLOGY = "climatology"

@@ -18,14 +18,15 @@ from benchmarks.forecast_filter import FEATURES, slice_of
 from benchmarks.forecast_library import block_of
 from benchmarks.forecast_population import THRESHOLD
 from benchmarks.forecast_thesis import map_plan
-from models.lives import LifeHistory
-from models.map_data import RmsMap
-from models.rms_map import cached_map
-from monitor.health import baselines, edv, forecast
-from monitor.health import filter as physical
-from monitor.health import library as stage
-from monitor.health.library_model import Library
-from monitor.report.score_metrics import crps_from_quantiles, mean_over_runs
+from models.lives.life import LifeHistory
+from models.maps.data import RmsMap
+from models.maps.file import cached_map
+from monitor.health.damage.filter import particle_filter as physical
+from monitor.health.damage.library import forecaster as stage
+from monitor.health.damage.library.model import Library
+from monitor.health.damage.thesis import edv, forecast
+from monitor.report.score import baselines
+from monitor.report.score.metrics import crps_from_quantiles, mean_over_runs
 
 Answer = tuple[float, float, float, Sequence[float]]
 """V_eq and its lower and upper end, m2; quantiles of the time to threshold at ``LEVELS``, or one number, s; NaN or ()

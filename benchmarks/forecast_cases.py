@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.forecast_population import FRACTIONS, THRESHOLD
-from models.lives import LifeHistory
-from monitor.health.library import QUANTILES
-from monitor.report.score_metrics import Mean, crps_from_quantiles, mean_over_runs
+from models.lives.life import LifeHistory
+from monitor.health.damage.library.forecaster import QUANTILES
+from monitor.report.score.metrics import Mean, crps_from_quantiles, mean_over_runs
 
 Floats = NDArray[np.float64]
 

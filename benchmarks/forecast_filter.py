@@ -13,11 +13,11 @@ import numpy as np
 
 from benchmarks.forecast_cases import LEVEL, Answers, Cases, only_volume
 from benchmarks.forecast_thesis import map_plan
-from models.lives import LifeHistory
-from models.map_data import MapSlice, RmsMap
-from models.rms_map import cached_map
+from models.lives.life import LifeHistory
+from models.maps.data import MapSlice, RmsMap
+from models.maps.file import cached_map
 from models.scene import Floor
-from monitor.health.filter import FilterInput, FilterResult, FilterSettings, FilterState, step
+from monitor.health.damage.filter.particle_filter import FilterInput, FilterResult, FilterSettings, FilterState, step
 
 FEATURES = {"rms": 0, "rms+harmonics": 3}
 """Lines of BPFO that are read with a set of features."""

@@ -8,11 +8,11 @@ import numpy as np
 
 from benchmarks.forecast_cases import LEVEL, LEVELS, Answers, Cases
 from benchmarks.forecast_population import LIBRARY, THRESHOLD
-from models.lives import LifeHistory
-from monitor.health.library import Conditions, LibraryInput, LibrarySettings, LibraryState, step
-from monitor.health.library_fit import fit_library
-from monitor.health.library_model import Library, levels_of
-from monitor.health.summaries import History
+from models.lives.life import LifeHistory
+from monitor.health.damage.library.fit import fit_library
+from monitor.health.damage.library.forecaster import Conditions, LibraryInput, LibrarySettings, LibraryState, step
+from monitor.health.damage.library.model import Library, levels_of
+from monitor.health.damage.library.summaries import History
 
 
 def fitted(lives: Sequence[LifeHistory]) -> Library:

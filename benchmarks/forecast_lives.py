@@ -12,8 +12,8 @@ import numpy as np
 from platformdirs import user_cache_dir
 from tqdm import tqdm
 
-from models.life_laws import PATH_STEP, GrowthPath
-from models.lives import LifeHistory, Population, simulate_lives
+from models.lives.laws import PATH_STEP, GrowthPath
+from models.lives.life import LifeHistory, Population, simulate_lives
 
 CHUNK = 50
 """Lives in one file."""

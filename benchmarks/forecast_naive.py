@@ -1,4 +1,4 @@
-"""The naive forecasts of ``monitor.health.baselines`` on the cases of ``benchmarks.forecast``."""
+"""The naive forecasts of ``monitor.report.score.baselines`` on the cases of ``benchmarks.forecast``."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.forecast_cases import LEVELS, Answers, Cases, Floats, cases_of, no_volume, only_time
 from benchmarks.forecast_population import THRESHOLD
-from models.lives import LifeHistory
-from monitor.health import baselines
+from models.lives.life import LifeHistory
+from monitor.report.score import baselines
 
 
 def constant(cases: Cases, library: Sequence[LifeHistory]) -> Answers:

@@ -13,13 +13,13 @@ import numpy as np
 
 from benchmarks.forecast_cases import Answers, Cases, Floats, no_volume
 from benchmarks.forecast_population import THRESHOLD
-from models.lives import LifeHistory
-from models.map_data import MapPlan, RmsMap
-from models.rms_map import build_map, cached_map
+from models.lives.life import LifeHistory
+from models.maps.data import MapPlan, RmsMap
+from models.maps.file import build_map, cached_map
 from models.scene import Floor
-from monitor.health import edv, forecast
-from monitor.health.edv import EdvState, MapSlice
-from monitor.health.forecast import ForecastState, TtStatus
+from monitor.health.damage.thesis import edv, forecast
+from monitor.health.damage.thesis.edv import EdvState, MapSlice
+from monitor.health.damage.thesis.forecast import ForecastState, TtStatus
 
 _ANSWERED = (TtStatus.OK, TtStatus.ALREADY_CROSSED)
 _EXTENTS = tuple(math.radians(0.5 * i) for i in range(101))

@@ -29,10 +29,10 @@ from benchmarks.gallery_lives import (
 )
 from benchmarks.gallery_plate import Claim, Plate, letter, words
 from models.bearing import from_catalogue, kinematics
-from models.map_data import MapSlice, RmsMap
-from monitor.health.features import BlockFeatures
-from monitor.report.drawing import BLUE, GREY, INK, ORANGE, PURPLE, SHADE, VERMILION
-from monitor.report.map_figure import show_levels
+from models.maps.data import MapSlice, RmsMap
+from monitor.health.spectrum.features import BlockFeatures
+from monitor.report.figures.drawing import BLUE, GREY, INK, ORANGE, PURPLE, SHADE, VERMILION
+from monitor.report.figures.rms_map import show_levels
 
 
 def figure_55() -> Plate:

@@ -13,7 +13,7 @@ from benchmarks.gallery_lives import (
     TESTS,
 )
 from benchmarks.gallery_plate import Claim, letter
-from monitor.report.drawing import BLUE, GREEN, VERMILION
+from monitor.report.figures.drawing import BLUE, GREEN, VERMILION
 from streams.block import STANDARD_GRAVITY
 
 G = STANDARD_GRAVITY

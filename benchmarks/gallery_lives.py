@@ -18,18 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import from_catalogue, kinematics
-from models.defect import race_radius
-from models.map_build import build_map
-from models.map_plan import MapPlan
-from models.rms_map import RmsMap
+from models.maps.build import build_map
+from models.maps.file import RmsMap
+from models.maps.plan import MapPlan
+from models.path.defect import race_radius
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
-from monitor.health.edv import EdvSettings, EdvState, EdvStatus
-from monitor.health.edv import step as track
-from monitor.health.features import BlockFeatures, FeatureSettings, block_features, fundamentals
-from monitor.health.forecast import ForecastResult, ForecastState
-from monitor.health.forecast import step as forecast
-from monitor.health.quadratic import QuadraticFit, fit_quadratic
+from monitor.health.damage.thesis.edv import EdvSettings, EdvState, EdvStatus
+from monitor.health.damage.thesis.edv import step as track
+from monitor.health.damage.thesis.forecast import ForecastResult, ForecastState
+from monitor.health.damage.thesis.forecast import step as forecast
+from monitor.health.damage.thesis.quadratic import QuadraticFit, fit_quadratic
+from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.service.setup import to_slice
 
 Values = NDArray[np.float64]

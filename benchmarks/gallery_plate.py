@@ -18,7 +18,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, FigureBase
 from PIL import Image
 
-from monitor.report.drawing import BLUE, GREEN, STYLE, VERMILION, WIDTH
+from monitor.report.figures.drawing import BLUE, GREEN, STYLE, VERMILION, WIDTH
 
 MOST_BYTES = 200_000
 """A picture of the gallery is smaller than this: drawn with lines where that is possible, else with dots."""

@@ -12,13 +12,13 @@ from matplotlib.figure import FigureBase
 
 from benchmarks.gallery_plate import Claim, Plate, letter, number, words
 from models.bearing import from_catalogue
-from models.defect import ball_path
 from models.hertz import mean_bearing_stiffness
 from models.load_distribution import StiffnessPassage, stiffness_over_passage
 from models.modes import contact_damping, natural_frequencies
+from models.path.defect import ball_path
 from models.published.self_aligning import EXTENTS_DEG, SEEDED_DEPTH
 from models.scene import Defect, Floor, Rig
-from monitor.report.drawing import BLUE, GREY, INK, ORANGE, SHADE, VERMILION, legend_above
+from monitor.report.figures.drawing import BLUE, GREY, INK, ORANGE, SHADE, VERMILION, legend_above
 
 BEARING = "1205 ETN9"
 LOADS = {1000.0: (BLUE, "-"), 2000.0: (VERMILION, "--")}

@@ -29,7 +29,7 @@ from models.bearing import kinematics
 from models.dynamics.time_domain import simulate_time
 from models.published.self_aligning import EXTENTS_DEG
 from models.scene import Slip
-from monitor.report.drawing import BLUE, GREEN, GREY, PURPLE, VERMILION
+from monitor.report.figures.drawing import BLUE, GREEN, GREY, PURPLE, VERMILION
 from streams.block import STANDARD_GRAVITY
 
 _STROKES = {1000.0: ("-", "o"), 2000.0: ("--", "s")}

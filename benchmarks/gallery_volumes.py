@@ -26,8 +26,8 @@ from benchmarks.gallery_lives import (
     with_noise,
 )
 from benchmarks.gallery_plate import Claim, Plate, letter, words
-from monitor.health.prognosis import rms_from_map, rms_history
-from monitor.report.drawing import AXIS, BLUE, INK, VERMILION
+from monitor.health.damage.thesis.prognosis import rms_from_map, rms_history
+from monitor.report.figures.drawing import AXIS, BLUE, INK, VERMILION
 
 
 def figure_62() -> Plate:

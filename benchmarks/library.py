@@ -34,10 +34,10 @@ from benchmarks.common import (
 )
 from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_population import LIBRARY, LIBRARY_RUNS, THRESHOLD
-from models.lives import LifeHistory
-from monitor.health.library import LibraryInput, LibrarySettings, LibraryState, step
-from monitor.health.library_fit import fit_library
-from monitor.health.library_model import LINES, Library
+from models.lives.life import LifeHistory
+from monitor.health.damage.library.fit import fit_library
+from monitor.health.damage.library.forecaster import LibraryInput, LibrarySettings, LibraryState, step
+from monitor.health.damage.library.model import LINES, Library
 
 THRESHOLDS = (0.03e-6, 0.04e-6, 0.05e-6)
 TARGET_MS = 2.0

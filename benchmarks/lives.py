@@ -15,10 +15,10 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.defect import race_radius
 from models.dynamics.lanes import LaneOptions, LaneRunner
-from models.life_blocks import settled_levels
-from models.lives import LifePlan, Population, draw_life, simulate_life
+from models.lives.blocks import settled_levels
+from models.lives.life import LifePlan, Population, draw_life, simulate_life
+from models.path.defect import race_radius
 from models.scene import Scene, Slip
 from models.simulate import simulate
 

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.map_build import build_map
-from models.map_data import MapPlan, RmsMap
-from models.map_nodes import scene_at, simulate_node_row, simulate_point
-from models.map_refine import build_refined_map
+from models.maps.build import build_map
+from models.maps.data import MapPlan, RmsMap
+from models.maps.nodes import scene_at, simulate_node_row, simulate_point
+from models.maps.refine import build_refined_map
 from models.scene import Floor, Slip
 
 Floats = NDArray[np.float64]
@@ -111,7 +111,7 @@ class Levels:
     def _at(self, load: float, speed: float) -> tuple[Floats, Floats]:
         """Return both, shape (H, D) each."""
         if self.plan.slip is not None:
-            from models.ensemble import ensemble_nodes
+            from models.maps.ensemble import ensemble_nodes
 
             nodes = ensemble_nodes(replace(self.plan, load=(load,), speed=(speed,)))
             return nodes.rms[0, 0], nodes.harmonic_amplitude[0, 0, ..., 0]

@@ -31,10 +31,10 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from models.bearing import Kinematics, catalogue, kinematics
-from monitor.health.bands import candidate_bands, find_band
-from monitor.health.features import FAULTS, fundamentals
 from monitor.health.naming import LEAST_DEPTH, SEARCH, Naming, bins_needed, name_fault
-from monitor.health.spectrum import Band, get_transform
+from monitor.health.spectrum.bands import candidate_bands, find_band
+from monitor.health.spectrum.features import FAULTS, fundamentals
+from monitor.health.spectrum.transform import Band, get_transform
 from monitor.health.state import Spectra
 from streams.block import Block
 from tests.conftest import recordings_folder

@@ -17,9 +17,9 @@ import math
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.map_data import MapPlan, RmsMap
-from models.rms_map import build_map
-from monitor.health.prognosis import rms_from_map, rms_from_model, rms_history
+from models.maps.data import MapPlan, RmsMap
+from models.maps.file import build_map
+from monitor.health.damage.thesis.prognosis import rms_from_map, rms_from_model, rms_history
 from streams.block import STANDARD_GRAVITY
 
 TABLE_21 = {"E1": (3.4, 5.2, 5.5), "E2": (3.2, 4.8, 5.1), "E3": (2.8, 4.1, 4.4), "measured": (3.7, 4.8, 6.6)}

@@ -128,7 +128,7 @@ def _life(folder: Path, count: int) -> Path:
 
 @contextmanager
 def _served(*configs: Path) -> Iterator[str]:
-    command = [sys.executable, "-m", "monitor.service.web.server", *map(str, configs), "--port", "0"]
+    command = [sys.executable, "-m", "monitor.web.server", *map(str, configs), "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:

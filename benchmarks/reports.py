@@ -24,13 +24,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
+from monitor.commands.batch import find_items, run_batch
 from monitor.records.record import Record
 from monitor.records.spectra import SpectrumChange, SpectrumRow, write_changes
 from monitor.records.store import Store
-from monitor.report.batch import find_items, run_batch
 from monitor.report.options import Options
-from monitor.report.reading import read_runs
 from monitor.report.report import report_runs
+from monitor.report.runs import read_runs
 
 LONG, RUN, RUNS = 30_000, 600, 100
 _START, _STEP = 1_700_000_000.0, 10.0

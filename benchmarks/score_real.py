@@ -34,18 +34,18 @@ from numpy.typing import NDArray
 
 from benchmarks.common import arguments, print_table, write_json
 from benchmarks.forecast_lives import cached_lives
-from models.defect import race_radius
-from models.map_data import MapPlan, RmsMap
-from models.population import Population
-from models.rms_map import cached_map
-from monitor.config import Config, validate
-from monitor.health.library_calibrate import RecordedRun, calibrate
-from monitor.health.library_fit import FitSettings, fit_library
-from monitor.health.library_model import Library
+from models.lives.population import Population
+from models.maps.data import MapPlan, RmsMap
+from models.maps.file import cached_map
+from models.path.defect import race_radius
+from monitor.config.load import Config, validate
+from monitor.health.damage.library.calibrate import RecordedRun, calibrate
+from monitor.health.damage.library.fit import FitSettings, fit_library
+from monitor.health.damage.library.model import Library
 from monitor.records.record import Record
 from monitor.records.store import Store
-from monitor.report.score import End, mean_of_runs, score_run
-from monitor.report.score_reading import Issued, read_issued
+from monitor.report.score.issued import Issued, read_issued
+from monitor.report.score.runs import End, mean_of_runs, score_run
 from monitor.service.library_build import prior_words
 from monitor.service.setup import channel_setups, open_configured
 from monitor.service.watcher import Watcher

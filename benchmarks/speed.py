@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import arguments, print_table, write_json
 from models.bearing import Bearing, from_catalogue
-from monitor.health.speed import SpeedStatus, estimate_speed
+from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
 from streams.block import Block
 from streams.rig import SimulatedRig
 from streams.source import ChannelSpec, SourceSpec, open_source

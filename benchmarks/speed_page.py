@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.common import REFERENCE_MS, Row, circumstances
-from monitor.report.drawing import GREY, STYLE
+from monitor.report.figures.drawing import GREY, STYLE
 
 RESULTS = Path(__file__).resolve().parent / "results"
 MATLAB = "rtol 1e-3, atol 1e-6"

@@ -26,22 +26,22 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import arguments, interleaved_ms, print_table, write_json
-from monitor.config import Config, validate
+from monitor.config.load import Config, validate
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.setup import channel_setups
 from monitor.service.watcher import Watcher
-from streams.arrivals import Arrivals
 from streams.block import Block
-from streams.crc32c import crc32c
 from streams.ledger import MemoryLedger
-from streams.network import Address
+from streams.link.arrivals import Arrivals
+from streams.link.crc32c import crc32c
+from streams.link.network import Address
+from streams.link.sender import TcpLink
+from streams.link.tcp import TcpReceiver
+from streams.link.wire import Frame, encode_frame
 from streams.reblock import samples_hash
-from streams.sender import TcpLink
 from streams.spec import SourceSpec
-from streams.tcp import TcpReceiver
-from streams.wire import Frame, encode_frame
 
 STREAMS, CHANNELS, RATE, SECONDS = 8, 8, 25600.0, 5.0
 _SAMPLES = round(RATE * SECONDS)

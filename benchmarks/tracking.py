@@ -27,14 +27,14 @@ from numpy.typing import NDArray
 from benchmarks import edv as analytic
 from benchmarks.common import Row, arguments, print_table, write_json
 from models.bearing import kinematics
-from models.map_data import MapPlan
-from models.rms_map import cached_map
+from models.maps.data import MapPlan
+from models.maps.file import cached_map
 from models.scene import Floor
 from models.simulate import simulate
-from monitor.health import edv, forecast
-from monitor.health.edv import EdvState, EdvStatus, MapSlice
-from monitor.health.features import FeatureSettings, block_features, fundamentals
-from monitor.health.forecast import ForecastState, TtStatus
+from monitor.health.damage.thesis import edv, forecast
+from monitor.health.damage.thesis.edv import EdvState, EdvStatus, MapSlice
+from monitor.health.damage.thesis.forecast import ForecastState, TtStatus
+from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from monitor.service.setup import to_slice
 from streams.rig import CHANNELS, INTERVAL, SimulatedRig, draw_life
 

@@ -21,9 +21,9 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
 from benchmarks import opponents as op
-from models.defect import RaceProfile, ball_path
 from models.dynamics.orbit import find_orbit
 from models.dynamics.six_dof import prepare
+from models.path.defect import RaceProfile, ball_path
 from models.scene import Defect, Floor, Scene
 from models.simulate import steering
 from tests.oracles import six_dof_oracle as oracle

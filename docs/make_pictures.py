@@ -16,7 +16,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from monitor.config import load_config
+from monitor.config.load import load_config
 from monitor.records.store import Store
 from monitor.service.replay import Replay, replay
 from streams.block import STANDARD_GRAVITY

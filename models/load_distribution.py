@@ -15,8 +15,8 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import root_scalar
 
-from models.defect import ball_path
 from models.hertz import contact_exponent, contact_forces, element_angles, static_equilibrium
+from models.path.defect import ball_path
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -41,8 +41,8 @@ def _one_scene() -> None:
 
 
 def _rows_of_a_map() -> None:
-    from models.map_build import build_map
-    from models.map_data import MapPlan
+    from models.maps.build import build_map
+    from models.maps.data import MapPlan
 
     build_map(MapPlan(load=(4000.0,), speed=(40.0,), h_d=(1e-5,), dphi_d=(0.1,)))
 

@@ -106,7 +106,7 @@ def _live(specs: Sequence[SourceSpec]) -> Iterator[LiveSource]:
 
             yield FolderSource(spec, rest)
         elif scheme in ("tcp", "mqtt"):
-            from streams.network import parse_address
+            from streams.link.network import parse_address
 
             place = parse_address(spec.url, f"[[source]] {spec.name}: url")
             at_address.setdefault((place.scheme, place.host, place.port), []).append(spec)
@@ -117,10 +117,10 @@ def _live(specs: Sequence[SourceSpec]) -> Iterator[LiveSource]:
             )
     for (scheme, _, _), group in at_address.items():
         if scheme == "tcp":
-            from streams.tcp import TcpReceiver
+            from streams.link.tcp import TcpReceiver
 
             yield TcpReceiver(group)
         else:
-            from streams.mqtt import MqttReceiver
+            from streams.link.mqtt import MqttReceiver
 
             yield MqttReceiver(group)

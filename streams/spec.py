@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from zoneinfo import ZoneInfo
 
 if TYPE_CHECKING:
-    from streams.network import NetworkSpec
+    from streams.link.network import NetworkSpec
 
 DEFAULT_BLOCK_SECONDS = 5.0
 UNITS = ("g", "m/s2", "V", "unknown")

@@ -28,7 +28,7 @@ def chromium_program() -> str | None:
 def missing_for_pdf() -> str:
     """Return what is missing for a PDF, "" where nothing is."""
     from monitor.report.pdf import require_pdf
-    from monitor.report.reading import ReportError
+    from monitor.report.runs import ReportError
 
     try:
         require_pdf()

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from monitor.config import load_config
-from monitor.service.web.machines import Machines
-from monitor.service.web.server import serve
-from monitor.web_config import WebSection
+from monitor.config.load import load_config
+from monitor.config.web import WebSection
+from monitor.web.machines import Machines
+from monitor.web.server import serve
 from tests.faults.daemons import make_machine, wait_for
 from tests.streams.folders import csv_bytes, noise
 

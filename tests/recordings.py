@@ -9,10 +9,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from monitor.config import Config, SourceSection, load_config
+from monitor.config.load import Config, SourceSection, load_config
 from monitor.health import detect
 from monitor.health.naming import Naming
-from monitor.health.pipeline import BlockInfo, ChannelOutput, detect_input
+from monitor.health.step import BlockInfo, ChannelOutput, detect_input
 from monitor.records.record import Record
 from monitor.service.setup import ChannelSetup, channel_setups, open_configured
 from monitor.service.watcher import Watcher

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing, Kinematics, from_catalogue, kinematics
-from monitor.health.features import fundamentals
+from monitor.health.spectrum.features import fundamentals
 
 Samples = NDArray[np.float64]
 RESONANCE, DECAY = 3400.0, 900.0

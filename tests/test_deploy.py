@@ -19,7 +19,7 @@ import pytest
 import xarray as xr
 
 from deploy.runtime_lock import LOCK, RUNTIME_LOCK, closure, declared, locked
-from monitor.config import load_config
+from monitor.config.load import load_config
 from monitor.records.store import Store
 from monitor.service.fleet import load_fleet
 from tests.effort import effort_count

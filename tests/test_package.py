@@ -91,7 +91,7 @@ for name in ("numba", "dask", "pymoo", "matplotlib"):
 import tempfile
 from pathlib import Path
 import numpy as np
-from monitor.config import validate
+from monitor.config.load import validate
 from monitor.records.store import Store
 from monitor.service.setup import channel_setups
 from monitor.service.watcher import Watcher
@@ -109,4 +109,4 @@ with tempfile.TemporaryDirectory() as folder, Store.open(Path(folder) / "state.d
 """
     loaded = modules_after(code)
     assert "monitor.records.store" in loaded
-    assert "monitor.health.pipeline" in loaded
+    assert "monitor.health.step" in loaded

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
-from models.defect import RaceProfile, ball_path, floor_angle, race_radius
 from models.hertz import element_angles, static_equilibrium
 from models.kernels import lane_paths as paths
 from models.kernels import lanes as kernels
 from models.kernels import six_dof
 from models.kernels.lanes import LANES
+from models.path.defect import RaceProfile, ball_path, floor_angle, race_radius
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
-from models.defect import ball_path
 from models.hertz import BALL_EXPONENT, element_angles, static_equilibrium
 from models.kernels import path as kernel_path
 from models.kernels import six_dof as kernels
 from models.kernels.orbit import settle
-from models.kernels.tables import arc_distance, set_up
+from models.kernels.period_setup import arc_distance, set_up
+from models.path.defect import ball_path
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -250,7 +250,7 @@ def prepare(scene: Scene, steps_per_period: int | None = None, accuracy: float |
 
 @dataclass(frozen=True, eq=False)
 class OperatingPoint:
-    """What all scenes of one bearing on one rig at one load and speed share (arrays: models.kernels.tables.set_up)."""
+    """What all scenes of one operating point share (arrays: models.kernels.period_setup.set_up)."""
 
     positions: NDArray[np.float64]
     rows: NDArray[np.int64]

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
-from models.contour import Pieces, part_paths, pieces
 from models.hertz import element_angles, static_equilibrium
 from models.kernels import time_domain as kernels
+from models.path.contour import Pieces, part_paths, pieces
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -1,6 +1,6 @@
 """Kernels that tabulate the paths of the balls for many scenes at once; arrays as in models/kernels/lanes.py.
 
-The path is that of models/defect.py: the shallower of edge path (Eq. 51) and floor. Its geometry comes as ``path``
+The path is that of models/path/defect.py: the shallower of edge path (Eq. 51) and floor. Its geometry comes as ``path``
 (7, L), see the D_ constants, and ``profiles`` (p, pieces, 4): cubic pieces of the rough floors that the lanes name,
 highest power first, each once around the race.
 """

@@ -1,8 +1,8 @@
-"""Kernels that follow the path of the balls over a defect: its kinks and its tables (see models.defect for the rule).
+"""Kernels of the path of the balls over a defect: its kinks and its tables (rule: models.path.defect).
 
 ``path`` (float64) describes the defect by the D_ constants. ``profile`` (4, pieces) holds the cubic pieces of a rough
-floor, highest power first; it has no pieces where the floor is smooth. ``models.defect.BallPath`` says the same slowly
-and is what these kernels are tested against.
+floor, highest power first; it has no pieces where the floor is smooth. ``models.path.defect.BallPath`` is the slow
+oracle of these kernels.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ NUDGE = 1e-9
 
 @kernel
 def edge(delta: float, r_o: float, r_b: float, reach: float) -> tuple[float, float]:
-    """Return depth, m, and slope, m/rad, of the path ``delta`` rad beyond an edge (models.defect.edge_path)."""
+    """Return depth, m, and slope, m/rad, of the path ``delta`` rad beyond an edge (models.path.defect.edge_path)."""
     clamped = min(max(delta, 0.0), reach)
     sine = math.sin(clamped)
     cosine = math.sqrt(1.0 - sine * sine)
@@ -126,7 +126,7 @@ def _switches(path: NDArray[np.float64], profile: NDArray[np.float64], side: flo
 
 @kernel
 def path_kinks(path: NDArray[np.float64], profile: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the angles at which the path is not smooth, rad, in no order (models.defect.BallPath.kinks)."""
+    """Return the angles at which the path is not smooth, rad, in no order (models.path.defect.BallPath.kinks)."""
     half, position = path[D_HALF], path[D_POSITION]
     kinks = np.empty(2 * SCAN_POINTS + 5)
     kinks[0], kinks[1] = position - half, position + half

@@ -4,7 +4,7 @@ Arguments of ``settle_row``:
 
 - ``paths`` (defects, DEFECT): one defect a row, and ``profile`` their floor: see models.kernels.path;
 - ``felt`` (defects,), bool: which of them a ball can feel at all;
-- ``positions`` to ``linear``: see models.kernels.tables.set_up;
+- ``positions`` to ``linear``: see models.kernels.period_setup.set_up;
 - ``parameter`` to ``cap``: see models.kernels.orbit.settle;
 - ``low``, ``high``: first and last line of the band of the RMS; ``high`` less than ``low`` means the full bandwidth;
 - ``out`` (defects, RESULT + harmonics), written, m/s2: see the R_ constants; amplitudes of the first lines follow.
@@ -20,7 +20,7 @@ import numpy as np
 from models.kernels.jit import kernel
 from models.kernels.lines import lines
 from models.kernels.orbit import settle
-from models.kernels.tables import set_up
+from models.kernels.period_setup import set_up
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -21,7 +21,7 @@ Arguments, float64 and C-contiguous unless said, S slots, I intervals between ev
 - ``turns``, int64 (I): how many pitches the cage had turned.
 - ``first``, int64 (I + 1), ``slot``, ``piece``, int64, and ``offset`` (records): the records of interval i are
   first[i] to first[i + 1]; ball in ``slot`` on ``piece`` at the path coordinate offset + rate * t.
-- ``origin``, ``inverse_width``, ``cells_first`` (int64), ``cells``: the pieces, see ``models.contour.Pieces``.
+- ``origin``, ``inverse_width``, ``cells_first`` (int64), ``cells``: the pieces, see ``models.path.contour.Pieces``.
 - ``waves`` (W, 4): amplitude, m, rate of the phase in a slot, rad/s, its change by one turn, rad, and phase, rad.
 - ``crests`` (W, 2, S): cosine and sine of order times the slots' angles.
 - ``push`` (3): amplitude, N, angular speed, rad/s, and phase of a force that turns with the shaft.

@@ -25,7 +25,7 @@ from models.published.catalogue import published_figures
 from models.published.figure import Figure
 from models.scene import Defect, Rig
 from monitor.commands.common import InputError, config_option, emit, output_options, read_machine
-from monitor.config import Config
+from monitor.config.load import Config
 
 LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Multiples of the load at which the radial stiffness is printed."""

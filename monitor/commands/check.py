@@ -11,7 +11,7 @@ import click
 
 from models.bearing import kinematics
 from monitor.commands.common import config_option, emit, output_options, read_config
-from monitor.config import ChannelSection, Config, ConfigError
+from monitor.config.load import ChannelSection, Config, ConfigError
 
 
 @click.command("check")

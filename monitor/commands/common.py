@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import click
 
-from monitor.config import Config, ConfigError, load_config, validate
+from monitor.config.load import Config, ConfigError, load_config, validate
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -20,11 +20,11 @@ from monitor.commands.common import (
     say,
 )
 from monitor.commands.replay import summary_lines
-from monitor.config import Config, validate
+from monitor.config.load import Config, validate
 
 if TYPE_CHECKING:
-    from models.rms_map import RmsMap
-    from monitor.health.library_model import Library
+    from models.maps.file import RmsMap
+    from monitor.health.damage.library.model import Library
 
 _RMS_BAND = (0.0, 9500.0)
 """The low-pass of the thesis (section 2.3.1)."""
@@ -141,8 +141,8 @@ def command(out: Path, seed: int, method: str, as_json: bool, quiet: bool) -> No
 
 def demo_map(*, quiet: bool) -> RmsMap:
     """Return the RMS map of the demo, built on first use."""
-    from models.map_data import MapPlan
-    from models.rms_map import cached_map, default_map_path
+    from models.maps.data import MapPlan
+    from models.maps.file import cached_map, default_map_path
 
     plan = MapPlan(
         load=(4000.0,),
@@ -158,7 +158,7 @@ def demo_map(*, quiet: bool) -> RmsMap:
 
 def demo_library(config: Config, *, quiet: bool) -> Library:
     """Return the library of the demo, built on first use: lives at its load and speed, of rigs like its own."""
-    from models.population import Population
+    from models.lives.population import Population
     from monitor.service.library_cache import cached_library, library_path
 
     tested = next(channel for channel in config.channel if channel.name == _TESTED)

@@ -13,9 +13,10 @@ import click
 from monitor.commands.common import InputError, duration_words, emit, output_options
 from monitor.commands.histories import check_out, is_records, number, read_readings, read_volumes, write_out
 from monitor.commands.track import attributes_of, library_settings, prior_of
-from monitor.health import damage, forecast
-from monitor.health.library import LibraryInput, LibraryState
-from monitor.health.library import step as ask_library
+from monitor.health.damage import tracker as damage
+from monitor.health.damage.library.forecaster import LibraryInput, LibraryState
+from monitor.health.damage.library.forecaster import step as ask_library
+from monitor.health.damage.thesis import forecast
 
 Issued = list[tuple[damage.Remaining, ...]]
 

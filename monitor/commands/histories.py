@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from monitor.commands.common import InputError
-from monitor.commands.tables import read_columns, write_rows, write_whole
-from monitor.health.damage import Reading
+from monitor.commands.csv_files import read_columns, write_rows, write_whole
+from monitor.health.damage.tracker import Reading
 from streams.block import STANDARD_GRAVITY
 
 HARMONICS = tuple(f"harmonic_{k}_g" for k in range(1, 7))

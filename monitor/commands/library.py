@@ -11,12 +11,12 @@ from typing import Any
 
 import click
 
-from models.lives import Population
+from models.lives.life import Population
 from monitor.commands.bearing import find_bearing
 from monitor.commands.common import InputError, config_option, counter, emit, output_options, read_machine, say
-from monitor.config import Config
-from monitor.health.library_calibrate import RecordedRun, calibrate
-from monitor.health.library_model import Library
+from monitor.config.load import Config
+from monitor.health.damage.library.calibrate import RecordedRun, calibrate
+from monitor.health.damage.library.model import Library
 from monitor.records.library_file import save_library
 from monitor.service.library_build import build_library
 

@@ -12,9 +12,9 @@ from typing import Any
 import click
 import numpy as np
 
-from models.map_data import STATUSES, MapPlan
-from models.map_refine import MOST_NODES, build_refined_map
-from models.rms_map import RmsMap, build_map, check_map, load_map, save_map
+from models.maps.data import STATUSES, MapPlan
+from models.maps.file import RmsMap, build_map, check_map, load_map, save_map
+from models.maps.refine import MOST_NODES, build_refined_map
 from models.scene import Floor, Slip
 from monitor.commands.bearing import find_bearing
 from monitor.commands.common import (
@@ -230,8 +230,8 @@ def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
     """Draw a map: its levels, cuts through them, and how far to trust them; as a picture or a page."""
     check_ending("--out", out)
     rms_map = load_map(path)
+    from monitor.report.figures.rms_map import draw_map
     from monitor.report.map_facts import span_of
-    from monitor.report.map_figure import draw_map
 
     try:
         draw_map(rms_map, out)

@@ -12,7 +12,7 @@ import click
 from monitor.commands.common import InputError, counter, duration_words, emit, output_options, say
 
 if TYPE_CHECKING:
-    from monitor.report.batch import Outcome
+    from monitor.commands.batch import Outcome
     from monitor.report.options import Options
     from monitor.service.replay import Replay
 
@@ -115,7 +115,7 @@ def _batch(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    from monitor.report.batch import find_items, run_batch
+    from monitor.commands.batch import find_items, run_batch
 
     began = time.perf_counter()
     items = find_items(batch, recordings=config_path is not None, leave_out=out)
@@ -145,7 +145,7 @@ def _batch(
 
 
 def _told(outcome: Outcome, out: Path) -> dict[str, Any]:
-    from monitor.report.comparison import state_of
+    from monitor.report.batch.comparison import state_of
 
     return {
         "name": outcome.item.name,

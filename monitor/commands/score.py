@@ -12,7 +12,7 @@ import click
 from monitor.commands.common import InputError, duration_words, emit, output_options
 
 if TYPE_CHECKING:
-    from monitor.report.score_reading import Issued
+    from monitor.report.score.issued import Issued
 
 _LEAST_OTHERS = 2
 """Other runs whose lifetimes make a population: of a single one, no spread is known."""
@@ -69,8 +69,8 @@ def command(
     Each run is scored by itself, beside naive forecasts that were issued at the same moments; docs/scoring.md says how.
     The end is given, or known to a simulated rig, or taken from the tracked V_eq with --threshold-mm2.
     """
-    from monitor.report import score
-    from monitor.report.score_reading import read_issued
+    from monitor.report.score import runs as score
+    from monitor.report.score.issued import read_issued
 
     ends = _moments("end", records, end_utc, end_s)
     onsets = _moments("onset", records, onset_utc, onset_s)

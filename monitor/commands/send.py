@@ -68,16 +68,16 @@ def command(
     It ends when the receiver has committed all of it. A receiver that is not there, or is restarted, is tried again; it
     says what it has, and the recording goes on from there.
     """
-    from streams.network import NetworkSpec, parse_address
-    from streams.sender import Link, Sender, TcpLink
-    from streams.wire import WireError
+    from streams.link.network import NetworkSpec, parse_address
+    from streams.link.sender import Link, Sender, TcpLink
+    from streams.link.wire import WireError
 
     address = parse_address(url, "--to")
     source = _recording(path, config_path, kind, rate_hz, block_s)
     name = stream or source.name
     link: Link
     if address.scheme == "mqtt":
-        from streams.mqtt import MqttLink
+        from streams.link.mqtt import MqttLink
 
         link = MqttLink(address, NetworkSpec(**files))
     else:

@@ -19,7 +19,7 @@ from monitor.commands.pictures import check_ending
 from streams.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from monitor.report.scene_figure import Heard
+    from monitor.report.figures.scene import Heard
 
 _WAVEFORM_RATE = 51200.0
 
@@ -93,7 +93,7 @@ def _one_period(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
     if options["waveform"] is not None:
         _write_waveform(options["waveform"], response.acceleration(_WAVEFORM_RATE, 1.0, sensor=sensor))
     if options["plot"] is not None:
-        from monitor.report.scene_figure import heard_of
+        from monitor.report.figures.scene import heard_of
 
         _plot(heard_of(response, sensor), options, scene)
     casing = sensor == "mo"
@@ -132,7 +132,7 @@ def _over_time(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
     if options["waveform"] is not None:
         _write_waveform(options["waveform"], response.acceleration[0 if casing else 1])
     if options["plot"] is not None:
-        from monitor.report.scene_figure import fundamental_of, heard_over_time
+        from monitor.report.figures.scene import fundamental_of, heard_over_time
 
         _plot(heard_over_time(response, sensor, fundamental_of(scene)[0]), options, scene)
     bpfo = response.kinematics.bpfo
@@ -176,7 +176,7 @@ def _scene(options: dict[str, Any], bearing: Bearing, rig: Rig, clearance: float
 
 
 def _plot(heard: Heard, options: dict[str, Any], scene: Scene) -> None:
-    from monitor.report.scene_figure import draw_scene
+    from monitor.report.figures.scene import draw_scene
 
     path: Path = options["plot"]
     try:

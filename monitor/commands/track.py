@@ -11,13 +11,14 @@ from typing import Any
 import click
 import numpy as np
 
-from models.rms_map import OutsideMapError, RmsMap, load_map
+from models.maps.file import OutsideMapError, RmsMap, load_map
 from monitor.commands.common import InputError, emit, output_options
 from monitor.commands.histories import check_out, number, read_readings, write_out
-from monitor.health import damage, edv
-from monitor.health.library import LibrarySettings
-from monitor.health.library_model import Library
-from monitor.health.prognosis import rms_from_map, rms_from_model, rms_history
+from monitor.health.damage import tracker as damage
+from monitor.health.damage.library.forecaster import LibrarySettings
+from monitor.health.damage.library.model import Library
+from monitor.health.damage.thesis import edv
+from monitor.health.damage.thesis.prognosis import rms_from_map, rms_from_model, rms_history
 from monitor.records.library_file import load_library
 from monitor.service.setup import filter_settings, map_lookup, spread_lookup
 from streams.block import STANDARD_GRAVITY

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from monitor.commands.common import config_option, emit, output_options, read_config, say
-from monitor.config import Config
+from monitor.config.load import Config
 
 if TYPE_CHECKING:
     from models.warmup import CompiledPart
@@ -77,7 +77,7 @@ def _compile(*, quiet: bool) -> list[CompiledPart]:
 
 def _plan(config: Config) -> int:
     """Plan one transform for each channel whose bands, block length and rate are configured; return how many."""
-    from monitor.health.spectrum import get_transform
+    from monitor.health.spectrum.transform import get_transform
 
     sources = {source.name: source for source in config.source}
     planned = 0

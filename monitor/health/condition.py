@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing
-from monitor.health.speed import SpeedStatus, estimate_speed
+from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
 
 SOURCES = ("block", "channel", "estimate", "configured")
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Kinematics
-from monitor.health.features import FAULTS, fundamentals
+from monitor.health.spectrum.features import FAULTS, fundamentals
 
 N_HARMONICS = 5
 SEARCH = 0.02

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.damage import DamageState
+from monitor.health.damage.filter.particle_filter import FilterState
+from monitor.health.damage.library.forecaster import LibraryState
+from monitor.health.damage.tracker import DamageState
 from monitor.health.detect import DetectState
-from monitor.health.filter import FilterState
-from monitor.health.library import LibraryState
-from monitor.health.spectrum import Band
-from monitor.health.votes import BandVotes
+from monitor.health.spectrum.transform import Band
+from monitor.health.spectrum.votes import BandVotes
 
 STATE_VERSION = 2
 

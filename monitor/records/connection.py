@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from monitor.records.tables import StoreError
+from monitor.records.database import StoreError
 
 
 class SharedConnection:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.health.library_model import LINES, FeatureFit, Library, Regression, arrays_of, header_of
+from monitor.health.damage.library.model import LINES, FeatureFit, Library, Regression, arrays_of, header_of
 
 SCHEMA_VERSION = 2
 _KIND = "spallwatch library"

@@ -144,11 +144,15 @@ _TABLE: list[Variable] = [
         ACCELERATION,
         f"""
         envelope_amplitude | A_e,k | amplitude of a line of the envelope spectrum | {_THESIS}, Eqs. 94-96
-        envelope_floor | floor | noise floor of the envelope spectrum under the line | monitor/health/harmonics.py
+        envelope_floor | floor | noise floor of the envelope spectrum under the line | health/spectrum/harmonics.py
         """,
         _LINES,
     ),
-    *_floats("1", "envelope_snr | snr | line over the noise floor under it | monitor/health/harmonics.py", dims=_LINES),
+    *_floats(
+        "1",
+        "envelope_snr | snr | line over the noise floor under it | health/spectrum/harmonics.py",
+        dims=_LINES,
+    ),
     *_floats(
         ACCELERATION,
         f"bpfo_amplitude | A_BPFO,k | amplitude of a BPFO line of the raw spectrum | {_THESIS}, section 4.2.3",

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.records.tables import StoreError
+from monitor.records.database import StoreError
 
 if TYPE_CHECKING:
     from monitor.records.store import Store

@@ -18,13 +18,13 @@ from typing import Any, Literal, Self
 
 from monitor import __version__
 from monitor.records.archive import ARCHIVE_QUERY, Archived, archived_of, insert_forecasts
+from monitor.records.database import UNFIT, Presence, StoreError, UnstorableError, connect, refuse_unsuitable
 from monitor.records.digests import note_block, note_states
 from monitor.records.filing import STORED_QUERY, Filing, Stored, file_record
 from monitor.records.locks import let_go, take_lock
 from monitor.records.packing import pack
 from monitor.records.record import Record
 from monitor.records.spectra import SpectrumChange, write_changes
-from monitor.records.tables import UNFIT, Presence, StoreError, UnstorableError, connect, refuse_unsuitable
 
 __all__ = ["Archived", "Commit", "Filing", "Store", "StoreError", "Stored", "UnstorableError"]
 

@@ -45,7 +45,7 @@ class Place:
 class Told:
     """The places of all ways, on a connection of their own; its methods may be called from any thread.
 
-    All raise :class:`monitor.records.tables.StoreError` where the database cannot be read or written. A write is one
+    All raise :class:`monitor.records.database.StoreError` where the database cannot be read or written. A write is one
     statement, which holds up a commit for no longer than itself and waits for no disk: after a power cut the latest
     messages may be sent once more.
     """

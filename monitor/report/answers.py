@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.report.reading import Channel, Run
+from monitor.report.runs import Channel, Run
 from monitor.report.verdict import Moment, Verdict, interval_name, last_value, named_fault, unscaled
-from monitor.report.wording import (
+from monitor.words.numbers import (
     EDV_REFUSALS,
     TT_REFUSALS,
     Clock,

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from models.map_data import STATUSES, MapPlan
-from models.rms_map import RmsMap
-from monitor.report.wording import count, figure
+from models.maps.data import STATUSES, MapPlan
+from models.maps.file import RmsMap
+from monitor.words.numbers import count, figure
 from streams.block import STANDARD_GRAVITY
 
 

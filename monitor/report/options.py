@@ -9,11 +9,11 @@ from datetime import UTC, tzinfo
 from pathlib import Path
 from typing import Any
 
-from models.map_data import RmsMap
-from models.map_plan import MapError
-from models.rms_map import load_map
-from monitor.report.reading import ReportError
-from monitor.report.wording import time_zone
+from models.maps.data import RmsMap
+from models.maps.file import load_map
+from models.maps.plan import MapError
+from monitor.report.runs import ReportError
+from monitor.words.numbers import time_zone
 
 SECTIONS = {
     "trends": "RMS, fault lines and score over the whole life",

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from typing import TYPE_CHECKING, Any
 
-from monitor.report.reading import ReportError
+from monitor.report.runs import ReportError
 
 if TYPE_CHECKING:
     from weasyprint.document import Document

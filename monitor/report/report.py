@@ -14,18 +14,18 @@ from jinja2 import Environment, FunctionLoader
 from markupsafe import Markup
 
 from monitor import __version__
-from monitor.report.comparison import Comparison, compare
-from monitor.report.comparison_tables import laws, milestones, scores
+from monitor.report.batch.comparison import Comparison, compare
+from monitor.report.batch.comparison_tables import laws, milestones, scores
+from monitor.report.batch.summary import RunSummary, summarise
+from monitor.report.data_quality import without_folders
+from monitor.report.figures.spectrum import SpectrumView
+from monitor.report.figures.zoom import policy_hash, zoom_json, zoom_script, zoom_style
 from monitor.report.options import Options
 from monitor.report.pdf import require_pdf, to_pdf
-from monitor.report.quality import without_folders
-from monitor.report.reading import Records, ReportError, Run, read_runs
 from monitor.report.run_section import RunPart, part_of_run
-from monitor.report.spectrum_figures import SpectrumView
-from monitor.report.summary import RunSummary, summarise
+from monitor.report.runs import Records, ReportError, Run, read_runs
 from monitor.report.tables import Table, write_tables, write_whole
-from monitor.report.wording import Clock
-from monitor.report.zoom import policy_hash, zoom_json, zoom_script, zoom_style
+from monitor.words.numbers import Clock
 
 __all__ = ["Options", "ReportError", "SpectrumView", "build_report", "is_pdf", "render", "report_runs", "write_page"]
 
@@ -49,7 +49,7 @@ def build_report(
     """Write a report of one or several runs.
 
     Args:
-        records: datasets, stores, or paths, see :func:`monitor.report.reading.read_runs`.
+        records: datasets, stores, or paths, see :func:`monitor.report.runs.read_runs`.
         out: the file, HTML or, where its name ends in .pdf, PDF; put in place at once when it is complete.
         title: of the page; by default it names the machines.
         spectra: an envelope spectrum worth drawing, by channel: :class:`SpectrumView` or a tuple of its fields

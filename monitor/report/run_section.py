@@ -9,23 +9,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.report import quality
+from monitor.report import data_quality as quality
 from monitor.report.answers import Answer, answers
-from monitor.report.damage_figures import damaged_volume, fitted_law
-from monitor.report.drawing import Picture
-from monitor.report.forecast_figures import forecasts
+from monitor.report.figures.damage import damaged_volume, fitted_law
+from monitor.report.figures.drawing import Picture
+from monitor.report.figures.forecast import forecasts
+from monitor.report.figures.map_path import map_of, map_path, posterior
+from monitor.report.figures.sparkline import sparkline
+from monitor.report.figures.spectrum import SpectrumView, before_and_after, recorded_lines, spectrum
+from monitor.report.figures.trends import baseline, final_stage, trends
+from monitor.report.figures.waterfall import waterfall
 from monitor.report.options import Options
-from monitor.report.path_figure import map_of, map_path, posterior
-from monitor.report.reading import Channel, Run
 from monitor.report.run_tables import events_table, provenance
-from monitor.report.sparkline import sparkline
-from monitor.report.spectrum_figures import SpectrumView, before_and_after, recorded_lines, spectrum
+from monitor.report.runs import Channel, Run
 from monitor.report.spectrum_views import views_of
 from monitor.report.tables import Table
-from monitor.report.trend_figures import baseline, final_stage, trends
 from monitor.report.verdict import Verdict, interval_name, judge, last_value, named_fault
-from monitor.report.waterfall_figure import waterfall
-from monitor.report.wording import Clock, acceleration, count, duration, figure
+from monitor.words.numbers import Clock, acceleration, count, duration, figure
 
 _WORST = ("bad", "watch", "open", "good")
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from monitor.report.quality import without_folders
-from monitor.report.reading import Run
+from monitor.report.data_quality import without_folders
+from monitor.report.runs import Run
 from monitor.report.tables import Column, Table
-from monitor.report.wording import Clock
-from monitor.service.event_words import event_text
+from monitor.words.events import event_text
+from monitor.words.numbers import Clock
 
 _MOST_EVENTS = 200
 _EVENT_NAMES = {

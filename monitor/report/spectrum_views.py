@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor.records.spectra import SpectrumRow
-from monitor.report.reading import Channel
-from monitor.report.spectrum_figures import SpectrumView
+from monitor.report.figures.spectrum import SpectrumView
+from monitor.report.runs import Channel
 from monitor.report.verdict import Verdict, named_fault
-from monitor.report.wording import Clock
+from monitor.words.numbers import Clock
 from streams.block import STANDARD_GRAVITY
 
 

@@ -15,8 +15,8 @@ import numpy as np
 import xarray as xr
 
 from monitor.records.filesystem import replace_durably
-from monitor.report.reading import ReportError
-from monitor.report.wording import figure
+from monitor.report.runs import ReportError
+from monitor.words.numbers import figure
 
 Cell = float | int | str | bool | None
 

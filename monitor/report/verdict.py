@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from monitor.report.reading import Channel, Run
-from monitor.report.wording import (
+from monitor.report.runs import Channel, Run
+from monitor.words.numbers import (
     BAND_SOURCES,
     Clock,
     acceleration,

@@ -21,9 +21,9 @@ from monitor.health.alarms import (
     limit_of,
     step,
 )
-from monitor.health.pipeline import ChannelOutput
 from monitor.health.quality import Verdict
 from monitor.health.state import ChannelState
+from monitor.health.step import ChannelOutput
 from monitor.records.record import Record
 
 _BAD_FLAGS = {"flat", "clipped", "clock"}

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from monitor.broker_config import BrokerSection
+from monitor.config.broker import BrokerSection
 
 TIMEOUT = 10.0
 """Seconds that a connection may take."""

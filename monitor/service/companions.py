@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
-from monitor.config import Config
+from monitor.config.load import Config
 from monitor.records.store import Store
 from monitor.service.notify.notifier import Notifier
 from monitor.service.page import PageProcess

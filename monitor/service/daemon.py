@@ -9,21 +9,21 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
-from monitor.config import Config
+from monitor.config.load import Config
 from monitor.records.events import EventLog
 from monitor.records.record import Record
-from monitor.records.salvage import open_or_salvage
+from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import StoreError
 from monitor.service.acknowledging import Acknowledgements
 from monitor.service.companions import LAST_PUBLICATION, Companions
 from monitor.service.disk import DiskGuard, free_bytes
-from monitor.service.event_words import event_text
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus
 from monitor.service.silence import SilenceLog
 from monitor.service.status_file import StatusFile
 from monitor.service.summary import run_attributes
 from monitor.service.systemd import Notifier
+from monitor.words.events import event_text
 
 _LOG = logging.getLogger(__name__)
 _STATUS_EVERY = 1.0

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from monitor.config import Config, ConfigError, load_config
-from monitor.web_config import WebSection
+from monitor.config.load import Config, ConfigError, load_config
+from monitor.config.web import WebSection
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Any, Self
 
-from monitor.config import Config, ConfigError
+from monitor.config.load import Config, ConfigError
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.record import Record, storable
 from monitor.records.store import Store, StoreError, UnstorableError

@@ -6,9 +6,9 @@ import json
 import math
 from collections.abc import Callable, Sequence
 
-from models.lives import Population, simulate_lives
-from monitor.health.library_fit import FitSettings, fit_library
-from monitor.health.library_model import Library
+from models.lives.life import Population, simulate_lives
+from monitor.health.damage.library.fit import FitSettings, fit_library
+from monitor.health.damage.library.model import Library
 
 Progress = Callable[[int, int], None]
 
@@ -67,6 +67,6 @@ def prior_words(population: Population, runs: int) -> str:
 
 
 def _extent_deg(population: Population, depth: float) -> float:
-    from models.defect import race_radius
+    from models.path.defect import race_radius
 
     return math.degrees(population.threshold / (race_radius(population.bearing) * depth))

@@ -9,9 +9,11 @@ from pathlib import Path
 
 from platformdirs import user_cache_dir
 
-from models.lives import Population
-from monitor.health import library_fit, library_model, summaries
-from monitor.health.library_model import Library
+from models.lives.life import Population
+from monitor.health.damage.library import fit as library_fit
+from monitor.health.damage.library import model as library_model
+from monitor.health.damage.library import summaries
+from monitor.health.damage.library.model import Library
 from monitor.records.library_file import SCHEMA_VERSION, LibraryError, load_library, save_library
 from monitor.service.library_build import build_library
 

@@ -7,15 +7,15 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from monitor import __version__
-from monitor.config import Config
+from monitor.config.load import Config
 from monitor.health.alarms import machine_state
 from monitor.records.record import Record
 from monitor.records.store import Store
-from monitor.service.event_words import utc_text
 from monitor.service.ingest import Ingest
 from monitor.service.silence import Hearing, Last, patience
 from monitor.service.standing import channel_state
 from monitor.service.summary import channel_summary
+from monitor.words.events import utc_text
 
 
 class MachineStatus:

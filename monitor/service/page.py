@@ -10,15 +10,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from monitor.config.web import WebSection
 from monitor.service.child_process import Child, end_child, hear, start_child
-from monitor.web_config import WebSection
 
 _LOG = logging.getLogger(__name__)
 _FIRST_PAUSE, _LONGEST_PAUSE = 1.0, 60.0
 _SETTLED = 60.0
 _SILENT = 60.0
 _MOST_BYTES = 1 << 16
-_ENTRY = "monitor.service.web.server:child"
+_ENTRY = "monitor.web.server:child"
 
 
 class PageProcess:

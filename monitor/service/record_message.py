@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from monitor.service.event_words import utc_text
-from monitor.service.web.columns import COLUMNS
+from monitor.records.columns import COLUMNS
+from monitor.words.events import utc_text
 
 _WORDS = ("stage", "fault", "edv_status", "tt_status", "t_fs_block", "t_fs_known_block", "t_eol_block")
 

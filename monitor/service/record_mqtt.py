@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from monitor.config import Config
-from monitor.publish_config import RecordMqttSection
+from monitor.config.load import Config
+from monitor.config.publish import RecordMqttSection
 from monitor.records.connection import SharedConnection
+from monitor.records.database import StoreError
 from monitor.records.filesystem import replace_durably
 from monitor.records.packing import unpack
-from monitor.records.tables import StoreError
 from monitor.service.broker import BrokerError, BrokerLink
 from monitor.service.notify.channels import NotifyError, read_secret
 from monitor.service.record_message import Row, channel_message, state_message

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from monitor.health.features import FAULTS, BlockFeatures
-from monitor.health.pipeline import ChannelOutput
+from monitor.health.spectrum.features import FAULTS, BlockFeatures
 from monitor.health.state import ChannelState
+from monitor.health.step import ChannelOutput
 from monitor.records.record import Record, plain
 from streams.block import Block, Rejected
 

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import kinematics
-from models.rms_map import RmsMap
-from monitor.config import Config, ConfigError
-from monitor.health.bands import find_band
-from monitor.health.features import fundamentals
-from monitor.health.library_model import Library
+from models.maps.file import RmsMap
+from monitor.config.load import Config, ConfigError
+from monitor.health.damage.library.model import Library
 from monitor.health.quality import FLAGS, REJECTIONS
-from monitor.health.votes import ENOUGH_VOTES
+from monitor.health.spectrum.bands import find_band
+from monitor.health.spectrum.features import fundamentals
+from monitor.health.spectrum.votes import ENOUGH_VOTES
 from monitor.records.publish import publish
 from monitor.records.record import Record
 from monitor.records.spectra import SpectrumChange

@@ -10,18 +10,18 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from models.bearing import Bearing
-from models.population import Population
-from models.rms_map import MapError, OutsideMapError, RmsMap, load_map
+from models.lives.population import Population
+from models.maps.file import MapError, OutsideMapError, RmsMap, load_map
 from models.scene import Rig
-from monitor.config import ChannelSection, Config, ConfigError, SourceSection
+from monitor.config.load import ChannelSection, Config, ConfigError, SourceSection
 from monitor.health.alarms import AlarmSettings
 from monitor.health.condition import ConditionSettings
-from monitor.health.damage import DamageSettings, MapAt, SpreadAt
-from monitor.health.edv import EdvSettings, EdvStatus, MapSlice
-from monitor.health.filter import FilterSettings
-from monitor.health.library import LibrarySettings
-from monitor.health.library_model import Library
-from monitor.health.pipeline import ChannelSettings
+from monitor.health.damage.filter.particle_filter import FilterSettings
+from monitor.health.damage.library.forecaster import LibrarySettings
+from monitor.health.damage.library.model import Library
+from monitor.health.damage.thesis.edv import EdvSettings, EdvStatus, MapSlice
+from monitor.health.damage.tracker import DamageSettings, MapAt, SpreadAt
+from monitor.health.step import ChannelSettings
 from monitor.health.waterfall import WaterfallSettings
 from monitor.records.library_file import LibraryError, load_library
 from streams.block import STANDARD_GRAVITY

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from monitor.records.tables import StoreError
+from monitor.records.database import StoreError
 
 _NAME = "status.json"
 _LOCK = "daemon.lock"

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from monitor import __version__
-from monitor.config import Config
+from monitor.config.load import Config
 from monitor.health.detect import Mark
 from monitor.service.setup import ChannelSetup
 from monitor.service.watcher import Watcher

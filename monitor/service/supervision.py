@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from monitor.records.tables import StoreError
+from monitor.records.database import StoreError
 
 _NAME = "supervisor.json"
 _LOCK = "supervisor.lock"

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import Protocol
 
-from monitor.records.tables import StoreError
+from monitor.records.database import StoreError
 from monitor.service.companions import LAST_PUBLICATION
 from monitor.service.fleet import Fleet
 from monitor.service.supervised import Supervised

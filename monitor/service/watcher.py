@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.config import ConfigError
+from monitor.config.load import ConfigError
 from monitor.health.condition import Quantity, load_of, speed_of
-from monitor.health.pipeline import BlockInfo, ChannelOutput, judge, step
 from monitor.health.quality import (
     FLAGS,
     OrderState,
@@ -23,6 +22,7 @@ from monitor.health.quality import (
     with_flags,
 )
 from monitor.health.state import ChannelState
+from monitor.health.step import BlockInfo, ChannelOutput, judge, step
 from monitor.records.record import Record
 from monitor.records.spectra import SpectrumChange
 from monitor.service.alarming import Alarming

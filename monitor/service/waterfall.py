@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from models.bearing import Bearing, kinematics
-from monitor.health.features import BlockFeatures, fundamentals
-from monitor.health.pipeline import ChannelOutput
+from monitor.health.spectrum.features import BlockFeatures, fundamentals
 from monitor.health.state import ChannelState
+from monitor.health.step import ChannelOutput
 from monitor.health.waterfall import WaterfallSettings, WaterfallState, step
 from monitor.records.spectra import SpectrumChange, SpectrumRow
 from streams.block import Block

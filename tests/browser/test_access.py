@@ -12,7 +12,7 @@ from tests.browser.conftest import Visitor
 from tests.browser.machine import Served
 
 VIEWS = ("#/", "#/channel/pump/x0", "#/channel/pump/x1", "#/events", "#/files")
-STATIC = Path(__file__).parents[2] / "monitor" / "service" / "web" / "static"
+STATIC = Path(__file__).parents[2] / "monitor" / "web" / "static"
 
 NAMELESS = """
 () => [...document.querySelectorAll(

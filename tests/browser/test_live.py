@@ -115,7 +115,7 @@ def ended(tmp_path: Path) -> Iterator[str]:
     served.start()
     served.put(16)
     served.stop()
-    command = [sys.executable, "-m", "monitor.service.web.server", str(served.config), "--port", "0"]
+    command = [sys.executable, "-m", "monitor.web.server", str(served.config), "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
         assert process.stdout is not None
         yield process.stdout.readline().strip()

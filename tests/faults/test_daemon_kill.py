@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import xarray as xr
 
-from monitor.config import load_config
+from monitor.config.load import load_config
 from monitor.records.ledger import StoreLedger
 from monitor.records.record import Record
 from monitor.records.store import Store
@@ -160,7 +160,7 @@ import sys, threading
 for name in ("numba", "dask", "pymoo", "matplotlib", "xarray", "netCDF4"):
     sys.modules[name] = None
 from pathlib import Path
-from monitor.config import load_config
+from monitor.config.load import load_config
 from monitor.service.daemon import Daemon
 stop = threading.Event()
 class Stopping(Daemon):

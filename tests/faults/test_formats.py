@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from monitor.config import Config, validate
+from monitor.config.load import Config, validate
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.replay import replay

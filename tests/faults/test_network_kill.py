@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor.config import Config, validate
+from monitor.config.load import Config, validate
 from monitor.records.store import Store
 from streams.block import Block
-from streams.mqtt import MqttLink
-from streams.network import parse_address
+from streams.link.mqtt import MqttLink
+from streams.link.network import parse_address
+from streams.link.sender import Link, Sender, TcpLink
 from streams.reblock import samples_hash
-from streams.sender import Link, Sender, TcpLink
 from tests.broker import Broker
 from tests.effort import effort_count
 from tests.proxy import Proxy
@@ -45,7 +45,7 @@ with Store.open(Path(sys.argv[2]), machine="m") as store, Ingest.open(config(sys
 _SENDER = """
 import sys
 from tests.faults.test_network_kill import Made, link
-from streams.sender import Sender
+from streams.link.sender import Sender
 
 print("open", flush=True)
 Sender(Made(), link(sys.argv[1]), pace=4.0, stall=2.0, patience=1e9).run()

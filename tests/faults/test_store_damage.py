@@ -10,14 +10,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from monitor.records import salvage
 from monitor.records.events import EventLog
-from monitor.records.leaf_pages import leaf_rows
 from monitor.records.ledger import StoreLedger
 from monitor.records.packing import pack
 from monitor.records.publish import publish
 from monitor.records.record import Record
-from monitor.records.salvage import SalvageReport, open_or_salvage
+from monitor.records.recover import salvage
+from monitor.records.recover.leaf_pages import leaf_rows
+from monitor.records.recover.salvage import SalvageReport, open_or_salvage
 from monitor.records.store import Store, StoreError
 from streams.ledger import FileProgress
 from tests.effort import effort_count

@@ -14,7 +14,7 @@ import pytest
 
 from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
-from monitor.service.web.reading import StoreReader
+from monitor.web.reading import StoreReader
 from tests.faults.daemons import ROOT
 
 _COUNT = "SELECT count(*) FROM blocks"

@@ -26,8 +26,8 @@ import pytest
 from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
 from streams.block import Block
-from streams.network import parse_address
-from streams.sender import Sender, TcpLink
+from streams.link.network import parse_address
+from streams.link.sender import Sender, TcpLink
 from tests.effort import effort_count
 from tests.faults.daemons import free_port, start, status, tcp_machine_text, wait_for
 from tests.faults.test_daemon_kill import published_blocks

@@ -10,9 +10,9 @@ import pytest
 from scipy.linalg import expm
 
 from models.bearing import from_catalogue
-from models.defect import ball_path
 from models.dynamics.lanes import LaneOptions, simulate_lanes
 from models.dynamics.six_dof import prepare
+from models.path.defect import ball_path
 from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
 from tests.effort import effort_count

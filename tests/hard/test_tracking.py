@@ -12,13 +12,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models import map_data
-from monitor.health.damage import Damage, DamageSettings, DamageState, Reading, Remaining, Stage, TrackMethod, step
-from monitor.health.edv import EdvStatus, MapSlice
-from monitor.health.filter import FilterSettings
-from monitor.health.library import LibrarySettings
-from monitor.health.library_fit import fit_library
-from monitor.health.library_model import Library
+from models.maps import data as map_data
+from monitor.health.damage.filter.particle_filter import FilterSettings
+from monitor.health.damage.library.fit import fit_library
+from monitor.health.damage.library.forecaster import LibrarySettings
+from monitor.health.damage.library.model import Library
+from monitor.health.damage.thesis.edv import EdvStatus, MapSlice
+from monitor.health.damage.tracker import (
+    Damage,
+    DamageSettings,
+    DamageState,
+    Reading,
+    Remaining,
+    Stage,
+    TrackMethod,
+    step,
+)
 from monitor.records.schema import EDV_STATUSES, TT_STATUSES
 from tests.effort import effort_count
 from tests.oracles.toy_lives import INTERVAL, RADIUS, THRESHOLD, toy_lives

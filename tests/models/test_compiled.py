@@ -11,15 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.bearing import from_catalogue
-from models.defect import BallPath, ball_path
 from models.dynamics.orbit import SCALE, PeriodMap, find_orbit
 from models.dynamics.rows import simulate_row
 from models.dynamics.six_dof import GRADES, BallPeriod, defect_arrays, prepare, steps_for
 from models.hertz import element_angles, static_equilibrium
 from models.kernels.orbit import DEPTH, anderson
 from models.kernels.path import NUDGE, edge, floor_at, path_kinks, touch_angle
+from models.kernels.period_setup import arc_distance
 from models.kernels.six_dof import P_U_1, P_U_2
-from models.kernels.tables import arc_distance
+from models.path.defect import BallPath, ball_path
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate, steering
 from tests.effort import effort_count

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from models.bearing import from_catalogue
-from models.defect import BallPath, ball_path, edge_path, floor_angle, profile_cutoff, race_profile
+from models.path.defect import BallPath, ball_path, edge_path, floor_angle, profile_cutoff, race_profile
 from models.scene import Defect, Floor
 from tests.oracles import six_dof_oracle as oracle
 

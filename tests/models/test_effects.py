@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from models.bearing import from_catalogue
-from models.contour import part_paths
 from models.dynamics.time_domain import TimeResponse, simulate_time
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
+from models.path.contour import part_paths
 from models.scene import Defect, Part, Scene, Slip, Waviness
 from monitor.health.naming import bins_needed, name_fault
-from monitor.health.spectrum import get_transform
+from monitor.health.spectrum.transform import get_transform
 from tests.effort import effort_count
 from tests.oracles.time_domain_oracle import Case, Oracle, edge_depth
 

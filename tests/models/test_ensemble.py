@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from models.dynamics.lanes import simulate_lanes
-from models.ensemble import ensemble_nodes, ensemble_options, ensemble_rms, step_error
-from models.map_build import build_map, solver_of
-from models.map_data import STATUSES, MapError, MapPlan
-from models.map_nodes import scene_at
-from models.rms_map import load_map, save_map
+from models.maps.build import build_map, solver_of
+from models.maps.data import STATUSES, MapError, MapPlan
+from models.maps.ensemble import ensemble_nodes, ensemble_options, ensemble_rms, step_error
+from models.maps.file import load_map, save_map
+from models.maps.nodes import scene_at
 from models.scene import Floor, Slip
 from models.simulate import simulate
 

@@ -15,10 +15,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.defect import ball_path
 from models.dynamics.lane_group import Group, Workspace, block_steps, grid_of
 from models.dynamics.lanes import LANES, PERIODS, STATUSES, LaneOptions, LaneRunner, simulate_lanes
 from models.kernels.lanes import advance
+from models.path.defect import ball_path
 from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
 from tests.effort import effort_count

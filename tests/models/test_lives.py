@@ -13,14 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from models.bearing import kinematics
-from models.defect import race_radius
 from models.dynamics.time_domain import simulate_time
-from models.life_laws import LAWS, PATH_STEP, GrowthPath, draw_law, grow
-from models.lives import LifeHistory, LifePlan, Population, draw_life, simulate_life, simulate_lives
-from models.population import Range
+from models.lives.laws import LAWS, PATH_STEP, GrowthPath, draw_law, grow
+from models.lives.life import LifeHistory, LifePlan, Population, draw_life, simulate_life, simulate_lives
+from models.lives.population import Range
+from models.path.defect import race_radius
 from models.scene import Scene, Slip
 from models.simulate import simulate
-from monitor.health.features import FeatureSettings, block_features, fundamentals
+from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from tests.effort import effort_count
 
 THRESHOLD = 0.05e-6
@@ -287,7 +287,7 @@ def test_a_depth_follows_its_share_of_the_volume() -> None:
 
 def test_a_population_loads_no_kernels() -> None:
     code = (
-        "import sys; from models.lives import Population, draw_life; draw_life(Population(), 1); "
+        "import sys; from models.lives.life import Population, draw_life; draw_life(Population(), 1); "
         "assert 'numba' not in sys.modules and 'xarray' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models.map_build import build_map
-from models.map_data import MapPlan, MapSlice, OutsideMapError, RmsMap
+from models.maps.build import build_map
+from models.maps.data import MapPlan, MapSlice, OutsideMapError, RmsMap
 
 PLAN = MapPlan(
     load=(3000.0, 5000.0),

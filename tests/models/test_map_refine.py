@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.map_check import interpolation_errors
-from models.map_data import MapError, MapPlan
-from models.map_refine import _refined, build_refined_map, refine_plan
+from models.maps.check import interpolation_errors
+from models.maps.data import MapError, MapPlan
+from models.maps.refine import _refined, build_refined_map, refine_plan
 from models.scene import Slip
 
 PLAN = MapPlan(

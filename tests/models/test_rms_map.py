@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 from netCDF4 import Dataset
 
-from models.map_check import rms_and_most
-from models.map_data import HARMONICS, STATUSES
-from models.map_nodes import MAP_ACCURACY, scene_at
-from models.map_rig import drawn_rig
-from models.rms_map import (
+from models.maps.check import rms_and_most
+from models.maps.data import HARMONICS, STATUSES
+from models.maps.file import (
     MapError,
     MapPlan,
     RmsMap,
@@ -27,6 +25,8 @@ from models.rms_map import (
     load_map,
     save_map,
 )
+from models.maps.nodes import MAP_ACCURACY, scene_at
+from models.maps.rig_spread import drawn_rig
 from models.scene import Floor, Slip
 from models.simulate import simulate
 
@@ -331,7 +331,7 @@ def test_errors_are_summed_up_or_there_are_none() -> None:
 def test_reading_a_map_needs_no_compiler(tmp_path: Path) -> None:
     save_map(built(), tmp_path / "map.nc")
     code = (
-        "import sys; from models.rms_map import load_map;"
+        "import sys; from models.maps.file import load_map;"
         f"m = load_map({str(tmp_path / 'map.nc')!r}); m.slice_at(4000.0, 40.0).interpolate(0.1, 1e-5);"
         "sys.exit('numba' in sys.modules)"
     )

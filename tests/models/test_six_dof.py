@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from models.bearing import from_catalogue
-from models.defect import ball_path, race_profile
 from models.dynamics.six_dof import prepare
 from models.kernels import six_dof as kernels
 from models.kernels.path import NUDGE
-from models.kernels.tables import add_quadrature, oscillator
+from models.kernels.period_setup import add_quadrature, oscillator
+from models.path.defect import ball_path, race_profile
 from models.scene import Defect, Floor, Rig, Scene
 from models.simulate import simulate
 from tests.effort import effort_count

@@ -29,8 +29,8 @@ for name in PARTS:
 warm = types()
 from models.dynamics.lanes import LaneOptions, simulate_lanes
 from models.dynamics.time_domain import simulate_time
-from models.map_build import build_map
-from models.map_data import MapPlan
+from models.maps.build import build_map
+from models.maps.data import MapPlan
 from models.scene import Defect, Floor, Scene, Slip, Waviness
 from models.simulate import simulate
 

@@ -9,7 +9,7 @@ import numpy as np
 
 
 def summarise_slowly(times: np.ndarray, values: np.ndarray, interval: float) -> np.ndarray:
-    """What ``monitor.health.summaries.summarise`` should give; exact as long as the history is not thinned."""
+    """What ``summaries.summarise`` should give; exact as long as the history is not thinned."""
     time = [(float(t) - float(times[0])) / interval for t in times]
     columns = [_channel(time, [float(v) for v in column]) for column in values.T]
     found = [math.log(time[-1] + 6.0)]

@@ -16,7 +16,7 @@ from benchmarks.gallery_lives import LENGTHS, MINUTE, TESTS, V_END, V_TH, printe
 from benchmarks.gallery_plate import MOST_BYTES, Plate, number, plain, save_plate, words
 from benchmarks.gallery_seeded import likeness
 from models.bearing import from_catalogue
-from models.defect import race_radius
+from models.path.defect import race_radius
 from tests.effort import effort_count
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "gallery"

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from monitor.health.edv import EdvSettings, EdvState, EdvStatus, MapSlice
-from monitor.health.edv import step as track
-from monitor.health.forecast import ForecastState, QuadraticFit, TtStatus, step
+from monitor.health.damage.thesis.edv import EdvSettings, EdvState, EdvStatus, MapSlice
+from monitor.health.damage.thesis.edv import step as track
+from monitor.health.damage.thesis.forecast import ForecastState, QuadraticFit, TtStatus, step
 
 MM2, MINUTE = 1e-6, 60.0
 TABLE_22 = {

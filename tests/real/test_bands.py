@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from models.bearing import Bearing, kinematics
-from monitor.health.bands import candidate_bands, find_band
-from monitor.health.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.spectrum.bands import candidate_bands, find_band
+from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from streams.block import STANDARD_GRAVITY
 
 pytestmark = pytest.mark.real

@@ -12,11 +12,11 @@ import numpy as np
 
 from streams.block import Block, Rejected
 from streams.ledger import MemoryLedger
-from streams.network import NetworkSpec, parse_address
-from streams.sender import TcpLink
+from streams.link.network import NetworkSpec, parse_address
+from streams.link.sender import TcpLink
+from streams.link.tcp import TcpReceiver
+from streams.link.wire import block_frame, encode_frame, hello
 from streams.spec import SourceSpec
-from streams.tcp import TcpReceiver
-from streams.wire import block_frame, encode_frame, hello
 
 URL = "tcp://127.0.0.1:0"
 

@@ -18,12 +18,12 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from streams.block import Rejected
 from streams.ledger import MemoryLedger
+from streams.link.mqtt import COMMITTED, MqttLink, MqttReceiver, make_client
+from streams.link.network import Address, NetworkSpec, parse_address
+from streams.link.sender import Sender, SendError
+from streams.link.wire import ACK, block_frame, encode_frame
 from streams.live import LiveSource
-from streams.mqtt import COMMITTED, MqttLink, MqttReceiver, make_client
-from streams.network import Address, NetworkSpec, parse_address
-from streams.sender import Sender, SendError
 from streams.spec import SourceError, SourceSpec
-from streams.wire import ACK, block_frame, encode_frame
 from tests.broker import Broker
 from tests.committing import committing
 from tests.streams.tcp_peers import Recorded, block

@@ -11,12 +11,12 @@ import pytest
 
 from streams.block import Block, Rejected
 from streams.ledger import MemoryLedger
+from streams.link.network import parse_address
+from streams.link.sender import Sender, SendError, TcpLink
+from streams.link.tcp import TcpReceiver
+from streams.link.wire import Frame, block_frame, encode_frame
 from streams.live import Delivery, LiveSource
-from streams.network import parse_address
-from streams.sender import Sender, SendError, TcpLink
 from streams.spec import ChannelSpec, SourceSpec
-from streams.tcp import TcpReceiver
-from streams.wire import Frame, block_frame, encode_frame
 from tests.committing import committing
 from tests.streams.tcp_peers import URL, Recorded, answer, block, commit, frame, gone, link, raw, receiving
 

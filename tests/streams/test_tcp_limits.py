@@ -10,11 +10,11 @@ from contextlib import suppress
 import pytest
 
 from streams.ledger import MemoryLedger
-from streams.network import NetworkSpec, parse_address
-from streams.sender import Sender
+from streams.link.network import NetworkSpec, parse_address
+from streams.link.sender import Sender
+from streams.link.tcp import TcpReceiver
+from streams.link.wire import HEAD, block_frame, encode_frame, hello
 from streams.spec import SourceError, SourceSpec
-from streams.tcp import TcpReceiver
-from streams.wire import HEAD, block_frame, encode_frame, hello
 from tests.committing import committing
 from tests.streams.tcp_peers import Recorded, answer, block, commit, frame, gone, link, raw, receiving, wait_until
 

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streams.block import Block
-from streams.crc32c import crc32c
-from streams.wire import (
+from streams.link.crc32c import crc32c
+from streams.link.wire import (
     HEAD,
     MAX_FRAME,
     Frame,

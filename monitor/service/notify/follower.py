@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from monitor.alarm_config import NotifySection
+from monitor.config.alarms import NotifySection
+from monitor.records.database import StoreError
 from monitor.records.events import EventLog, LoggedEvent
 from monitor.records.store import Store
-from monitor.records.tables import StoreError
 from monitor.records.told import Place, Told
-from monitor.report.wording import count
-from monitor.service.event_words import badness
 from monitor.service.notify.channels import NotifyError, Way
 from monitor.service.notify.message import MOST_LISTED, Item, Machine, compose
+from monitor.words.events import badness
+from monitor.words.numbers import count
 
 _LOG = logging.getLogger(__name__)
 _LONGEST_PAUSE = 900.0

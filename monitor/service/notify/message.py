@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from monitor.config import Config
+from monitor.config.load import Config
+from monitor.records.columns import COLUMNS
 from monitor.records.events import LoggedEvent
-from monitor.report.wording import duration, fault_words, moment, volume
-from monitor.service.event_words import badness, event_text, local_moment, utc_text
 from monitor.service.notify.channels import Message
 from monitor.service.record_message import first
-from monitor.service.web.columns import COLUMNS
+from monitor.words.events import badness, event_text, local_moment, utc_text
+from monitor.words.numbers import duration, fault_words, moment, volume
 
 MOST_LISTED = 20
 """Events that a message lists; of more it has the worst, and says how many there were."""

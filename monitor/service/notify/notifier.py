@@ -7,9 +7,9 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from monitor.alarm_config import NotifySection
-from monitor.config import Config
-from monitor.records.tables import StoreError
+from monitor.config.alarms import NotifySection
+from monitor.config.load import Config
+from monitor.records.database import StoreError
 from monitor.service.notify.channels import Way
 from monitor.service.notify.follower import Book, Clocks, Follower
 from monitor.service.notify.message import Machine

@@ -1,0 +1,250 @@
+"""Populations of simulated lives: how damage grows, and what a monitor would measure of it, block by block.
+
+A life is one bearing from the onset of its damage to beyond the largest V_eq of interest. Everything that a map does
+not know is drawn anew for each: growth law, depth at the threshold, floor, rig parameters, gains of the sensor against
+the model, load and speed. Each of its blocks is simulated directly at its own extent and depth of the defect; no map
+is read. The measured figures mean what ``monitor.health.spectrum.features`` gives of a sampled block.
+
+A life depends on the population and its number alone, so that lives can be had in any order, by any number of workers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.bearing import kinematics
+from models.lives.laws import GrowthPath, draw_law, grow
+from models.lives.population import Population, Range
+from models.path.defect import race_radius
+from models.response import HARMONICS
+from models.scene import Defect, Floor, Rig, Scene, Slip
+from models.workers import in_threads
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Progress = Callable[[int, int], None]
+
+__all__ = ["LifeHistory", "LifePlan", "Population", "draw_life", "simulate_life", "simulate_lives"]
+
+# Blocks go on for so many times as long as it takes to reach the largest V_eq of interest.
+_BEYOND = 1.35
+
+
+@dataclass(frozen=True, eq=False)
+class LifePlan:
+    """What is drawn for a life before any of its blocks is simulated.
+
+    Attributes:
+        number: number of the life in its population.
+        law: its growth law.
+        path: V_eq over time.
+        rig: its rig.
+        floor: its floor.
+        load: N.
+        speed: Hz.
+        slip: largest slip angle, rad.
+        h_threshold: depth where V_eq is the population's threshold, m.
+        depth_share: share of ln V_eq that ln h_d takes.
+        gain: factor on everything heard of the bearing.
+        harmonic_gain: further factor on each harmonic, shape (6,).
+        background_rms: RMS of what else the sensor picks up, m/s2.
+        background_harmonic: the same at each harmonic, as an amplitude, m/s2.
+    """
+
+    number: int
+    law: str
+    path: GrowthPath
+    rig: Rig
+    floor: Floor
+    load: float
+    speed: float
+    slip: float
+    h_threshold: float
+    depth_share: float
+    gain: float
+    harmonic_gain: NDArray[np.float64]
+    background_rms: float
+    background_harmonic: float
+
+    def defects(self, t: NDArray[np.float64], threshold: float, race: float) -> list[Defect]:
+        """Return the defect at each of some times since the onset.
+
+        Args:
+            t: s, shape (n,).
+            threshold: V_eq at which the depth is ``h_threshold``, m2.
+            race: r_o, radius of the outer race, m.
+        """
+        v_eq = self.path.at(t)
+        h_d = self.h_threshold * (v_eq / threshold) ** self.depth_share
+        return [Defect(float(v / (race * h)), float(h), self.floor) for v, h in zip(v_eq, h_d, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class LifeHistory:
+    """One life as a monitor meets it, and the truth. SI units; n blocks, missing ones are absent.
+
+    Attributes:
+        number: number of the life in its population.
+        law: its growth law.
+        t: time of each block since the onset, s, shape (n,).
+        load: radial load as the monitor knows it, N, shape (n,).
+        speed: shaft speed as the monitor knows it, Hz, shape (n,).
+        rms: measured RMS in the population's band, m/s2, shape (n,).
+        harmonics: measured amplitudes of BPFO harmonics 1..6, m/s2, shape (n, 6); 0 where one is outside the band.
+        v_eq: true volume per width, m2, shape (n,).
+        dphi_d: true extent, rad, shape (n,).
+        h_d: true depth, m, shape (n,).
+        path: true V_eq between the blocks and beyond the last.
+    """
+
+    number: int
+    law: str
+    t: NDArray[np.float64]
+    load: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    rms: NDArray[np.float64]
+    harmonics: NDArray[np.float64]
+    v_eq: NDArray[np.float64]
+    dphi_d: NDArray[np.float64]
+    h_d: NDArray[np.float64]
+    path: GrowthPath
+
+    def crossing(self, threshold: float) -> float:
+        """Return when V_eq first reaches a threshold (m2), s since the onset, between blocks too; infinity if never."""
+        return self.path.crossing(threshold)
+
+
+def _uniform_ln(rng: np.random.Generator, limits: Range) -> float:
+    return math.exp(rng.uniform(math.log(limits[0]), math.log(limits[1])))
+
+
+def draw_life(population: Population, number: int) -> LifePlan:
+    """Return the plan of a life: cheap, for nothing is simulated.
+
+    Args:
+        population: what it is drawn from.
+        number: its number, not negative; the same number is the same life.
+    """
+    rng = np.random.default_rng([population.seed, number, 0])
+    weights = np.array([weight for _, weight in population.laws])
+    law = population.laws[int(rng.choice(weights.size, p=weights / weights.sum()))][0]
+    duration = _uniform_ln(rng, population.durations)
+    v_0 = _uniform_ln(rng, population.v_0)
+    path = grow(
+        draw_law(law, rng, population.threshold / v_0),
+        rng,
+        duration=duration,
+        v_0=v_0,
+        threshold=population.threshold,
+        until=population.until,
+        roughness=population.roughness,
+    )
+    factors = {name: math.exp(sd * rng.standard_normal()) for name, sd in population.rig_spread}
+    return LifePlan(
+        number=number,
+        law=law,
+        path=path,
+        rig=replace(population.rig, **{name: getattr(population.rig, name) * f for name, f in factors.items()}),
+        floor=Floor("rough", sd=float(rng.uniform(*population.floor_sd)), seed=int(rng.integers(1, 2**31))),
+        load=float(rng.uniform(*population.load)),
+        speed=float(rng.uniform(*population.speed)),
+        slip=float(rng.uniform(*population.slip)),
+        h_threshold=_uniform_ln(rng, population.h_threshold),
+        depth_share=float(rng.uniform(*population.depth_share)),
+        gain=math.exp(population.gain_sd * rng.standard_normal()),
+        harmonic_gain=np.exp(population.harmonic_gain_sd * rng.standard_normal(HARMONICS)),
+        background_rms=_uniform_ln(rng, population.background_rms),
+        background_harmonic=_uniform_ln(rng, population.background_harmonic),
+    )
+
+
+def simulate_life(population: Population, number: int) -> LifeHistory:
+    """Return one life of a population.
+
+    Args:
+        population: what it is drawn from.
+        number: its number, not negative.
+
+    Raises:
+        ValueError: if a scene is outside what the model describes; the message names the field.
+    """
+    # Imported here: a population that is only configured must not load the compiled kernels.
+    from models.lives.blocks import settled_levels
+
+    plan = draw_life(population, number)
+    rng = np.random.default_rng([population.seed, number, 1])
+    end = min(_BEYOND * plan.path.crossing(population.until), float(plan.path.t[-1]))
+    count = int(end // population.interval) + 1
+    # All draws are made before any block is left out, so that one setting does not move another's draws.
+    known = 1.0 + np.array([population.load_variation, population.speed_variation]) * rng.uniform(-1.0, 1.0, (count, 2))
+    jitter = 1.0 + np.array([population.load_jitter, population.speed_jitter]) * rng.standard_normal((count, 2))
+    scatter = np.exp(population.scatter * rng.standard_normal((count, 1 + HARMONICS)))
+    there = np.flatnonzero(rng.uniform(size=count) >= population.missing)
+    slip = Slip(plan.slip, seed=plan.floor.seed) if plan.slip > 0.0 else None
+    if slip is not None:
+        jitter[:, 1] = 1.0
+    conditions = np.array([plan.load, plan.speed]) * known[there]
+    t = np.asarray(population.interval * there, dtype=np.float64)
+    healthy = Scene(plan.speed, plan.load, population.bearing, plan.rig, clearance=population.clearance, slip=slip)
+    defects = plan.defects(t, population.threshold, race_radius(population.bearing))
+    scenes = [
+        replace(healthy, load=load, speed=speed, defect=defect)
+        for (load, speed), defect in zip((conditions * jitter[there]).tolist(), defects, strict=True)
+    ]
+    rms, harmonics = settled_levels(scenes, population.rms_band)
+    rms = np.hypot(plan.gain * rms, plan.background_rms) * scatter[there, 0]
+    harmonics = np.hypot(plan.gain * plan.harmonic_gain * harmonics, plan.background_harmonic) * scatter[there, 1:]
+    # A block whose motion does not stay finite is one that nobody recorded.
+    heard = np.isfinite(rms)
+    return LifeHistory(
+        number=number,
+        law=plan.law,
+        t=t[heard],
+        load=conditions[heard, 0],
+        speed=conditions[heard, 1],
+        rms=rms[heard],
+        harmonics=np.where(_shown(population, conditions[heard, 1]), harmonics[heard], 0.0),
+        v_eq=plan.path.at(t[heard]),
+        dphi_d=np.array([d.dphi_d for d in defects])[heard],
+        h_d=np.array([d.h_d for d in defects])[heard],
+        path=plan.path,
+    )
+
+
+def _shown(population: Population, speed: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which harmonics lie in the band of the population, shape (n, 6)."""
+    if population.rms_band is None:
+        return np.ones((speed.size, HARMONICS), dtype=bool)
+    bpfo = kinematics(population.bearing, 1.0).bpfo * speed
+    frequency = bpfo[:, None] * np.arange(1, HARMONICS + 1)
+    return (frequency >= population.rms_band[0]) & (frequency <= population.rms_band[1])
+
+
+def simulate_lives(
+    population: Population,
+    numbers: Sequence[int],
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Iterator[LifeHistory]:
+    """Yield lives of a population in the order of their numbers as given.
+
+    Args:
+        population: what they are drawn from.
+        numbers: their numbers.
+        workers: threads to share them between; 0 means one a core. The lives do not depend on it.
+        progress: called with the lives done and their total.
+
+    Raises:
+        ValueError: if workers is negative, or a scene is outside the model.
+    """
+    lives = in_threads(lambda number: simulate_life(population, number), numbers, workers)
+    for done, life in enumerate(lives, start=1):
+        if progress is not None:
+            progress(done, len(numbers))
+        yield life

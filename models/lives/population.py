@@ -1,0 +1,185 @@
+"""What a population of simulated lives is drawn from (models.lives.life): plain data, with a JSON form and a hash."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from models.bearing import Bearing, from_catalogue
+from models.lives.laws import LAWS
+from models.maps.data import MODEL_VERSION
+from models.scene import Rig
+
+Range = tuple[float, float]
+
+# Raise it whenever the same population would give other lives.
+LIVES_VERSION = 1
+_GRAVITY = 9.80665
+_RIG_SPREAD = (
+    ("m_r", 0.035),
+    ("k_c", 0.035),
+    ("c_i", 0.035),
+    ("c_r", 0.035),
+    ("alpha_c", 0.035),
+    ("beta_c", 0.035),
+    ("k_r", 0.014),
+)
+_RANGES = (
+    "load",
+    "speed",
+    "durations",
+    "v_0",
+    "h_threshold",
+    "depth_share",
+    "floor_sd",
+    "slip",
+    "background_rms",
+    "background_harmonic",
+)
+_SHARES = (
+    "gain_sd",
+    "harmonic_gain_sd",
+    "scatter",
+    "roughness",
+    "load_jitter",
+    "speed_jitter",
+    "load_variation",
+    "speed_variation",
+)
+
+
+@dataclass(frozen=True)
+class Population:
+    """Everything that makes a population of lives, SI units and radians; two equal ones give the same lives.
+
+    Ranges are (lo, hi) and drawn from uniformly, in the logarithm where said. Standard deviations of factors are those
+    of their logarithm.
+
+    Attributes:
+        bearing: the bearing.
+        rig: the nominal lumped parameters around it.
+        rig_spread: (parameter, standard deviation of its factor) of each rig parameter that differs from life to life.
+        clearance: radial clearance, m.
+        load: range of radial loads, N; one load to a life.
+        speed: range of shaft speeds, Hz; one speed to a life.
+        load_variation: known change of the load from block to block: each has a factor of 1 +- this.
+        speed_variation: the same of the speed.
+        load_jitter: standard deviation of the factor on the load of a block of which the monitor does not know.
+        speed_jitter: the same of the speed. (A few tenths of a per cent move the RMS by some per cent.) Blocks of
+            lives with slip are simulated side by side at one speed, without it.
+        laws: (growth law, weight) pairs; see ``models.lives.laws``.
+        durations: range of nominal lives, s, drawn in the logarithm.
+        threshold: V_eq at the end of a nominal life, m2.
+        until: largest V_eq that is of interest, m2: blocks go on to 1.35 times as long as it takes to reach it.
+        v_0: range of V_eq at the onset, m2, drawn in the logarithm.
+        roughness: standard deviation of the factor on the growth within five minutes.
+        h_threshold: range of the depth where V_eq is ``threshold``, m, drawn in the logarithm.
+        depth_share: range of the share of ln V_eq that ln h_d takes; the rest is extent.
+        floor_sd: range of the standard deviation of the rough floor, m.
+        slip: range of the largest slip angle of the balls, rad (a uniform angle for each passage); (0, 0) is none.
+        rms_band: band in which RMS is taken, Hz, or None for the full bandwidth.
+        gain_sd: standard deviation of the factor on everything that a life's sensor hears of the bearing.
+        harmonic_gain_sd: standard deviation of a further factor on each harmonic, constant over a life.
+        scatter: standard deviation of the factor on each figure of each block.
+        background_rms: range of the RMS of what else the sensor picks up, m/s2, drawn in the logarithm, one to a life;
+            it adds as power.
+        background_harmonic: the same at each harmonic, as an amplitude, m/s2.
+        missing: probability that a block is missing.
+        interval: time from block to block, s.
+        seed: of everything that is drawn.
+    """
+
+    bearing: Bearing = field(default_factory=lambda: from_catalogue("1205 ETN9"))
+    rig: Rig = field(default_factory=Rig)
+    rig_spread: tuple[tuple[str, float], ...] = _RIG_SPREAD
+    clearance: float = 0.0
+    load: Range = (3000.0, 5000.0)
+    speed: Range = (20.0, 45.0)
+    load_variation: float = 0.0
+    speed_variation: float = 0.0
+    load_jitter: float = 0.005
+    speed_jitter: float = 0.001
+    laws: tuple[tuple[str, float], ...] = tuple((law, 1.0) for law in LAWS)
+    durations: Range = (150.0 * 60.0, 900.0 * 60.0)
+    threshold: float = 0.05e-6
+    until: float = 0.05e-6
+    v_0: Range = (0.0008e-6, 0.006e-6)
+    roughness: float = 0.5
+    h_threshold: Range = (4e-6, 20e-6)
+    depth_share: Range = (0.2, 0.7)
+    floor_sd: Range = (0.4e-6, 1.4e-6)
+    slip: Range = (0.0, 0.0)
+    rms_band: Range | None = (0.0, 9500.0)
+    gain_sd: float = 0.12
+    harmonic_gain_sd: float = 0.15
+    scatter: float = 0.02
+    background_rms: Range = (0.04 * _GRAVITY, 0.06 * _GRAVITY)
+    background_harmonic: Range = (0.002 * _GRAVITY, 0.02 * _GRAVITY)
+    missing: float = 0.03
+    interval: float = 300.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no population.
+
+        Raises:
+            ValueError: naming the field, what it is and what is expected.
+        """
+        for name in _RANGES:
+            low, high = getattr(self, name)
+            if not (
+                math.isfinite(high) and low <= high and (low > 0.0 or (name in ("slip", "floor_sd") and low == 0.0))
+            ):
+                raise ValueError(f"population {name} needs a finite range 0 < lo <= hi, got {(low, high)!r}")
+        for name in _SHARES:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ValueError(f"population {name} must be finite and not negative, got {value!r}")
+        if not self.v_0[1] < self.threshold <= self.until < math.inf:
+            raise ValueError(
+                f"population needs v_0 < threshold <= until, got {self.v_0!r}, {self.threshold!r} and {self.until!r}"
+            )
+        if not self.laws or any(law not in LAWS or not weight > 0.0 for law, weight in self.laws):
+            raise ValueError(f"population laws need names of {', '.join(LAWS)} and weights above 0, got {self.laws!r}")
+        unknown = {name for name, _ in self.rig_spread} - set(vars(self.rig)) | {"calibrated"} & set(
+            dict(self.rig_spread)
+        )
+        if unknown:
+            raise ValueError(f"population rig_spread names {', '.join(sorted(unknown))}, which is no rig parameter")
+        if not (0.0 <= self.missing < 1.0 and self.interval > 0.0 and self.depth_share[1] <= 1.0):
+            raise ValueError(
+                "population needs 0 <= missing < 1, interval > 0 and depth_share <= 1, got "
+                f"{self.missing!r}, {self.interval!r} and {self.depth_share!r}"
+            )
+        if self.slip[1] > 0.0 and self.speed_variation > 0.0:
+            raise ValueError("population: lives with slip have one speed each, speed_variation must be 0")
+
+    def as_json(self) -> str:
+        """Return the population as canonical JSON; ``from_json`` reads it back exactly."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+    @classmethod
+    def from_json(cls, text: str) -> Population:
+        """Return the population that ``as_json`` wrote.
+
+        Raises:
+            ValueError: if it is not one; the message says what is wrong.
+        """
+        try:
+            data: dict[str, Any] = json.loads(text)
+            data |= {"bearing": Bearing(**data["bearing"]), "rig": Rig(**data["rig"])}
+            for name in _RANGES:
+                data[name] = tuple(data[name])
+            for name in ("laws", "rig_spread"):
+                data[name] = tuple((key, value) for key, value in data[name])
+            data["rms_band"] = None if data["rms_band"] is None else tuple(data["rms_band"])
+            return cls(**data)
+        except (TypeError, KeyError, json.JSONDecodeError) as error:
+            raise ValueError(f"the parameters of the population are not those of this version: {error}") from error
+
+    def hash(self) -> str:
+        """Return a hash of the population, the model and the way of drawing: equal hashes, equal lives."""
+        return hashlib.sha256(f"{MODEL_VERSION} {LIVES_VERSION} {self.as_json()}".encode()).hexdigest()

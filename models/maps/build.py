@@ -1,0 +1,206 @@
+"""Building RMS maps. The simulation, and numba with it, is imported only when points are computed."""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from itertools import product
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+import numpy as np
+
+from models.maps.check import condition_errors, interpolation_errors, rms_and_most, step_error
+from models.maps.data import RmsMap
+from models.maps.nodes import MAP_ACCURACY, Nodes, Progress, scene_at, simulate_node_row
+from models.maps.plan import HARMONICS, MODEL_VERSION, SCHEMA_VERSION, MapPlan
+from models.maps.rig_spread import rig_rows, rig_scenes
+from models.workers import in_threads
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Solver = Literal["rows", "lanes"]
+_T = TypeVar("_T")
+_R = TypeVar("_R")
+
+# Random points at which a build measures the error between its nodes; of maps of many floors fewer, for each point is
+# simulated on all of them.
+_POINTS = 200
+_POINTS_OF_FLOORS = 40
+_POINT_SEED = 1205
+# A node's share: everything that it contributes to the map, one row of numbers.
+_COLUMNS = 5 + 2 * HARMONICS
+
+
+def solver_of(plan: MapPlan) -> Solver:
+    """Return which solver a plan's floors are simulated with: rows that settle, or where balls slip lanes in time.
+
+    Without slip the lanes are neither quicker nor more accurate a scene (benchmarks/ensemble.py).
+    """
+    return "lanes" if plan.slip is not None and plan.slip.phi_slip > 0.0 else "rows"
+
+
+def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = None) -> RmsMap:
+    """Return the map of a plan.
+
+    Floors are solved row by row, scenes with slip by the lane kernels (``models.maps.ensemble``).
+
+    Args:
+        plan: what to build.
+        workers: threads (rows) or processes (lanes) to share the scenes between; 0 means one a core. The result does
+            not depend on it.
+        progress: called with the scenes done and their total, from this process.
+
+    Raises:
+        ValueError: if the plan is outside what the model describes; the message names the field.
+    """
+    floors = int(np.prod(plan.shape)) * plan.floors
+    total = floors + int(np.prod(plan.shape)) * rig_scenes(plan)
+
+    def note(done: int, _total: int) -> None:
+        if progress is not None:
+            progress(done, total)
+
+    if solver_of(plan) == "rows":
+        nodes = _row_nodes(plan, workers, note)
+    else:
+        from models.maps.ensemble import ensemble_nodes
+
+        nodes = ensemble_nodes(plan, workers=workers, progress=note)
+    rms_rig, harmonic_rig = _rig_nodes(plan, workers, lambda done, _total: note(floors + done, total))
+    built = RmsMap(
+        load=np.array(plan.load),
+        speed=np.array(plan.speed),
+        h_d=np.array(plan.h_d),
+        dphi_d=np.array(plan.dphi_d),
+        rms=nodes.rms,
+        rms_std=nodes.rms_std,
+        rms_se=nodes.rms_se,
+        rms_error=nodes.rms_error,
+        harmonic_amplitude=nodes.harmonic_amplitude,
+        harmonic_std=nodes.harmonic_std,
+        harmonic_se=nodes.harmonic_se,
+        harmonic_error=nodes.harmonic_error,
+        rms_rig_std=rms_rig,
+        harmonic_rig_std=harmonic_rig,
+        status=nodes.status,
+        attributes=map_attributes(plan) | {"solver": nodes.solver},
+    )
+    _measure(built, workers)
+    return built
+
+
+def _measure(built: RmsMap, workers: int) -> None:
+    """Add to the attributes how wrong a map is between its nodes, and between loads and speeds if it has several."""
+    points = _POINTS if built.plan.floors == 1 else _POINTS_OF_FLOORS
+    measures = {"interpolation": interpolation_errors}
+    if len(built.load) > 1 or len(built.speed) > 1:
+        measures["condition"] = condition_errors
+    for name, measure in measures.items():
+        errors = measure(built, points, _POINT_SEED, workers)
+        built.attributes[f"{name}_error"], built.attributes[f"{name}_error_max"] = rms_and_most(errors)
+        built.attributes[f"{name}_points"] = len(errors)
+
+
+def _row_nodes(plan: MapPlan, workers: int, progress: Progress) -> Nodes:
+    values = np.empty((*plan.shape, _COLUMNS))
+    tasks = [(plan, i, j, k) for i, j, k in np.ndindex(plan.shape[:3])]
+    done = 0
+    for (_, i, j, k), row in zip(tasks, in_threads(_row, tasks, workers), strict=True):
+        values[i, j, k] = row
+        done += plan.shape[3] * plan.floors
+        progress(done, 0)
+    rms, steps = values[..., 0], step_error(plan, workers)
+    harmonic_std = values[..., 5 + HARMONICS :]
+    settling = (values[..., 3] * rms)[..., None]
+    return Nodes(
+        rms=rms,
+        rms_std=values[..., 1],
+        rms_se=values[..., 2],
+        rms_error=(values[..., 3] + steps.rms) * rms,
+        harmonic_amplitude=values[..., 5 : 5 + HARMONICS],
+        harmonic_std=harmonic_std,
+        harmonic_se=harmonic_std / math.sqrt(plan.floors),
+        harmonic_error=settling + steps.lines * rms[..., None],
+        status=values[..., 4].astype(np.int8),
+        solver="rows",
+    )
+
+
+def _row(task: tuple[MapPlan, int, int, int]) -> NDArray[np.float64]:
+    """Return all nodes along dphi_d at one load, speed and depth, shape (D, _COLUMNS)."""
+    plan, i, j, k = task
+    extents = np.array(plan.dphi_d)
+    rows = [
+        simulate_node_row(plan, plan.load[i], plan.speed[j], plan.h_d[k], extents, seed) for seed in range(plan.floors)
+    ]
+    rms, harmonics = np.array([r.rms for r in rows]), np.array([r.harmonics for r in rows])
+    if plan.floors > 1:
+        spread, harmonic_std = np.std(rms, axis=0, ddof=1), np.std(harmonics, axis=0, ddof=1)
+        error = spread / math.sqrt(plan.floors)
+    else:
+        spread, harmonic_std, error = rows[0].spread, np.zeros_like(harmonics[0]), np.zeros(len(extents))
+    settling = np.max([r.settling for r in rows], axis=0)
+    status = np.max([r.status for r in rows], axis=0)
+    columns = (np.mean(rms, axis=0), spread, error, settling, status)
+    return np.column_stack((*columns, np.mean(harmonics, axis=0), harmonic_std))
+
+
+def _rig_nodes(plan: MapPlan, workers: int, progress: Progress) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the spread over the plan's draws of the rig, shapes (L, S, H, D) and (L, S, H, D, 6)."""
+    rms, harmonics = np.zeros(plan.shape), np.zeros((*plan.shape, HARMONICS))
+    if plan.rig_draws == 0:
+        return rms, harmonics
+    tasks = [(plan, *point) for point in product(plan.load, plan.speed, plan.h_d)]
+    found = in_threads(lambda task: rig_rows(*task), tasks, workers)
+    for n, (at, (spread, lines)) in enumerate(zip(np.ndindex(plan.shape[:3]), found, strict=True)):
+        rms[at], harmonics[at] = spread, lines
+        progress((n + 1) * plan.shape[3] * rig_scenes(plan), 0)
+    return rms, harmonics
+
+
+def software_version() -> str:
+    """Return the version of the installed distribution, or "unknown" where it is not installed."""
+    try:
+        return version("spallwatch")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def map_attributes(plan: MapPlan) -> dict[str, Any]:
+    """Return what a reader wants to know of a map, flat and in SI units, and the plan that recovers it exactly."""
+    flat: dict[str, Any] = {
+        "title": "RMS and BPFO lines of a bearing over the extent and depth of an outer-race defect",
+        "Conventions": "CF-1.11",
+        "schema_version": SCHEMA_VERSION,
+        "software_version": f"spallwatch {software_version()}",
+        "model": plan.model,
+        "model_version": MODEL_VERSION,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "hash": plan.hash(),
+        "parameters": plan.as_json(),
+        "rms_band_hz": list(plan.rms_band) if plan.rms_band is not None else "full bandwidth",
+        "units_of_attributes": "SI and radians unless a name ends in its unit",
+        "clearance": plan.clearance,
+        "floors": plan.floors,
+        "defect_rows": plan.rows,
+        "defect_position": plan.position,
+        "steps_per_period": plan.steps_per_period or "chosen by the model",
+        "rig_draws": plan.rig_draws,
+    }
+    if plan.rig_draws > 0:
+        flat |= {name: getattr(plan, name) for name in ("rig_spread", "rig_spread_k_r", "rig_seed")}
+    parts: list[tuple[str, Any]] = [("bearing", plan.bearing), ("rig", plan.rig), ("floor", plan.floor)]
+    if plan.slip is not None:
+        parts.append(("slip", plan.slip))
+    for prefix, part in parts:
+        for name, value in vars(part).items():
+            if isinstance(value, bool):
+                value = int(value)
+            if value is not None:
+                flat[f"{prefix}_{name}"] = value
+    return flat
+
+
+__all__ = ["MAP_ACCURACY", "Progress", "build_map", "map_attributes", "scene_at", "solver_of"]

@@ -1,0 +1,174 @@
+"""How wrong a map is: of its steps, between its nodes, and between its loads and speeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.maps.nodes import (
+    Progress,
+    StepError,
+    compare_steps,
+    nodes_at_random,
+    scene_at,
+    simulate_node_row,
+    simulate_point,
+)
+from models.workers import in_threads
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.maps.data import RmsMap
+    from models.maps.plan import MapPlan
+
+# Nodes on which a build measures the error of its own steps, against twice as many.
+_ERROR_NODES = 24
+_ERROR_SEED = 20220
+# Less than this is no vibration to be relative to, m/s2.
+_SILENCE = 1e-12
+
+Point = tuple[float, float, float, float]
+
+
+def mean_rms(plan: MapPlan, points: Sequence[Point], factor: int = 1, workers: int = 1) -> NDArray[np.float64]:
+    """Return the RMS at any points (load, speed, h_d, dphi_d), averaged over the plan's floors, m/s2.
+
+    Args:
+        plan: what the map is made from.
+        points: inside or outside its axes.
+        factor: how many times the steps of the map's nodes.
+        workers: threads; 0 means one a core. With slip it is one.
+    """
+    if plan.slip is not None and plan.slip.phi_slip > 0.0:
+        from models.maps.ensemble import ensemble_rms
+
+        return ensemble_rms(plan, points, factor)
+
+    def at(point: Point) -> float:
+        return sum(_rms_at(plan, point, seed, factor) for seed in range(plan.floors)) / plan.floors
+
+    return np.array(list(in_threads(at, points, workers)), dtype=np.float64)
+
+
+def _rms_at(plan: MapPlan, point: Point, seed: int, factor: int) -> float:
+    if factor > 1:
+        return simulate_point(plan, scene_at(plan, *point, seed), factor).rms
+    # With the steps of the nodes, the way that nodes are simulated is quicker.
+    return float(simulate_node_row(plan, *point[:3], np.array([point[3]]), seed).rms[0])
+
+
+def step_error(plan: MapPlan, workers: int = 1) -> StepError:
+    """Return the error of the plan's steps at some nodes of its first floor, against twice as many."""
+    scenes = [scene_at(plan, *node) for node in nodes_at_random(plan, _ERROR_NODES, _ERROR_SEED)]
+    found = [list(in_threads(partial(simulate_point, plan, factor=factor), scenes, workers)) for factor in (1, 2)]
+    coarse, fine = ((np.array([r.rms for r in rs]), np.array([r.harmonics for r in rs])) for rs in found)
+    return compare_steps(coarse, fine)
+
+
+def interpolation_errors(rms_map: RmsMap, points: int, seed: int, workers: int = 1) -> NDArray[np.float64]:
+    """Return the errors of a map at random extents and depths, over the largest RMS of its slice, shape (points,).
+
+    Each point lies at one of the map's loads and speeds; those whose motion does not stay finite are left out.
+    """
+    rng = np.random.default_rng(seed)
+    axes = (rms_map.load, rms_map.speed, rms_map.h_d, rms_map.dphi_d)
+    load, speed = (rng.choice(axis, points) for axis in axes[:2])
+    h_d, dphi_d = (rng.uniform(axis[0], axis[-1], points) for axis in axes[2:])
+    return _errors_at(rms_map, np.column_stack((load, speed, h_d, dphi_d)), workers)
+
+
+def condition_errors(rms_map: RmsMap, points: int, seed: int, workers: int = 1) -> NDArray[np.float64]:
+    """Return the errors of a map at random nodes of its extents and depths, but loads and speeds between its own.
+
+    They are relative to the largest RMS of the map at that load and speed, shape (points,); points whose motion does
+    not stay finite are left out.
+    """
+    rng = np.random.default_rng(seed)
+    load, speed = (rng.uniform(axis[0], axis[-1], points) for axis in (rms_map.load, rms_map.speed))
+    h_d, dphi_d = (rng.choice(axis, points) for axis in (rms_map.h_d, rms_map.dphi_d))
+    return _errors_at(rms_map, np.column_stack((load, speed, h_d, dphi_d)), workers)
+
+
+def _errors_at(rms_map: RmsMap, points: NDArray[np.float64], workers: int) -> NDArray[np.float64]:
+    rows: list[Point] = [tuple(row) for row in points.tolist()]
+    errors = np.empty(len(rows))
+    for n, (row, true) in enumerate(zip(rows, mean_rms(rms_map.plan, rows, workers=workers), strict=True)):
+        at = rms_map.slice_at(row[0], row[1])
+        errors[n] = (float(at.interpolate(row[3], row[2])) - true) / max(float(np.nanmax(at.rms)), _SILENCE)
+    return errors[np.isfinite(errors)]
+
+
+def rms_and_most(errors: Sequence[float] | NDArray[np.float64]) -> tuple[float, float]:
+    """Return the RMS and the largest absolute value of errors, NaN where there are none."""
+    if len(errors) == 0:
+        return math.nan, math.nan
+    return float(np.sqrt(np.mean(np.square(errors)))), float(np.max(np.abs(errors)))
+
+
+@dataclass(frozen=True)
+class MapCheck:
+    """How far a map is from the converged model; NaN where no point's motion stays finite.
+
+    Attributes:
+        points: number of random nodes, and of random points between nodes.
+        error_rms: RMS of the relative error of the stored RMS at nodes, against four times as many steps.
+        error_max: largest absolute value of it.
+        interpolation_rms: RMS of the error between nodes, relative to the largest RMS of the map's slice.
+        interpolation_max: largest absolute value of it.
+        condition_rms: RMS of the error between loads and speeds at nodes of h_d and dphi_d, likewise relative; None
+            where the map has one load and one speed.
+        condition_max: largest absolute value of it, or None.
+    """
+
+    points: int
+    error_rms: float
+    error_max: float
+    interpolation_rms: float
+    interpolation_max: float
+    condition_rms: float | None
+    condition_max: float | None
+
+
+def check_map(rms_map: RmsMap, points: int, *, seed: int = 0, progress: Progress | None = None) -> MapCheck:
+    """Measure the error of a map at random nodes, against finer steps, and at random points between the nodes.
+
+    Maps averaged over several floors are checked on the mean of the same floors; where slip is redrawn, both means
+    contain the scatter of their records.
+
+    Args:
+        rms_map: the map.
+        points: how many of each.
+        seed: seed of their choice.
+        progress: called with the points done and their total.
+
+    Raises:
+        ValueError: if points is not positive.
+    """
+    if points < 1:
+        raise ValueError(f"points must be positive, got {points!r}")
+    plan = rms_map.plan
+    node_errors = []
+    several = len(rms_map.load) > 1 or len(rms_map.speed) > 1
+    parts = 3 if several else 2
+    for n, node in enumerate(nodes_at_random(plan, points, seed)):
+        stored = float(rms_map.slice_at(node[0], node[1]).interpolate(node[3], node[2]))
+        true = float(mean_rms(plan, [node], 4)[0])
+        error = 0.0 if true == 0.0 else stored / true - 1.0
+        if math.isfinite(error):
+            node_errors.append(error)
+        if progress is not None:
+            progress(n + 1, parts * points)
+    between = interpolation_errors(rms_map, points, seed)
+    if progress is not None:
+        progress(2 * points, parts * points)
+    conditions = condition_errors(rms_map, points, seed) if several else None
+    if progress is not None and several:
+        progress(3 * points, parts * points)
+    between_conditions = (None, None) if conditions is None else rms_and_most(conditions)
+    return MapCheck(points, *rms_and_most(node_errors), *rms_and_most(between), *between_conditions)

@@ -1,0 +1,227 @@
+"""RMS maps as data: what a map holds, and how it is read between its nodes. No numba here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from models.maps.plan import AXES, HARMONICS, MODEL_VERSION, SCHEMA_VERSION, STATUSES, MapError, MapPlan
+from models.path.defect import race_radius
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "AXES",
+    "HARMONICS",
+    "MODEL_VERSION",
+    "SCHEMA_VERSION",
+    "STATUSES",
+    "MapError",
+    "MapPlan",
+    "MapSlice",
+    "OutsideMapError",
+    "RmsMap",
+]
+
+# Loads and speeds this close to the end of their axis count as on it.
+_CONDITION_TOLERANCE = 0.01
+
+
+class OutsideMapError(MapError):
+    """A map was asked for a load or a speed outside its axes."""
+
+
+@dataclass(frozen=True, eq=False)
+class MapSlice:
+    """A map at one load and speed.
+
+    Attributes:
+        load: N.
+        speed: Hz.
+        h_d: depths, m, shape (H,).
+        dphi_d: extents, rad, shape (D,).
+        rms: m/s2, shape (H, D).
+        rms_error: estimated numerical error of ``rms``, m/s2, shape (H, D).
+        harmonic_amplitude: lines 1..6 of BPFO, m/s2, shape (H, D, 6).
+        rms_band: band of the RMS, Hz, or None for the full bandwidth.
+        rms_std: standard deviation of ``rms`` over floors, m/s2, shape (H, D); zero for one floor that repeats.
+        harmonic_std: of ``harmonic_amplitude``, m/s2, shape (H, D, 6).
+        rms_rig_std: standard deviation of ``rms`` over rig parameters as uncertain as the plan says, m/s2, shape
+            (H, D); zero where the plan draws no rigs.
+        harmonic_rig_std: of ``harmonic_amplitude``, m/s2, shape (H, D, 6).
+    """
+
+    load: float
+    speed: float
+    h_d: NDArray[np.float64]
+    dphi_d: NDArray[np.float64]
+    rms: NDArray[np.float64]
+    rms_error: NDArray[np.float64]
+    harmonic_amplitude: NDArray[np.float64]
+    rms_band: tuple[float, float] | None
+    rms_std: NDArray[np.float64]
+    harmonic_std: NDArray[np.float64]
+    rms_rig_std: NDArray[np.float64]
+    harmonic_rig_std: NDArray[np.float64]
+
+    def inside(self, dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.bool_]:
+        """Say where points lie on the map."""
+        x, y = np.asarray(dphi_d, dtype=float), np.asarray(h_d, dtype=float)
+        return (x >= self.dphi_d[0]) & (x <= self.dphi_d[-1]) & (y >= self.h_d[0]) & (y <= self.h_d[-1])
+
+    def interpolate(self, dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.float64]:
+        """Return the RMS between the nodes, bilinearly, m/s2; NaN exactly where ``inside`` says no.
+
+        Args:
+            dphi_d: extents, rad; broadcast against ``h_d``.
+            h_d: depths, m.
+        """
+        return self._bilinear(self.rms, dphi_d, h_d)
+
+    def interpolate_harmonics(self, dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.float64]:
+        """Return the six amplitudes between the nodes, m/s2, shape (..., 6); NaN exactly where ``inside`` says no."""
+        return self._bilinear(self.harmonic_amplitude, dphi_d, h_d)
+
+    def _bilinear(
+        self,
+        values: NDArray[np.float64],
+        dphi_d: ArrayLike,
+        h_d: ArrayLike,
+    ) -> NDArray[np.float64]:
+        x, y = np.broadcast_arrays(np.asarray(dphi_d, dtype=float), np.asarray(h_d, dtype=float))
+        i, u = _cell(self.dphi_d, x)
+        j, v = _cell(self.h_d, y)
+        extra = (...,) + (None,) * (values.ndim - 2)
+        u, v = u[extra], v[extra]
+        i1, j1 = np.minimum(i + 1, len(self.dphi_d) - 1), np.minimum(j + 1, len(self.h_d) - 1)
+        low = values[j, i] * (1.0 - u) + values[j, i1] * u
+        high = values[j1, i] * (1.0 - u) + values[j1, i1] * u
+        result = low * (1.0 - v) + high * v
+        return np.where(self.inside(x, y)[extra], result, np.nan)
+
+
+def _cell(axis: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the index of the node below each point and the fraction of the way to the next."""
+    if len(axis) == 1:
+        return np.zeros(x.shape, dtype=np.int64), np.zeros(x.shape)
+    index = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, len(axis) - 2)
+    return index, np.clip((x - axis[index]) / (axis[index + 1] - axis[index]), 0.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class RmsMap:
+    """RMS and BPFO lines over load, speed, depth and extent, SI units.
+
+    Attributes:
+        load: N, shape (L,).
+        speed: Hz, shape (S,).
+        h_d: m, shape (H,).
+        dphi_d: rad, shape (D,).
+        rms: mean RMS of the casing in the map's band, m/s2, shape (L, S, H, D).
+        rms_std: standard deviation of it, m/s2: over the floors where there are several, otherwise from period to
+            period (zero where the motion repeats).
+        rms_se: standard error of ``rms`` as a mean over floors, m/s2; zero for one floor.
+        rms_error: estimated numerical error of ``rms``, m/s2 (steps and settling, not interpolation).
+        harmonic_amplitude: mean single-sided amplitudes of lines 1..6 of BPFO, m/s2, shape (L, S, H, D, 6).
+        harmonic_std: standard deviation of them over the floors, m/s2.
+        harmonic_se: standard error of them as means over floors, m/s2; zero for one floor.
+        harmonic_error: estimated numerical error of them, m/s2.
+        rms_rig_std: standard deviation of the RMS over the plan's draws of the rig, m/s2; zero where it has none.
+        harmonic_rig_std: standard deviation of the lines over these draws, m/s2.
+        status: index into STATUSES, int8, the worst of all floors.
+        attributes: everything that made it: flat parameters in SI units, software version, hash.
+    """
+
+    load: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    h_d: NDArray[np.float64]
+    dphi_d: NDArray[np.float64]
+    rms: NDArray[np.float64]
+    rms_std: NDArray[np.float64]
+    rms_se: NDArray[np.float64]
+    rms_error: NDArray[np.float64]
+    harmonic_amplitude: NDArray[np.float64]
+    harmonic_std: NDArray[np.float64]
+    harmonic_se: NDArray[np.float64]
+    harmonic_error: NDArray[np.float64]
+    rms_rig_std: NDArray[np.float64]
+    harmonic_rig_std: NDArray[np.float64]
+    status: NDArray[np.int8]
+    attributes: dict[str, Any]
+
+    @property
+    def plan(self) -> MapPlan:
+        """The plan that the map was made from."""
+        return MapPlan.from_json(str(self.attributes["parameters"]))
+
+    @property
+    def rms_band(self) -> tuple[float, float] | None:
+        """Band of the RMS, Hz, or None for the full bandwidth."""
+        return self.plan.rms_band
+
+    @property
+    def outer_race_radius(self) -> float:
+        """r_o of the map's bearing, m, which turns an extent into a length (Eq. 90)."""
+        return race_radius(self.plan.bearing)
+
+    @property
+    def hash(self) -> str:
+        """Hash of the plan and the model's version."""
+        return str(self.attributes["hash"])
+
+    def falling(self, axis: Literal["h_d", "dphi_d"]) -> NDArray[np.bool_]:
+        """Say at which nodes the map is not monotone: the RMS falls to the next node along an axis of the damage.
+
+        A fall counts where it exceeds the numerical error of both nodes together and, of means over floors, twice the
+        standard error of the difference. The last node of the axis has no next one, shape (L, S, H, D).
+        """
+        place = AXES.index(axis)
+        step = np.diff(self.rms, axis=place, append=np.take(self.rms, [-1], axis=place))
+        here = (slice(None),) * place + (slice(None, -1),)
+        there = (slice(None),) * place + (slice(1, None),)
+        doubt = np.zeros_like(step)
+        doubt[here] = (
+            self.rms_error[here] + self.rms_error[there] + 2.0 * np.hypot(self.rms_se[here], self.rms_se[there])
+        )
+        return step < -doubt
+
+    def slice_at(self, load: float, speed: float) -> MapSlice:
+        """Return the map at one load and speed, linear between the nodes of these axes.
+
+        Raises:
+            OutsideMapError: if load or speed lies more than 1 % outside its axis.
+        """
+        i, u = _condition("load", self.load, load)
+        j, v = _condition("speed", self.speed, speed)
+
+        def at(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            i1, j1 = min(i + 1, len(self.load) - 1), min(j + 1, len(self.speed) - 1)
+            low = values[i, j] * (1.0 - v) + values[i, j1] * v
+            high = values[i1, j] * (1.0 - v) + values[i1, j1] * v
+            return low * (1.0 - u) + high * u
+
+        return MapSlice(
+            load,
+            speed,
+            self.h_d,
+            self.dphi_d,
+            at(self.rms),
+            at(self.rms_error),
+            at(self.harmonic_amplitude),
+            self.rms_band,
+            at(self.rms_std),
+            at(self.harmonic_std),
+            at(self.rms_rig_std),
+            at(self.harmonic_rig_std),
+        )
+
+
+def _condition(name: str, axis: NDArray[np.float64], value: float) -> tuple[int, float]:
+    slack = _CONDITION_TOLERANCE
+    if not axis[0] * (1.0 - slack) <= value <= axis[-1] * (1.0 + slack):
+        raise OutsideMapError(f"the map covers {name} {axis[0]:g} to {axis[-1]:g}, asked for {value!r}")
+    index, fraction = _cell(axis, np.array(value))
+    return int(index), float(fraction)

@@ -1,0 +1,166 @@
+"""Nodes of RMS maps, one row along dphi_d at a time. The simulation, and numba with it, is imported when one is run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.bearing import kinematics
+from models.maps.plan import STATUSES
+from models.scene import Defect, Scene
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.maps.plan import MapPlan
+    from models.response import Response
+
+Progress = Callable[[int, int], None]
+
+# What the steps of a map may leave of error (see models.dynamics.six_dof.steps_for); the map says what they did leave.
+MAP_ACCURACY = 1e-3
+# A vibration below this is none, m/s2.
+_SILENCE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """What the floors say of all nodes of a map; fields as in ``RmsMap``, and which solver they came from."""
+
+    rms: NDArray[np.float64]
+    rms_std: NDArray[np.float64]
+    rms_se: NDArray[np.float64]
+    rms_error: NDArray[np.float64]
+    harmonic_amplitude: NDArray[np.float64]
+    harmonic_std: NDArray[np.float64]
+    harmonic_se: NDArray[np.float64]
+    harmonic_error: NDArray[np.float64]
+    status: NDArray[np.int8]
+    solver: str
+
+
+@dataclass(frozen=True, eq=False)
+class StepError:
+    """What the steps of a map leave of error, measured at some of its nodes, as shares of the RMS there.
+
+    Attributes:
+        rms: of the RMS.
+        lines: of the lines 1..6 of BPFO, shape (6,).
+    """
+
+    rms: float
+    lines: NDArray[np.float64]
+
+
+def compare_steps(
+    coarse: tuple[NDArray[np.float64], NDArray[np.float64]], fine: tuple[NDArray[np.float64], NDArray[np.float64]]
+) -> StepError:
+    """Return the RMS over nodes of what finer steps change in RMS, shape (n,), and lines, shape (n, 6)."""
+    level = np.maximum(fine[0], _SILENCE)
+    rms = np.where(fine[0] > _SILENCE, coarse[0] / level - 1.0, 0.0)
+    lines = np.where(fine[0][:, None] > _SILENCE, (coarse[1] - fine[1]) / level[:, None], 0.0)
+    return StepError(float(np.sqrt(np.mean(rms**2))), np.sqrt(np.mean(lines**2, axis=0)))
+
+
+@dataclass(frozen=True, eq=False)
+class NodeRow:
+    """One floor at one load, speed and depth, for several extents.
+
+    Attributes:
+        rms: m/s2, shape (D,).
+        harmonics: lines 1..6 of BPFO, m/s2, shape (D, 6).
+        settling: relative error of the RMS that the search for the settled motion leaves, shape (D,).
+        spread: standard deviation of the RMS from period to period where it does not settle, m/s2, shape (D,).
+        status: index into STATUSES, shape (D,).
+    """
+
+    rms: NDArray[np.float64]
+    harmonics: NDArray[np.float64]
+    settling: NDArray[np.float64]
+    spread: NDArray[np.float64]
+    status: NDArray[np.int64]
+
+
+def scene_at(plan: MapPlan, load: float, speed: float, h_d: float, dphi_d: float, seed: int = 0) -> Scene:
+    """Return the scene of one point of a plan; ``seed`` counts its floors from zero."""
+    floor = replace(plan.floor, seed=plan.floor.seed + seed)
+    defect = Defect(dphi_d, h_d, floor, plan.position, plan.rows)
+    return Scene(speed, load, plan.bearing, plan.rig, defect, plan.clearance, plan.model, slip=plan.slip)
+
+
+def steps_of(plan: MapPlan, scene: Scene) -> int:
+    """Return the steps per period that a scene of the plan is simulated with: finer where its band asks for it."""
+    from models.dynamics.six_dof import steps_for
+    from models.simulate import steps_to_resolve
+
+    if plan.steps_per_period:
+        return plan.steps_per_period
+    duration = 1.0 / kinematics(scene.bearing, scene.speed).bpfo
+    band = 0 if plan.rms_band is None else steps_to_resolve(plan.rms_band[1], duration)
+    return max(steps_for(scene, MAP_ACCURACY), min(band, steps_for(scene)))
+
+
+def simulate_point(plan: MapPlan, scene: Scene, factor: int = 1) -> Response:
+    """Return one settled scene of a plan, with ``factor`` times the steps that the plan's nodes have."""
+    from models.simulate import simulate
+
+    # Lines beyond the band and the stored harmonics are not needed.
+    lines_to = 0.0 if plan.rms_band is None else plan.rms_band[1]
+    return simulate(scene, band=plan.rms_band, steps_per_period=factor * steps_of(plan, scene), lines_to=lines_to)
+
+
+def simulate_node_row(
+    plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64], seed: int = 0
+) -> NodeRow:
+    """Return a row of a plan without slip; ``seed`` counts its floors from zero.
+
+    Raises:
+        ValueError: if a scene is outside what the model describes.
+    """
+    from models.dynamics.rows import simulate_row
+
+    scene = scene_at(plan, load, speed, h_d, float(extents[-1]), seed)
+    row = simulate_row(scene, extents, steps_per_period=steps_of(plan, scene), band=plan.rms_band)
+    rms, settling, harmonics = row.rms.copy(), row.change.copy(), row.harmonics.copy()
+    spread, status = np.zeros(len(extents)), np.zeros(len(extents), dtype=np.int64)
+    # What does not settle at once is simulated on, and may not repeat at all.
+    for d in np.flatnonzero(~row.settled):
+        response = simulate_point(plan, scene_at(plan, load, speed, h_d, float(extents[d]), seed))
+        rms[d], settling[d], harmonics[d] = response.rms, _settling(response), response.harmonics
+        spread[d], status[d] = response.spread, STATUSES.index(response.status)
+    return NodeRow(rms, harmonics, settling, spread, status)
+
+
+def _settling(response: Response) -> float:
+    """Return the relative error of the RMS that the search for the settled motion leaves."""
+    if response.status == "converged":
+        return response.period_change
+    return response.spread / response.rms if response.status == "not_periodic" else 1.0
+
+
+def nodes_at_random(plan: MapPlan, count: int, seed: int) -> list[tuple[float, float, float, float]]:
+    """Return load, speed, h_d and dphi_d of random nodes, the healthy edges left out where there are others."""
+    rng = np.random.default_rng(seed)
+    depths = [h for h in plan.h_d if h > 0.0] or [plan.h_d[0]]
+    extents = [x for x in plan.dphi_d if x > 0.0] or [plan.dphi_d[0]]
+    axes = (plan.load, plan.speed, depths, extents)
+    picks = [rng.integers(0, len(axis), count) for axis in axes]
+    return [tuple(axis[pick[n]] for axis, pick in zip(axes, picks, strict=True)) for n in range(count)]
+
+
+__all__ = [
+    "MAP_ACCURACY",
+    "NodeRow",
+    "Nodes",
+    "Progress",
+    "StepError",
+    "compare_steps",
+    "nodes_at_random",
+    "scene_at",
+    "simulate_node_row",
+    "simulate_point",
+    "steps_of",
+]

@@ -1,0 +1,1 @@
+"""Paths of rolling elements over defects: localised, extended, rough, of any part."""

@@ -1,0 +1,1 @@
+"""The configuration: sections with units in their keys, validated and turned into SI settings."""

@@ -1,0 +1,227 @@
+"""``[alarms]`` and ``[notify]``: levels with their units, and who is told; docs/alarms.md explains them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from monitor.config.broker import BrokerSection, OutwardSection, check_address, refuse_clear
+from monitor.health.alarms import AlarmSettings, Level, Rule
+from streams.block import STANDARD_GRAVITY
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1, le=100000)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+
+_UNITS: dict[str, tuple[str, float]] = {
+    **dict.fromkeys(("rms", "rms_smoothed", "a_star", "peak", "peak_half_range"), ("_g", STANDARD_GRAVITY)),
+    **dict.fromkeys(("h_or", "h_ir", "h_ball", "h_cage"), ("_g", STANDARD_GRAVITY)),
+    **dict.fromkeys(("v_eq", "v_eq_lower", "v_eq_upper"), ("_mm2", 1e-6)),
+    **dict.fromkeys(("tt", "tt_lower", "tt_upper"), ("_hours", 3600.0)),
+    "p_threshold": ("", 1.0),
+    **dict.fromkeys(("kurtosis", "crest_factor", "shape_factor", "impulse_factor", "clearance_factor"), ("", 1.0)),
+    **dict.fromkeys(("detect_score", "fault_snr"), ("", 1.0)),
+}
+"""What may raise an alarm, with the ending of its key and what one of that unit is in SI."""
+_BELOW = ("tt", "tt_lower", "tt_upper")
+_NOT_LEARNED = (*_BELOW, "v_eq", "v_eq_lower", "v_eq_upper", "p_threshold", "detect_score")
+_ENDINGS = ("", "_g", "_mm2", "_hours", "_factor", "_sd")
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True)
+
+
+class AlarmLevel(_Table):
+    """Alert and danger of one quantity: given (``alert_g``, ``alert_mm2``, ``alert_hours``, ``alert``) or learned.
+
+    ``alert_factor`` is times the median of the learning stage, ``alert_sd`` so many standard deviations above it.
+    """
+
+    name: Name | None = None
+    feature: Literal[tuple(_UNITS)]  # pyright: ignore[reportInvalidTypeForm]  # the table above is the one list
+    channels: tuple[Name, ...] = ()
+    alert: Positive | None = None
+    alert_g: Positive | None = None
+    alert_mm2: Positive | None = None
+    alert_hours: Positive | None = None
+    alert_factor: Positive | None = None
+    alert_sd: Positive | None = None
+    danger: Positive | None = None
+    danger_g: Positive | None = None
+    danger_mm2: Positive | None = None
+    danger_hours: Positive | None = None
+    danger_factor: Positive | None = None
+    danger_sd: Positive | None = None
+    hysteresis: Annotated[float, Field(ge=0, lt=1)] = Rule.hysteresis
+    on_delay_blocks: Count = Rule.on_delay
+    off_delay_blocks: Count = Rule.off_delay
+    latch: bool = Rule.latch
+    speed_range_hz: tuple[NotNegative, Positive] | None = None
+    load_range_newton: tuple[NotNegative, Positive] | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        unit = _UNITS[self.feature][0]
+        learned = () if self.feature in _NOT_LEARNED else ("_factor", "_sd")
+        found = {severity: self._given(severity) for severity in ("alert", "danger")}
+        for severity, endings in found.items():
+            for ending in endings:
+                if ending not in (unit, *learned):
+                    allowed = ", ".join(f"{severity}{item}" for item in (unit, *learned))
+                    raise ValueError(f"{severity}{ending} does not fit feature {self.feature!r}; allowed is {allowed}")
+            if len(endings) > 1:
+                raise ValueError(f"give one of {', '.join(severity + item for item in endings)}")
+        if not any(found.values()):
+            raise ValueError(f"feature {self.feature!r} has neither alert{unit} nor danger{unit}")
+        if found["alert"] and found["alert"] == found["danger"]:
+            ending = found["alert"][0]
+            alert, danger = getattr(self, f"alert{ending}"), getattr(self, f"danger{ending}")
+            wrong = alert <= danger if self.feature in _BELOW else alert >= danger
+            if wrong:
+                word = "below" if self.feature in _BELOW else "above"
+                raise ValueError(f"danger{ending} = {danger:g} must be {word} alert{ending} = {alert:g}")
+        for key in ("speed_range_hz", "load_range_newton"):
+            span = getattr(self, key)
+            if span is not None and span[0] >= span[1]:
+                raise ValueError(f"{key}: the lower end must be below the upper end")
+        return self
+
+    def _given(self, severity: str) -> list[str]:
+        return [ending for ending in _ENDINGS if getattr(self, f"{severity}{ending}") is not None]
+
+    def _level(self, severity: str) -> Level | None:
+        given = self._given(severity)
+        if not given:
+            return None
+        value = getattr(self, f"{severity}{given[0]}")
+        if given[0] == "_factor":
+            return Level(factor=value)
+        if given[0] == "_sd":
+            return Level(deviations=value)
+        return Level(value=value * _UNITS[self.feature][1])
+
+    @property
+    def rule_name(self) -> str:
+        """Its name; that of the feature where none is given."""
+        return self.name or self.feature
+
+    def to_rule(self) -> Rule:
+        """Return the rule in SI."""
+        return Rule(
+            name=self.rule_name,
+            feature=self.feature,
+            side="below" if self.feature in _BELOW else "above",
+            alert=self._level("alert"),
+            danger=self._level("danger"),
+            hysteresis=self.hysteresis,
+            on_delay=self.on_delay_blocks,
+            off_delay=self.off_delay_blocks,
+            latch=self.latch,
+            speed=self.speed_range_hz,
+            load=self.load_range_newton,
+        )
+
+
+class AlarmsSection(_Table):
+    """Levels, and when the data of a channel count as bad."""
+
+    level: tuple[AlarmLevel, ...] = ()
+    bad_data_window_blocks: Annotated[int, Field(ge=1, le=10000)] = AlarmSettings.window
+    bad_data_share: Annotated[float, Field(gt=0, le=1)] = AlarmSettings.bad_share
+
+    def check_channels(self, channels: tuple[str, ...]) -> None:
+        """Refuse levels of channels that there are not, and two of one name on one channel.
+
+        Raises:
+            ValueError: naming the level.
+        """
+        for level in self.level:
+            unknown = [name for name in level.channels if name not in channels]
+            if unknown:
+                raise ValueError(
+                    f"[[alarms.level]] {level.rule_name}: channel {unknown[0]!r} is not one of {', '.join(channels)}"
+                )
+        for channel in channels:
+            names = [level.rule_name for level in self.level if not level.channels or channel in level.channels]
+            twice = sorted({name for name in names if names.count(name) > 1})
+            if twice:
+                raise ValueError(
+                    f"[[alarms.level]] {twice[0]!r} is given twice for channel {channel!r}: give it a name"
+                )
+
+    def to_settings(self, channel: str, run_in_blocks: int) -> AlarmSettings:
+        """Return the settings of one channel."""
+        rules = tuple(level.to_rule() for level in self.level if not level.channels or channel in level.channels)
+        return AlarmSettings(rules, run_in_blocks, self.bad_data_window_blocks, self.bad_data_share)
+
+
+class SmtpSection(OutwardSection):
+    """E-mail. Without ``security`` nothing is encrypted, and then no password is sent."""
+
+    host: Annotated[str, Field(min_length=1)]
+    port: Annotated[int, Field(ge=1, le=65535)] = 587
+    security: Literal["none", "starttls", "tls"] = "starttls"
+    sender: Annotated[str, Field(pattern=r"^[^@\s]+@[^@\s]+$")]
+    to: Annotated[tuple[Annotated[str, Field(pattern=r"^[^@\s]+@[^@\s]+$")], ...], Field(min_length=1)]
+    username_file: Path | None = None
+    password_file: Path | None = None
+    ca_file: Path | None = None
+
+    @model_validator(mode="after")
+    def _safe(self) -> Self:
+        if (self.username_file is None) != (self.password_file is None):
+            raise ValueError("username_file and password_file come together")
+        if self.security == "none" and (self.password_file is not None or self.ca_file is not None):
+            raise ValueError('a password or a ca_file needs security = "starttls" or "tls"')
+        return self
+
+
+class WebhookSection(OutwardSection):
+    """A JSON object is posted; ``token_file`` holds what is sent as ``Authorization: Bearer``."""
+
+    url: Annotated[str, Field(pattern=r"^https?://[^\s/]+")]
+    token_file: Path | None = None
+    ca_file: Path | None = None
+
+    @model_validator(mode="after")
+    def _safe(self) -> Self:
+        check_address(self.url)
+        if self.token_file is not None:
+            refuse_clear(self.url, "https", "token_file")
+        if self.ca_file is not None and not self.url.startswith("https"):
+            raise ValueError("ca_file belongs to https://")
+        return self
+
+
+class MqttSection(BrokerSection):
+    """The same JSON object is published with QoS 1."""
+
+
+class NotifySection(_Table):
+    """Who is told of events, and how often at most; what is beyond goes into one summary."""
+
+    smtp: SmtpSection | None = None
+    webhook: WebhookSection | None = None
+    mqtt: MqttSection | None = None
+    most_per_hour: Annotated[int, Field(ge=1, le=3600)] = 20
+    give_up_hours: Positive = 24.0
+    queue_events: Annotated[int, Field(ge=1, le=100000)] = 1000
+    """Events that one message stands for at most."""
+    page_url: Annotated[str, Field(pattern=r"^https?://[^\s/]+")] | None = None
+    """Address of the page for the people who are told, where it is not the one under ``[web]``."""
+
+    @model_validator(mode="after")
+    def _no_secret(self) -> Self:
+        if self.page_url is not None:
+            check_address(self.page_url)
+        return self
+
+    def with_absolute_paths(self, folder: Path) -> Self:
+        """Return it with relative names of files taken from ``folder``."""
+        given = {name: getattr(self, name) for name in ("smtp", "webhook", "mqtt")}
+        changed = {name: item.with_absolute_paths(folder) for name, item in given.items() if item is not None}
+        return self.model_copy(update=changed)

@@ -1,0 +1,1 @@
+"""V_eq by a particle filter over extent, depth and growth rate."""

@@ -1,0 +1,1 @@
+"""V_eq and TT from a library of simulated lives: fit, calibration, forecasts."""

@@ -1,0 +1,364 @@
+"""What a library of simulated lives knows, as arrays: regressions, and the errors that they made on unseen lives.
+
+numpy only; how it is fitted is in ``library_fit.py``, how it is stored in ``monitor.records.library_file``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from monitor.health.damage.library.summaries import SLOPES, History, summarise, summary_names
+
+Array = NDArray[np.float64]
+
+LINES = {"rms": 0, "rms+harmonics": 3, "v_eq": 0}
+"""The sets of features, and how many lines of BPFO each looks at."""
+
+LEAST_LEVEL = 1e-3
+"""Levels below this, m/s2, count as this: no machine is so quiet, and the logarithm exists."""
+OFFSET = 6.0
+"""Intervals that are added to a time to threshold before its logarithm is taken."""
+_MARGIN = math.log(1.5)
+"""How far beyond the levels of the lives a level may lie."""
+_INTERVAL_FACTOR = 3.0
+"""How far the time between blocks may be from the library's, either way."""
+_CONDITION_TOLERANCE = 0.02
+"""How far load and speed may lie outside the library's range, as a share of it."""
+_SPREAD_TOLERANCE = (0.06, 0.01)
+"""By how much the logarithms of load and speed may spread beyond the library's: 10 % either way, and 1.7 %."""
+_ELAPSED_WEIGHT = 0.15
+"""What a difference in the logarithm of the elapsed time counts against one in the prediction, among alike moments."""
+_ALIKE_SHARE, _LEAST_ALIKE = 30, 60
+_NAMES = summary_names(("v",))
+_LATEST, _POWER_PLACE = _NAMES.index("v:last_3"), _NAMES.index("v:slope_24")
+_SLOPE_PLACES = [_NAMES.index(f"v:slope_{count}") for count in SLOPES]
+_KNOTS = 12
+_LEAST_WIDTH = 1e-3
+_LOAD, _SPEED = 4000.0, 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """A ridge regression on inputs and on random Fourier features of them (Rahimi and Recht, 2007).
+
+    Attributes:
+        centre: mean of each input, shape (d,).
+        scale: standard deviation of each input, shape (d,).
+        weights: frequencies of the random features, shape (d, c).
+        phases: their phases, shape (c,).
+        coefficients: shape (1 + d + c, targets).
+    """
+
+    centre: Array
+    scale: Array
+    weights: Array
+    phases: Array
+    coefficients: Array
+
+    def design(self, x: Array) -> Array:
+        """Return the regressors of inputs (n, d), shape (n, 1 + d + c); beyond three standard deviations they end."""
+        z = np.clip((x - self.centre) / self.scale, -3.0, 3.0)
+        return np.concatenate((np.ones((len(z), 1)), z, np.cos(z @ self.weights + self.phases)), axis=1)
+
+    def predict(self, x: Array) -> Array:
+        """Return the targets of inputs (n, d), shape (n, targets)."""
+        return self.design(x) @ self.coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureFit:
+    """All that is fitted for one set of features; targets are ln V_eq and, for each threshold, ln(TT + offset).
+
+    Attributes:
+        features: name of the set.
+        interval: usual time between two blocks of the lives, s.
+        thresholds: V_th, m2, shape (targets - 1,).
+        knots: logarithms of the speeds between which the levels may bend, see ``conditions_row``, shape (12,).
+        reference: what load and speed alone make of each level, coefficients of ``conditions_row``, shape (18, K).
+        lowest: least level less reference in any life, shape (K,).
+        highest: largest, shape (K,).
+        longest: longest time that any life was followed, s.
+        regression: from the summary of a history to the targets.
+        said: what fits without the life in question said of each moment, shape (m, targets).
+        error: what was true less that, shape (m, targets).
+        crossed: whether each threshold had been reached, shape (m, targets - 1).
+        ln_elapsed: logarithm of the elapsed time plus six intervals, in intervals, of each moment, shape (m,).
+        life: number of the life of each moment, shape (m,).
+        shift: what recorded runs add to each prediction, shape (targets,).
+        stretch: what they make the errors times, shape (targets,).
+    """
+
+    features: str
+    interval: float
+    thresholds: Array
+    knots: Array
+    reference: Array
+    lowest: Array
+    highest: Array
+    longest: float
+    regression: Regression
+    said: Array
+    error: Array
+    crossed: NDArray[np.bool_]
+    ln_elapsed: Array
+    life: NDArray[np.int64]
+    shift: Array
+    stretch: Array
+
+    @property
+    def channels(self) -> int:
+        """Number of levels that are followed."""
+        return self.reference.shape[1]
+
+    def relative_levels(self, levels: Array, load: Array, speed: Array) -> Array:
+        """Return levels (n, K) less what load and speed make of them; those of V_eq as they are."""
+        return levels if self.features == "v_eq" else levels - conditions_row(load, speed, self.knots) @ self.reference
+
+    def bounded(self, relative: Array) -> tuple[Array, bool]:
+        """Return relative levels (K,) no further than the margin from those of the lives, and whether they were."""
+        bounded = np.clip(relative, self.lowest - _MARGIN, self.highest + _MARGIN)
+        return bounded, bool(np.array_equal(bounded, relative))
+
+    def knows_pace(self, history: History) -> bool:
+        """Say whether the elapsed time and the time between blocks are those of the library's lives."""
+        if history.elapsed > self.longest:
+            return False
+        gaps = np.diff(history.recent[:, 0])
+        gaps = gaps[gaps > 0.0]
+        if not len(gaps):
+            return True
+        usual = float(np.sort(gaps)[len(gaps) // 2]) / self.interval
+        return 1.0 / _INTERVAL_FACTOR <= usual <= _INTERVAL_FACTOR
+
+    def inputs(self, history: History, load: float, speed: float) -> Array:
+        """Return the inputs of the regression, shape (d,)."""
+        summary = summarise(history, self.interval)
+        if self.features == "v_eq":
+            return np.concatenate((summary, *(extrapolations(summary, float(v)) for v in self.thresholds)))
+        return np.append(summary, (math.log(load), math.log(speed)))
+
+    def alike(
+        self, target: int, said: float, ln_elapsed: float, count: int, without: int | None = None
+    ) -> NDArray[np.int64]:
+        """Return the ``count`` moments of the library of which most nearly the same was said, after as long.
+
+        Args:
+            target: 0 for V_eq, 1 and up for the thresholds.
+            said: prediction.
+            ln_elapsed: as the attribute of that name.
+            count: how many; one in thirty of all where that is fewer (but 60, or all): alike must not mean any.
+            without: a life that is left out, for scores out of fold.
+        """
+        order, column, elapsed, life = self._ascending[target]
+        total = len(order)
+        count = min(count, max(total // _ALIKE_SHARE, _LEAST_ALIKE), total)
+        place, reach = int(np.searchsorted(column, said)), 4 * count
+        while True:
+            low, high = max(place - reach, 0), min(place + reach, total)
+            distance = np.abs(column[low:high] - said)
+            if target:
+                distance += _ELAPSED_WEIGHT * np.abs(elapsed[low:high] - ln_elapsed)
+            if without is not None:
+                distance[life[low:high] == without] = np.inf
+            nearest = np.argpartition(distance, count - 1)[:count] if len(distance) >= count else None
+            # Whatever is not looked at differs in the prediction alone by as much as the ends of what is.
+            beyond = min(said - column[low - 1] if low else np.inf, column[high] - said if high < total else np.inf)
+            if nearest is not None and distance[nearest].max() <= beyond:
+                return order[low + nearest]
+            reach *= 2
+
+    @cached_property
+    def _ascending(self) -> list[tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]]:
+        """For each target the moments by what was said of them: their order, and said, elapsed and life in it."""
+        orders = [np.argsort(column, kind="stable") for column in self.said.T]
+        return [
+            (order, self.said[order, target], self.ln_elapsed[order], self.life[order])
+            for target, order in enumerate(orders)
+        ]
+
+    def sample_v_eq(self, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:
+        """Return an ascending sample of V_eq, m2."""
+        error = self.error[self.alike(0, said, ln_elapsed, count, without), 0]
+        return np.sort(np.exp(said + self.shift[0] + self.stretch[0] * error))
+
+    def sample_tt(self, target: int, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:
+        """Return an ascending sample of the time to the threshold of a target, s; zero where it had been reached."""
+        moments = self.alike(target, said, ln_elapsed, count, without)
+        ln_tt = said + self.shift[target] + self.stretch[target] * self.error[moments, target]
+        tt = np.maximum(np.exp(ln_tt) - OFFSET, 0.0) * self.interval
+        return np.sort(np.where(self.crossed[moments, target - 1], 0.0, tt))
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """A library of simulated lives, fitted.
+
+    Attributes:
+        thresholds: V_th that it forecasts, m2, ascending.
+        load: range of the loads of its lives, N.
+        speed: range of their speeds, Hz.
+        load_spread: largest standard deviation of the logarithm of the load within a life.
+        speed_spread: the same of the speed.
+        prior: in words, what its answers lean on.
+        made_of: all that made it, as JSON can hold it.
+        scores: what it is worth on lives that it has not seen, see ``library_fit.score_out_of_fold``.
+        fits: one a set of features.
+        calibration: what recorded runs changed, in words and numbers; empty where there were none.
+    """
+
+    thresholds: tuple[float, ...]
+    load: tuple[float, float]
+    speed: tuple[float, float]
+    load_spread: float
+    speed_spread: float
+    prior: str
+    made_of: dict[str, Any]
+    scores: dict[str, Any]
+    fits: dict[str, FeatureFit]
+    calibration: dict[str, Any]
+
+    @cached_property
+    def hash(self) -> str:
+        """Hash of all that is in it: equal hashes, equal answers."""
+        return _hash(self)
+
+    def knows_conditions(self, load: float, speed: float) -> bool:
+        """Say whether lives at this load and speed are within the library."""
+        slack = _CONDITION_TOLERANCE
+        return all(
+            low * (1.0 - slack) <= value <= high * (1.0 + slack)
+            for value, (low, high) in ((load, self.load), (speed, self.speed))
+        )
+
+    def knows_changes(self, load_spread: float, speed_spread: float) -> bool:
+        """Say whether a load and a speed that change so much within a history are those of the library's lives."""
+        return (
+            load_spread <= self.load_spread + _SPREAD_TOLERANCE[0]
+            and speed_spread <= self.speed_spread + _SPREAD_TOLERANCE[1]
+        )
+
+    def target(self, threshold: float) -> int:
+        """Return the target that belongs to a threshold (m2).
+
+        Raises:
+            ValueError: if the library was not fitted for it.
+        """
+        for number, known in enumerate(self.thresholds, 1):
+            if math.isclose(known, threshold, rel_tol=1e-6):
+                return number
+        known_mm2 = ", ".join(f"{value * 1e6:g}" for value in self.thresholds)
+        raise ValueError(f"threshold_mm2 {threshold * 1e6:g} is not in the library, which was fitted for {known_mm2}")
+
+    def fit_for(self, features: str) -> FeatureFit:
+        """Return the fit for a set of features.
+
+        Raises:
+            ValueError: if there is none.
+        """
+        if features not in self.fits:
+            raise ValueError(f"features must be one of {', '.join(self.fits)} in this library, got {features!r}")
+        return self.fits[features]
+
+
+def knots_between(lowest: float, highest: float) -> Array:
+    """Return the knots of a range of speeds, Hz, shape (12,)."""
+    return np.linspace(math.log(lowest), math.log(highest), _KNOTS)
+
+
+def conditions_row(load: Array, speed: Array, knots: Array) -> Array:
+    """Return what the reference levels are linear in, shape (n, 6 + knots).
+
+    1, a, b, a2, b2 and ab of the logarithms of load and speed, and a bell around each knot: the lines of BPFO pass
+    through resonances as the speed changes, which no parabola follows.
+    """
+    a, b = np.log(load / _LOAD), np.log(speed / _SPEED)
+    width = max(float(knots[1] - knots[0]), _LEAST_WIDTH)
+    bells = np.exp(-0.5 * ((np.log(speed)[:, None] - knots) / width) ** 2)
+    return np.concatenate((np.stack((np.ones_like(a), a, b, a * a, b * b, a * b), axis=1), bells), axis=1)
+
+
+def extrapolations(summary: Array, threshold: float) -> Array:
+    """Return when curves through the latest V_eq reach a threshold, as logarithms like those of the targets.
+
+    Lines and exponentials with the slopes of the latest points, and a power of the elapsed time. Only where V_eq itself
+    is the history: levels are too far from it for this to help (measured out of fold).
+
+    Args:
+        summary: of a history of ln V_eq.
+        threshold: V_th, m2.
+
+    Returns:
+        Shape (2 len(SLOPES) + 1,).
+    """
+    elapsed = math.exp(float(summary[0])) - 6.0
+    to_go = min(max(math.log(threshold) - float(summary[_LATEST]), 0.0), 9.0)
+    slopes = np.maximum(summary[_SLOPE_PLACES], 1e-4)
+    power = min(max(float(summary[_POWER_PLACE]) * elapsed, 0.2), 8.0)
+    lines = math.expm1(min(to_go, 5.0)) / slopes
+    return np.log(np.concatenate((lines, to_go / slopes, [elapsed * math.expm1(min(to_go / power, 4.0))])) + OFFSET)
+
+
+def levels_of(features: str, rms: Array, harmonics: Array, v_eq: Array) -> Array:
+    """Return the logarithms of the levels that a set of features looks at, shape (n, K).
+
+    Args:
+        features: name of the set.
+        rms: m/s2, shape (n,).
+        harmonics: m/s2, shape (n, 6) or as many as the set looks at.
+        v_eq: m2, shape (n,).
+    """
+    if features == "v_eq":
+        return np.log(v_eq)[:, None]
+    levels = np.concatenate((rms[:, None], harmonics[:, : LINES[features]]), axis=1)
+    return np.log(np.maximum(levels, LEAST_LEVEL))
+
+
+def quantiles_of(sample: Array, levels: Sequence[float]) -> Array:
+    """Return quantiles of an ascending sample, linear between its values."""
+    return np.interp(levels, np.linspace(0.0, 1.0, len(sample)), sample)
+
+
+def arrays_of(fit: FeatureFit) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a fit by name, those of its regression with a prefix."""
+    found: dict[str, NDArray[Any]] = {}
+    for field in fields(fit):
+        value = getattr(fit, field.name)
+        if isinstance(value, Regression):
+            found |= {f"regression.{part.name}": getattr(value, part.name) for part in fields(value)}
+        elif isinstance(value, np.ndarray):
+            found[field.name] = value
+    return found
+
+
+def header_of(library: Library) -> dict[str, Any]:
+    """Return all of a library but its arrays, as JSON can hold it."""
+    return {
+        "thresholds": list(library.thresholds),
+        "load": list(library.load),
+        "speed": list(library.speed),
+        "load_spread": library.load_spread,
+        "speed_spread": library.speed_spread,
+        "prior": library.prior,
+        "made_of": library.made_of,
+        "scores": library.scores,
+        "calibration": library.calibration,
+        "fits": {name: {"interval": fit.interval, "longest": fit.longest} for name, fit in library.fits.items()},
+    }
+
+
+def _hash(library: Library) -> str:
+    digest = hashlib.sha256(json.dumps(header_of(library), sort_keys=True).encode())
+    for name in sorted(library.fits):
+        for key, value in sorted(arrays_of(library.fits[name]).items()):
+            digest.update(f"{name} {key} {value.dtype.str} {value.shape}".encode())
+            digest.update(np.ascontiguousarray(value).tobytes())
+    return digest.hexdigest()

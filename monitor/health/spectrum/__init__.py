@@ -1,0 +1,1 @@
+"""From samples to spectra and features: transforms, fault lines, bands, speed."""

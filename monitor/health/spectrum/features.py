@@ -1,0 +1,276 @@
+"""Features of one block: levels, time-domain indicators, raw BPFO harmonics and the fault lines of the envelope.
+
+H_or (Eq. 96) is the sum of the first five BPFO lines in the spectrum of the envelope (Eqs. 94-95) of a band, and H_ir,
+H_ball and H_cage the same for the other families. Each family has its own speed factor: the shaft has one speed, but
+the cage slips, and BPFO is often 0.5 to 1.5 % low where the lines of the shaft are where they should be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.bearing import Kinematics
+from monitor.health.spectrum.harmonics import FaultLines, fault_lines
+from monitor.health.spectrum.indicators import TimeIndicators, time_indicators
+from monitor.health.spectrum.plans import Effort, Precision
+from monitor.health.spectrum.transform import (
+    AmplitudeSpectrum,
+    Band,
+    EnvelopeSpectrum,
+    average_envelopes,
+    get_transform,
+)
+
+FAULTS = ("outer", "inner", "ball", "cage")
+"""The fault families, in the order of the ``fault`` dimension of the records."""
+
+N_HARMONICS = 5
+"""Harmonics of each family in the envelope spectrum (Eq. 96)."""
+
+N_RAW_HARMONICS = 6
+"""BPFO harmonics of the raw spectrum; A* takes the first five (Eq. 57)."""
+
+_RAW_MARGIN_BINS = 210
+
+
+@dataclass(frozen=True)
+class FeatureSettings:
+    """What has to be known about a channel to compute its features.
+
+    Attributes:
+        rate: sampling rate, Hz.
+        bands: bands to demodulate, (lo, hi) in Hz; the first is the one whose sums are the channel's H_or and so on.
+        fundamentals: frequency of the first line of each of ``FAULTS``, Hz (2 BSF of a ball: it meets both races).
+        rms_band: band of RMS and A*, Hz, or None for the full bandwidth.
+        search: half width of the range of the speed factor.
+        precision: arithmetic of the transforms.
+        effort: planning of the transforms; "estimate" gives the same bits everywhere and every time.
+    """
+
+    rate: float
+    bands: tuple[Band, ...]
+    fundamentals: Mapping[str, float]
+    rms_band: Band | None = None
+    search: float = 0.02
+    precision: Precision = "float32"
+    effort: Effort = "estimate"
+
+    def __post_init__(self) -> None:
+        """Refuse settings without a band or with a missing or senseless frequency."""
+        if not self.bands:
+            raise ValueError("bands: at least one band is needed, got none")
+        if set(self.fundamentals) != set(FAULTS):
+            raise ValueError(f"fundamentals: expected {', '.join(FAULTS)}, got {', '.join(sorted(self.fundamentals))}")
+        for fault, frequency in self.fundamentals.items():
+            if not (math.isfinite(frequency) and frequency > 0.0):
+                raise ValueError(f"fundamentals: {fault} must be positive and finite, got {frequency!r} Hz")
+
+
+@dataclass(frozen=True, eq=False)
+class BlockFeatures:
+    """What one block said, SI units.
+
+    Attributes:
+        n_used: samples used in the spectra (the end is cut to a fast length); the indicators use all.
+        rms: root mean square in the RMS band without the mean, m/s2.
+        indicators: the time-domain indicators, full bandwidth.
+        bpfo_amplitude: (6,) BPFO harmonics of the raw spectrum, m/s2; 0 where ``bpfo_resolved`` is False.
+        bpfo_resolved: (6,) whether the raw spectrum shows the harmonic: inside it, in the RMS band, four bins apart.
+        a_star: root of the sum of squares of the first five (Eq. 57), m/s2.
+        lines: for each band, in order, the lines of each fault family.
+        envelopes: the envelope spectrum of each band, of this block alone.
+        averaged: the spectra in which the lines were sought: ``envelopes``, or their average with those given.
+        speed_factor: that of the detected family that stands highest above its threshold, or None where none is
+            detected.
+    """
+
+    n_used: int
+    rms: float
+    indicators: TimeIndicators
+    bpfo_amplitude: NDArray[np.float64]
+    bpfo_resolved: NDArray[np.bool_]
+    a_star: float
+    lines: tuple[Mapping[str, FaultLines], ...]
+    envelopes: tuple[EnvelopeSpectrum, ...]
+    averaged: tuple[EnvelopeSpectrum, ...]
+    speed_factor: float | None
+
+    @property
+    def mean(self) -> float:
+        """Mean of the samples, m/s2."""
+        return self.indicators.mean
+
+    @property
+    def peak(self) -> float:
+        """Max |x|, m/s2."""
+        return self.indicators.peak
+
+    @property
+    def peak_half_range(self) -> float:
+        """Half the range, m/s2."""
+        return self.indicators.peak_half_range
+
+    @property
+    def kurtosis(self) -> float:
+        """Kurtosis, not the excess."""
+        return self.indicators.kurtosis
+
+    @property
+    def skewness(self) -> float:
+        """Skewness."""
+        return self.indicators.skewness
+
+    @property
+    def crest_factor(self) -> float:
+        """Peak over the full-bandwidth RMS."""
+        return self.indicators.crest_factor
+
+    @property
+    def shape_factor(self) -> float:
+        """RMS over mean |x|."""
+        return self.indicators.shape_factor
+
+    @property
+    def impulse_factor(self) -> float:
+        """Peak over mean |x|."""
+        return self.indicators.impulse_factor
+
+    @property
+    def clearance_factor(self) -> float:
+        """Peak over (mean sqrt |x|)^2."""
+        return self.indicators.clearance_factor
+
+    @property
+    def h_or(self) -> float:
+        """H_or of the first band (Eq. 96), m/s2."""
+        return self.lines[0]["outer"].total
+
+    @property
+    def h_ir(self) -> float:
+        """Sum of the first five BPFI lines of the first band, m/s2."""
+        return self.lines[0]["inner"].total
+
+    @property
+    def h_ball(self) -> float:
+        """Sum of the first five lines at multiples of 2 BSF of the first band, m/s2."""
+        return self.lines[0]["ball"].total
+
+    @property
+    def h_cage(self) -> float:
+        """Sum of the first five FTF lines of the first band, m/s2."""
+        return self.lines[0]["cage"].total
+
+
+def fundamentals(kinematics: Kinematics) -> dict[str, float]:
+    """Return the frequency of the first line of each fault family, Hz."""
+    return {"outer": kinematics.bpfo, "inner": kinematics.bpfi, "ball": 2.0 * kinematics.bsf, "cage": kinematics.ftf}
+
+
+def block_features(
+    x: NDArray[np.number],
+    rate: float,
+    settings: FeatureSettings,
+    earlier: Sequence[tuple[EnvelopeSpectrum, ...]] = (),
+) -> BlockFeatures:
+    """Return the features of one block of one channel.
+
+    Args:
+        x: (n_samples,) acceleration, m/s2, any real type; not written to.
+        rate: its sampling rate, Hz.
+        settings: of the channel.
+        earlier: ``envelopes`` of the neighbouring blocks to average with (short records), of equal length.
+
+    Raises:
+        ValueError: if the rate is not the one of the settings, the block is too short for its bands, a sample is not
+            finite, or an earlier spectrum does not fit. The quality stage keeps such blocks from coming here.
+    """
+    if rate != settings.rate:
+        raise ValueError(f"the settings are for {settings.rate:g} Hz, the block has {rate:g} Hz")
+    outer = settings.fundamentals["outer"]
+    # Rounded up to a power of two so that a speed that varies from block to block does not ask for ever new plans.
+    limit = N_RAW_HARMONICS * outer * (1.0 + settings.search) + _RAW_MARGIN_BINS * rate / x.size
+    transform = get_transform(
+        x.size,
+        rate,
+        settings.bands,
+        settings.precision,
+        rms_band=settings.rms_band,
+        raw_limit=2.0 ** math.ceil(math.log2(limit)),
+        effort=settings.effort,
+    )
+    spectra = transform(x)
+    averaged = _averaged(spectra.envelopes, earlier)
+    lines = tuple(envelope_lines(envelope, settings) for envelope in averaged)
+    leader = _leader(lines, FAULTS)
+    raw = _raw_lines(spectra.raw, _leader(lines, ("outer",)), settings)
+    shown = raw.resolved & _inside(settings.rms_band, outer * raw.speed_factor)
+    amplitude = np.where(shown, raw.amplitude, 0.0)
+    indicators = time_indicators(x)
+    return BlockFeatures(
+        n_used=spectra.n_used,
+        rms=indicators.rms if spectra.band_rms is None else spectra.band_rms,
+        indicators=indicators,
+        bpfo_amplitude=amplitude,
+        bpfo_resolved=shown,
+        a_star=float(np.sqrt(np.sum(np.square(amplitude[:N_HARMONICS])))),
+        lines=lines,
+        envelopes=spectra.envelopes,
+        averaged=averaged,
+        speed_factor=None if leader is None else leader.speed_factor,
+    )
+
+
+def envelope_lines(envelope: EnvelopeSpectrum, settings: FeatureSettings) -> dict[str, FaultLines]:
+    """Return the lines of each fault family in one (averaged) envelope spectrum."""
+    return {
+        fault: fault_lines(
+            envelope.amplitude,
+            envelope.resolution,
+            settings.fundamentals[fault],
+            n_harmonics=N_HARMONICS,
+            search=settings.search,
+            n_averages=envelope.n_averages,
+        )
+        for fault in FAULTS
+    }
+
+
+def _raw_lines(raw: AmplitudeSpectrum, found: FaultLines | None, settings: FeatureSettings) -> FaultLines:
+    """BPFO harmonics of the raw spectrum, at the speed that the envelope shows, or else at the best one."""
+    return fault_lines(
+        raw.amplitude,
+        raw.resolution,
+        settings.fundamentals["outer"],
+        n_harmonics=N_RAW_HARMONICS,
+        search=settings.search,
+        speed_factor=None if found is None else found.speed_factor,
+    )
+
+
+def _averaged(
+    envelopes: tuple[EnvelopeSpectrum, ...], earlier: Sequence[tuple[EnvelopeSpectrum, ...]]
+) -> tuple[EnvelopeSpectrum, ...]:
+    if not earlier:
+        return envelopes
+    if any(len(spectra) != len(envelopes) for spectra in earlier):
+        raise ValueError(f"earlier: expected {len(envelopes)} envelope spectra of each block, one for each band")
+    return tuple(average_envelopes(bands) for bands in zip(*earlier, envelopes, strict=True))
+
+
+def _leader(lines: Sequence[Mapping[str, FaultLines]], faults: Sequence[str]) -> FaultLines | None:
+    """The detected family, of those asked for, that stands highest above its threshold in any band."""
+    found = [band[fault] for band in lines for fault in faults if band[fault].detected]
+    return max(found, key=lambda family: family.score / family.threshold, default=None)
+
+
+def _inside(band: Band | None, fundamental: float) -> NDArray[np.bool_]:
+    """(6,) which raw harmonics lie in the RMS band."""
+    if band is None:
+        return np.ones(N_RAW_HARMONICS, dtype=bool)
+    frequency = fundamental * np.arange(1, N_RAW_HARMONICS + 1)
+    return (frequency >= band[0]) & (frequency <= band[1])

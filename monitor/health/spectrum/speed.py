@@ -1,0 +1,205 @@
+"""The shaft speed from the signal itself: the speed at which shaft, cage and fault lines stand together.
+
+Each candidate speed is scored on the whitened raw and envelope spectra: what stands at the multiples of the shaft, less
+what stands half way between them (a line there says that the true shaft turns at half or twice the speed), and the best
+combs of cage and of the passages over the races, with their slip. A speed is given only if it stands clear of every
+other one; nothing is learned, and no clock, file or network is used.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.bearing import Bearing, kinematics
+from monitor.health.spectrum.transform import AmplitudeSpectrum, Band, get_transform
+
+SHAFT_ORDERS = 8
+FAULT_ORDERS = 4
+_SLIP = np.linspace(-0.02, 0.01, 13)
+"""Of cage and passages against pure rolling, as in the search for fault lines."""
+_CAP = 4.0
+"""Most that one line adds, ln of power over the floor: a comb is several lines, not one tall one."""
+_FLOOR_WIDTH = 61
+_STEP = 0.3
+"""Step of the search, in bins at the highest multiple of the shaft."""
+_NEAR = 0.015
+"""Candidates within this part of the best one are the same answer."""
+LEAST_SCORE = 12.0
+LEAST_MARGIN = 4.0
+"""What the best speed must reach, and by how much it must exceed any other; ``python -m benchmarks.speed`` prints what
+noise reaches and what recordings do."""
+_HEARD = 6.0
+"""Score from which the lines of a slower shaft count as heard."""
+_CLEAR = 1.0
+_BIN_SD, _SLIP_SD = 0.3, 0.01
+"""Error of the top of a line, in bins, and of a speed that rests on cage or passages, relative."""
+_LEAST_BINS = 8
+"""The lowest candidate must stand on at least this bin, or its lines are not apart."""
+
+
+class SpeedStatus(StrEnum):
+    """Whether a speed was found."""
+
+    OK = "ok"
+    CANNOT_TELL = "cannot_tell"
+    TOO_SHORT = "too_short"
+
+
+@dataclass(frozen=True)
+class SpeedEstimate:
+    """A speed with its uncertainty.
+
+    Attributes:
+        status: why there is no speed, or "ok".
+        speed: shaft speed, Hz, or NaN.
+        sd: standard deviation of its error, Hz, or NaN.
+        score: of the best candidate.
+        margin: by how much it exceeds the best other one.
+    """
+
+    status: SpeedStatus
+    speed: float = math.nan
+    sd: float = math.nan
+    score: float = math.nan
+    margin: float = math.nan
+
+
+def whitened(spectrum: AmplitudeSpectrum) -> NDArray[np.float64]:
+    """Return ln(power over local floor) of each bin, a constant taken off for noise, between 0 and the cap."""
+    # Everything that reads a configuration imports this module, and hardly anything estimates a speed.
+    from scipy.ndimage import median_filter
+
+    power = np.square(spectrum.amplitude, dtype=np.float64)
+    floor = median_filter(power, size=min(_FLOOR_WIDTH, power.size), mode="nearest") / math.log(2.0)
+    tiny = np.finfo(np.float64).tiny
+    height = np.clip(np.log(np.maximum(power, tiny) / np.maximum(floor, tiny)) - math.log(3.0), 0.0, _CAP)
+    height[:3] = 0.0
+    return height
+
+
+def _at(height: NDArray[np.float64], resolution: float, frequency: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the heights at some frequencies, 0 beyond the spectrum."""
+    position = frequency / resolution
+    return np.interp(position, np.arange(height.size), height, left=0.0, right=0.0)
+
+
+def estimate_speed(
+    samples: NDArray[np.floating], rate: float, bearing: Bearing, limits: tuple[float, float], band: Band | None = None
+) -> SpeedEstimate:
+    """Estimate the shaft speed of a block.
+
+    Args:
+        samples: shape (sample,), any unit.
+        rate: sampling rate, Hz.
+        bearing: whose kinematics tie the lines together.
+        limits: lowest and highest speed that the machine can have, Hz.
+        band: band to demodulate, Hz; by default a tenth to nine tenths of the Nyquist frequency.
+
+    Raises:
+        ValueError: the limits are not 0 < low < high.
+    """
+    low, high = limits
+    if not (0.0 < low < high < math.inf):
+        raise ValueError(f"limits of the speed must satisfy 0 < low < high, got {low} to {high} Hz")
+    band = (0.05 * rate, 0.45 * rate) if band is None else band
+    if samples.size < 64 or samples.size / rate * low < _LEAST_BINS:
+        return SpeedEstimate(SpeedStatus.TOO_SHORT)
+    top = max(SHAFT_ORDERS, FAULT_ORDERS * kinematics(bearing, 1.0).bpfi) * high
+    spectra = get_transform(samples.size, rate, (band,), raw_limit=min(top, 0.5 * rate))(samples)
+    raw, envelope = spectra.raw, spectra.envelopes[0]
+    resolution = raw.resolution
+    count = max(2, math.ceil((high - low) * SHAFT_ORDERS / (_STEP * resolution)))
+    speeds = np.linspace(low, high, count)
+    heights = whitened(raw), whitened(envelope)
+    shaft = _shaft_score(heights, resolution, speeds)
+    score = shaft + _fault_score(heights[1], resolution, speeds, bearing)
+    best = int(np.argmax(score))
+    apart = np.abs(speeds / speeds[best] - 1.0) > _NEAR
+    margin = float(score[best] - np.max(score[apart], initial=0.0))
+    mistaken = _may_be_a_fault_line(float(speeds[best]), speeds, shaft, bearing)
+    if score[best] < LEAST_SCORE or margin < LEAST_MARGIN or mistaken:
+        return SpeedEstimate(SpeedStatus.CANNOT_TELL, score=float(score[best]), margin=margin)
+    speed, sd = _refined((raw, envelope), heights, float(speeds[best]))
+    return SpeedEstimate(SpeedStatus.OK, speed, sd, float(score[best]), margin)
+
+
+def _shaft_score(
+    heights: tuple[NDArray[np.float64], ...], resolution: float, speeds: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return what stands at the multiples of each speed less what stands half way below each of them."""
+    score = np.zeros(speeds.size)
+    for height in heights:
+        for order in range(1, SHAFT_ORDERS + 1):
+            weight = 1.0 if order <= SHAFT_ORDERS // 2 else 0.5
+            score += weight * _at(height, resolution, order * speeds)
+            score -= weight * _at(height, resolution, (order - 0.5) * speeds)
+    return score
+
+
+def _fault_score(
+    height: NDArray[np.float64], resolution: float, speeds: NDArray[np.float64], bearing: Bearing
+) -> NDArray[np.float64]:
+    """Return the best comb of cage, passages or spin for each speed: seldom is more than one part heard."""
+    lines = kinematics(bearing, 1.0)
+    best = np.zeros(speeds.size)
+    for line in (lines.ftf, lines.bpfo, lines.bpfi, 2.0 * lines.bsf):
+        for slip in _SLIP:
+            comb = np.zeros(speeds.size)
+            for order in range(1, FAULT_ORDERS + 1):
+                comb += _at(height, resolution, order * line * (1.0 + slip) * speeds)
+            np.maximum(best, comb, out=best)
+    return best
+
+
+def _may_be_a_fault_line(
+    speed: float, speeds: NDArray[np.float64], shaft: NDArray[np.float64], bearing: Bearing
+) -> bool:
+    """Tell whether the comb of the best candidate may be the passages of a slower shaft, which is heard as well."""
+    lines = kinematics(bearing, 1.0)
+    for line in (lines.bpfo, lines.bpfi, 2.0 * lines.bsf):
+        slower = (speeds * line * (1.0 + _SLIP[0]) <= speed) & (speed <= speeds * line * (1.0 + _SLIP[-1]))
+        if np.max(shaft[slower], initial=0.0) >= _HEARD:
+            return True
+    return False
+
+
+def _refined(
+    spectra: tuple[AmplitudeSpectrum, ...], heights: tuple[NDArray[np.float64], ...], speed: float
+) -> tuple[float, float]:
+    """Return the speed by the tops of its shaft lines, and the standard deviation of its error.
+
+    A line of order k tells the speed k times as exactly as the first one. Where fewer than two lines of the shaft are
+    heard, the speed rests on cage or passages, and is as uncertain as their slip.
+    """
+    found, weights = [], []
+    for spectrum, height in zip(spectra, heights, strict=True):
+        for order in range(1, SHAFT_ORDERS + 1):
+            middle = round(order * speed / spectrum.resolution)
+            if middle + 3 >= height.size or middle < 4:
+                continue
+            top = middle - 2 + int(np.argmax(spectrum.amplitude[middle - 2 : middle + 3]))
+            if height[top] < _CLEAR:
+                continue
+            before, at, after = np.log(np.maximum(spectrum.amplitude[top - 1 : top + 2], np.finfo(np.float64).tiny))
+            curve = before - 2.0 * at + after
+            shift = float(np.clip(0.5 * (before - after) / curve, -0.5, 0.5)) if curve < 0.0 else 0.0
+            found.append((top + shift) * spectrum.resolution / order)
+            weights.append(float(order * order))
+    if len(found) < 2:
+        return speed, _SLIP_SD * speed
+    values, weight = np.array(found), np.array(weights)
+    mean = float(np.average(values, weights=weight))
+    # Lines of other origin may stand near: what is far from the middle does not count.
+    spread = spectra[0].resolution / np.sqrt(weight)
+    near = np.abs(values - speed) <= 2.0 * spread
+    if np.count_nonzero(near) >= 2:
+        values, weight = values[near], weight[near]
+        mean = float(np.average(values, weights=weight))
+    scatter = float(np.average((values - mean) ** 2, weights=weight)) / (values.size - 1)
+    floor = (_BIN_SD * spectra[0].resolution) ** 2 / float(weight.sum())
+    return mean, math.sqrt(scatter + floor)

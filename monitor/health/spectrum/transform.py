@@ -1,0 +1,344 @@
+"""One pass in the frequency domain: a block of samples to its raw and its envelope spectra.
+
+One planned real FFT of the block serves everything. For each band its bins are copied to the start of a short array
+whose inverse FFT is the analytic signal of that band, shifted to zero frequency and decimated (Eqs. 94-95 need only its
+magnitude, which the shift leaves alone). The spacing of the bins stays one over the duration, so no frequency axis is
+resampled. Spectra are single-sided, of Hann-windowed signals, and scaled so that a line on a bin reads its amplitude.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from monitor.health.spectrum.indicators import SMALLEST_RANGE, sample_range
+from monitor.health.spectrum.plans import Effort, Plan, Precision, envelope_length, planning, previous_smooth
+
+Band = tuple[float, float]
+
+MIN_SAMPLES = 64
+"""Shortest block that has a spectrum worth the name; shorter ones are refused."""
+
+OVERSAMPLING = 4.0
+"""Samples of the envelope per bin of its band.
+
+The envelope is a square root and has no band limit: what lies above half of this rate folds back.
+``python -m benchmarks.features`` prints the error.
+"""
+
+_CACHED_TRANSFORMS = 16
+_EXPONENT_LIMIT = 40
+
+
+@dataclass(frozen=True, eq=False)
+class AmplitudeSpectrum:
+    """Single-sided amplitude spectrum of a Hann-windowed signal.
+
+    Attributes:
+        resolution: spacing of the bins, Hz; bin k stands at k times it.
+        amplitude: (n_bins,) in the unit of the signal; a line of amplitude A on a bin reads A there and A/2 beside it,
+            so the root of the sum of squares over its bins, divided by sqrt(1.5), is A on and off a bin.
+    """
+
+    resolution: float
+    amplitude: NDArray[np.floating]
+
+    @property
+    def frequency(self) -> NDArray[np.float64]:
+        """(n_bins,) frequency of each bin, Hz."""
+        return np.arange(self.amplitude.size, dtype=np.float64) * self.resolution
+
+
+@dataclass(frozen=True, eq=False)
+class EnvelopeSpectrum(AmplitudeSpectrum):
+    """Spectrum of the envelope (Eq. 95) of one band, its mean removed; as wide as the band itself.
+
+    Attributes:
+        band: (lo, hi) of the demodulated band, Hz.
+        mean: mean of the envelope, in the unit of the signal.
+        n_averages: how many spectra were averaged in power to give this one.
+    """
+
+    band: Band
+    mean: float
+    n_averages: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class BlockSpectra:
+    """All that one transform says about a block.
+
+    Attributes:
+        n_used: samples used; the rest at the end were cut for a fast length.
+        rate: sampling rate, Hz.
+        mean: mean of the used samples.
+        band_rms: root mean square within ``rms_band``, by Parseval's theorem; None where no such band was asked for.
+        raw: spectrum of the signal itself up to the limit the transform was made for.
+        envelopes: one envelope spectrum for each band.
+    """
+
+    n_used: int
+    rate: float
+    mean: float
+    band_rms: float | None
+    raw: AmplitudeSpectrum
+    envelopes: tuple[EnvelopeSpectrum, ...]
+
+
+def fast_length(n_samples: int) -> int:
+    """Return the largest length up to ``n_samples`` whose prime factors are 2, 3 and 5 only.
+
+    Raises:
+        ValueError: if the block is shorter than ``MIN_SAMPLES``.
+    """
+    if n_samples < MIN_SAMPLES:
+        raise ValueError(f"a block needs at least {MIN_SAMPLES} samples, got {n_samples}")
+    return previous_smooth(n_samples)
+
+
+def band_bins(band: Band, n_used: int, rate: float) -> tuple[int, int]:
+    """Return the first and the last bin of a band, both included, never the mean nor the Nyquist bin.
+
+    Raises:
+        ValueError: if the band is empty, reversed, below zero or above the Nyquist frequency.
+    """
+    lo, hi = band
+    if not (0.0 <= lo < hi <= 0.5 * rate):
+        raise ValueError(f"band must satisfy 0 <= lo < hi <= {0.5 * rate:g} Hz (Nyquist), got {lo:g} to {hi:g} Hz")
+    resolution = rate / n_used
+    # A billionth of a bin keeps an edge that was meant to stand on a bin inside, whatever its rounding.
+    first = max(1, math.ceil(lo / resolution - 1e-9))
+    last = min((n_used - 1) // 2, math.floor(hi / resolution + 1e-9))
+    if last - first < 3:
+        raise ValueError(f"band {lo:g} to {hi:g} Hz holds fewer than 4 bins of {resolution:g} Hz")
+    return first, last
+
+
+class _EnvelopePlan:
+    """Analytic signal to envelope spectrum for one length; bands of equal length share it."""
+
+    def __init__(self, n_samples: int, n_used: int, precision: Precision, effort: Effort) -> None:
+        self.n = n_samples
+        self.analytic = Plan(n_samples, "inverse", precision, effort)
+        self.envelope = Plan(n_samples, "real", precision, effort)
+        hann = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(n_samples) / n_samples)
+        # 2/n_used makes the analytic signal of the bins, 4/n the Hann-windowed line amplitude of its envelope.
+        self.window = (hann * (2.0 / n_used) * (4.0 / n_samples)).astype(precision)
+        self.mean_scale = 2.0 / n_used
+        self._filled = 0
+
+    def __call__(self, bins: NDArray[np.complexfloating], n_keep: int) -> tuple[NDArray[np.floating], float]:
+        """Return the first ``n_keep`` amplitudes of the envelope spectrum of a band, and the mean of the envelope."""
+        workspace = self.analytic.input
+        workspace[: bins.size] = bins
+        workspace[bins.size : self._filled] = 0
+        self._filled = bins.size
+        self.analytic.execute()
+        envelope = self.envelope.input
+        np.abs(self.analytic.output, out=envelope)
+        mean = envelope.mean()
+        envelope -= mean
+        envelope *= self.window
+        self.envelope.execute()
+        return np.abs(self.envelope.output[:n_keep]), float(mean) * self.mean_scale
+
+
+class BlockTransform:
+    """The plans and the workspace for blocks of one length, rate and set of bands.
+
+    It owns its workspace: one instance must not be used by two threads at once. ``get_transform`` gives every thread
+    its own. The caller's samples are never written to, and nothing that is returned points into the workspace.
+    """
+
+    def __init__(
+        self,
+        n_samples: int,
+        rate: float,
+        bands: Sequence[Band],
+        *,
+        rms_band: Band | None = None,
+        raw_limit: float | None = None,
+        precision: Precision = "float32",
+        effort: Effort = "estimate",
+        oversampling: float = OVERSAMPLING,
+    ) -> None:
+        """Plan the transforms.
+
+        Args:
+            n_samples: length of the blocks to come; it is cut to the fast length below.
+            rate: their sampling rate, Hz.
+            bands: bands to demodulate, Hz.
+            rms_band: band to take the RMS value in, Hz, or None: do not take it.
+            raw_limit: highest frequency of the raw spectrum to keep, Hz, or None for the Nyquist frequency.
+            precision: storage and arithmetic of the transforms.
+            effort: "estimate" plans at once and gives the same bits every time; "measure" tries algorithms for seconds,
+                and gives the same bits only with the same wisdom.
+            oversampling: samples of the envelope per bin of the band.
+
+        Raises:
+            ValueError: if a band does not fit below the Nyquist frequency or the block is too short.
+        """
+        if not (math.isfinite(rate) and rate > 0.0):
+            raise ValueError(f"rate must be positive and finite, got {rate!r} Hz")
+        self.n_samples = n_samples
+        self.n_used = fast_length(n_samples)
+        self.rate = rate
+        self.bands = tuple(bands)
+        self.resolution = rate / self.n_used
+        self._bins = [band_bins(band, self.n_used, rate) for band in self.bands]
+        self._rms_bins = None if rms_band is None else band_bins(rms_band, self.n_used, rate)
+        limit = 0.5 * rate if raw_limit is None else min(raw_limit, 0.5 * rate)
+        self._n_raw = min(self.n_used // 2, math.floor(limit / self.resolution)) + 1
+        with planning(effort):
+            self._forward = Plan(self.n_used, "real", precision, effort)
+            plans: dict[int, _EnvelopePlan] = {}
+            self._envelope_plans: list[_EnvelopePlan] = []
+            for first, last in self._bins:
+                length = envelope_length(last - first + 1, self.n_used, oversampling)
+                if length not in plans:
+                    plans[length] = _EnvelopePlan(length, self.n_used, precision, effort)
+                self._envelope_plans.append(plans[length])
+
+    def __call__(self, x: NDArray[np.number]) -> BlockSpectra:
+        """Return the spectra of one block.
+
+        Args:
+            x: (n_samples,) real samples of any type; not written to.
+
+        Raises:
+            ValueError: if the shape is not the planned one, or a sample is not finite or beyond 1e30 (the quality stage
+                rejects such blocks before they come here).
+        """
+        if x.shape != (self.n_samples,):
+            raise ValueError(f"the transform is planned for shape ({self.n_samples},), got {x.shape}")
+        mean, scale = self._load(x[: self.n_used])
+        self._forward.execute()
+        spectrum = self._forward.output
+        envelopes = []
+        for band, (first, last), plan in zip(self.bands, self._bins, self._envelope_plans, strict=True):
+            n_keep = min(last - first + 1, plan.n // 2 + 1)
+            amplitude, level = plan(spectrum[first : last + 1], n_keep)
+            if scale != 1.0:
+                amplitude = amplitude.astype(np.float64) / scale
+            envelopes.append(EnvelopeSpectrum(self.resolution, amplitude, band, level / scale))
+        raw = self._raw_amplitude(spectrum)
+        if scale != 1.0:
+            raw = raw.astype(np.float64) / scale
+        return BlockSpectra(
+            n_used=self.n_used,
+            rate=self.rate,
+            mean=mean,
+            band_rms=None if self._rms_bins is None else _rms(spectrum, self._rms_bins, self.n_used) / scale,
+            raw=AmplitudeSpectrum(self.resolution, raw),
+            envelopes=tuple(envelopes),
+        )
+
+    def _load(self, x: NDArray[np.number]) -> tuple[float, float]:
+        """Put the samples without their mean into the workspace; return the mean and the factor they were given."""
+        low, high = sample_range(x)
+        workspace = self._forward.input
+        if high - low < SMALLEST_RANGE:
+            workspace[:] = 0
+            return 0.5 * low + 0.5 * high, 1.0
+        # Pairwise sums in the samples' own type are exact enough: what is left of the mean is in bin 0, not used.
+        mean = float(x.sum()) / x.size
+        exponent = math.frexp(high - low)[1]
+        if abs(exponent) <= _EXPONENT_LIMIT:
+            np.subtract(x, mean, out=workspace, casting="same_kind")
+            return mean, 1.0
+        # Powers of two are exact, and keep the squares of very large or small samples inside float32.
+        scale = math.ldexp(1.0, -exponent)
+        workspace[:] = (x.astype(np.float64) - mean) * scale
+        return mean, scale
+
+    def _raw_amplitude(self, spectrum: NDArray[np.complexfloating]) -> NDArray[np.floating]:
+        """Hann-windowed amplitude of the lowest bins: the window is a convolution with [-1/4, 1/2, -1/4]."""
+        n = self._n_raw
+        if n == 1:
+            return np.zeros(1, spectrum.real.dtype)
+        middle = spectrum[:n] * spectrum.real.dtype.type(2.0 / self.n_used)
+        middle[1:] -= spectrum[: n - 1] * spectrum.real.dtype.type(1.0 / self.n_used)
+        n_right = min(n, spectrum.size - 1)
+        middle[:n_right] -= spectrum[1 : n_right + 1] * spectrum.real.dtype.type(1.0 / self.n_used)
+        amplitude = np.abs(middle)
+        amplitude[0] = 0.0
+        return amplitude
+
+
+def _rms(spectrum: NDArray[np.complexfloating], bins: tuple[int, int], n_used: int) -> float:
+    """Root mean square of what stands in some bins of a real signal's transform, neither the mean nor Nyquist's."""
+    first, last = bins
+    parts = spectrum[first : last + 1].view(spectrum.real.dtype)
+    return math.sqrt(2.0 * float(np.sum(parts * parts))) / n_used
+
+
+_local = threading.local()
+
+
+def get_transform(
+    n_samples: int,
+    rate: float,
+    bands: Sequence[Band],
+    precision: Precision = "float32",
+    *,
+    rms_band: Band | None = None,
+    raw_limit: float | None = None,
+    effort: Effort = "estimate",
+) -> BlockTransform:
+    """Return this thread's transform for such blocks, planned at the first call and kept (the 16 used last).
+
+    The arguments and errors are those of ``BlockTransform``.
+    """
+    key = (n_samples, rate, tuple(bands), precision, rms_band, raw_limit, effort)
+    kept: OrderedDict[object, BlockTransform] | None = getattr(_local, "kept", None)
+    if kept is None:
+        kept = _local.kept = OrderedDict()
+    transform = kept.get(key)
+    if transform is None:
+        transform = BlockTransform(
+            n_samples, rate, bands, rms_band=rms_band, raw_limit=raw_limit, precision=precision, effort=effort
+        )
+        kept[key] = transform
+        if len(kept) > _CACHED_TRANSFORMS:
+            kept.popitem(last=False)
+    kept.move_to_end(key)
+    return transform
+
+
+def average_spectra(amplitudes: Sequence[NDArray[np.floating]]) -> NDArray[np.float64]:
+    """Return the amplitude spectrum of the mean power of several: (n_bins,) arrays of equal length.
+
+    Raises:
+        ValueError: if there are none, or their lengths differ.
+    """
+    if not amplitudes:
+        raise ValueError("there is no spectrum to average")
+    if len({a.shape for a in amplitudes}) > 1:
+        raise ValueError(f"spectra of different lengths cannot be averaged: {sorted({a.size for a in amplitudes})}")
+    power = np.zeros(amplitudes[0].shape)
+    for amplitude in amplitudes:
+        power += np.square(amplitude, dtype=np.float64)
+    return np.sqrt(power / len(amplitudes))
+
+
+def average_envelopes(spectra: Sequence[EnvelopeSpectrum]) -> EnvelopeSpectrum:
+    """Return the average, in power, of the envelope spectra of one band over neighbouring blocks.
+
+    Raises:
+        ValueError: if there are none, or they are of different bands, resolutions or lengths.
+    """
+    amplitude = average_spectra([s.amplitude for s in spectra])
+    first = spectra[0]
+    if any(s.band != first.band or s.resolution != first.resolution for s in spectra):
+        raise ValueError("envelope spectra of different bands or resolutions cannot be averaged")
+    weights = [s.n_averages for s in spectra]
+    if len(set(weights)) > 1:
+        raise ValueError(f"envelope spectra that are averages of different counts cannot be averaged: {weights}")
+    mean = sum(s.mean for s in spectra) / len(spectra)
+    return EnvelopeSpectrum(first.resolution, amplitude, first.band, mean, n_averages=sum(weights))

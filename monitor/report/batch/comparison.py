@@ -1,0 +1,261 @@
+"""Several runs side by side: overview by state, final stages, tables, and the thesis' first prognostic model."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+
+from models.maps.data import OutsideMapError, RmsMap
+from monitor.health.damage.thesis.prognosis import rms_from_map, rms_history
+from monitor.report.batch import comparison_tables as tables
+from monitor.report.batch.summary import ChannelSummary, RunSummary
+from monitor.report.figures.drawing import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    STYLE,
+    VERMILION,
+    Picture,
+    legend_above,
+    log_if_wide,
+    new_figure,
+    to_svg,
+    unit_of,
+)
+from monitor.report.figures.map_path import kept_map
+from monitor.report.options import Options
+from monitor.report.tables import Table
+from monitor.words.numbers import count
+from streams.block import STANDARD_GRAVITY
+
+_WORST = ("bad", "watch", "open", "good")
+_NAMED = 8
+"""So many runs get a line of their own kind and a name; more are drawn alike."""
+_MOST_LINES = 100
+_MOST_CONDITIONS = 6
+_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, INK)
+_STYLES = ("-", "--", "-.", ":")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What is said of several runs together.
+
+    Attributes:
+        runs: the worst first.
+        states: how many runs are in each state of their worst channel, the worst first.
+        pictures: figures.
+        tables: tables below them.
+        overview: the overview as a table for files.
+    """
+
+    runs: tuple[RunSummary, ...]
+    states: tuple[tuple[str, int], ...]
+    pictures: tuple[Picture, ...]
+    shown: tuple[Table, ...]
+    overview: Table
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """All tables, for files."""
+        return (self.overview, *self.shown)
+
+
+def compare(runs: Sequence[RunSummary], options: Options, numbers: itertools.count[int]) -> Comparison:
+    """Compare runs.
+
+    Args:
+        runs: what was kept of them.
+        options: of the report.
+        numbers: of figures.
+    """
+    ordered = sorted(runs, key=lambda run: _WORST.index(state_of(run)))
+    states = [(state, sum(state_of(run) == state for run in runs)) for state in _WORST]
+    pictures = [
+        _side_by_side(ordered, "rms_g", "RMS (g)", "Final stages side by side: RMS", numbers),
+        _side_by_side(ordered, "v_eq_mm2", "V_eq (mm³/mm)", "Final stages side by side: damaged volume", numbers),
+    ]
+    other = other_conditions(ordered, options, numbers)
+    found = [tables.milestones(ordered, options.zone), tables.laws(ordered)]
+    if other is not None:
+        pictures.append(other[0])
+        found.append(other[1])
+    if options.holds("score"):
+        found += [tables.scores(ordered), tables.mean_scores(ordered)]
+    return Comparison(
+        runs=tuple(ordered),
+        states=tuple((state, number) for state, number in states if number),
+        pictures=tuple(picture for picture in pictures if picture is not None),
+        shown=tuple(table for table in found if table is not None and table.rows),
+        overview=tables.overview(ordered),
+    )
+
+
+def state_of(run: RunSummary) -> str:
+    """Return the state of the worst channel of a run, "open" where none has a value."""
+    return min((channel.severity for channel in run.channels), key=_WORST.index, default="open")
+
+
+def _named(run: RunSummary, channel: ChannelSummary) -> str:
+    return run.label if len(run.channels) == 1 else f"{run.label}: {channel.name}"
+
+
+def _series(runs: Sequence[RunSummary], name: str) -> Iterator[tuple[str, Mapping[str, Any], ChannelSummary]]:
+    for run in runs:
+        for channel in run.channels:
+            if name in channel.final:
+                yield _named(run, channel), channel.final[name], channel
+
+
+@mpl.rc_context(STYLE)
+def _side_by_side(
+    runs: Sequence[RunSummary], name: str, label: str, heading: str, numbers: itertools.count[int]
+) -> Picture | None:
+    """Draw a quantity of all final stages over the time since t_fs (thesis, Figs. 60, 62 and 64)."""
+    every = list(_series(runs, name))
+    drawn = every[:_MOST_LINES]
+    if len(drawn) < 2:
+        return None
+    unit, words = unit_of(max(max(series["time_s"]) for _, series, _ in drawn))
+    made, (axes,) = new_figure(3.8)
+    for (title, series, _), look in zip(drawn, _looks(len(drawn)), strict=True):
+        axes.plot(np.array(series["time_s"]) / unit, series["value"], **look(title))
+    if name == "v_eq_mm2":
+        for place, threshold in enumerate(sorted({t for _, _, channel in drawn for t in channel.thresholds})):
+            name_once = "threshold" if place == 0 else None
+            axes.axhline(1e6 * threshold, color=GREY, linewidth=1.0, linestyle=(0, (6, 2)), label=name_once)
+        axes.set_ylim(bottom=0.0)
+    else:
+        log_if_wide(axes, np.concatenate([np.array(series["value"]) for _, series, _ in drawn]))
+    axes.set_xlabel(f"{words} from the start of the final stage")
+    axes.set_ylabel(label)
+    axes.set_xlim(left=0.0)
+    legend_above(axes, columns=4)
+    left = f" The {_MOST_LINES} worst of {len(every)} are drawn." if len(every) > _MOST_LINES else ""
+    caption = f"{count(len(drawn), 'final stage')}, each from its own t_fs; standstill is left out.{left}"
+    data = {"runs": [{"run": title, **series} for title, series, _ in drawn]}
+    text = f"{heading}, {count(len(drawn), 'line')}."
+    return Picture(heading, to_svg(made, text, numbers), caption, data, f"side_by_side_{name}")
+
+
+def _looks(lines: int) -> Iterator[Callable[[str], dict[str, Any]]]:
+    """Yield how each line is drawn: a few with colour, style and name of their own, many alike."""
+    for place in range(lines):
+        if lines > _NAMED:
+            yield lambda _: {"color": BLUE, "linewidth": 0.8, "alpha": 0.45}
+        else:
+            colour, style = _COLOURS[place % len(_COLOURS)], _STYLES[place % len(_STYLES)]
+            yield lambda title, colour=colour, style=style: {"color": colour, "linestyle": style, "label": title}
+
+
+@dataclass(frozen=True)
+class _Condition:
+    """A run as it was recorded under its condition."""
+
+    label: str
+    load: float
+    speed: float
+    rms_end: float
+    series: Mapping[str, Any]
+
+
+def other_conditions(
+    runs: Sequence[RunSummary], options: Options, numbers: itertools.count[int]
+) -> tuple[Picture, Table] | None:
+    """Look the tracked defects of each run up under the conditions of others (Fig. 63 and Table 21 of the thesis).
+
+    Returns:
+        The figure and the table, or None where no map covers the condition of another run.
+    """
+    recorded = [
+        _Condition(_named(run, channel), channel.load, channel.speed, channel.rms_end, channel.final.get("rms_g", {}))
+        for run in runs
+        for channel in run.channels
+        if channel.load is not None and channel.speed is not None and channel.rms_end is not None
+    ]
+    sources = [(_named(run, channel), channel) for run in runs for channel in run.channels if channel.sizes]
+    maps: dict[str, RmsMap | None] = {}
+    histories: dict[tuple[str, str], tuple[list[float], Any]] = {}
+    for label, channel in sources:
+        if channel.map_hash not in maps:
+            maps[channel.map_hash] = options.map_for(channel.name) or kept_map(channel.map_hash)
+        rms_map = maps[channel.map_hash]
+        others = [one for one in recorded if one.label != label][:_MOST_LINES]
+        for one in others:
+            values = _under(rms_map, channel, one)
+            if values is not None:
+                histories[one.label, label] = (channel.sizes["time_s"], values)
+    asked = [one for one in recorded if any(target == one.label for target, _ in histories)]
+    if not asked:
+        return None
+    numerical = {key: _last_finite(values) for key, (_, values) in histories.items()}
+    table = tables.rms_at_end([(one.label, one.load, one.speed, one.rms_end) for one in asked], numerical)
+    return _drawn(asked, histories, numbers), table
+
+
+def _under(rms_map: RmsMap | None, channel: ChannelSummary, one: _Condition) -> Any:
+    """Return the RMS of a channel's sizes under the condition of another run, None where the map does not cover it."""
+    if rms_map is None:
+        return None
+    try:
+        at = rms_from_map(rms_map, one.load, one.speed)
+    except OutsideMapError:
+        return None
+    return rms_history(channel.sizes["dphi_d"], channel.sizes["h_d"], at)
+
+
+def _last_finite(values: Any) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite[-1]) if finite.size else float("nan")
+
+
+@mpl.rc_context(STYLE)
+def _drawn(
+    asked: Sequence[_Condition],
+    histories: Mapping[tuple[str, str], tuple[list[float], Any]],
+    numbers: itertools.count[int],
+) -> Picture:
+    shown = asked[:_MOST_CONDITIONS]
+    made, panels = new_figure(0.8 + 2.1 * len(shown), (1.0,) * len(shown))
+    longest = max(max(time) for time, _ in histories.values())
+    unit, words = unit_of(max([longest, *(max(one.series["time_s"]) for one in shown if one.series)]))
+    data = [_panel(axes, one, histories, unit) for axes, one in zip(panels, shown, strict=True)]
+    panels[-1].set_xlabel(f"{words} from the start of the final stage")
+    panels[-1].set_xlim(left=0.0)
+    caption = (
+        "Dots: as recorded. Lines: the defects that were tracked on other runs, looked up in the RMS map under the "
+        "load and speed of this one. They end when those runs ended: the model says how loud, not when."
+    )
+    left = len(asked) - len(shown)
+    caption += f" {count(left, 'more run')} in the table below." if left else ""
+    text = "RMS as recorded and by the first prognostic model, one panel a run."
+    heading = "The first prognostic model: defects of other runs under this condition"
+    return Picture(heading, to_svg(made, text, numbers), caption, {"panels": data}, "other_conditions")
+
+
+def _panel(
+    axes: Axes, one: _Condition, histories: Mapping[tuple[str, str], tuple[list[float], Any]], unit: float
+) -> dict[str, Any]:
+    found: dict[str, Any] = {"run": one.label, "load_newton": one.load, "speed_hz": one.speed, "numerical": []}
+    if one.series:
+        axes.plot(np.array(one.series["time_s"]) / unit, one.series["value"], ".", color=GREY, label="recorded")
+        found["recorded"] = one.series
+    mine = [(source, pair) for (target, source), pair in histories.items() if target == one.label]
+    for (source, (time, values)), look in zip(mine, _looks(len(mine)), strict=True):
+        axes.plot(np.array(time) / unit, values / STANDARD_GRAVITY, **look(f"defects of {source}"))
+        found["numerical"].append({"run": source, "time_s": time, "rms_g": values / STANDARD_GRAVITY})
+    under = f"{one.label}: {one.load:,.0f} N, {one.speed:g} Hz"
+    axes.annotate(under, (1.0, 0.04), xycoords="axes fraction", ha="right", fontsize=9)
+    axes.set_ylabel("RMS (g)")
+    axes.set_ylim(bottom=0.0)
+    legend_above(axes, columns=4)
+    return found

@@ -1,0 +1,199 @@
+"""Tables over runs: final stages, fitted laws, scores, and the first prognostic model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import tzinfo
+from typing import Any
+
+from monitor.report.batch.summary import RunSummary
+from monitor.report.score.runs import mean_of_runs
+from monitor.report.tables import Cell, Column, Table
+from monitor.words.numbers import Clock, duration
+from streams.block import STANDARD_GRAVITY
+
+_PER_HOUR = 3600.0
+_SCORES = (
+    Column("cra", "CRA", "1"),
+    Column("crps", "CRPS", "s", "s", words=duration),
+    Column("prognostic_horizon", "horizon", "s", "s", words=duration),
+    Column("coverage", "coverage", "1", words=lambda value: f"{value:.0%}"),
+    Column("width", "width of the interval", "s", "s", words=duration),
+    Column("answered", "answered", "1", words=lambda value: f"{value:.0%}"),
+)
+_SCORE_KEYS = ("cra", "crps_s", "prognostic_horizon_s", "coverage", "width_s", "answered")
+_END_WORDS = {"given": "given", "truth": "true", "tracked": "tracked V_eq crossed", "none": "not known"}
+_BASELINES = ("doubling", "linear", "thesis")
+
+
+def milestones(runs: Sequence[RunSummary], zone: tzinfo) -> Table:
+    """Return t_fs, t_EOL and the length of the final stage of every channel that has one (thesis, Table 20).
+
+    Args:
+        runs: whose channels they are.
+        zone: in which dates are written.
+    """
+    rows: list[Sequence[Cell]] = []
+    for run in runs:
+        clock = Clock(run.dated, zone)
+        for channel in run.channels:
+            if channel.t_fs is None or channel.last is None:
+                continue
+            ended = channel.last if channel.t_eol is None else channel.t_eol
+            words = [_words(clock, moment) for moment in (channel.t_fs, channel.t_eol)]
+            until = "last block" if channel.t_eol is None else "end of life"
+            seconds = (channel.t_fs, channel.t_eol, ended - channel.t_fs)
+            rows.append((run.label, channel.name, *words, *seconds, until))
+    columns = (
+        Column("run", "run"),
+        Column("channel", "channel"),
+        Column("t_fs_words", "t_fs"),
+        Column("t_eol_words", "t_EOL"),
+        Column("t_fs", "t_fs", "s", "s", on_page=False),
+        Column("t_eol", "t_EOL", "s", "s", on_page=False),
+        Column("length", "final stage lasts", "s", "s", words=duration),
+        Column("until", "until"),
+    )
+    note = "As Table 20 of the thesis. Where no end of life was seen, the final stage is counted to the last block."
+    return Table("final_stages", "Start, end and length of the final stages", columns, rows, note)
+
+
+def _words(clock: Clock, moment: float | None) -> str:
+    return "" if moment is None or not math.isfinite(moment) else clock.moment(moment)
+
+
+def laws(runs: Sequence[RunSummary]) -> Table | None:
+    """Return the coefficients of the last fitted law of each channel (thesis, Table 22), or None without any."""
+    rows = []
+    for run in runs:
+        for channel in run.channels:
+            if len(channel.law) == 4:
+                a, b, c, r_squared = channel.law
+                # mm3/mm and hours read better than m2 and seconds.
+                in_hours = (a * 1e6 * _PER_HOUR**2, b * 1e6 * _PER_HOUR, c * 1e6)
+                rows.append((run.label, channel.name, *in_hours, a, b, c, r_squared))
+    if not rows:
+        return None
+    columns = (
+        Column("run", "run"),
+        Column("channel", "channel"),
+        *(
+            Column(f"{name}_per_hour", f"{name} (mm³/mm{unit})", "1", words=lambda value: f"{value:.3e}")
+            for name, unit in (("a", "/h²"), ("b", "/h"), ("c", ""))
+        ),
+        Column("a", "a", "m2 s-2", "mm2_per_s2", 1e6, on_page=False),
+        Column("b", "b", "m2 s-1", "mm2_per_s", 1e6, on_page=False),
+        Column("c", "c", "m2", "mm2", 1e6, on_page=False),
+        Column("r_squared", "R²", "1", words=lambda value: f"{value:.3f}"),
+    )
+    note = "V_eq = a τ² + b τ + c, τ the damage time since t_fs; the last fit before the threshold (thesis, Table 22)."
+    return Table("laws", "Fitted laws", columns, rows, note)
+
+
+def scores(runs: Sequence[RunSummary]) -> Table | None:
+    """Return how good the forecasts were as issued, beside naive ones; None where no end is known."""
+    rows: list[Sequence[Cell]] = []
+    for run in runs:
+        for scored in run.scores:
+            end = _END_WORDS.get(str(scored["end_source"]), "")
+            rows.append(_score_row(run.label, scored["channel"], scored["method"] or "as issued", end, scored))
+            naive = scored["baselines"]
+            rows.extend(
+                _score_row(run.label, scored["channel"], f"naive: {name}", end, naive[name])
+                for name in _BASELINES
+                if name in naive
+            )
+    if not rows:
+        return None
+    columns = (
+        Column("run", "run"),
+        Column("channel", "channel"),
+        Column("method", "method"),
+        Column("end", "end"),
+        *_SCORES,
+    )
+    note = (
+        "Each run by itself, at all moments between t_fs becoming known and the end. CRA: 1 is perfect. CRPS: mean "
+        "error of the whole distribution. Where the end is that of the tracked V_eq, it is judged by its own values."
+    )
+    return Table("scores", "Forecasts as issued, scored", columns, rows, note)
+
+
+def _score_row(label: str, channel: str, method: str, end: str, figures: Any) -> list[Cell]:
+    return [label, channel, method, end, *(figures.get(key) for key in _SCORE_KEYS)]
+
+
+def mean_scores(runs: Sequence[RunSummary]) -> Table | None:
+    """Return means over runs with their standard errors, or None where fewer than two runs are scored."""
+    scored = [dict(item) for run in runs for item in run.scores]
+    if len({(item["records"], item["machine"]) for item in scored}) < 2:
+        return None
+    means = mean_of_runs(scored)
+    rows = []
+    for column, key in zip(_SCORES, _SCORE_KEYS, strict=True):
+        if key in means:
+            values = means[key]
+            shown = [column.shown(values[name]) for name in ("mean", "standard_error")]
+            rows.append((key, values["mean"], values["standard_error"], *shown, values["runs"]))
+    columns = (
+        Column("figure", "figure"),
+        Column("mean", "mean", "1", on_page=False),
+        Column("standard_error", "standard error", "1", on_page=False),
+        Column("mean_words", "mean over runs"),
+        Column("error_words", "standard error"),
+        Column("runs", "runs", "1"),
+    )
+    return Table("mean_scores", "Scores, mean over runs", columns, rows)
+
+
+def overview(runs: Sequence[RunSummary]) -> Table:
+    """Return one row a channel: state, part, since when, how large, how long; the page draws it with trends."""
+    rows = [
+        (
+            *(run.label, channel.name, channel.severity, channel.headline, channel.where, channel.since),
+            *(channel.level, channel.large, channel.left, channel.t_fs, channel.t_eol),
+        )
+        for run in runs
+        for channel in run.channels
+    ]
+    columns = (
+        *(
+            Column(name, name)
+            for name in ("run", "channel", "state", "headline", "part", "since", "rms", "v_eq", "left")
+        ),
+        Column("t_fs", "t_fs", "s", "s"),
+        Column("t_eol", "t_EOL", "s", "s"),
+    )
+    return Table("overview", "All runs", columns, rows)
+
+
+def rms_at_end(
+    experimental: Sequence[tuple[str, float, float, float]], numerical: dict[tuple[str, str], float]
+) -> Table:
+    """Return the RMS at the end as recorded and as the map gives it for the defects of other runs (thesis, Table 21).
+
+    Args:
+        experimental: run, load (N), speed (Hz) and RMS at its end (m/s2).
+        numerical: RMS (m/s2) by the run whose condition and the run whose defects are taken.
+    """
+    sources = list(dict.fromkeys(source for _, source in numerical))
+    rows = [
+        (label, load, speed, rms, *(numerical.get((label, source)) for source in sources))
+        for label, load, speed, rms in experimental
+    ]
+    columns = (
+        Column("run", "run"),
+        Column("load", "load (N)", "N", "newton"),
+        Column("speed", "speed (Hz)", "Hz", "hz"),
+        Column("recorded", "recorded (g)", "m s-2", "g", 1.0 / STANDARD_GRAVITY),
+        *(
+            Column(f"defects_of_{place}", f"defects of {source} (g)", "m s-2", "g", 1.0 / STANDARD_GRAVITY)
+            for place, source in enumerate(sources, start=1)
+        ),
+    )
+    note = (
+        "RMS at the end of the final stage. Numerical: the last sizes that were tracked on one run, looked up in the "
+        "RMS map under the condition of another (the thesis' first prognostic model, Table 21); how loud, not when."
+    )
+    return Table("rms_at_end", "RMS at the end, recorded and by the first prognostic model", columns, rows, note)

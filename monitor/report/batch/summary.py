@@ -1,0 +1,239 @@
+"""What is left of a run when many are compared: small, and plain enough for a file of JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from monitor.report.figures.damage import thresholds_of
+from monitor.report.figures.drawing import thin
+from monitor.report.figures.map_path import hash_of
+from monitor.report.run_section import ChannelPart, RunPart
+from monitor.report.runs import Channel, Run
+from monitor.report.score import runs as score
+from monitor.report.score.issued import ScoreError, issued_of, running_time
+from monitor.report.verdict import Verdict, last_value
+from streams.block import STANDARD_GRAVITY
+
+_BINS = 120
+_SIZES = 200
+VERSION = 1
+"""Layout of a summary; another one is made anew."""
+
+
+@dataclass(frozen=True)
+class ChannelSummary:
+    """What is kept of a channel; moments are in seconds of its run, values SI, None where there is none.
+
+    Attributes:
+        name: of the channel.
+        severity, headline: as its verdict says.
+        where, since, large, left: answers for people.
+        level: latest RMS and how it stands to what was learned, for people.
+        spark: its trend as inline SVG.
+        t_fs, t_eol, last: moments.
+        rms_end: RMS at the end of the final stage, m/s2, where it is an acceleration.
+        load, speed: last known, N and Hz.
+        map_hash: of its RMS map, "".
+        law: a, b, c of the last fitted law, in SI units, and its R^2; empty where none was fitted.
+        final: series over the final stage: ``time_s`` since t_fs, ``rms_g``, ``v_eq_mm2`` (each with its times).
+        sizes: ``time_s`` since t_fs, ``dphi_d``, ``h_d`` of the tracker, SI.
+        thresholds: of V_eq, m2.
+    """
+
+    name: str
+    severity: str
+    headline: str
+    where: str
+    since: str
+    large: str
+    left: str
+    level: str
+    spark: str
+    t_fs: float | None
+    t_eol: float | None
+    last: float | None
+    rms_end: float | None
+    load: float | None
+    speed: float | None
+    map_hash: str
+    law: tuple[float, ...]
+    final: Mapping[str, Any]
+    sizes: Mapping[str, Any]
+    thresholds: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """What is kept of a run.
+
+    Attributes:
+        label: what it is called.
+        machine: its machine.
+        dated: whether its moments are UTC.
+        period: its length in words.
+        counts: blocks by status.
+        channels: the worst first.
+        scores: as :func:`monitor.report.score.runs.score_run` gives them.
+        link: of its page, relative to the index, or of its section.
+    """
+
+    label: str
+    machine: str
+    dated: bool
+    period: str
+    counts: Mapping[str, int]
+    channels: tuple[ChannelSummary, ...]
+    scores: tuple[Mapping[str, Any], ...]
+    link: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values for JSON."""
+        return {"version": VERSION, **asdict(self)}
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> RunSummary:
+        """Return what :meth:`to_dict` gave.
+
+        Raises:
+            ValueError: it was written in another layout.
+        """
+        if stored.get("version") != VERSION:
+            raise ValueError(f"summary of a run: version {VERSION} expected, got {stored.get('version')!r}")
+        values = {key: value for key, value in stored.items() if key != "version"}
+        channels = tuple(
+            ChannelSummary(**{**item, "law": tuple(item["law"]), "thresholds": tuple(item["thresholds"])})
+            for item in values.pop("channels")
+        )
+        return cls(channels=channels, scores=tuple(values.pop("scores")), **values)
+
+
+def summarise(run: Run, part: RunPart, link: str, *, scored: bool = True) -> RunSummary:
+    """Keep of a run what comparing it takes.
+
+    Args:
+        run: its records.
+        part: what its page says.
+        link: of that page.
+        scored: whether its forecasts are scored where their end is known.
+    """
+    return RunSummary(
+        label=run.label or run.machine,
+        machine=run.machine,
+        dated=run.dated,
+        period=part.period,
+        counts=dict(run.counts),
+        channels=tuple(_channel(run, run.channels[item.verdict.channel], item) for item in part.channels),
+        scores=tuple(_scores(run)) if scored else (),
+        link=link,
+    )
+
+
+def _channel(run: Run, channel: Channel, part: ChannelPart) -> ChannelSummary:
+    said, verdict = part.briefly, part.verdict
+    start = math.nan if verdict.t_fs is None else verdict.t_fs.time
+    return ChannelSummary(
+        name=channel.name,
+        severity=verdict.severity,
+        headline=verdict.headline,
+        where=said.get("Where?", ""),
+        since=said.get("Since when?", ""),
+        large=said.get("How large?", ""),
+        left=said.get("How long left?", ""),
+        level=part.level,
+        spark=str(part.spark),
+        t_fs=score.finite_or_none(start),
+        t_eol=None if verdict.t_eol is None else score.finite_or_none(verdict.t_eol.time),
+        last=score.finite_or_none(float(channel.time[-1])) if channel.time.size else None,
+        rms_end=_rms_end(channel, verdict),
+        load=_last(channel, "load"),
+        speed=_last(channel, "speed"),
+        map_hash=hash_of(run, channel.name),
+        law=_law(channel),
+        final=_final(channel, start),
+        sizes=_sizes(channel, start),
+        thresholds=tuple(thresholds_of(channel)),
+    )
+
+
+def _final(channel: Channel, start: float) -> dict[str, Any]:
+    """Return RMS and V_eq over damage time from t_fs, thinned to what a picture shows."""
+    if not math.isfinite(start) or channel.time.size < 2 or np.ptp(channel.time) == 0.0:
+        return {}
+    rows = channel.time >= start
+    clock = running_time(channel)
+    time = (clock - float(np.interp(start, channel.time, clock)))[rows]
+    found: dict[str, Any] = {}
+    for name, scale, known in (
+        ("rms_g", 1.0 / STANDARD_GRAVITY, channel.has_level),
+        ("v_eq_mm2", 1e6, True),
+    ):
+        values = channel.column("rms" if name == "rms_g" else "v_eq")[rows] * scale
+        usable = np.isfinite(values)
+        if known and usable.sum() > 1:
+            x, y = thin(time[usable], values[usable], _BINS)
+            found[name] = {"time_s": _rounded(x), "value": _rounded(y)}
+    return found
+
+
+def _sizes(channel: Channel, start: float) -> dict[str, Any]:
+    rows = np.flatnonzero(np.isfinite(channel.column("dphi_d")) & np.isfinite(channel.column("h_d")))
+    if not rows.size or not math.isfinite(start):
+        return {}
+    rows = rows[np.unique(np.linspace(0, rows.size - 1, min(rows.size, _SIZES)).astype(int))]
+    clock = running_time(channel)
+    time = clock[rows] - float(np.interp(start, channel.time, clock))
+    return {
+        "time_s": _rounded(time),
+        "dphi_d": _rounded(channel.column("dphi_d")[rows]),
+        "h_d": _rounded(channel.column("h_d")[rows]),
+    }
+
+
+def _law(channel: Channel) -> tuple[float, ...]:
+    coefficients = channel.numbers["tt_coefficients"][:, :3]
+    if coefficients.shape[1] < 3:
+        return ()
+    rows = np.flatnonzero(np.isfinite(coefficients).all(axis=1))
+    if not rows.size:
+        return ()
+    r_squared = float(channel.numbers["r_squared"][rows[-1], 0])
+    return (*coefficients[rows[-1]].tolist(), r_squared if math.isfinite(r_squared) else 0.0)
+
+
+def _rms_end(channel: Channel, verdict: Verdict) -> float | None:
+    """Return the RMS at the end of life, or at the last block of the final stage; None where there was none."""
+    if verdict.t_fs is None or not channel.has_level:
+        return None
+    rms = channel.column("rms")
+    until = verdict.t_eol.time if verdict.t_eol is not None else math.inf
+    rows = np.flatnonzero(np.isfinite(rms) & (channel.time <= until))
+    return float(rms[rows[-1]]) if rows.size else None
+
+
+def _scores(run: Run) -> list[dict[str, Any]]:
+    """Score the forecasts whose end is known: of a simulated rig, or where the tracked V_eq itself crossed."""
+    try:
+        issued = issued_of(run, run.label or run.machine)
+    except ScoreError:
+        return []
+    found = []
+    for one in issued:
+        end = score.end_of(one, None, tracked=True)
+        if end.source != "none":
+            found.append(score.score_run(one, end))
+    return found
+
+
+def _last(channel: Channel, name: str) -> float | None:
+    row = last_value(channel, name)
+    return None if row is None else float(channel.column(name)[row])
+
+
+def _rounded(values: NDArray[np.float64]) -> list[float]:
+    return [float(f"{value:.6g}") for value in values.tolist()]

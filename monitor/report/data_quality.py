@@ -1,0 +1,200 @@
+"""Data quality: what was taken and what not, where blocks are missing, under which speed and load it ran."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from monitor.records.schema import FLAGS, REJECTIONS
+from monitor.report.figures.drawing import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    STYLE,
+    VERMILION,
+    Picture,
+    TimeAxis,
+    add_legend,
+    draw_line,
+    new_figure,
+    thin,
+    time_axis,
+    to_svg,
+)
+from monitor.report.runs import Channel, Run
+from monitor.report.tables import Column, Table
+from monitor.words.numbers import STATUS_MEANINGS, Clock, count, duration, figure
+
+_MISSING = 3.0
+"""A step so many times as long as the usual one is a gap, as in the figures."""
+_MOST_GAPS = 50
+_FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/:'\"<>]+/)+")
+_LEVELS = ("accepted", "flagged", "rejected")
+
+
+def without_folders(text: str) -> str:
+    """Leave of every absolute path its last part: where files lie on a machine is nobody else's business."""
+    return _FOLDERS.sub("", text)
+
+
+def offered(run: Run, pending: int) -> str:
+    """Return the sum of the ledger: accepted + rejected + pending = offered."""
+    rejected = sum(number for status, number in run.counts.items() if status in REJECTIONS)
+    total = sum(run.counts.values())
+    return (
+        f"{count(total + pending, 'block')} offered = {total - rejected:,} accepted + {rejected:,} rejected + "
+        f"{pending:,} pending."
+    )
+
+
+def statuses(run: Run) -> Table:
+    """Return the ledger by status, with the first block of each."""
+    order = {status: place for place, status in enumerate(("ok", *FLAGS, *REJECTIONS))}
+    rows = []
+    for status, number in sorted(run.counts.items(), key=lambda item: order[item[0]]):
+        outcome = "rejected" if status in REJECTIONS else ("accepted" if status == "ok" else "accepted, flagged")
+        example = ""
+        places = np.flatnonzero(run.ledger["status"] == status)
+        if places.size and status != "ok":
+            place = places[0]
+            name, reason = run.ledger["name"][place], run.ledger["reason"][place]
+            example = without_folders(f"{run.ledger['sequence'][place]:,}: {name}{f': {reason}' if reason else ''}")
+        rows.append((status, int(number), outcome, STATUS_MEANINGS[status], example))
+    columns = (
+        Column("status", "status"),
+        Column("blocks", "blocks", "1"),
+        Column("outcome", "outcome"),
+        Column("meaning", "meaning"),
+        Column("example", "first such block"),
+    )
+    return Table("blocks", "Blocks by status", columns, rows)
+
+
+def gaps_of(run: Run) -> list[tuple[float, float, float]]:
+    """Return start, end and length of each gap, s: blocks of one source further apart than three usual steps."""
+    found: list[tuple[float, float, float]] = []
+    sources = run.ledger["source"].astype(str)
+    for source in np.unique(sources):
+        time = np.sort(run.time[(sources == source) & np.isfinite(run.time)])
+        steps = np.diff(time)
+        if not np.any(steps > 0):
+            continue
+        usual = float(np.median(steps[steps > 0]))
+        found.extend(
+            (float(time[place]), float(time[place + 1]), float(steps[place]))
+            for place in np.flatnonzero(steps > _MISSING * usual)
+        )
+    return sorted(found, key=lambda gap: -gap[2])
+
+
+def gaps(run: Run, clock: Clock) -> Table | None:
+    """Return the longest gaps, or None where there is none."""
+    found = gaps_of(run)
+    if not found:
+        return None
+    where = clock.label if clock.dated else "from the first block"
+    columns = (
+        Column("from", f"last block before ({where})", "s", "s", words=clock.short),
+        Column("to", f"first block after ({where})", "s", "s", words=clock.short),
+        Column("length", "length", "s", "s", words=duration),
+    )
+    left = f" The longest {_MOST_GAPS} of {len(found):,}." if len(found) > _MOST_GAPS else ""
+    note = f"{count(len(found), 'gap')}, {duration(sum(gap[2] for gap in found))} in all.{left}"
+    return Table("gaps", "Gaps", columns, found[:_MOST_GAPS], note)
+
+
+@mpl.rc_context(STYLE)
+def timeline(run: Run, clock: Clock, numbers: itertools.count[int]) -> Picture | None:
+    """Draw which blocks were accepted, flagged and rejected over time, and speed and load where they are known.
+
+    Returns:
+        The figure, or None where fewer than two moments are known.
+    """
+    known = np.isfinite(run.time)
+    time = run.time[known]
+    if time.size < 2 or np.ptp(time) == 0.0:
+        return None
+    status = run.ledger["status"][known].astype(str)
+    axis = time_axis(time, clock)
+    conditions = [
+        (name, unit, colour)
+        for name, unit, colour in (("speed", "Hz", BLUE), ("load", "N", PURPLE))
+        if any(np.isfinite(channel.column(name)).any() for channel in run.channels.values())
+    ]
+    made, panels = new_figure(1.5 + 1.15 * len(conditions), (0.8,) + (1.0,) * len(conditions))
+    drawn = _strip(panels[0], axis, time, status)
+    data: dict[str, Any] = {"time_s": time if time.size <= 2000 else None, **drawn}
+    for axes, (name, unit, colour) in zip(panels[1:], conditions, strict=True):
+        data[name] = _condition(axes, axis, run, name, unit, colour)
+    panels[-1].set_xlim(float(axis.position(time.min())), float(axis.position(time.max())))
+    axis.settle(panels[-1])
+    label = f"Blocks of machine {run.machine} over time: accepted, flagged, rejected; speed and load."
+    longest = gaps_of(run)[:1]
+    caption = "Each stroke is a block."
+    caption += f" The longest gap lasts {duration(longest[0][2])}." if longest else " No gaps."
+    return Picture("Blocks and operating condition", to_svg(made, label, numbers), caption, data, "quality")
+
+
+def _strip(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], status: NDArray[np.str_]) -> dict[str, int]:
+    rejected = np.isin(status, REJECTIONS)
+    kinds = (status == "ok", (status != "ok") & ~rejected, rejected)
+    for place, (rows, colour, name) in enumerate(zip(kinds, (GREEN, ORANGE, VERMILION), _LEVELS, strict=True)):
+        x, _ = thin(np.sort(time[rows]), np.zeros(int(rows.sum())), 900)
+        axes.plot(axis.position(x), np.full(x.size, 2.0 - place), "|", color=colour, markersize=9, label=name)
+    axes.set_yticks(
+        [2.0, 1.0, 0.0], [f"{name} ({int(rows.sum()):,})" for name, rows in zip(_LEVELS, kinds, strict=True)]
+    )
+    axes.set_ylim(-0.6, 2.6)
+    axes.grid(visible=False, axis="y")
+    return {name: int(rows.sum()) for name, rows in zip(_LEVELS, kinds, strict=True)}
+
+
+def _condition(axes: Axes, axis: TimeAxis, run: Run, name: str, unit: str, colour: str) -> dict[str, Any]:
+    """Draw speed or load of all channels; channels that say the same are one line."""
+    lines: dict[bytes, tuple[Channel, list[str]]] = {}
+    for channel in run.channels.values():
+        values = channel.column(name)
+        if np.isfinite(values).any():
+            lines.setdefault(values.tobytes(), (channel, []))[1].append(channel.name)
+    found: dict[str, Any] = {}
+    for (channel, names), shade in zip(lines.values(), itertools.cycle((colour, GREY, ORANGE, GREEN)), strict=False):
+        values = channel.column(name)
+        draw_line(axes, axis, channel.time, values, color=shade, label=", ".join(names))
+        finite = values[np.isfinite(values)]
+        found[", ".join(names)] = [float(finite.min()), float(np.median(finite)), float(finite.max())]
+    axes.set_ylabel(f"{name} ({unit})")
+    low, high = min(item[0] for item in found.values()), max(item[2] for item in found.values())
+    margin = max(0.6 * (high - low), 0.05 * abs(high), 1e-9)
+    axes.set_ylim(low - margin, high + margin)
+    if len(lines) > 1:
+        add_legend(axes, loc="upper left", ncols=3)
+    return found
+
+
+def condition_words(run: Run) -> list[str]:
+    """Return a sentence on speed and load of each channel."""
+    found = []
+    for channel in run.channels.values():
+        parts = []
+        for name, unit in (("speed", "Hz"), ("load", "N")):
+            values = channel.column(name)
+            values = values[np.isfinite(values)]
+            if not values.size:
+                continue
+            low, middle, high = float(values.min()), float(np.median(values)), float(values.max())
+            said = [str(word) for word in np.unique(channel.word(f"{name}_source").astype(str)) if word]
+            same = math.isclose(low, high, rel_tol=1e-3)
+            spread = "" if same else f" ({figure(low)} to {figure(high)})"
+            parts.append(f"{name} {figure(middle)} {unit}{spread}{f', {chr(47).join(said)}' if said else ''}")
+        if parts:
+            found.append(f"{channel.name}: {'; '.join(parts)}.")
+    return list(dict.fromkeys(found))

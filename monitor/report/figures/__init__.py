@@ -1,0 +1,1 @@
+"""Figures of reports: drawing, zoom, trends, spectra, maps, scenes."""

@@ -1,0 +1,286 @@
+"""Drawing for the page: thinning that keeps extremes, time axes, and inline SVG that stands by itself."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, tzinfo
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib import dates
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from numpy.typing import NDArray
+
+from monitor.words.numbers import Clock
+
+BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE, GREY = (
+    *("#0072b2", "#d55e00", "#008a63", "#a3527f", "#56b4e9", "#b07a00", "#5f6670"),
+)
+"""Colours that are told apart by everybody (after Okabe and Ito), three of them darkened to be read on white."""
+INK, SOFT, AXIS, GRID, SHADE, PAPER = "#22262b", "#4a5058", "#8a9099", "#e3e6ea", "#eef1f4", "#fefefe"
+"""Neutral colours of text, ticks, axes, grid, shaded spans and the inside of markers."""
+_THEMED = {
+    BLUE: "blue",
+    VERMILION: "vermilion",
+    GREEN: "green",
+    PURPLE: "purple",
+    SKY: "sky",
+    ORANGE: "orange",
+    GREY: "grey",
+    INK: "ink",
+    SOFT: "soft",
+    AXIS: "axis",
+    GRID: "grid",
+    SHADE: "shade",
+    PAPER: "paper",
+}
+"""What the style sheet of the page calls each colour, so that a dark page shows figures with dark colours."""
+_COLOURS = re.compile("|".join(_THEMED))
+_PLACES = re.compile(r'\b(?:d|x|y|transform|points)="[^"]*"')
+_FRACTION = re.compile(r"(\.\d\d)\d+")
+
+STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans", "Helvetica", "Arial"],
+    "font.size": 9.5,
+    "text.color": INK,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+    "axes.edgecolor": AXIS,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.8,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.7,
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "lines.linewidth": 1.3,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "spallwatch",
+}
+"""Settings of matplotlib under which every figure is made, as a decorator: ``@mpl.rc_context(STYLE)``."""
+WIDTH = 9.6
+"""Width of every figure in inches: the page scales it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A figure of the page.
+
+    Attributes:
+        heading: above it.
+        svg: inline SVG.
+        caption: what is seen, below it.
+        data: what is drawn, as columns or single values; units end the names. The page carries it, so that a program
+            can draw it again.
+        name: by which a program finds it.
+        zoom: charts that can be zoomed, see :func:`monitor.report.figures.zoom.zoom_data`; empty where there are none.
+    """
+
+    heading: str
+    svg: str
+    caption: str
+    data: Mapping[str, Any] = field(default_factory=dict)
+    name: str = ""
+    zoom: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def json(self) -> str:
+        """The data as JSON: six figures a number, null where there is none."""
+        return json.dumps(_plain(self.data), allow_nan=False, separators=(",", ":"))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return float(f"{value:.6g}" if abs(value) < 1e8 else f"{value:.3f}") if math.isfinite(value) else None
+    return value
+
+
+class TimeAxis(NamedTuple):
+    """How seconds become positions on the horizontal axis.
+
+    Attributes:
+        dated: whether positions are dates rather than multiples of ``unit``.
+        unit: seconds in one unit of the axis.
+        label: of the axis.
+        timed: whether it is an axis of time at all.
+        zone: in which dates are written.
+    """
+
+    dated: bool
+    unit: float
+    label: str
+    timed: bool = True
+    zone: tzinfo = UTC
+
+    def position(self, time: NDArray[np.float64] | float) -> Any:
+        """Return positions of moments in seconds."""
+        return np.asarray(time) / (86400.0 if self.dated else self.unit)
+
+    def settle(self, axes: Axes) -> None:
+        """Label an axis; dates are days since 1970, as matplotlib counts them."""
+        if self.dated:
+            locator = dates.AutoDateLocator(minticks=3, maxticks=9, tz=self.zone)
+            axes.xaxis.set_major_locator(locator)
+            axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator, tz=self.zone))
+        axes.set_xlabel(self.label)
+
+
+BLOCK_AXIS = TimeAxis(False, 1.0, "block", timed=False)
+"""The axis where a recording knows no times: numbers of blocks."""
+
+
+def unit_of(span: float) -> tuple[float, str]:
+    """Return the unit in which people would count a span of seconds, in seconds, and its name."""
+    for limit, unit, name in ((300.0, 1.0, "seconds"), (3 * 3600.0, 60.0, "minutes"), (96 * 3600.0, 3600.0, "hours")):
+        if span <= limit:
+            return unit, name
+    return 86400.0, "days"
+
+
+def time_axis(time: NDArray[np.float64], clock: Clock) -> TimeAxis:
+    """Choose the axis for moments in seconds."""
+    if clock.dated:
+        return TimeAxis(True, 86400.0, clock.label, zone=clock.zone)
+    unit, name = unit_of(float(np.ptp(time)) if time.size else 0.0)
+    return TimeAxis(False, unit, f"{name} from the first block")
+
+
+def colour_name(colour: str) -> str:
+    """Return what the style sheet of the page calls a colour of this file."""
+    return _THEMED[colour]
+
+
+def new_figure(height: float, panels: Sequence[float] = (1.0,)) -> tuple[Figure, list[Axes]]:
+    """Return a figure of panels above each other that share the horizontal axis; ``panels`` are their heights."""
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": panels})
+    return figure, list(axes[:, 0])
+
+
+def to_svg(figure: Figure, label: str, numbers: itertools.count[int]) -> str:
+    """Return a figure as inline SVG: without a header, scaling with the page, its ids unique on the page.
+
+    Colours become variables of the page's style sheet, each with itself to fall back to.
+
+    Args:
+        figure: to be drawn.
+        label: what it shows, for those who cannot see it.
+        numbers: gives every figure of the page its own number.
+    """
+    buffer = io.StringIO()
+    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    prefix = f"f{next(numbers)}-"
+    text = re.sub(r'\bid="', f'id="{prefix}', text.replace("xlink:href", "href"))
+    text = re.sub(r'(url\(#|href="#)', rf"\1{prefix}", text)
+    text = _COLOURS.sub(lambda match: f"var(--{_THEMED[match[0]]},{match[0]})", text)
+    # Letters are those of the page, strokes are styled by its sheet, and a hundredth of a point is seen by nobody.
+    text = re.sub(r"; font-family: [^;\"]*", "", text)
+    text = re.sub(r"<style type=.text/css.>.*?</style>", "", text, flags=re.DOTALL)
+    text = _PLACES.sub(lambda match: _FRACTION.sub(r"\1", match[0]), text)
+    escaped = label.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
+    box = re.search(r'viewBox="[^"]*"', text)
+    head = f'<svg role="img" aria-label="{escaped}" {box[0] if box else ""}>'
+    return head + text[text.index(">") + 1 :]
+
+
+def thin(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Leave out points that nobody could see: of each of ``bins`` columns keep the least, the greatest and a break.
+
+    Args:
+        x: ascending positions.
+        y: values, NaN where the line breaks.
+        bins: columns of the picture.
+    """
+    keep = places_kept(x, y, bins)
+    return x[keep], y[keep]
+
+
+def places_kept(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> NDArray[np.intp]:
+    """Return the places of the points that :func:`thin` leaves."""
+    if x.size <= 2 * bins or x[-1] <= x[0]:
+        return np.arange(x.size)
+    edges = np.searchsorted(x, np.linspace(x[0], x[-1], bins + 1)[1:-1])
+    keep: list[int] = []
+    for start, stop in itertools.pairwise([0, *edges.tolist(), x.size]):
+        if start == stop:
+            continue
+        part = y[start:stop]
+        finite = np.isfinite(part)
+        places = {int(np.argmin(finite))} if not finite.all() else set()
+        if finite.any():
+            places |= {int(np.nanargmin(part)), int(np.nanargmax(part))}
+        keep.extend(start + place for place in sorted(places))
+    return np.array(keep, dtype=np.intp)
+
+
+def with_breaks(time: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Put a NaN where blocks are missing, so that a gap is seen and not joined: three usual intervals or more."""
+    steps = np.diff(time)
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+    gaps = np.flatnonzero(steps > 3.0 * usual) + 1
+    middles = 0.5 * (time[gaps - 1] + time[gaps])
+    return np.insert(time, gaps, middles), np.insert(y, gaps, np.nan)
+
+
+def draw_line(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], y: NDArray[np.float64], **style: Any) -> None:
+    """Draw values over time: gaps and missing values break the line, a value between two breaks is a dot."""
+    if not np.isfinite(y).any():
+        return
+    bins = style.pop("bins", 600)
+    x, values = thin(*with_breaks(time, y), bins)
+    axes.plot(axis.position(x), values, **style)
+    finite = np.concatenate([[False], np.isfinite(values), [False]])
+    alone = finite[1:-1] & ~finite[:-2] & ~finite[2:]
+    if alone.any():
+        axes.plot(axis.position(x[alone]), values[alone], ".", color=style.get("color"), markersize=4)
+
+
+def log_if_wide(axes: Axes, *columns: NDArray[np.float64]) -> None:
+    """Make the vertical axis logarithmic where positive values span more than a factor of five, else begin at zero."""
+    values = np.concatenate([column[np.isfinite(column)] for column in columns])
+    if values.size and values.min() > 0 and values.max() > 5.0 * values.min():
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        # Twos and fives are marked already; every further stroke costs more time than it says.
+        axes.yaxis.set_minor_locator(NullLocator())
+    elif values.size:
+        axes.set_ylim(min(0.0, float(values.min()) * 1.05), float(values.max()) * 1.08 or 1.0)
+
+
+def add_legend(axes: Axes, **place: Any) -> None:
+    """Add a legend where something has a name."""
+    handles, _ = axes.get_legend_handles_labels()
+    if handles:
+        axes.legend(**place)
+
+
+def legend_above(axes: Axes, columns: int = 6) -> None:
+    """Add a legend above a panel, where it covers nothing."""
+    add_legend(axes, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.6)

@@ -1,0 +1,210 @@
+"""The RMS map with the path that a tracker took over it, and where the defect may be by now."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from numpy.typing import NDArray
+from platformdirs import user_cache_dir
+
+from models.maps.data import MapSlice, OutsideMapError, RmsMap
+from models.maps.file import MapError, load_map
+from monitor.health.damage.filter.particles import Particles
+from monitor.report.figures.drawing import (
+    GREY,
+    INK,
+    ORANGE,
+    STYLE,
+    VERMILION,
+    Picture,
+    add_legend,
+    legend_above,
+    new_figure,
+    to_svg,
+)
+from monitor.report.runs import Channel, Run
+from monitor.report.score.issued import of_channel
+from monitor.report.verdict import last_value, unscaled
+from monitor.words.numbers import count, figure, volume
+from streams.block import STANDARD_GRAVITY
+
+_COLOURS = 18
+_VOLUMES = {0.005: 0.4, 0.02: 0.62, 0.05: 0.8, 0.1: 0.97}
+"""Volumes of which lines are drawn, mm3 per mm, and where along the extent each is named."""
+_MOST_POINTS = 400
+_MOST_DOTS = 250
+
+
+def map_of(run: Run, channel: Channel, given: RmsMap | None) -> RmsMap | None:
+    """Return the RMS map of a channel: the given one, or the kept one that has the hash in the records."""
+    return given if given is not None else kept_map(hash_of(run, channel.name))
+
+
+def kept_map(wanted: str) -> RmsMap | None:
+    """Return the map of a hash from the user's cache folder, None where it is not there."""
+    if len(wanted) < 16 or not wanted.isalnum():
+        return None
+    try:
+        found = load_map(Path(user_cache_dir("spallwatch")) / "maps" / f"rms-map-{wanted[:16]}.nc")
+    except (MapError, OSError):
+        return None
+    return found if found.hash == wanted else None
+
+
+def hash_of(run: Run, channel: str) -> str:
+    """Return the hash of a channel's RMS map as the records say it, "" where they say none."""
+    said = of_channel(run.attributes.get("map_hash", ""), channel)
+    return "" if said == "none" else said
+
+
+@mpl.rc_context(STYLE)
+def map_path(run: Run, channel: Channel, rms_map: RmsMap, numbers: itertools.count[int]) -> Picture | None:
+    """Draw the map under the channel's load and speed, the path over it, and what explains the latest level.
+
+    Returns:
+        The figure (thesis, Figs. 55 and 61), or None where the tracker gave no sizes or the map does not cover the
+        condition.
+    """
+    rows = np.flatnonzero(np.isfinite(channel.column("dphi_d")) & np.isfinite(channel.column("h_d")))
+    condition = _condition(channel, rms_map)
+    if not rows.size or condition is None:
+        return None
+    at = condition
+    extent, depth = np.degrees(at.dphi_d), 1e6 * at.h_d
+    made, (axes,) = new_figure(4.3)
+    axes.grid(visible=False)
+    rms = at.rms / STANDARD_GRAVITY
+    shown = axes.contourf(extent, depth, rms, levels=_COLOURS, cmap="viridis")
+    made.colorbar(shown, ax=axes, pad=0.01, format="%.3g").set_label("RMS of the map (g)")
+    _volumes(axes, rms_map.outer_race_radius, extent, depth)
+    x, y = np.degrees(channel.column("dphi_d")[rows]), 1e6 * channel.column("h_d")[rows]
+    keep = np.unique(np.linspace(0, rows.size - 1, min(rows.size, _MOST_POINTS)).astype(int))
+    axes.plot(x[keep], y[keep], color="#111111", linewidth=3.2)
+    axes.plot([], [], color=GREY, linewidth=2.0, label="path of the tracker")
+    axes.plot(x[keep], y[keep], ".-", color="white", linewidth=1.3, markersize=3)
+    axes.plot(x[:1], y[:1], "o", color="white", markeredgecolor="black", markersize=7, label="first")
+    axes.plot(x[-1:], y[-1:], "s", color=ORANGE, markeredgecolor="black", markersize=7, label="last")
+    level = _latest_level(channel, int(rows[-1]))
+    if math.isfinite(level) and np.nanmin(rms) < level < np.nanmax(rms):
+        axes.contour(extent, depth, rms, levels=[level], colors=[VERMILION], linewidths=1.4)
+        axes.plot([], [], color=VERMILION, label=f"sizes as loud as the last ({figure(level)} g)")
+    cloud = _cloud(axes, run.particles.get(channel.name), rms_map.outer_race_radius)
+    axes.set_xlim(float(extent[0]), float(extent[-1]))
+    axes.set_ylim(float(depth[0]), float(depth[-1]))
+    axes.set_xlabel("extent of the defect (degrees)")
+    axes.set_ylabel("depth of the defect (µm)")
+    legend_above(axes)
+    caption = (
+        f"{count(rows.size, 'size')} that the tracker gave, from {figure(x[0], 2)}° and {figure(y[0], 2)} µm to "
+        f"{figure(x[-1], 2)}° and {figure(y[-1], 2)} µm, over the map at {figure(at.load)} N and "
+        f"{figure(at.speed)} Hz. Dashed: equal volume."
+    )
+    if cloud:
+        caption += " Dots: sizes that the tracker holds possible after the last block, the larger the more likely."
+    label = f"RMS map with the path that the tracker took over it on channel {channel.name}."
+    data: dict[str, Any] = {"time_s": channel.time[rows], "dphi_deg": x, "h_d_um": y, "last_rms_g": level}
+    data |= {"load_newton": at.load, "speed_hz": at.speed, **cloud}
+    return Picture("The path over the RMS map", to_svg(made, label, numbers), caption + unscaled(run), data, "path")
+
+
+def _condition(channel: Channel, rms_map: RmsMap) -> MapSlice | None:
+    values = []
+    for name in ("load", "speed"):
+        row, axis = last_value(channel, name), getattr(rms_map, name)
+        values.append(
+            float(axis[0])
+            if row is None and len(axis) == 1
+            else None
+            if row is None
+            else float(channel.column(name)[row])
+        )
+    if values[0] is None or values[1] is None:
+        return None
+    try:
+        return rms_map.slice_at(values[0], values[1])
+    except OutsideMapError:
+        return None
+
+
+def _latest_level(channel: Channel, row: int) -> float:
+    """Return the RMS that entered the map last, g: the moving mean of the thesis' tracker, else the RMS itself."""
+    for name in ("rms_smoothed", "rms"):
+        value = float(channel.column(name)[row])
+        if math.isfinite(value):
+            return value / STANDARD_GRAVITY
+    return math.nan
+
+
+def _volumes(axes: Axes, radius: float, extent: NDArray[np.float64], depth: NDArray[np.float64]) -> None:
+    """Draw lines of equal volume, V_eq = r_o dphi_d h_d (Eq. 90)."""
+    span = np.linspace(max(float(extent[0]), 0.05), float(extent[-1]), 300)
+    for value, share in _VOLUMES.items():
+        h = value * 1e-6 / (radius * np.radians(span)) * 1e6
+        inside = (h >= depth[0]) & (h <= depth[-1])
+        if np.count_nonzero(inside) < 2:
+            continue
+        axes.plot(span[inside], h[inside], color="white", linewidth=0.8, linestyle="--", alpha=0.8)
+        place = np.flatnonzero(inside & (span <= share * extent[-1]))[-1:]
+        if not place.size:
+            continue
+        axes.annotate(
+            volume(value * 1e-6),
+            (float(span[place[0]]), float(h[place[0]])),
+            (-3, 3),
+            textcoords="offset points",
+            color="white",
+            fontsize=7.5,
+            ha="right",
+        )
+
+
+def _cloud(axes: Axes, particles: Particles | None, radius: float) -> dict[str, Any]:
+    """Draw the likeliest particles as dots; return what was drawn."""
+    if particles is None or not particles.weight.size:
+        return {}
+    x, y = particles.sizes(radius)
+    order = np.argsort(-particles.weight)[:_MOST_DOTS]
+    weight = particles.weight[order] / particles.weight.max()
+    x, y = np.degrees(x[order]), 1e6 * y[order]
+    axes.scatter(x, y, s=2.0 + 22.0 * weight, color=ORANGE, alpha=0.55, linewidth=0)
+    axes.plot([], [], ".", color=ORANGE, label="held possible")
+    return {"particle_dphi_deg": x, "particle_h_d_um": y, "particle_weight": weight}
+
+
+@mpl.rc_context(STYLE)
+def posterior(channel: Channel, particles: Particles, numbers: itertools.count[int]) -> Picture | None:
+    """Draw the distribution of V_eq after the last block: what the physical tracker believes."""
+    v_eq = 1e6 * np.exp(particles.core[:, 0])
+    weight = particles.weight / particles.weight.sum()
+    usual = np.isfinite(v_eq) & (v_eq > 0)
+    if np.sum(usual) < 2:
+        return None
+    edges = np.geomspace(max(v_eq[usual].min(), 1e-6), v_eq[usual].max() * 1.0001, 41)
+    share, _ = np.histogram(v_eq[usual], edges, weights=weight[usual])
+    made, (axes,) = new_figure(2.7)
+    axes.stairs(share, edges, fill=True, color=ORANGE, alpha=0.45)
+    axes.stairs(share, edges, color=ORANGE)
+    truth = last_value(channel, "v_eq_true")
+    if truth is not None:
+        axes.axvline(1e6 * channel.column("v_eq_true")[truth], color=INK, linestyle="--", label="true")
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_xlabel("V_eq (mm³/mm)")
+    axes.set_ylabel("probability per bin")
+    add_legend(axes, loc="upper left")
+    label = f"Distribution of V_eq on channel {channel.name} after the last block."
+    caption = (
+        f"{count(particles.weight.size, 'possible defect')}, worth {figure(particles.effective, 2)} of equal weight; "
+        "two humps mean that two sizes explain what was heard."
+    )
+    data = {"edges_mm2": edges, "probability": share}
+    return Picture("What the tracker believes now", to_svg(made, label, numbers), caption, data, "posterior")

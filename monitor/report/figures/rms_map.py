@@ -1,0 +1,320 @@
+"""An RMS map as a report: the levels, cuts through them, and how far they are to be trusted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import FigureBase
+from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
+
+from models.maps.data import MapSlice
+from models.maps.file import RmsMap
+from monitor.report.figures.drawing import BLUE, GREEN, INK, PURPLE, SOFT, VERMILION, legend_above
+from monitor.report.figures.sheet import Part, Sheet, write_sheet
+from monitor.report.map_facts import facts_of, lead_of, span_of
+from monitor.words.numbers import figure
+from streams.block import STANDARD_GRAVITY
+
+Values = NDArray[np.float64]
+
+_MOST_PANELS = 12
+_PIXELS = (240, 360)
+_PANEL = 3.1
+_CUTS = 4
+_NEGLIGIBLE = 0.1
+"""Doubt below this many per cent is not drawn: the list of what made the map says it."""
+_STROKES: tuple[tuple[str, Any], ...] = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"))
+V_EQ_MM2 = {0.005: 0.62, 0.02: 0.45, 0.05: 0.3, 0.1: 0.14}
+"""Volumes whose hyperbolas are drawn, mm3 per mm of width, and the share of the panel's height where each is named."""
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """One kind of doubt about a map at one condition.
+
+    Attributes:
+        name: for programs.
+        title: for people, with the unit.
+        percent: its values at the nodes, NaN where there is none, shape (H, D).
+    """
+
+    name: str
+    title: str
+    percent: Values
+
+
+def draw_map(rms_map: RmsMap, path: Path) -> None:
+    """Write the report of a map; PNG, SVG or HTML by the name's ending.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    write_sheet(map_sheet(rms_map), path)
+
+
+def map_sheet(rms_map: RmsMap) -> Sheet:
+    """Return the report of a map (thesis, Fig. 61); of more than twelve conditions it shows twelve and says so."""
+    at = [rms_map.slice_at(float(load), float(speed)) for load in rms_map.load for speed in rms_map.speed]
+    parts = [_line_part(at)] if min(at[0].rms.shape) < 2 else [_levels_part(rms_map, at), _cuts_part(at[0])]
+    if len(parts) > 1 and doubts(at[0]):
+        parts.append(_doubts_part(at[0]))
+    return Sheet(f"RMS map of {rms_map.plan.bearing.designation}", lead_of(rms_map), parts, facts_of(rms_map))
+
+
+def condition(at: MapSlice) -> str:
+    """Return the load and speed of a slice for people."""
+    return f"{at.load:g} N, {at.speed:g} Hz"
+
+
+def node_miss(values: Values, axis: Values, place: int) -> Values:
+    """Return by how much each node is off the line between its neighbours along an axis; zero at the ends.
+
+    That is what leaving the node out would cost there. For a smooth surface the line between nodes as they are is off
+    by a quarter of it, half-way between them.
+
+    Args:
+        values: at the nodes, shape (H, D).
+        axis: positions of the nodes along the axis, ascending.
+        place: which axis it is, 0 or 1.
+    """
+    found = np.zeros_like(values)
+    if len(axis) < 3:
+        return found
+    v, out = np.moveaxis(values, place, -1), np.moveaxis(found, place, -1)
+    share = (axis[1:-1] - axis[:-2]) / (axis[2:] - axis[:-2])
+    out[..., 1:-1] = np.abs(v[..., 1:-1] - (v[..., :-2] * (1.0 - share) + v[..., 2:] * share))
+    return found
+
+
+def doubts(at: MapSlice) -> list[Doubt]:
+    """Return the kinds of doubt that a slice knows of, in per cent; those that are negligible are left out."""
+    largest = span_of(at.rms)[1]
+    between = np.maximum(node_miss(at.rms, at.dphi_d, 1), node_miss(at.rms, at.h_d, 0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        kinds = [
+            Doubt("nodes", "off the line of its neighbours\n(% of the largest RMS)", 100.0 * between / largest),
+            Doubt("numerical", "numerical error\n(% of the RMS)", 100.0 * at.rms_error / at.rms),
+            Doubt("floors", "spread over floors or periods\n(% of the RMS)", 100.0 * at.rms_std / at.rms),
+            Doubt("rigs", "spread over rigs\n(% of the RMS)", 100.0 * at.rms_rig_std / at.rms),
+        ]
+    return [kind for kind in kinds if _most(kind.percent) > _NEGLIGIBLE]
+
+
+def _most(values: Values) -> float:
+    """Return the 99th percentile of what is finite, zero where nothing is."""
+    finite = values[np.isfinite(values)]
+    return float(np.percentile(finite, 99.0)) if finite.size else 0.0
+
+
+def cut_nodes(size: int) -> list[int]:
+    """Return the nodes of an axis along which cuts are drawn: four, evenly, the last among them, without the first."""
+    return sorted({round(k * (size - 1) / _CUTS) for k in range(1, _CUTS + 1)} - {0})
+
+
+def show_levels(axes: Axes, at: MapSlice, highest: float, radius: float, *, volumes: bool = True) -> Any:
+    """Draw the RMS of a slice in g with contours and lines of equal volume; return what a colour bar is made for."""
+    extent, depth = np.degrees(at.dphi_d), 1e6 * at.h_d
+    rms = at.rms / STANDARD_GRAVITY
+    x = np.linspace(extent[0], extent[-1], _PIXELS[1])
+    y = np.linspace(depth[0], depth[-1], _PIXELS[0])
+    between = at.interpolate(*np.meshgrid(at.dphi_d[0] + np.radians(x - x[0]), 1e-6 * y)) / STANDARD_GRAVITY
+    box = (x[0], x[-1], y[0], y[-1])
+    image = axes.imshow(
+        between, origin="lower", extent=box, aspect="auto", cmap="viridis", vmin=0.0, vmax=highest, zorder=1
+    )
+    levels = [level for level in np.linspace(0.0, highest, 7)[1:-1] if span_of(rms)[0] < level < span_of(rms)[1]]
+    if levels:
+        drawn = axes.contour(extent, depth, rms, levels=levels, colors="white", linewidths=0.6, alpha=0.7, zorder=3)
+        axes.clabel(drawn, fmt="%.2g", fontsize=6.5)
+    axes.grid(visible=False)
+    axes.set(xlim=box[:2], ylim=box[2:])
+    if volumes:
+        _volumes(axes, radius, box)
+    return image
+
+
+def _volumes(axes: Axes, radius: float, box: tuple[float, float, float, float]) -> None:
+    """Draw V_eq = r_o dphi_d h_d for a few volumes (Eq. 90), each named at a height of its own."""
+    left, right, low, high = (float(value) for value in box)
+    span = np.linspace(max(left, 0.05), right, 400)
+    halo = [withStroke(linewidth=2.2, foreground="white", alpha=0.75)]
+    for volume, height in V_EQ_MM2.items():
+        h = volume * 1e-6 / (radius * np.radians(span)) * 1e6
+        inside = (h >= low) & (h <= high)
+        if np.count_nonzero(inside) < 2:
+            continue
+        axes.plot(span[inside], h[inside], color=INK, lw=1.0, ls="--", path_effects=halo, zorder=4)
+        wanted = min(float(h[inside][0]), low + height * (high - low))
+        place = np.flatnonzero(inside & (h >= wanted))[-1]
+        at_right = bool(span[place] > 0.7 * right)
+        axes.annotate(
+            f"{volume:g} mm³/mm",
+            (span[place], h[place]),
+            xytext=(-4, 4) if at_right else (4, 2),
+            textcoords="offset points",
+            color=INK,
+            fontsize=7,
+            ha="right" if at_right else "left",
+            va="bottom",
+            path_effects=halo,
+            zorder=5,
+        )
+
+
+def _levels_part(rms_map: RmsMap, at: Sequence[MapSlice]) -> Part:
+    shown = at[:_MOST_PANELS]
+    columns, highest = min(2, len(shown)), span_of(rms_map.rms)[1] / STANDARD_GRAVITY
+    rows = math.ceil(len(shown) / columns)
+    falling = rms_map.falling("h_d").reshape(-1, *at[0].rms.shape)
+
+    def draw(made: FigureBase) -> None:
+        panels = made.subplots(rows, columns, squeeze=False)
+        image = None
+        for axes, part, falls in zip(panels.flat, shown, falling, strict=False):
+            image = show_levels(axes, part, highest, rms_map.outer_race_radius)
+            _pale(axes, falls, np.degrees(part.dphi_d), 1e6 * part.h_d)
+            axes.set_title(condition(part), fontsize=9.5, loc="left")
+        for axes in panels.flat[len(shown) :]:
+            axes.set_visible(False)
+        _name_axes(panels, len(shown))
+        if image is not None:
+            made.colorbar(image, ax=panels, pad=0.01).set_label("RMS of the casing (g)")
+
+    caption = (
+        "Colour and white lines: RMS in g. Dashed: equal damaged volume V_eq. Pale: RMS falls with depth, so that a "
+        "level does not tell one defect."
+    )
+    if len(at) > len(shown):
+        caption += f" {len(at) - len(shown)} more conditions are not shown."
+    data: dict[str, Any] = {
+        "load_newton": [part.load for part in shown],
+        "speed_hz": [part.speed for part in shown],
+        "rms_least_g": [span_of(part.rms)[0] / STANDARD_GRAVITY for part in shown],
+        "rms_most_g": [span_of(part.rms)[1] / STANDARD_GRAVITY for part in shown],
+        "falls_with_depth": [int(np.count_nonzero(falls)) for falls in falling[: len(shown)]],
+    }
+    label = f"RMS over extent and depth of the defect at {len(shown)} conditions, up to {figure(highest)} g."
+    height = 0.4 + (_PANEL if columns == 2 else 1.35 * _PANEL) * rows
+    return Part("RMS over extent and depth", caption, label, height, draw, data, "levels")
+
+
+def _line_part(at: Sequence[MapSlice]) -> Part:
+    """Return the levels of a map of one depth or one extent: lines, one a condition."""
+    by_extent = len(at[0].dphi_d) >= len(at[0].h_d)
+    x = np.degrees(at[0].dphi_d) if by_extent else 1e6 * at[0].h_d
+    held = f"{1e6 * at[0].h_d[0]:.3g} µm deep" if by_extent else f"{np.degrees(at[0].dphi_d[0]):.3g}° wide"
+    shown = at[:_MOST_PANELS]
+    lines = {condition(part): part.rms.ravel() / STANDARD_GRAVITY for part in shown}
+
+    def draw(made: FigureBase) -> None:
+        axes = made.subplots(1, 1)
+        for place, (name, values) in enumerate(lines.items()):
+            color, stroke = _STROKES[place % len(_STROKES)]
+            axes.plot(x, values, color=color, ls=stroke, marker=".", label=name)
+        axes.set(xlabel=f"{'extent' if by_extent else 'depth'} of the defect ({'degrees' if by_extent else 'µm'})")
+        axes.set_ylabel("RMS of the casing (g)")
+        legend_above(axes, 4)
+
+    caption = f"All defects of the map are {held}."
+    if len(at) > len(shown):
+        caption += f" {len(at) - len(shown)} more conditions are not shown."
+    data: dict[str, Any] = {"extent_deg" if by_extent else "depth_um": x}
+    data |= {f"rms_at_{part.load:g}_newton_{part.speed:g}_hz_g": part.rms.ravel() / STANDARD_GRAVITY for part in shown}
+    return Part("RMS along the map", caption, f"RMS of defects that are {held}.", 2.9, draw, data, "levels")
+
+
+def _pale(axes: Axes, falls: NDArray[np.bool_], extent: Values, depth: Values) -> None:
+    """Make pale the steps of depth along which the RMS falls."""
+    x, y = np.linspace(extent[0], extent[-1], _PIXELS[1]), np.linspace(depth[0], depth[-1], _PIXELS[0])
+    nearest = np.abs(x[:, None] - extent[None, :]).argmin(axis=1)
+    below = np.clip(np.searchsorted(depth, y, side="right") - 1, 0, len(depth) - 1)
+    shade = np.zeros((*_PIXELS, 4), dtype=np.float32)
+    shade[..., :3] = 1.0
+    shade[..., 3] = 0.35 * falls[np.ix_(below, nearest)]
+    axes.imshow(shade, origin="lower", extent=(x[0], x[-1], y[0], y[-1]), aspect="auto", zorder=2)
+
+
+def _name_axes(panels: Any, shown: int) -> None:
+    rows, columns = panels.shape
+    for place, axes in enumerate(panels.flat[:shown]):
+        if place % columns == 0:
+            axes.set_ylabel("depth of the defect (µm)")
+        if place // columns == rows - 1 or place + columns >= shown:
+            axes.set_xlabel("extent of the defect (degrees)")
+
+
+def _cuts_part(at: MapSlice) -> Part:
+    extent, depth = np.degrees(at.dphi_d), 1e6 * at.h_d
+    spread = np.maximum(at.rms_std, at.rms_rig_std) / STANDARD_GRAVITY
+    rms = at.rms / STANDARD_GRAVITY
+    data: dict[str, Any] = {"extent_deg": extent, "depth_um": depth}
+    for node in cut_nodes(len(depth)):
+        data[f"rms_at_{depth[node]:.3g}_um_g"] = rms[node]
+    for node in cut_nodes(len(extent)):
+        data[f"rms_at_{extent[node]:.3g}_deg_g"] = rms[:, node]
+
+    def draw(made: FigureBase) -> None:
+        left, right = made.subplots(1, 2, sharey=True)
+        for (color, stroke), node in zip(_STROKES, cut_nodes(len(depth)), strict=False):
+            _cut(left, extent, rms[node], spread[node], color, stroke, f"{depth[node]:.3g} µm deep")
+        for (color, stroke), node in zip(_STROKES, cut_nodes(len(extent)), strict=False):
+            _cut(right, depth, rms[:, node], spread[:, node], color, stroke, f"{extent[node]:.3g}° wide")
+        left.set(xlabel="extent of the defect (degrees)", ylabel="RMS of the casing (g)", ylim=(0.0, None))
+        right.set(xlabel="depth of the defect (µm)")
+        for axes in (left, right):
+            legend_above(axes, 2)
+
+    shaded = " Shaded: one standard deviation over floors or rigs, whichever is larger." if np.any(spread) else ""
+    caption = f"At {condition(at)}: along nodes of depth (left) and of extent (right).{shaded}"
+    label = "RMS against extent at four depths, and against depth at four extents."
+    return Part("Cuts through the map", caption, label, 2.9, draw, data, "cuts")
+
+
+def _cut(axes: Axes, x: Values, y: Values, spread: Values, color: str, stroke: str, name: str) -> None:
+    axes.plot(x, y, color=color, ls=stroke, label=name)
+    if np.any(spread):
+        axes.fill_between(x, y - spread, y + spread, color=color, alpha=0.15, lw=0)
+
+
+def _doubts_part(at: MapSlice) -> Part:
+    kinds = doubts(at)
+    rows = math.ceil(len(kinds) / 2)
+    data: dict[str, Any] = {}
+    for kind in kinds:
+        finite = kind.percent[np.isfinite(kind.percent)]
+        data |= {f"{kind.name}_median_percent": float(np.median(finite)), f"{kind.name}_most_percent": finite.max()}
+
+    def draw(made: FigureBase) -> None:
+        panels = made.subplots(rows, min(2, len(kinds)), squeeze=False)
+        for axes, kind in zip(panels.flat, kinds, strict=False):
+            extent, depth = np.degrees(at.dphi_d), 1e6 * at.h_d
+            drawn = axes.pcolormesh(
+                *(extent, depth, np.ma.masked_invalid(kind.percent)),
+                cmap="magma_r",
+                vmin=0.0,
+                vmax=_most(kind.percent),
+                shading="nearest",
+                rasterized=True,
+            )
+            made.colorbar(drawn, ax=axes, pad=0.01, extend="max")
+            axes.grid(visible=False)
+            axes.set(xlim=(extent[0], extent[-1]), ylim=(depth[0], depth[-1]))
+            axes.set_title(kind.title, fontsize=9, loc="left", color=SOFT)
+        for axes in panels.flat[len(kinds) :]:
+            axes.set_visible(False)
+        _name_axes(panels, len(kinds))
+
+    caption = (
+        f"At {condition(at)}. A node that is off the line between its neighbours marks a stripe that the grid hardly "
+        "resolves; between the nodes as they are, a smooth surface is off by a quarter of it. The scale ends at the "
+        "99th percentile."
+    )
+    label = f"How far the map is to be trusted, over extent and depth: {', '.join(kind.name for kind in kinds)}."
+    return Part("How far to trust it", caption, label, 2.6 * rows, draw, data, "doubts")

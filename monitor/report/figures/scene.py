@@ -1,0 +1,311 @@
+"""A simulated scene as a report: what the sensor hears, the way of the element over the damage, and the spectrum."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import FigureBase
+from numpy.typing import NDArray
+
+from models.bearing import Kinematics, kinematics
+from models.dynamics.time_domain import TimeResponse
+from models.hertz import mean_bearing_stiffness
+from models.modes import natural_frequencies
+from models.path.contour import part_paths
+from models.response import Response, Sensor
+from models.scene import Defect, Floor, Scene
+from monitor.report.figures.drawing import AXIS, BLUE, GREY, INK, PURPLE, SHADE, SOFT, VERMILION, legend_above
+from monitor.report.figures.sheet import Part, Sheet, write_sheet
+from monitor.words.numbers import figure
+from streams.block import STANDARD_GRAVITY
+
+Values = NDArray[np.float64]
+
+_PASSAGES = 4
+_RATE = 204800.0
+_HIGHEST = 12000.0
+_ZOOM = 2000.0
+_PATH_POINTS = 1201
+# Deeper than any ball sinks between two edges, m.
+_NO_FLOOR = 1.0
+# Lines below this share of the largest are not seen in a picture.
+_UNSEEN = 2e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Heard:
+    """What a sensor heard, ready to be drawn.
+
+    Attributes:
+        time: of the signal, s.
+        signal: acceleration, m/s2.
+        frequency: of the spectrum, Hz, up to 12 kHz.
+        amplitude: of its lines, m/s2.
+        periodic: whether the spectrum is one of lines at multiples of BPFO and nothing between them.
+        rms: m/s2, as the model gives it.
+        status: how the simulation ended.
+        band: to which the RMS refers, Hz, None for full bandwidth.
+    """
+
+    time: Values
+    signal: Values
+    frequency: Values
+    amplitude: Values
+    periodic: bool
+    rms: float
+    status: str
+    band: tuple[float, float] | None = None
+
+
+def heard_of(response: Response, sensor: Sensor) -> Heard:
+    """Return four ball periods and the lines of a motion that repeats."""
+    signal = response.acceleration(_RATE, _PASSAGES / response.bpfo, sensor=sensor)
+    frequency, amplitude = response.lines(sensor)
+    shown = frequency <= _HIGHEST
+    rms = response.rms if sensor == "mo" else response.rms_resonator
+    time = np.arange(signal.size) / _RATE
+    lines = frequency[shown], amplitude[shown]
+    return Heard(time, signal, *lines, True, rms, response.status, response.rms_band)
+
+
+def heard_over_time(response: TimeResponse, sensor: Sensor, fundamental: float) -> Heard:
+    """Return four passages about the loudest moment and the spectrum (Hann window) of a motion that does not repeat.
+
+    Args:
+        response: the simulation.
+        sensor: "mo" or "mr".
+        fundamental: how often the damage passes, Hz.
+    """
+    whole = response.acceleration[0 if sensor == "mo" else 1]
+    window = np.hanning(whole.size)
+    amplitude = 2.0 * np.abs(np.fft.rfft(whole * window)) / np.sum(window)
+    frequency = np.arange(amplitude.size, dtype=np.float64) * (response.rate / whole.size)
+    shown = (frequency > 0.0) & (frequency <= _HIGHEST)
+    # Around the loudest moment: a damaged ball, say, is heard only while it carries load.
+    samples = min(whole.size, math.ceil(_PASSAGES * response.rate / fundamental))
+    first = min(max(0, int(np.argmax(np.abs(whole))) - samples // 2), whole.size - samples)
+    few = slice(first, first + samples)
+    rms = response.rms if sensor == "mo" else response.rms_resonator
+    time = np.arange(whole.size)[few] / response.rate
+    return Heard(time, whole[few], frequency[shown], amplitude[shown], False, rms, response.status)
+
+
+def draw_scene(scene: Scene, heard: Heard, path: Path, *, sensor: Sensor, title: str) -> None:
+    """Write the report of a scene; PNG, SVG or HTML by the name's ending.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    write_sheet(scene_sheet(scene, heard, sensor=sensor, title=title), path)
+
+
+def scene_sheet(scene: Scene, heard: Heard, *, sensor: Sensor, title: str) -> Sheet:
+    """Return the report of a scene (thesis, Figs. 47, 48 and 53)."""
+    place = "casing" if sensor == "mo" else "resonator"
+    band = "over full bandwidth" if heard.band is None else f"in {heard.band[0]:g} to {heard.band[1]:g} Hz"
+    lead = f"RMS {figure(heard.rms / STANDARD_GRAVITY)} g {band} on the {place} ({heard.status.replace('_', ' ')})."
+    parts = [_signal_part(scene, heard)]
+    if scene.defect is not None:
+        parts.append(_path_part(scene, scene.defect))
+    parts.append(_spectrum_part(scene, heard))
+    return Sheet(title, lead, parts, _facts(scene))
+
+
+def fundamental_of(scene: Scene) -> tuple[float, str]:
+    """Return how often the damage passes, Hz, and what that line is called; of a healthy bearing BPFO."""
+    lines = kinematics(scene.bearing, scene.speed)
+    part = "outer" if scene.defect is None else scene.defect.part
+    return {"outer": (lines.bpfo, "BPFO"), "inner": (lines.bpfi, "BPFI"), "ball": (2.0 * lines.bsf, "twice BSF")}[part]
+
+
+def passages(scene: Scene, until: float) -> list[tuple[float, float]]:
+    """Return when balls are inside the defect of the outer race, as beginnings and ends in seconds.
+
+    Balls of the first row stand over the load at time zero, those of the next ones ahead of them by an even share of
+    their spacing. Of a motion that does not repeat nothing is known: its beginning is not that of the cage.
+
+    Args:
+        scene: with what is damaged.
+        until: end of the stretch, s.
+    """
+    defect = scene.defect
+    if defect is None or defect.part != "outer" or scene.effects:
+        return []
+    lines = kinematics(scene.bearing, scene.speed)
+    period, omega = 1.0 / lines.bpfo, 2.0 * math.pi * lines.ftf
+    half = 0.5 * defect.dphi_d / omega
+    found = []
+    for row in range(defect.first_row, defect.first_row + defect.rows):
+        first = defect.position / omega - row * period / scene.bearing.rows
+        begin = math.floor((-half - first) / period)
+        middles = [first + k * period for k in range(begin, begin + math.ceil((until + 2 * half) / period) + 2)]
+        found += [(m - half, m + half) for m in middles if m + half > 0.0 and m - half < until]
+    return sorted(found)
+
+
+def resonances(scene: Scene) -> Values:
+    """Return the natural frequencies of the rig along the load, Hz, with the mean stiffness of the healthy bearing."""
+    k_b = mean_bearing_stiffness(scene.bearing, scene.load, scene.rig.k_c, clearance=scene.clearance)[0, 0]
+    # Both directions alike, so that every frequency stands twice.
+    return natural_frequencies(scene.rig, float(k_b), float(k_b))[::2]
+
+
+def ways(scene: Scene, defect: Defect) -> dict[str, tuple[Values, Values]]:
+    """Return the ways of an element over the damage: angles, degrees, and depths, µm, by name.
+
+    A rough floor is accompanied by the smooth one, and a ball's spot has a way over each race.
+    """
+    found: dict[str, tuple[Values, Values]] = {}
+    rough = defect.floor.kind == "rough"
+    floors = {"rough floor": defect.floor, "smooth floor": Floor()} if rough else {"": defect.floor}
+    races = ("outer race", "inner race") if defect.part == "ball" else ("",)
+    for name, floor in floors.items():
+        for race, path in zip(races, part_paths(scene.bearing, replace(defect, floor=floor)), strict=False):
+            x = np.linspace(-0.6, 0.6, _PATH_POINTS) * defect.dphi_d
+            centre = defect.position if defect.part != "ball" or race == "outer race" else defect.position + math.pi
+            words = " on the ".join(
+                word for word in (name.replace("floor", "rough floor", name == "floor"), race) if word
+            )
+            found[words or "way of the ball"] = (np.degrees(x), 1e6 * path(x + centre)[0])
+    return found
+
+
+def _signal_part(scene: Scene, heard: Heard) -> Part:
+    since, until = float(heard.time[0]), float(heard.time[-1])
+    marked = passages(scene, until)
+    _, name = fundamental_of(scene)
+
+    def draw(made: FigureBase) -> None:
+        axes = made.subplots(1, 1)
+        for begin, end in marked:
+            axes.axvspan(1e3 * max(begin, 0.0), 1e3 * min(end, until), color=SHADE, lw=0)
+            for edge in (begin, end):
+                axes.axvline(1e3 * edge, color=AXIS, lw=0.6)
+        axes.plot(1e3 * heard.time, heard.signal / STANDARD_GRAVITY, color=BLUE, lw=0.9)
+        axes.set(xlabel="time (ms)", ylabel="acceleration (g)", xlim=(1e3 * since, 1e3 * until))
+
+    caption = f"The time of {_PASSAGES} passages ({name}){'' if heard.periodic else ', about the loudest moment'}."
+    if marked:
+        caption += " Shaded: a ball is between the edges of the defect."
+    data = {
+        "time_ms": 1e3 * heard.time[::4],
+        "acceleration_g": heard.signal[::4] / STANDARD_GRAVITY,
+        "passage_begin_ms": [1e3 * begin for begin, _ in marked],
+        "passage_end_ms": [1e3 * end for _, end in marked],
+    }
+    label = f"Acceleration over {_PASSAGES} passages, peak {figure(_peak(heard))} g."
+    return Part("What the sensor hears", caption, label, 2.5, draw, data, "signal")
+
+
+def _peak(heard: Heard) -> float:
+    return float(np.max(np.abs(heard.signal))) / STANDARD_GRAVITY
+
+
+def _path_part(scene: Scene, defect: Defect) -> Part:
+    drawn = ways(scene, defect)
+
+    def draw(made: FigureBase) -> None:
+        axes = made.subplots(1, 1)
+        for stroke, (name, (x, y)) in zip(("-", "-.", "--", ":"), drawn.items(), strict=False):
+            axes.plot(x, y, color=INK if stroke == "-" else VERMILION, ls=stroke, label=name)
+        axes.axhline(0.0, color=AXIS, lw=0.7)
+        axes.set(xlabel="angle from the middle of the defect (degrees)", ylabel="sunk (µm)")
+        axes.invert_yaxis()
+        if len(drawn) > 1:
+            legend_above(axes)
+
+    deepest = max((float(y.max()) for _, y in drawn.values()), default=0.0)
+    floor = f"its floor lies {figure(1e6 * defect.h_d)} µm deep"
+    floorless = ways(scene, replace(defect, h_d=_NO_FLOOR, floor=Floor()))
+    reached = max((float(y.max()) for _, y in floorless.values()), default=0.0) > 1e6 * defect.h_d * math.cos(
+        scene.bearing.contact_angle
+    )
+    caption = (
+        f"How far the ball sinks over the damage, radially: {figure(deepest)} µm at most; {floor}"
+        f"{', which it touches' if reached else ', which it does not reach'}."
+    )
+    data: dict[str, Any] = {}
+    for number, (name, (x, y)) in enumerate(drawn.items(), start=1):
+        data |= {f"way_{number}": name, f"angle_{number}_deg": x[::4], f"sunk_{number}_um": y[::4]}
+    label = f"Depth to which the ball sinks over the damage, {figure(deepest)} µm at most."
+    return Part("The way over the damage", caption, label, 2.1, draw, data, "way")
+
+
+def _spectrum_part(scene: Scene, heard: Heard) -> Part:
+    fundamental, name = fundamental_of(scene)
+    modes = resonances(scene)
+
+    def draw(made: FigureBase) -> None:
+        panels = made.subplots(2, 1)
+        for axes, top in zip(panels, (_HIGHEST, _ZOOM), strict=True):
+            show_spectrum(axes, heard, (0.0, top), modes)
+        panels[-1].set_xlabel("frequency (Hz)")
+        _mark_lines(panels[-1], fundamental, name)
+        legend_above(panels[0])
+
+    kind = f"lines at multiples of BPFO, {figure(fundamental)} Hz" if heard.periodic else "amplitudes, Hann window"
+    words = ", ".join(f"{mode:,.0f}" for mode in modes)
+    caption = (
+        f"Above: {kind}; dotted: natural frequencies of the undamped rig along the load, {words} Hz. Below: the same "
+        f"up to {_ZOOM:g} Hz; ticks at the top: multiples of {name}."
+    )
+    seen = heard.amplitude > _UNSEEN * max(float(heard.amplitude.max(initial=0.0)), 1e-30)
+    data = {
+        "frequency_hz": heard.frequency[seen],
+        "amplitude_g": heard.amplitude[seen] / STANDARD_GRAVITY,
+        "resonance_hz": modes,
+        "fundamental_hz": fundamental,
+    }
+    label = f"Spectrum up to 12 kHz with resonances at {words} Hz."
+    return Part("Spectrum", caption, label, 4.2, draw, data, "spectrum")
+
+
+def show_spectrum(axes: Axes, heard: Heard, band: tuple[float, float], modes: Sequence[float] | Values) -> None:
+    """Draw the part of a spectrum within a band, Hz, in g, with natural frequencies dotted."""
+    inside = (heard.frequency >= band[0]) & (heard.frequency <= band[1])
+    x, y = heard.frequency[inside], heard.amplitude[inside] / STANDARD_GRAVITY
+    if heard.periodic:
+        axes.vlines(x, 0.0, y, color=PURPLE, lw=1.3)
+    else:
+        axes.plot(x, y, color=PURPLE, lw=0.7)
+    for number, mode in enumerate(mode for mode in modes if band[0] <= mode <= band[1]):
+        axes.axvline(mode, color=GREY, lw=1.0, ls=":", label="" if number else "natural frequency")
+    axes.set(xlim=band, ylim=(0.0, None), ylabel="amplitude (g)")
+
+
+def _mark_lines(axes: Axes, fundamental: float, name: str) -> None:
+    def to_multiple(frequency: Any) -> Any:
+        return np.asarray(frequency) / fundamental
+
+    def to_frequency(multiple: Any) -> Any:
+        return np.asarray(multiple) * fundamental
+
+    top = axes.secondary_xaxis("top", functions=(to_multiple, to_frequency))
+    top.set_xticks(range(1, math.floor(_ZOOM / fundamental) + 1))
+    top.tick_params(labelsize=7.5, colors=SOFT, length=2)
+    top.set_xlabel(f"multiple of {name}", fontsize=8, color=SOFT)
+
+
+def _facts(scene: Scene) -> list[tuple[str, str]]:
+    rig, lines = scene.rig, kinematics(scene.bearing, scene.speed)
+    masses = ", ".join(f"m_{name} {getattr(rig, f'm_{name}'):g} kg" for name in ("i", "o", "r"))
+    return [
+        ("Bearing", f"{scene.bearing.designation}, clearance {figure(1e6 * scene.clearance)} µm"),
+        ("Lines", _frequencies(lines)),
+        ("Rig", f"{'calibrated' if rig.calibrated else 'not calibrated on this machine'}; {masses}"),
+        ("Stiffness", f"k_i {rig.k_i:.3g} N/m, k_r {rig.k_r:.3g} N/m, k_c {rig.k_c:.4g} N/m^1.5"),
+        ("Damping", f"c_i {rig.c_i:g} N s/m, c_r {rig.c_r:g} N s/m, α_c {rig.alpha_c:g} 1/s, β_c {rig.beta_c:g} s"),
+        ("Effects", ", ".join(scene.effects) or "none"),
+        ("Model", scene.model),
+    ]
+
+
+def _frequencies(lines: Kinematics) -> str:
+    named = (("BPFO", lines.bpfo), ("BPFI", lines.bpfi), ("BSF", lines.bsf), ("FTF", lines.ftf))
+    return ", ".join(f"{name} {figure(value, 4)} Hz" for name, value in named)

@@ -1,0 +1,348 @@
+"""Records for people: one table a machine and time axis, from netCDF files, a store or a dataset."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from monitor.health.damage.filter.particles import Particles
+from monitor.records.dataset import words
+from monitor.records.publish import PublishError, day_dataset, days
+from monitor.records.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
+from monitor.records.spectra import SpectrumRow, read_spectra
+from monitor.records.store import Store, StoreError
+
+Records = xr.Dataset | Store | Path | str
+
+_LEDGER = ("source", "name", "status", "flags", "reason", "events")
+
+
+class ReportError(Exception):
+    """A report cannot be made; the message names the file and the cause."""
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """All that one channel said, as columns over the blocks of its source.
+
+    Attributes:
+        name: of the channel.
+        time: seconds, UTC since 1970 or from the first block.
+        sequence: number of each block.
+        status: status of each block.
+        numbers: variables of numbers, shape (block, values of all other dimensions), NaN where there is none.
+        words: variables of words, shape (block, values of all other dimensions), "" where there is none.
+    """
+
+    name: str
+    time: NDArray[np.float64]
+    sequence: NDArray[np.int64]
+    status: NDArray[np.object_]
+    numbers: Mapping[str, NDArray[np.float64]]
+    words: Mapping[str, NDArray[np.object_]]
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """Return a variable as one number a block: of the first band, or of the first threshold."""
+        return self.numbers[name][:, 0]
+
+    def word(self, name: str) -> NDArray[np.object_]:
+        """Return a variable as one word a block: of the first threshold."""
+        return self.words[name][:, 0]
+
+    @property
+    def has_level(self) -> bool:
+        """Whether its accelerations are in m/s2 rather than in an unknown unit."""
+        return "no" not in self.word("absolute_level") and "no_absolute_level" not in self.word("edv_status")
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """The records of one machine on one time axis.
+
+    Attributes:
+        machine: its name.
+        dated: whether times are UTC rather than seconds from the first block.
+        time: seconds, of every block.
+        ledger: ``source``, ``name``, ``status``, ``flags``, ``reason`` and ``sequence`` of every block.
+        channels: by name.
+        counts: blocks by status.
+        events: what became known, in order, each with the ``source`` and ``block``.
+        attributes: how the records were made; a list of values where parts differ.
+        spectra: envelope spectra that the store keeps, by channel; files of records hold none.
+        label: what to call it beside others: its machine, with the place of its records where several have that name.
+        particles: what the physical tracker believes after the last block, by channel; likewise of the store alone.
+    """
+
+    machine: str
+    dated: bool
+    time: NDArray[np.float64]
+    ledger: Mapping[str, NDArray[Any]]
+    channels: Mapping[str, Channel]
+    counts: Mapping[str, int]
+    events: Sequence[Mapping[str, Any]]
+    attributes: Mapping[str, str] = field(default_factory=dict)
+    spectra: Mapping[str, Sequence[SpectrumRow]] = field(default_factory=dict)
+    particles: Mapping[str, Particles] = field(default_factory=dict)
+    label: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Store:
+    """What a store says beside its records: blocks by status, spectra and particles by channel."""
+
+    counts: Mapping[str, int]
+    spectra: Mapping[str, Sequence[SpectrumRow]]
+    particles: Mapping[str, Particles]
+
+
+def read_runs(records: Records | Sequence[Records]) -> list[Run]:
+    """Read records from wherever they are.
+
+    Args:
+        records: datasets as :func:`monitor.records.dataset.to_dataset` makes them, stores, paths of ``.nc`` files or
+            of a store, folders of them, or a sequence of these.
+
+    Returns:
+        One run a machine and time axis, in order of appearance. Undated blocks that were all rejected are counted with
+        the dated ones of their machine.
+
+    Raises:
+        ReportError: nothing is found, or a file cannot be read.
+    """
+    items = [records] if isinstance(records, xr.Dataset | Store | Path | str) else list(records)
+    parts: dict[_Key, list[xr.Dataset]] = {}
+    stores: dict[tuple[str, str], _Store] = {}
+    for item in items:
+        place = _place(item) if len(items) > 1 else ""
+        for dataset, store in _datasets(item):
+            machine = str(dataset.attrs.get("machine", "machine"))
+            if dataset.sizes["time"]:
+                parts.setdefault((machine, place, dataset.attrs.get("dated") == "yes"), []).append(dataset)
+            if store is not None:
+                stores[machine, place] = store
+    if not parts:
+        raise ReportError("there are no records to report")
+    runs = {key: _run(key[0], key[2], datasets) for key, datasets in parts.items()}
+    for machine, place in dict.fromkeys(key[:2] for key in runs):
+        _fold_rejected(runs, machine, place)
+        if (machine, place) in stores:
+            _complete(runs, machine, place, stores[machine, place])
+    return _labelled(runs)
+
+
+_Key = tuple[str, str, bool]
+"""Machine, place (a store or a folder is a run of its own, files and datasets of a machine are one), and if dated."""
+
+
+def _place(item: Records) -> str:
+    """Return what tells a store or a folder from others, "" for files and datasets."""
+    if isinstance(item, xr.Dataset):
+        return ""
+    path = item.path if isinstance(item, Store) else Path(item)
+    if path.suffix == ".nc":
+        return ""
+    return str(path.resolve().parent if path.is_file() else path.resolve())
+
+
+def _labelled(runs: Mapping[_Key, Run]) -> list[Run]:
+    """Give each run a label of its own: the machine, with the folder where several have that name."""
+    machines = [machine for machine, _, _ in runs]
+    labelled = []
+    for (machine, place, dated), run in runs.items():
+        label = machine
+        if machines.count(machine) > 1:
+            label += f", {Path(place).name}" if place else (", dated" if dated else ", undated")
+        labelled.append(replace(run, label=label))
+    return labelled
+
+
+def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, _Store | None]]:
+    """Yield the datasets of one item, the first with what the store says beside where there is one."""
+    if isinstance(item, xr.Dataset):
+        yield item, None
+    elif isinstance(item, Store):
+        beside: _Store | None = None
+        for day in days(item):
+            beside = beside or _beside(item)
+            yield day_dataset(item, day), beside
+    else:
+        for path in _files(Path(item)):
+            if path.suffix == ".nc":
+                yield _read_netcdf(path), None
+            else:
+                try:
+                    with Store.open(path, read_only=True) as store:
+                        yield from _datasets(store)
+                except (StoreError, PublishError) as error:
+                    raise ReportError(str(error)) from error
+
+
+def _beside(store: Store) -> _Store:
+    """Read what a store holds beside records; particles in a layout of another version are left out."""
+    states = {key.split(":", 2)[2]: state for key, state in store.load_states().items() if key.startswith("channel:")}
+    particles: dict[str, Particles] = {}
+    for name, state in states.items():
+        stored = ((state.get("damage") or {}).get("filter") or {}).get("particles")
+        if stored:
+            with suppress(KeyError, ValueError, TypeError):
+                particles[name] = Particles.from_dict(stored)
+    return _Store(store.counts(), {name: read_spectra(store, name) for name in states}, particles)
+
+
+def _files(path: Path) -> list[Path]:
+    """Return the files of records that a path stands for: itself, or those in a folder."""
+    if not path.is_dir():
+        if not path.exists():
+            raise ReportError(f"{path}: no such file or folder")
+        return [path]
+    # A store knows more than the files that are made from it.
+    found = sorted(path.glob("*.db")) or sorted(path.glob("*.nc")) or sorted((path / "records").glob("*.nc"))
+    if not found:
+        raise ReportError(f"{path}: holds neither .nc files of records nor a state.db")
+    return found
+
+
+def _read_netcdf(path: Path) -> xr.Dataset:
+    try:
+        with xr.open_dataset(path, engine="netcdf4", decode_cf=False) as dataset:
+            loaded = dataset.load()
+    except (OSError, ValueError, RuntimeError) as error:
+        raise ReportError(f"{path}: cannot be read as netCDF: {error}") from error
+    version = loaded.attrs.get("schema_version")
+    if version is None or "time" not in loaded:
+        raise ReportError(f"{path}: is netCDF, but holds no health records")
+    if int(version) > SCHEMA_VERSION:
+        raise ReportError(f"{path}: has schema version {version}; this program knows versions up to {SCHEMA_VERSION}")
+    return loaded
+
+
+def _run(machine: str, dated: bool, datasets: Sequence[xr.Dataset]) -> Run:
+    """Join the datasets of one machine and time axis."""
+    datasets = sorted(datasets, key=lambda dataset: float(_seconds_or_numbers(dataset.time)[0]))
+    time = np.concatenate([_seconds_or_numbers(dataset.time) for dataset in datasets])
+    ledger: dict[str, NDArray[Any]] = {
+        name: np.concatenate([dataset[name].values.astype(object) for dataset in datasets]) for name in _LEDGER
+    }
+    ledger["sequence"] = np.concatenate([dataset["sequence"].values.astype(np.int64) for dataset in datasets])
+    names = dict.fromkeys(str(name) for dataset in datasets for name in dataset.channel.values)
+    columns = {name: _columns(name, datasets) for name in names}
+    statuses, numbers = np.unique(ledger["status"].astype(str), return_counts=True)
+    events = [
+        {"source": source, "block": int(block), **event}
+        for source, block, text in zip(ledger["source"], ledger["sequence"], ledger.pop("events"), strict=True)
+        for event in json.loads(text or "[]")
+    ]
+    return Run(
+        machine=machine,
+        dated=dated,
+        time=time,
+        ledger=ledger,
+        channels={name: _channel(name, time, ledger, *both) for name, both in columns.items()},
+        counts={str(status): int(number) for status, number in zip(statuses, numbers, strict=True)},
+        events=events,
+        attributes=_joined([dataset.attrs for dataset in datasets]),
+    )
+
+
+def _columns(
+    channel: str, datasets: Sequence[xr.Dataset]
+) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.object_]]]:
+    """Gather the variables of one channel over all datasets, padded where one has more bands or thresholds."""
+    numbers: dict[str, NDArray[np.float64]] = {}
+    texts: dict[str, NDArray[np.object_]] = {}
+    for variable in VARIABLES.values():
+        worded = variable.kind in ("flag", "mask")
+        blocks: list[NDArray[Any]] = []
+        for dataset in datasets:
+            place = np.flatnonzero(dataset.channel.values.astype(str) == channel)
+            if variable.name not in dataset or not place.size:
+                missing: Any = "" if worded else np.nan
+                blocks.append(np.full((dataset.sizes["time"], 1), missing, dtype=object if worded else np.float64))
+                continue
+            array = xr.DataArray(dataset.variables[variable.name].isel(channel=int(place[0])))
+            values = words(array) if worded else _seconds_or_numbers(array)
+            if variable.kind == "int":
+                values = np.where(values < 0, np.nan, values)
+            blocks.append(values.reshape(values.shape[0], -1))
+        width = max(int(block.shape[1]) for block in blocks)
+        joined = np.concatenate(
+            [
+                np.pad(block, ((0, 0), (0, width - int(block.shape[1]))), constant_values="" if worded else np.nan)
+                for block in blocks
+            ]
+        )
+        if worded:
+            texts[variable.name] = joined
+        else:
+            numbers[variable.name] = joined
+    return numbers, texts
+
+
+def _seconds_or_numbers(array: xr.DataArray) -> NDArray[np.float64]:
+    """Return float64, moments that xarray decoded to dates as seconds since 1970."""
+    values = array.values
+    if np.issubdtype(values.dtype, np.datetime64):
+        return np.where(np.isnat(values), np.nan, values.astype("datetime64[ns]").astype(np.int64) / 1e9)
+    return values.astype(np.float64)
+
+
+def _channel(
+    name: str,
+    time: NDArray[np.float64],
+    ledger: Mapping[str, NDArray[Any]],
+    numbers: Mapping[str, NDArray[np.float64]],
+    texts: Mapping[str, NDArray[np.object_]],
+) -> Channel:
+    """Keep the blocks of the sources that the channel belongs to: those of other sources say nothing about it."""
+    judged = (texts["stage"][:, 0] != "") | (texts["quality_status"][:, 0] != "")
+    said = judged | np.isfinite(numbers["rms"][:, 0])
+    rows = np.isin(ledger["source"].astype(str), np.unique(ledger["source"][said].astype(str)))
+    return Channel(
+        name=name,
+        time=time[rows],
+        sequence=ledger["sequence"][rows],
+        status=ledger["status"][rows],
+        numbers={key: values[rows] for key, values in numbers.items()},
+        words={key: values[rows] for key, values in texts.items()},
+    )
+
+
+def _joined(attributes: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Return the attributes of several datasets as text, different values side by side."""
+    found: dict[str, list[str]] = {}
+    for mapping in attributes:
+        for key, value in mapping.items():
+            text = " to ".join(f"{item:g}" for item in value) if isinstance(value, list | np.ndarray) else str(value)
+            values = found.setdefault(str(key), [])
+            if text not in values:
+                values.append(text)
+    return {key: "; ".join(values) for key, values in found.items()}
+
+
+def _fold_rejected(runs: dict[_Key, Run], machine: str, place: str) -> None:
+    """Count the undated blocks of a dated machine with its others where all of them were rejected."""
+    undated, dated = runs.get((machine, place, False)), runs.get((machine, place, True))
+    if undated is None or dated is None or any(status not in REJECTIONS for status in undated.counts):
+        return
+    counts = dict(dated.counts)
+    for status, number in undated.counts.items():
+        counts[status] = counts.get(status, 0) + number
+    runs[machine, place, True] = replace(dated, counts=counts)
+    del runs[machine, place, False]
+
+
+def _complete(runs: dict[_Key, Run], machine: str, place: str, store: _Store) -> None:
+    """Add what the store says beside records, where there is one run: it also knows of repetitions without a record."""
+    keys = [key for key in runs if key[:2] == (machine, place)]
+    if len(keys) == 1:
+        found = runs[keys[0]]
+        mine = {name: rows for name, rows in store.spectra.items() if rows and name in found.channels}
+        runs[keys[0]] = replace(found, counts=dict(store.counts), spectra=mine, particles=store.particles)

@@ -1,0 +1,1 @@
+"""Scores of forecasts as issued, beside naive forecasts."""

@@ -1,0 +1,316 @@
+"""Forecasts as they were issued, read from published records or from the archive in the store, ready to be scored."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from monitor.records.histories import damage_time
+from monitor.records.schema import REJECTIONS
+from monitor.records.store import Archived, Store, StoreError
+from monitor.report.runs import Channel, ReportError, Run, read_runs
+
+Floats = NDArray[np.float64]
+
+_SILENT = ("", "not_final_stage")
+_OUT_OF_TIME = {"late", "out_of_order", "clock"}
+_SAME_THRESHOLD = 1e-6
+
+
+class ScoreError(ReportError):
+    """Records cannot be scored as asked; the message names the file, the option, what was expected and what came."""
+
+
+@dataclass(frozen=True, eq=False)
+class Issued:
+    """The forecasts of one channel for one threshold, as issued, and what a judge of them needs; n blocks, q levels.
+
+    Attributes:
+        records: where they were read.
+        machine: its name.
+        channel: its name.
+        dated: whether ``time`` is UTC seconds since 1970 rather than seconds from the first block.
+        threshold: V_th, m2.
+        method: that made them, "" where the records do not say.
+        interval: probability of the interval, or None where single numbers were issued.
+        source: "archive" or "records".
+        time: of the blocks of the final stage, s.
+        clock: damage time of these blocks, s; standstill is no part of it.
+        status: of each forecast.
+        levels: of the quantiles, shape (q,).
+        quantiles: time to threshold, s of damage time, shape (n, q), NaN where there was no answer.
+        v_eq: as tracked, m2, shape (n,), with the ends of its interval ``v_eq_lower`` and ``v_eq_upper``.
+        v_eq_true: of a simulated rig, m2, else NaN, shape (n,).
+        onset: damage time of t_fs, s.
+        alarms: moments at which a final stage was said to have begun, s on the axis of ``time``.
+        judged: moments of the blocks that the detector judged, s on that axis.
+        damaged: first moment of true damage (simulated rigs that were also heard while sound), s on that axis, or NaN.
+        end_true: damage time of the true end (simulated rigs), s, or NaN.
+        all_time, all_clock: moment and damage time of every block of the channel.
+    """
+
+    records: str
+    machine: str
+    channel: str
+    dated: bool
+    threshold: float
+    method: str
+    interval: float | None
+    source: str
+    time: Floats
+    clock: Floats
+    status: NDArray[np.object_]
+    levels: Floats
+    quantiles: Floats
+    v_eq: Floats
+    v_eq_lower: Floats
+    v_eq_upper: Floats
+    v_eq_true: Floats
+    onset: float
+    alarms: Floats
+    judged: Floats
+    damaged: float
+    end_true: float
+    all_time: Floats
+    all_clock: Floats
+
+    def to_clock(self, time: float) -> float:
+        """Return the damage time at a moment of the time axis; after the last block the machine is taken to run on."""
+        if time > self.all_time[-1]:
+            return float(self.all_clock[-1] + time - self.all_time[-1])
+        return float(np.interp(time, self.all_time, self.all_clock))
+
+    def to_time(self, clock: float) -> float:
+        """Return the first moment of the time axis at which a damage time was reached."""
+        if clock > self.all_clock[-1]:
+            return float(self.all_time[-1] + clock - self.all_clock[-1])
+        place = int(np.searchsorted(self.all_clock, clock))
+        if place == 0:
+            return float(self.all_time[0])
+        return float(self.all_time[place] - (self.all_clock[place] - clock))
+
+
+def read_issued(path: Path, threshold: float | None = None) -> list[Issued]:
+    """Read the forecasts of all channels that have any.
+
+    Args:
+        path: a ``.nc`` file, a ``state.db``, or a folder; beside a ``state.db`` the archive in it is taken, which holds
+            more of each forecast than the records do.
+        threshold: V_th, m2, of which the forecasts are wanted; None where the records have one only.
+
+    Raises:
+        ScoreError: nothing to score, or the threshold is not among those that were forecast.
+        ReportError: the file cannot be read.
+    """
+    archive = _archive(path)
+    found = []
+    for run in read_runs(path):
+        for channel in run.channels.values():
+            if np.isin(channel.words["tt_status"].astype(str), _SILENT).all():
+                continue
+            place = _threshold_place(path, channel, threshold)
+            found.append(_issued(path, run, channel, place, archive))
+    if not found:
+        raise ScoreError(f"{path}: no channel has a forecast, so there is nothing to score")
+    return found
+
+
+def issued_of(run: Run, label: str) -> list[Issued]:
+    """Return the forecasts of a run for the first threshold of each channel, as its records hold them.
+
+    Args:
+        run: its records.
+        label: what to call them.
+
+    Raises:
+        ScoreError: the records do not say the level of their intervals.
+    """
+    spoken = [
+        channel
+        for channel in run.channels.values()
+        if not np.isin(channel.words["tt_status"].astype(str), _SILENT).all()
+        and np.isfinite(channel.numbers["v_th"][:, 0]).any()
+    ]
+    return [_issued(Path(label), run, channel, 0, {}) for channel in spoken]
+
+
+def _archive(path: Path) -> dict[tuple[str, int, str], list[Archived]]:
+    """Return the archived forecasts by source, block and channel, or nothing where there is no store."""
+    database = path / "state.db" if path.is_dir() else path
+    if database.suffix == ".nc" or not database.exists():
+        return {}
+    rows: dict[tuple[str, int, str], list[Archived]] = {}
+    try:
+        with Store.open(database, read_only=True) as store:
+            for row in store.forecasts():
+                rows.setdefault((row.source, row.block, row.channel or ""), []).append(row)
+    except StoreError as error:
+        raise ScoreError(str(error)) from None
+    return rows
+
+
+def _threshold_place(path: Path, channel: Channel, threshold: float | None) -> int:
+    """Return which of the thresholds of a channel is meant."""
+    known = [
+        float(column[np.isfinite(column)][-1]) for column in channel.numbers["v_th"].T if np.isfinite(column).any()
+    ]
+    said = ", ".join(f"{value * 1e6:g}" for value in known)
+    if threshold is None:
+        if len(known) != 1:
+            raise ScoreError(
+                f"{path}: channel {channel.name!r} was forecast for {said} mm3/mm; say which: --threshold-mm2"
+            )
+        return 0
+    for place, value in enumerate(known):
+        if math.isclose(value, threshold, rel_tol=_SAME_THRESHOLD):
+            return place
+    raise ScoreError(
+        f"{path}: --threshold-mm2 {threshold * 1e6:g}: channel {channel.name!r} was forecast for {said} mm3/mm"
+    )
+
+
+def _issued(
+    path: Path, run: Run, channel: Channel, place: int, archive: Mapping[tuple[str, int, str], list[Archived]]
+) -> Issued:
+    status = channel.words["tt_status"][:, place]
+    v_th = channel.numbers["v_th"][:, place]
+    threshold = float(v_th[np.isfinite(v_th)][-1])
+    # Forecasts for a threshold that was configured earlier are not of this series.
+    rows = np.flatnonzero(
+        ~np.isin(status.astype(str), _SILENT) & np.isclose(v_th, threshold, rtol=_SAME_THRESHOLD, atol=0)
+    )
+    archived = _matching(archive, run, channel, rows, threshold)
+    if archived is None:
+        interval, levels, quantiles = _from_records(path, run, channel, place, rows)
+        method, source = of_channel(run.attributes.get("forecast_method", ""), channel.name), "records"
+    else:
+        interval, levels, quantiles = _from_archive(archived)
+        method, source = "; ".join(dict.fromkeys(row.method for row in archived if row.method)), "archive"
+    clock = running_time(channel)
+    truth, left = channel.column("v_eq_true"), channel.numbers["tt_true"]
+    left = left[:, min(place, left.shape[1] - 1)]
+    ahead = np.flatnonzero(left > 0)
+    sound = np.flatnonzero(truth == 0)
+    damaged = np.flatnonzero(truth > 0) if sound.size else sound
+    onset = channel.column("t_fs")[rows]
+    begun = onset[np.isfinite(onset)]
+    known = channel.column("t_fs_known")
+    return Issued(
+        records=str(path),
+        machine=run.machine,
+        channel=channel.name,
+        dated=run.dated,
+        threshold=threshold,
+        method=method,
+        interval=interval,
+        source=source,
+        time=channel.time[rows],
+        clock=clock[rows],
+        status=status[rows],
+        levels=levels,
+        quantiles=quantiles,
+        v_eq=channel.column("v_eq")[rows],
+        v_eq_lower=channel.column("v_eq_lower")[rows],
+        v_eq_upper=channel.column("v_eq_upper")[rows],
+        v_eq_true=truth[rows],
+        onset=float(np.interp(begun[0], channel.time, clock)) if begun.size else float(clock[rows[0]]),
+        alarms=np.unique(known[np.isfinite(known)]),
+        judged=channel.time[np.isfinite(channel.column("detect_score"))],
+        damaged=float(channel.time[damaged[0]]) if damaged.size else math.nan,
+        end_true=float(clock[ahead[0]] + left[ahead[0]]) if ahead.size else math.nan,
+        all_time=channel.time,
+        all_clock=clock,
+    )
+
+
+def running_time(channel: Channel) -> Floats:
+    """Return the damage time of each block, s from the first: between two blocks neither of which stood still."""
+    flags = [set(str(text).split("|")) for text in channel.word("quality_flags")]
+    judged = channel.word("quality_status").astype(str)
+    counted = (judged != "") & ~np.isin(judged, REJECTIONS) & np.array([not f & _OUT_OF_TIME for f in flags])
+    stopped = np.array(["stopped" in f for f in flags], dtype=bool)
+    return damage_time(channel.time, stopped, counted)
+
+
+def _matching(
+    archive: Mapping[tuple[str, int, str], list[Archived]],
+    run: Run,
+    channel: Channel,
+    rows: NDArray[np.intp],
+    threshold: float,
+) -> list[Archived] | None:
+    """Return the archived forecast of each row, or None where one of them is not in the archive."""
+    sources = dict.fromkeys(str(source) for source in run.ledger["source"])
+    found: list[Archived] = []
+    for row in rows:
+        block = int(channel.sequence[row])
+        match = next(
+            (
+                item
+                for source in sources
+                for item in archive.get((source, block, channel.name), ())
+                if math.isclose(item.threshold_mm2 or 0.0, threshold * 1e6, rel_tol=_SAME_THRESHOLD)
+            ),
+            None,
+        )
+        if match is None:
+            return None
+        found.append(match)
+    return found
+
+
+def _from_archive(archived: Sequence[Archived]) -> tuple[float | None, Floats, Floats]:
+    """Return the level of the interval, the levels, and the quantiles at them."""
+    levels = sorted({level for row in archived for level in row.quantiles} or {0.5})
+    rows = [_at_levels(row.quantiles, levels) for row in archived]
+    intervals = [row.interval_level for row in archived if row.interval_level is not None]
+    return (intervals[-1] if intervals else None), np.array(levels), np.array(rows).reshape(-1, len(levels))
+
+
+def _at_levels(quantiles: Mapping[float, float], levels: Iterable[float]) -> list[float]:
+    """Return quantiles at all levels; a forecast with fewer of them, such as a single zero, is straight between."""
+    known = sorted(quantiles)
+    if not known:
+        return [math.nan for _ in levels]
+    return np.interp(list(levels), known, [quantiles[level] for level in known]).tolist()
+
+
+def _from_records(
+    path: Path, run: Run, channel: Channel, place: int, rows: NDArray[np.intp]
+) -> tuple[float | None, Floats, Floats]:
+    """Return the level of the interval, the levels, and the quantiles at them, of what the records show."""
+    middle, lower, upper = (_column(channel, name, place)[rows] for name in ("tt", "tt_lower", "tt_upper"))
+    if not np.isfinite(lower).any():
+        return None, np.array([0.5]), middle[:, np.newaxis]
+    said = of_channel(run.attributes.get("interval_level", ""), channel.name)
+    try:
+        interval = float(said)
+    except ValueError:
+        interval = math.nan
+    if not 0.0 < interval < 1.0:
+        raise ScoreError(
+            f"{path}: attribute interval_level must be the probability of the intervals, such as 0.8, found {said!r}"
+        )
+    points = np.isfinite(middle) & ~np.isfinite(lower)
+    lower, upper = np.where(points, middle, lower), np.where(points, middle, upper)
+    tail = round((1.0 - interval) / 2.0, 12)
+    return interval, np.array([tail, 0.5, 1.0 - tail]), np.stack([lower, middle, upper], axis=1)
+
+
+def _column(channel: Channel, name: str, place: int) -> Floats:
+    values = channel.numbers[name]
+    return values[:, place] if place < values.shape[1] else np.full(values.shape[0], np.nan)
+
+
+def of_channel(text: Any, channel: str) -> str:
+    """Return the value of one channel where an attribute lists one a channel, or the value itself."""
+    parts = [part.partition(": ") for part in str(text).split("; ")]
+    if not all(separator for _, separator, _ in parts):
+        return str(text)
+    return next((value for name, _, value in parts if name == channel), "")

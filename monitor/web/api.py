@@ -1,0 +1,187 @@
+"""What machines, channels and their trends answer: plain functions of what is asked, called in threads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from models.bearing import Bearing, kinematics
+from monitor import __version__
+from monitor.health.quality import FLAGS, REJECTIONS
+from monitor.health.spectrum.features import fundamentals
+from monitor.records.columns import BY_FEATURE, COLUMNS
+from monitor.records.packing import columns_of, numbers_of, places_of
+from monitor.records.trends import TrendTable
+from monitor.web.answers import numbers, times
+from monitor.web.machines import Machine, Machines
+from monitor.web.queries import Query, optional_number, whole_number
+
+MOST_POINTS = 5000
+_POINTS = 1000
+_MARKS = ("t_fs", "t_fs_known", "t_eol", "t_fs_block", "speed", "load")
+_RECENT = 200
+
+
+def machines(site: Machines) -> dict[str, Any]:
+    """Return all machines with all that their daemons say."""
+    return {
+        "server": {"version": __version__, "utc": datetime.now(UTC).isoformat(timespec="milliseconds")},
+        "machines": [machine.status().values for machine in site],
+    }
+
+
+def blocks(machine: Machine, query: Query) -> dict[str, Any]:
+    """Return how many blocks have which status, and the latest of those that are not ``ok``."""
+    limit = whole_number(query, "limit", 200, 1, 1000)
+    source = query.get("source") or None
+    sources = machine.status().values.get("sources", {})
+    refused = machine.store.rows("SELECT source, status, sum(times) FROM refusals GROUP BY source, status")
+    counts = machine.tally.counts(source)
+    for name, status, times_refused in refused:
+        if source in (None, name):
+            counts[status] = counts.get(status, 0) + times_refused
+    return {
+        "counts": counts,
+        "counting": not machine.tally.complete,
+        "pending": sum(found["pending"] for name, found in sources.items() if source in (None, name)),
+        "blocks": machine.tally.others(limit, source),
+    }
+
+
+def channel(machine: Machine, name: str) -> dict[str, Any]:
+    """Return what a channel is: its bearing, units, levels and marks on the axis of time."""
+    section, config = machine.channel(name), machine.config
+    bearing = config.bearing_of(section)
+    state = machine.status().values.get("channels", {}).get(name, {})
+    marks = latest_values(machine, section.source, name)
+    method = config.track.method or ("thesis" if section.library is None else "library")
+    absolute = section.unit != "unknown"
+    return {
+        "machine": machine.name,
+        "channel": name,
+        "source": section.source,
+        "dated": is_dated(machine, section.source),
+        "unit": "g" if absolute else "unknown",
+        "timezone": config.machine.timezone,
+        "bearing": {"name": section.bearing, **_bearing(bearing)},
+        "orders": fundamentals(kinematics(bearing, 1.0)),
+        "thresholds_mm2": [round(threshold * 1e6, 12) for threshold in config.forecast.thresholds],
+        "interval": config.forecast.interval,
+        "window_hours": config.forecast.window_hours,
+        "tracked": section.track,
+        "method": method if section.track else None,
+        "calibrated": config.rig.calibrated,
+        "levels": [_level(level, absolute) for level in _levels(machine, name, state)],
+        "marks": {f"{key}_s": marks.get(key) for key in ("t_fs", "t_fs_known", "t_eol")},
+        "state": state,
+    }
+
+
+def _bearing(bearing: Bearing) -> dict[str, Any]:
+    return {
+        "designation": bearing.designation,
+        "n_elements": bearing.n_elements,
+        "rows": bearing.rows,
+        "element": bearing.element,
+        "element_diameter_mm": round(bearing.element_diameter * 1e3, 9),
+        "pitch_diameter_mm": round(bearing.pitch_diameter * 1e3, 9),
+        "rotating_ring": bearing.rotating_ring,
+    }
+
+
+def _levels(machine: Machine, name: str, state: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the levels of a channel as its daemon says them, or as they are configured where none has run."""
+    if "levels" in state:
+        return state["levels"]
+    rules = machine.config.alarms.to_settings(name, 0).rules
+    return [
+        {
+            "rule": rule.name,
+            "feature": rule.feature,
+            "side": rule.side,
+            "alert_si": None if rule.alert is None else rule.alert.value,
+            "danger_si": None if rule.danger is None else rule.danger.value,
+        }
+        for rule in rules
+    ]
+
+
+def _level(level: Mapping[str, Any], absolute: bool) -> dict[str, Any]:
+    column = BY_FEATURE[level["feature"]]
+    factor = column.of_si(absolute=absolute)
+    values = {key: level[f"{key}_si"] for key in ("alert", "danger")}
+    return {
+        **{key: level[key] for key in ("rule", "feature", "side")},
+        "column": column.name,
+        **{key: None if value is None else float(f"{value * factor:.9g}") for key, value in values.items()},
+    }
+
+
+def latest_values(machine: Machine, source: str, name: str) -> dict[str, float]:
+    """Return marks, speed and load of a channel from its latest record that has a stage, SI."""
+    query = (
+        "SELECT layout, row FROM blocks JOIN records ON block = id WHERE source = ? ORDER BY sequence DESC"
+        f" LIMIT {_RECENT}"
+    )
+    with machine.store.connection() as connection:
+        for layout, row in connection.execute(query, (source,)):
+            (text,) = connection.execute("SELECT layout FROM layouts WHERE id = ?", (layout,)).fetchone()
+            places = places_of(text, (*_MARKS, "stage")).get(name)
+            if places is None or places[-1] < 0:
+                continue
+            found = columns_of(numbers_of(row)[None, :], places)[0]
+            return {key: value for key, value in zip(_MARKS, found.tolist(), strict=False) if value == value}
+    return {}
+
+
+def records(machine: Machine, name: str, query: Query) -> dict[str, Any]:
+    """Return the trends of a channel over a span of time."""
+    section = machine.channel(name)
+    points = whole_number(query, "points", _POINTS, 10, MOST_POINTS)
+    since, until = optional_number(query, "from"), optional_number(query, "to")
+    dated = is_dated(machine, section.source)
+    found = machine.trends.query(section.source, name, since, until, points, dated=dated)
+    return {
+        "machine": machine.name,
+        "channel": name,
+        "dated": dated,
+        "resolution_s": found.resolution,
+        "first_s": found.first,
+        "last_s": found.last,
+        "columns": columns(found, absolute=section.unit != "unknown"),
+        "updating": machine.updating,
+    }
+
+
+def columns(table: TrendTable, *, absolute: bool) -> dict[str, list[Any]]:
+    """Return time and extremes by the names of their columns, in the units of these."""
+    found: dict[str, list[Any]] = {"time_s": times(table.time)}
+    for column in COLUMNS:
+        factor = column.of_si(absolute=absolute)
+        low, high = table.low[column.feature], table.high[column.feature]
+        found[f"{column.name}_min"] = numbers(low * factor)
+        found[f"{column.name}_max"] = found[f"{column.name}_min"] if high is low else numbers(high * factor)
+    found["records"] = table.records.tolist()
+    found["rejected"] = _counted(table, REJECTIONS)
+    found["flagged"] = _counted(table, FLAGS)
+    if table.blocks is not None:
+        found["block"] = table.blocks.tolist()
+    return found
+
+
+def _counted(table: TrendTable, statuses: tuple[str, ...]) -> list[int]:
+    total = np.zeros(table.time.size, dtype=np.int64)
+    for status in statuses:
+        if status in table.counts:
+            total = total + table.counts[status]
+    return total.tolist()
+
+
+def is_dated(machine: Machine, source: str) -> bool:
+    """Return whether the blocks of a source have dates; one that was rejected before it had any does not count."""
+    query = "SELECT day FROM blocks WHERE source = ? AND time_status = 'given' ORDER BY sequence DESC LIMIT 1"
+    rows = machine.store.rows(query, source)
+    return bool(rows) and rows[0][0] is not None

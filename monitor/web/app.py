@@ -1,0 +1,273 @@
+"""The application: addresses, and the threads that answer them while the event loop goes on."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+from collections.abc import AsyncGenerator, Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import aclosing
+from functools import partial
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp, Send
+
+from monitor.records.database import StoreError
+from monitor.web import api, event_view, files_view, map_view, spectra_view
+from monitor.web.answers import Answer, RequestError, answer_of, json_answer, without_folders
+from monitor.web.auth import Doorkeeper
+from monitor.web.health import health, ready
+from monitor.web.login import login_routes
+from monitor.web.machines import Machine, Machines
+from monitor.web.metrics import METRICS_TYPE, Measures, metrics
+from monitor.web.queries import Query
+from monitor.web.security import MOST_BODY, Doors, Guard
+from monitor.web.static_files import static_file
+from monitor.web.stream import Hub
+from monitor.web.upkeep import keep_up
+
+_LOG = logging.getLogger(__name__)
+_THREADS = 4
+_MOST_WAITING = 64
+_PART = 1 << 18
+
+
+class Site:
+    """The page of some machines: what all requests share."""
+
+    def __init__(self, machines: Machines, doors: Doors, keeper: Doorkeeper, max_streams: int) -> None:
+        """Take the machines, and who may read what."""
+        self.machines, self.doors, self.keeper, self.max_streams = machines, doors, keeper, max_streams
+        self.hub = Hub(machines)
+        self.measures = Measures()
+        self._threads = ThreadPoolExecutor(_THREADS, "answer")
+        self._waiting = 0
+        self._ending = threading.Event()
+        self._upkeep = threading.Thread(target=keep_up, args=(machines, self._ending), name="upkeep", daemon=True)
+
+    async def run(self, make: Callable[..., Any], *values: Any) -> Any:
+        """Call something in one of the few threads.
+
+        Raises:
+            RequestError: 503, too many wait already.
+        """
+        if self._waiting >= _MOST_WAITING:
+            raise RequestError(503, "too much is asked at once; try again later")
+        self._waiting += 1
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._threads, make, *values)
+        finally:
+            self._waiting -= 1
+
+    async def answer(self, request: Request, make: Callable[[], Answer]) -> Response:
+        """Have an answer made in a thread, and send it as the client can take it."""
+        try:
+            found = await self.run(make)
+        except Exception as error:
+            found = _failed(error)
+        return _response(request, found)
+
+    def __enter__(self) -> Self:
+        """Begin to keep the trends up to date."""
+        self._upkeep.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the threads and close the stores."""
+        self._ending.set()
+        self._threads.shutdown(wait=True, cancel_futures=True)
+        self.hub.close()
+        self._upkeep.join()
+        for machine in self.machines:
+            machine.close()
+
+
+def _failed(error: Exception) -> Answer:
+    """Return what stands in the place of an answer that could not be made."""
+    if isinstance(error, RequestError):
+        return json_answer({"error": error.sentence}, error.status)
+    if isinstance(error, StoreError):
+        return json_answer({"error": without_folders(str(error))}, 503)
+    _LOG.error("an answer could not be made", exc_info=error)
+    return json_answer({"error": "the answer could not be made; the log of the page says why"}, 500)
+
+
+def _response(request: Request, answer: Answer) -> Response:
+    headers = {"cache-control": "no-cache"}
+    if answer.tag is not None and answer.status == 200:
+        headers["etag"] = answer.tag
+        if answer.tag in request.headers.get("if-none-match", ""):
+            return Response(status_code=304, headers=headers)
+    body = answer.body
+    if answer.packed is not None:
+        headers["vary"] = "accept-encoding"
+        if "gzip" in request.headers.get("accept-encoding", ""):
+            headers["content-encoding"] = "gzip"
+            body = answer.packed
+    return Response(body, answer.status, headers, answer.media_type)
+
+
+def application(site: Site) -> ASGIApp:
+    """Return the guarded ASGI application of a site."""
+    routes = [*_page_routes(site), *_api_routes(site), *login_routes(site.doors, site.keeper)]
+    app = Starlette(routes=routes, exception_handlers={HTTPException: _unknown})
+    app.router.redirect_slashes = False
+    return Guard(app, site.doors, site.keeper, site.measures.answered)
+
+
+async def _unknown(request: Request, error: Exception) -> Response:
+    """Answer what has no address, or is asked for in another way than its own."""
+    status = error.status_code if isinstance(error, HTTPException) else 500
+    sentence = {404: "there is no such address", 405: "this address is not asked for in this way"}.get(status)
+    return _response(request, json_answer({"error": sentence or "the request cannot be answered"}, status))
+
+
+def _page_routes(site: Site) -> list[Route]:
+    async def static(request: Request) -> Response:
+        return await site.answer(request, partial(static_file, request.path_params.get("file", "index.html")))
+
+    async def download(request: Request) -> Response:
+        try:
+            file, size = await site.run(files_view.open_file, site.machines, request.path_params["file"])
+        except RequestError as error:
+            return _response(request, _failed(error))
+        name = request.path_params["file"]
+        headers = {"content-length": str(size), "content-disposition": f'attachment; filename="{name}"'}
+        return _Stream(_parts(site, file, size), headers, "application/x-netcdf")
+
+    async def measured(request: Request) -> Response:
+        def make() -> Answer:
+            return answer_of(metrics(site.machines, site.measures, len(site.hub)), METRICS_TYPE)
+
+        return await site.answer(request, make)
+
+    async def healthy(request: Request) -> Response:
+        def make() -> Answer:
+            status, found = health(site.machines)
+            return json_answer(found, status)
+
+        return await site.answer(request, make)
+
+    async def is_ready(request: Request) -> Response:
+        # No thread is needed, so it is answered however busy they are.
+        return _response(request, json_answer(ready()))
+
+    return [
+        Route("/", static, methods=["GET"]),
+        Route("/static/{file:path}", static, methods=["GET"]),
+        Route("/records/{file}", download, methods=["GET"]),
+        Route("/metrics", measured, methods=["GET"]),
+        Route("/healthz", healthy, methods=["GET"]),
+        Route("/readyz", is_ready, methods=["GET"]),
+    ]
+
+
+async def _parts(site: Site, file: BinaryIO, size: int) -> AsyncGenerator[bytes]:
+    """Yield exactly ``size`` bytes of a file, which is replaced, never changed."""
+    with file:
+        while size > 0:
+            found = await site.run(file.read, min(_PART, size))
+            if not found:
+                return
+            size -= len(found)
+            yield found
+
+
+def _api_routes(site: Site) -> list[Route]:
+    def of_all(path: str, make: Callable[[Machines, Query], dict[str, Any]]) -> Route:
+        async def endpoint(request: Request) -> Response:
+            return await site.answer(request, lambda: json_answer(make(site.machines, request.query_params)))
+
+        return Route(path, endpoint, methods=["GET"])
+
+    def of_machine(path: str, make: Callable[[Machine, Query], dict[str, Any]]) -> Route:
+        async def endpoint(request: Request) -> Response:
+            def find() -> Answer:
+                machine = _begun(site.machines.machine(request.path_params["machine"]))
+                return json_answer(make(machine, request.query_params))
+
+            return await site.answer(request, find)
+
+        return Route(path, endpoint, methods=["GET"])
+
+    def of_channel(path: str, make: Callable[[Machine, str, Query], dict[str, Any]]) -> Route:
+        async def endpoint(request: Request) -> Response:
+            def find() -> Answer:
+                machine = _begun(site.machines.machine(request.path_params["machine"]))
+                return json_answer(make(machine, request.path_params["channel"], request.query_params))
+
+            return await site.answer(request, find)
+
+        return Route(path, endpoint, methods=["GET"])
+
+    channel = "/api/channels/{machine}/{channel}"
+    return [
+        of_all("/api/machines", lambda machines, _: api.machines(machines)),
+        of_machine("/api/machines/{machine}/blocks", api.blocks),
+        of_channel(channel, lambda machine, name, _: api.channel(machine, name)),
+        of_channel("/api/machines/{machine}/channels/{channel}", lambda machine, name, _: api.channel(machine, name)),
+        of_channel(f"{channel}/records", api.records),
+        of_channel(f"{channel}/spectrum", spectra_view.spectrum),
+        of_channel(f"{channel}/waterfall", spectra_view.waterfall),
+        of_channel(f"{channel}/map", lambda machine, name, _: map_view.map_of(machine, name)),
+        of_all("/api/events", event_view.events),
+        of_all("/api/records", lambda machines, _: files_view.files(machines)),
+        Route("/api/events/{event}/acknowledge", partial(_acknowledge, site), methods=["POST"]),
+        Route("/api/stream", partial(_stream, site), methods=["GET"]),
+    ]
+
+
+def _begun(machine: Machine) -> Machine:
+    """Return a machine that has a store.
+
+    Raises:
+        RequestError: 503, it has none.
+    """
+    if machine.store.identity() is None:
+        raise RequestError(503, f"nothing is recorded of machine {machine.name} yet: it has no store")
+    return machine
+
+
+async def _acknowledge(site: Site, request: Request) -> Response:
+    body = await request.body()
+    if len(body) > MOST_BODY:
+        return _response(request, json_answer({"error": "the body is too long"}, 413))
+    name = request.path_params["event"]
+    found = await site.answer(request, lambda: json_answer(event_view.acknowledge(site.machines, name, body)))
+    site.hub.wake()
+    return found
+
+
+async def _stream(site: Site, request: Request) -> Response:
+    machine, channel = request.query_params.get("machine"), request.query_params.get("channel")
+    try:
+        if len(site.hub) >= site.max_streams:
+            raise RequestError(429, f"{site.max_streams} pages are open already, as many as [web] max_streams allows")
+        if machine and channel:
+            site.machines.machine(machine).channel(channel)
+    except RequestError as error:
+        return _response(request, _failed(error))
+    subject = (machine, channel) if machine and channel else None
+    headers = {"cache-control": "no-store", "x-accel-buffering": "no"}
+    return _Stream(site.hub.listen(subject), headers, "text/event-stream")
+
+
+class _Stream(StreamingResponse):
+    """A stream that is ended with its answer, however that ends: a listener is forgotten, a file is closed."""
+
+    def __init__(self, parts: AsyncGenerator[bytes], headers: Mapping[str, str], media_type: str) -> None:
+        super().__init__(parts, 200, headers, media_type)
+        self._parts = parts
+
+    async def stream_response(self, send: Send) -> None:
+        async with aclosing(self._parts):
+            await super().stream_response(send)

@@ -1,0 +1,203 @@
+"""The event logs of all machines as one, newest first, and the acknowledgement of an event."""
+
+from __future__ import annotations
+
+import json
+import re
+import sqlite3
+import time
+from collections.abc import Mapping
+from contextlib import closing
+from typing import Any, NamedTuple
+
+from monitor.records.database import StoreError
+from monitor.records.events import NEEDS_NOBODY, Acknowledgement, EventLog, LoggedEvent
+from monitor.web.answers import RequestError, without_folders
+from monitor.web.machines import Machine, Machines
+from monitor.web.queries import Query, whole_number
+from monitor.words.events import event_text
+
+_SHOWN_APART = ("kind", "channel", "severity", "block")
+_NAME = re.compile(r"^(?P<machine>[^:]+):(?P<event>n?[1-9][0-9]{0,17})$")
+_WITH_BLOCKS = """
+SELECT axis_time AS moment, 0 AS kind, events.id AS id, source, sequence, day IS NOT NULL AS dated, body
+FROM events JOIN blocks ON blocks.id = block
+"""
+_WITHOUT = "SELECT utc, 1, id, NULL, NULL, 1, body FROM notices"
+
+
+class Place(NamedTuple):
+    """Where an event stands among those of all machines."""
+
+    moment: float
+    machine: str
+    kind: int
+    id: int
+
+
+def events(site: Machines, query: Query) -> dict[str, Any]:
+    """Return the newest events of all machines or of one, and how many wait for somebody."""
+    limit = whole_number(query, "limit", 200, 1, 1000)
+    chosen = [site.machine(query["machine"])] if query.get("machine") else list(site)
+    before = _place_of(site, query["before"]) if query.get("before") else None
+    found: list[tuple[Place, dict[str, Any]]] = []
+    failing: dict[str, str] = {}
+    waiting = 0
+    for machine in chosen:
+        try:
+            if machine.store.identity() is not None:
+                found += _read(machine, limit, before)
+                waiting += unacknowledged(machine)
+        except StoreError as error:
+            # The others' events are worth seeing all the same.
+            failing[machine.name] = without_folders(str(error))
+    found.sort(key=lambda item: item[0], reverse=True)
+    return {"unacknowledged": waiting, "failing": failing, "events": [event for _, event in found[:limit]]}
+
+
+def unacknowledged(machine: Machine) -> int:
+    """Return how many events of a machine wait for somebody."""
+    if machine.store.identity() is None:
+        return 0
+    skipped = ", ".join(f"'{kind}'" for kind in NEEDS_NOBODY)
+    with machine.store.connection() as connection:
+        tables = _tables(connection)
+        total = 0
+        for table, name in (("events", "CAST(id AS TEXT)"), ("notices", "'n' || id")):
+            if table not in tables:
+                continue
+            open_ = (
+                "1"
+                if "acknowledgements" not in tables
+                else (f"NOT EXISTS (SELECT 1 FROM acknowledgements WHERE event = {name.replace('id', f'{table}.id')})")
+            )
+            query = f"SELECT count(*) FROM {table} WHERE json_extract(body, '$.kind') NOT IN ({skipped}) AND {open_}"
+            total += connection.execute(query).fetchone()[0]
+    return total
+
+
+def marker(machine: Machine) -> tuple[int, ...]:
+    """Return numbers that change with each event, notice and acknowledgement."""
+    if machine.store.identity() is None:
+        return (0, 0, 0)
+    with machine.store.connection() as connection:
+        tables = _tables(connection)
+        return tuple(
+            connection.execute(f"SELECT coalesce(max(id), 0) FROM {table}").fetchone()[0] if table in tables else 0
+            for table in ("events", "notices", "acknowledgements")
+        )
+
+
+def acknowledge(site: Machines, name: str, body: bytes) -> dict[str, Any]:
+    """Acknowledge an event, and return it.
+
+    Args:
+        site: the machines.
+        name: of the event, with its machine.
+        body: JSON object with ``who`` and ``note``.
+
+    Raises:
+        RequestError: there is no such event, nobody is named, or a text is too long.
+    """
+    machine, event = _split(site, name)
+    try:
+        given = json.loads(body)
+    except ValueError:
+        given = None
+    if not isinstance(given, dict) or not all(isinstance(given.get(key, ""), str) for key in ("who", "note")):
+        raise RequestError(400, "the body must be a JSON object with who and note")
+    who, note = given.get("who", ""), given.get("note", "")
+    if any(not character.isprintable() for character in who):
+        raise RequestError(400, "who must be one line of text")
+    with closing(EventLog(machine.store.path)) as log:
+        if log.event(event) is None:
+            raise RequestError(404, "there is no such event")
+        try:
+            log.acknowledge(event, who, note, time.time())
+        except ValueError as error:
+            raise RequestError(400, str(error)) from None
+    where = "kind = ? AND id = ?"
+    return _read(machine, 1, None, where, (int(event.startswith("n")), int(event.lstrip("n"))))[0][1]
+
+
+def _split(site: Machines, name: str) -> tuple[Machine, str]:
+    found = _NAME.match(name)
+    if found is None:
+        raise RequestError(404, "there is no such event")
+    return site.machine(found["machine"]), found["event"]
+
+
+def _place_of(site: Machines, name: str) -> Place:
+    machine, event = _split(site, name)
+    where = "kind = ? AND id = ?"
+    found = _read(machine, 1, None, where, (int(event.startswith("n")), int(event.lstrip("n"))))
+    if not found:
+        raise RequestError(404, "there is no such event to begin before")
+    return found[0][0]
+
+
+def _read(
+    machine: Machine, limit: int, before: Place | None, where: str = "1", values: tuple[Any, ...] = ()
+) -> list[tuple[Place, dict[str, Any]]]:
+    """Return events of one machine with their places, the newest first."""
+    with machine.store.connection() as connection:
+        tables = _tables(connection)
+        log = _WITH_BLOCKS + (f" UNION ALL {_WITHOUT}" if "notices" in tables else "")
+        query = f"SELECT * FROM ({log}) WHERE {where}"
+        if before is not None:
+            query += " AND (moment, ?, kind, id) < (?, ?, ?, ?)"
+            values = (*values, machine.name, *before)
+        query += " ORDER BY moment DESC, kind DESC, id DESC LIMIT ?"
+        rows = connection.execute(query, (*values, limit)).fetchall()
+        given = _acknowledgements(connection, [_log_name(row[1], row[2]) for row in rows], tables)
+    found = []
+    for moment, kind, number, source, sequence, dated, body in rows:
+        name = _log_name(kind, number)
+        event = LoggedEvent(name, source, sequence, moment if dated else None, json.loads(body), given.get(name, ()))
+        found.append((Place(moment, machine.name, kind, number), _plain(machine, event, moment, bool(dated))))
+    return found
+
+
+def _acknowledgements(
+    connection: sqlite3.Connection, names: list[str], tables: set[str]
+) -> dict[str, tuple[Acknowledgement, ...]]:
+    found: dict[str, tuple[Acknowledgement, ...]] = {}
+    if "acknowledgements" in tables:
+        query = "SELECT event, who, utc, note FROM acknowledgements WHERE event IN (SELECT value FROM json_each(?))"
+        for event, who, utc, note in connection.execute(f"{query} ORDER BY id", (json.dumps(names),)):
+            found[event] = (*found.get(event, ()), Acknowledgement(who, utc, note))
+    return found
+
+
+def _plain(machine: Machine, event: LoggedEvent, moment: float, dated: bool) -> dict[str, Any]:
+    body: Mapping[str, Any] = event.body
+    channel = body.get("channel")
+    return {
+        "id": f"{machine.name}:{event.id}",
+        "machine": machine.name,
+        "source": event.source or body.get("source"),
+        "channel": channel,
+        "block": event.block,
+        "time_s": moment,
+        "dated": dated,
+        "kind": body.get("kind"),
+        "severity": body.get("severity"),
+        "text": without_folders(event_text(body, absolute=machine.absolute(channel))),
+        "details": {
+            key: without_folders(value) if isinstance(value, str) else value
+            for key, value in body.items()
+            if key not in _SHOWN_APART
+        },
+        "open": event.open,
+        "acknowledgements": [
+            {"who": item.who, "time_s": item.utc, "note": item.note} for item in event.acknowledgements
+        ],
+    }
+
+
+def _log_name(kind: int, number: int) -> str:
+    return f"n{number}" if kind else str(number)
+
+
+def _tables(connection: sqlite3.Connection) -> set[str]:
+    return {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}

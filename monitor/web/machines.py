@@ -1,0 +1,143 @@
+"""The machines of a page: their configurations, what their daemons say of them, and their stores."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from monitor.config.load import ChannelSection, Config
+from monitor.records.trends import Trends
+from monitor.service.status_file import read_status
+from monitor.web.answers import RequestError, without_folders
+from monitor.web.latest import LatestValues
+from monitor.web.ledger_tally import LedgerTally
+from monitor.web.reading import StoreReader
+
+_FRESH = 0.2
+
+
+@dataclass(frozen=True)
+class Status:
+    """What a daemon said, as it was when it was read.
+
+    Attributes:
+        version: another number wherever something else is said.
+        values: as ``spallwatch status --json`` gives them; sentences name files without their folders.
+        age: seconds since the file was written; None where there is none.
+    """
+
+    version: int
+    values: Mapping[str, Any]
+    age: float | None = None
+
+
+class Machine:
+    """One machine; its methods may be called from any thread."""
+
+    def __init__(self, config: Config) -> None:
+        """Take a configuration; nothing is opened yet."""
+        self.config = config
+        self.name = config.machine.name
+        self.channels: dict[str, ChannelSection] = {channel.name: channel for channel in config.channel}
+        state_dir = config.machine.state_dir
+        self.store = StoreReader(state_dir / "state.db")
+        self.trends = Trends(state_dir / "trends.db", state_dir / "state.db")
+        self.tally = LedgerTally(self.store)
+        self.latest = LatestValues(self.store)
+        self.updating = True
+        """Whether the trends are behind the store."""
+        self._lock = threading.Lock()
+        self._status = Status(0, {})
+        self._read: float | None = None
+
+    @property
+    def state_dir(self) -> Path:
+        """Folder of its state."""
+        return self.config.machine.state_dir
+
+    @property
+    def records_dir(self) -> Path:
+        """Folder of the published files."""
+        return self.config.machine.records_dir
+
+    def channel(self, name: str) -> ChannelSection:
+        """Return a channel of the configuration.
+
+        Raises:
+            RequestError: 404.
+        """
+        found = self.channels.get(name)
+        if found is None:
+            raise RequestError(404, f"machine {self.name} has no such channel")
+        return found
+
+    def absolute(self, channel: str | None) -> bool:
+        """Return whether the accelerations of a channel are in m/s2; a channel of the past counts as such."""
+        section = self.channels.get(channel or "")
+        return section is None or section.unit != "unknown"
+
+    def status(self) -> Status:
+        """Return what its daemon says, at most a moment old."""
+        with self._lock:
+            now = time.monotonic()
+            if self._read is None or now - self._read >= _FRESH:
+                self._read = now
+                found = {
+                    "name": self.name,
+                    "timezone": self.config.machine.timezone,
+                    "channels": {},
+                    **read_status(self.state_dir),
+                }
+                problems = found.get("problems", {})
+                found["problems"] = {name: without_folders(problem) for name, problem in problems.items()}
+                version = self._status.version + (found != self._status.values)
+                self._status = Status(version, found, self._age())
+            return self._status
+
+    def _age(self) -> float | None:
+        try:
+            return max(0.0, time.time() - (self.state_dir / "status.json").stat().st_mtime)
+        except OSError:
+            return None
+
+    def close(self) -> None:
+        """Close what is open."""
+        self.trends.close()
+        self.store.close()
+
+
+class Machines:
+    """All machines of a page, by name."""
+
+    def __init__(self, configs: Sequence[Config]) -> None:
+        """Take configurations.
+
+        Raises:
+            ValueError: two machines have the same name.
+        """
+        self._machines = {config.machine.name: Machine(config) for config in configs}
+        if len(self._machines) < len(configs):
+            raise ValueError("two machines have the same name; names of machines must be different")
+
+    def __iter__(self) -> Iterator[Machine]:
+        """Yield the machines in the order of their configurations."""
+        return iter(self._machines.values())
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._machines)
+
+    def machine(self, name: str) -> Machine:
+        """Return a machine by name.
+
+        Raises:
+            RequestError: 404.
+        """
+        found = self._machines.get(name)
+        if found is None:
+            raise RequestError(404, "there is no such machine")
+        return found

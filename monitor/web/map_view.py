@@ -1,0 +1,112 @@
+"""The RMS map of a channel at its operating point, and the way of its damage over it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from monitor.records.columns import BY_FEATURE
+from monitor.records.packing import columns_of, numbers_of, places_of
+from monitor.web.answers import RequestError, numbers, times
+from monitor.web.api import is_dated, latest_values
+from monitor.web.machines import Machine
+
+if TYPE_CHECKING:
+    from models.maps.data import RmsMap
+
+_MOST_POINTS = 2000
+_MOST_MAPS = 16
+_TRACK = ("dphi_d", "h_d", "v_eq")
+_SCALES = (180.0 / np.pi, 1e6, 1e6)
+_lock = threading.Lock()
+_maps: dict[tuple[Path, int, int], RmsMap] = {}
+
+
+def map_of(machine: Machine, channel: str) -> dict[str, Any]:
+    """Return the map and the track, or ``map`` null and why."""
+    section = machine.channel(channel)
+    if not section.track:
+        return {"map": None, "reason": "the channel is not tracked"}
+    if section.map is None:
+        return {"map": None, "reason": "the channel has no RMS map"}
+    try:
+        rms_map = _load(section.map)
+    except RequestError as error:
+        return {"map": None, "reason": error.sentence}
+    latest = latest_values(machine, section.source, channel)
+    load, speed = _nearest(rms_map, machine, latest)
+    at = rms_map.slice_at(load, speed)
+    return {
+        "dphi_deg": numbers(np.degrees(at.dphi_d)),
+        "h_d_um": numbers(at.h_d * 1e6),
+        "rms_g": [numbers(row / BY_FEATURE["rms"].unit, 5) for row in at.rms],
+        "load_newton": load,
+        "speed_hz": speed,
+        "calibrated": machine.config.rig.calibrated,
+        "dated": is_dated(machine, section.source),
+        "track": _track(machine, section.source, channel, latest.get("t_fs_block")),
+    }
+
+
+def _load(path: Path) -> RmsMap:
+    """Return a map, kept in memory until its file changes.
+
+    Raises:
+        RequestError: 404, it cannot be read.
+    """
+    from models.maps.data import MapError
+    from models.maps.file import load_map
+
+    try:
+        found = path.stat()
+        key = (path, found.st_mtime_ns, found.st_size)
+        with _lock:
+            if key not in _maps:
+                while len(_maps) >= _MOST_MAPS:
+                    _maps.pop(next(iter(_maps)))
+                _maps[key] = load_map(path)
+            return _maps[key]
+    except (MapError, OSError) as error:
+        reason = str(error).replace(f"{path.parent}/", "")
+        raise RequestError(404, f"the RMS map cannot be read: {reason}") from None
+
+
+def _nearest(rms_map: RmsMap, machine: Machine, latest: Mapping[str, float]) -> tuple[float, float]:
+    """Return load and speed of the latest record, or as configured, brought onto the map."""
+    operating = machine.config.operating
+    load = latest.get("load", operating.load_newton)
+    speed = latest.get("speed", operating.speed_hz)
+    wanted = [(load, rms_map.load), (speed, rms_map.speed)]
+    first, second = (float(axis[0] if value is None else min(max(value, axis[0]), axis[-1])) for value, axis in wanted)
+    return first, second
+
+
+def _track(machine: Machine, source: str, channel: str, first: float | None) -> dict[str, Any]:
+    """Return the way of the damage since the final stage began, evenly thinned where it is long."""
+    names = ("time_s", "dphi_deg", "h_d_um", "v_eq_mm2")
+    if first is None:
+        return {name: [] for name in names}
+    with machine.store.connection() as connection:
+        last = connection.execute("SELECT max(sequence) FROM blocks WHERE source = ?", (source,)).fetchone()[0]
+        step = max(1, -(-(last - int(first) + 1) // _MOST_POINTS))
+        rows = connection.execute(
+            "SELECT axis_time, layout, row FROM blocks JOIN records ON block = id WHERE source = ? AND sequence >= ?"
+            " AND (sequence % ? = ? OR sequence = ?) ORDER BY sequence",
+            (source, int(first), step, last % step, last),
+        ).fetchall()
+        layouts = {
+            number: places_of(text, _TRACK).get(channel)
+            for number, text in connection.execute("SELECT id, layout FROM layouts")
+        }
+    points = [
+        (time, *columns_of(numbers_of(row)[None, :], places)[0])
+        for time, layout, row in rows
+        if (places := layouts.get(layout)) is not None
+    ]
+    table = np.array([point for point in points if np.isfinite(point[3])], dtype=float).reshape(-1, 4)
+    scaled = [numbers(table[:, place + 1] * scale) for place, scale in enumerate(_SCALES)]
+    return dict(zip(names, (times(table[:, 0]), *scaled), strict=True))

@@ -1,0 +1,269 @@
+"""``/metrics`` for Prometheus: the health of the machines, and how their daemons and the page itself do."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from prometheus_client import (
+    CollectorRegistry,
+    Counter,
+    Histogram,
+    ProcessCollector,
+    disable_created_metrics,
+    generate_latest,
+)
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily
+from prometheus_client.metrics_core import Metric
+
+from monitor import __version__
+from monitor.health.alarms import SEVERITIES
+from monitor.health.detect import STAGES
+from monitor.records.database import StoreError
+from monitor.web.event_view import unacknowledged
+from monitor.web.machines import Machines
+
+METRICS_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+STATES = (
+    *("normal", "check_function", "out_of_specification", "maintenance_required", "bad_data", "no_data"),
+    "failure",
+)
+_SUFFIX, _RAW = "meters_per_second_squared", "sensor_units"
+_ACCELERATIONS = {
+    "rms": "root mean square of the acceleration in the RMS band",
+    "h_or": "sum of the first five outer race lines of the envelope spectrum",
+}
+_VALUES = {
+    "v_eq": ("v_eq_square_meters", "equivalent damaged volume per unit of width"),
+    "v_eq_lower": ("v_eq_lower_square_meters", "lower end of the interval of the damaged volume"),
+    "v_eq_upper": ("v_eq_upper_square_meters", "upper end of the interval of the damaged volume"),
+    "tt": ("tt_seconds", "time to the first threshold"),
+    "tt_lower": ("tt_lower_seconds", "lower end of the interval of the time to threshold"),
+    "tt_upper": ("tt_upper_seconds", "upper end of the interval of the time to threshold"),
+    "p_threshold": ("p_threshold_ratio", "probability that the first threshold is reached within the window"),
+    "speed": ("speed_hertz", "rotation frequency of the shaft"),
+}
+_CHANNEL = ("machine", "channel")
+_ADDRESSES = (
+    (re.compile(r"^/static/.*"), "/static"),
+    (re.compile(r"^/records/.*"), "/records"),
+    (re.compile(r"^/api/(machines|channels)/[^/]+/[^/]+/(records|spectrum|waterfall|map)$"), r"/api/channels/\2"),
+    (re.compile(r"^/api/(channels/[^/]+|machines/[^/]+/channels)/[^/]+$"), "/api/channels"),
+    (re.compile(r"^/api/machines/[^/]+/blocks$"), "/api/blocks"),
+    (re.compile(r"^/api/events/.*"), "/api/events/acknowledge"),
+)
+_PLAIN = (
+    *("/", "/login", "/logout", "/healthz", "/readyz", "/metrics", "/api/session", "/api/machines", "/api/events"),
+    *("/api/records", "/api/stream"),
+)
+
+
+def address_of(path: str) -> str:
+    """Return the kind of address that a path is, one of a few, whatever is asked."""
+    for pattern, name in _ADDRESSES:
+        if pattern.match(path):
+            return pattern.sub(name, path)
+    return path if path in _PLAIN else "other"
+
+
+class Measures:
+    """How many requests were answered, and how long that took."""
+
+    def __init__(self) -> None:
+        """Begin at nothing."""
+        disable_created_metrics()
+        self.registry = CollectorRegistry()
+        ProcessCollector(registry=self.registry)
+        self._requests = Counter(
+            "spallwatch_page_requests", "requests answered by the page", ("address", "status"), registry=self.registry
+        )
+        self._durations = Histogram(
+            "spallwatch_page_request_duration_seconds",
+            "time from a request to the end of its answer, without streams",
+            ("address",),
+            buckets=(0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0),
+            registry=self.registry,
+        )
+
+    def answered(self, path: str, status: int, seconds: float) -> None:
+        """Count an answer."""
+        address = address_of(path)
+        self._requests.labels(address, str(status)).inc()
+        if address != "/api/stream":
+            self._durations.labels(address).observe(seconds)
+
+
+def metrics(site: Machines, measures: Measures, streams: int) -> bytes:
+    """Return the text for Prometheus.
+
+    Args:
+        site: the machines.
+        measures: of the page itself.
+        streams: how many listen.
+    """
+    listening = GaugeMetricFamily("spallwatch_page_streams", "pages that are open on the stream of events")
+    listening.add_metric((), streams)
+    families = [listening, InfoMetricFamily("spallwatch_build", "version of the page", {"version": __version__})]
+    for collect in (_daemons, _channels, _levels, _blocks):
+        families += list(collect(site))
+    return generate_latest(_Families(families)) + generate_latest(measures.registry)
+
+
+class _Families(CollectorRegistry):
+    """Metrics that are there already."""
+
+    def __init__(self, families: list[Metric]) -> None:
+        super().__init__()
+        self._made = families
+
+    def collect(self) -> Iterator[Metric]:
+        return iter(self._made)
+
+
+def _gauges(names: Mapping[str, str], labels: tuple[str, ...]) -> dict[str, GaugeMetricFamily]:
+    return {name: GaugeMetricFamily(f"spallwatch_{name}", text, labels=labels) for name, text in names.items()}
+
+
+def _daemons(site: Machines) -> Iterator[Metric]:
+    gauges = _gauges(
+        {
+            "up": "whether the daemon of the machine runs",
+            "degraded": "whether the daemon runs, but something is wrong",
+            "problems": "how many things are wrong",
+            "status_age_seconds": "time since the daemon said how it stands",
+            "unacknowledged_events": "events that wait for somebody",
+            "daemon_start_time_seconds": "start of the daemon, UTC since 1970",
+            "daemon_resident_memory_bytes": "resident memory of the daemon",
+        },
+        ("machine",),
+    )
+    state = GaugeMetricFamily("spallwatch_machine_state", "worst state of its channels", labels=("machine", "state"))
+    problem = GaugeMetricFamily("spallwatch_problem", "what is wrong by now", labels=("machine", "what"))
+    cpu = CounterMetricFamily("spallwatch_daemon_cpu_seconds", "processor time of the daemon", labels=("machine",))
+    for machine in site:
+        status = machine.status()
+        values, running = status.values, bool(status.values.get("running"))
+        label = (machine.name,)
+        gauges["up"].add_metric(label, running)
+        gauges["degraded"].add_metric(label, running and values.get("status") == "degraded")
+        gauges["problems"].add_metric(label, len(values["problems"]))
+        for what in values["problems"]:
+            problem.add_metric((machine.name, what), 1)
+        for name in STATES if values["channels"] else ():
+            state.add_metric((machine.name, name), values.get("state") == name)
+        for name, value in {
+            "status_age_seconds": status.age,
+            "unacknowledged_events": _or_none(lambda found=machine: unacknowledged(found)),
+            "daemon_start_time_seconds": _seconds(values.get("since_utc")) if running else None,
+            "daemon_resident_memory_bytes": _memory(values.get("pid")) if running else None,
+        }.items():
+            if value is not None:
+                gauges[name].add_metric(label, value)
+        used = _processor_time(values.get("pid")) if running else None
+        if used is not None:
+            cpu.add_metric(label, used)
+    return iter((*gauges.values(), state, problem, cpu))
+
+
+def _channels(site: Machines) -> Iterator[Metric]:
+    state = GaugeMetricFamily("spallwatch_channel_state", "how the channel stands", labels=(*_CHANNEL, "state"))
+    stage = GaugeMetricFamily("spallwatch_channel_stage", "stage of its life", labels=(*_CHANNEL, "stage"))
+    alarms = GaugeMetricFamily("spallwatch_channel_alarms", "alarms that stand", labels=(*_CHANNEL, "severity"))
+    age = GaugeMetricFamily(
+        "spallwatch_channel_last_block_age_seconds", "time since the latest block came", labels=_CHANNEL
+    )
+    stamp = GaugeMetricFamily(
+        "spallwatch_channel_last_block_timestamp_seconds", "begin of the latest block, UTC since 1970", labels=_CHANNEL
+    )
+    for machine in site:
+        status = machine.status()
+        for name, channel in status.values["channels"].items():
+            label = (machine.name, name)
+            for word in STATES:
+                state.add_metric((*label, word), channel["state"] == word)
+            for word in STAGES:
+                stage.add_metric((*label, word), channel["stage"] == word)
+            standing = [alarm["severity"] for alarm in channel.get("alarms", ())]
+            for severity in SEVERITIES:
+                alarms.add_metric((*label, severity), standing.count(severity))
+            if channel["last_block_age_s"] is not None:
+                age.add_metric(label, channel["last_block_age_s"] + (status.age or 0.0))
+            moment = _seconds(channel["last_block_utc"])
+            if moment is not None:
+                stamp.add_metric(label, moment)
+    return iter((state, stage, alarms, age, stamp))
+
+
+def _levels(site: Machines) -> Iterator[Metric]:
+    values = {
+        name: GaugeMetricFamily(f"spallwatch_channel_{ending}", text, labels=_CHANNEL)
+        for name, (ending, text) in _VALUES.items()
+    }
+    levels = {
+        (name, suffix): GaugeMetricFamily(f"spallwatch_channel_{name}_{suffix}", text, labels=_CHANNEL)
+        for name, text in _ACCELERATIONS.items()
+        for suffix in (_SUFFIX, _RAW)
+    }
+    for machine in site:
+        sources: dict[str, list[str]] = {}
+        for channel in machine.channels.values():
+            sources.setdefault(channel.source, []).append(channel.name)
+        found = _or_none(lambda by=sources, of=machine: of.latest.of(by)) or {}
+        for by_channel in found.values():
+            for channel, numbers in by_channel.items():
+                suffix = _SUFFIX if machine.absolute(channel) else _RAW
+                for name, value in numbers.items():
+                    family = values[name] if name in values else levels[name, suffix]
+                    family.add_metric((machine.name, channel), value)
+    return iter((*levels.values(), *values.values()))
+
+
+def _blocks(site: Machines) -> Iterator[Metric]:
+    counted = CounterMetricFamily("spallwatch_blocks", "blocks in the ledger", labels=("machine", "source", "status"))
+    gauges = _gauges(
+        {
+            "source_pending_blocks": "blocks, files or messages that wait",
+            "source_oldest_pending_age_seconds": "how long the oldest of them has waited",
+        },
+        ("machine", "source"),
+    )
+    for machine in site:
+        # A count that is not complete yet would be taken for a restart.
+        for (source, status), number in sorted(machine.tally.by_source().items()) if machine.tally.complete else ():
+            counted.add_metric((machine.name, source, status), number)
+        for source, backlog in machine.status().values.get("sources", {}).items():
+            label = (machine.name, source)
+            gauges["source_pending_blocks"].add_metric(label, backlog["pending"])
+            gauges["source_oldest_pending_age_seconds"].add_metric(label, backlog["oldest_age_s"] or 0.0)
+    return iter((counted, *gauges.values()))
+
+
+def _or_none(make: Callable[[], Any]) -> Any:
+    """Return what a store says, None where it cannot be read: the other metrics are worth having all the same."""
+    try:
+        return make()
+    except StoreError:
+        return None
+
+
+def _seconds(utc: str | None) -> float | None:
+    return None if utc is None else datetime.fromisoformat(utc).timestamp()
+
+
+def _memory(pid: int | None) -> float | None:
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, IndexError):
+        return None
+
+
+def _processor_time(pid: int | None) -> float | None:
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError, IndexError):
+        return None

@@ -1,0 +1,1 @@
+"""Every word and number for people: statuses, quantities, events."""

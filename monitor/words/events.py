@@ -1,0 +1,151 @@
+"""Events in the words of the people who are told: what happened, with values in the units of the workshop."""
+
+from __future__ import annotations
+
+import json
+import zoneinfo
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from monitor.words.numbers import duration, volume
+from streams.block import STANDARD_GRAVITY
+
+SEVERITIES = ("danger", "alert")
+"""From the worst."""
+_FEATURES = {
+    "rms": "RMS",
+    "rms_smoothed": "smoothed RMS",
+    "a_star": "A*",
+    "peak_half_range": "half the range",
+    "h_or": "H_or (outer race lines)",
+    "h_ir": "H_ir (inner race lines)",
+    "h_ball": "H_ball (rolling element lines)",
+    "h_cage": "H_cage (cage lines)",
+    "v_eq": "damaged volume V_eq",
+    "v_eq_lower": "lower end of V_eq",
+    "v_eq_upper": "upper end of V_eq",
+    "tt": "time to threshold",
+    "tt_lower": "lower end of the time to threshold",
+    "tt_upper": "upper end of the time to threshold",
+    "p_threshold": "probability of reaching the threshold",
+    "fault_snr": "signal of the fault over noise",
+    "detect_score": "score of the detector",
+}
+_ACCELERATIONS = frozenset(
+    ("rms", "rms_smoothed", "a_star", "peak", "peak_half_range", "mean", "h_or", "h_ir", "h_ball", "h_cage")
+)
+_CONDITIONS = {
+    "normal": "normal",
+    "check_function": "the baseline is being learned",
+    "maintenance_required": "maintenance is required",
+    "out_of_specification": "the size of the damage cannot be told",
+    "bad_data": "the data cannot be believed",
+    "no_data": "there is no data",
+    "failure": "failure",
+}
+_RANKS = ("end_of_life", "danger", "final_stage", "store_salvaged", "alert", "no_data", "condition")
+_GOOD = ("alarm_cleared", "alarm_released", "condition", "data_again")
+_SHOWN_APART = ("kind", "channel", "source", "block")
+
+
+def of_feature(feature: str, value: float, *, absolute: bool = True) -> str:
+    """Return a value (SI) of a feature with its unit and as many digits as mean something.
+
+    Args:
+        feature: variable of the record.
+        value: SI; of an acceleration in the sensor's own unit where that is not known.
+        absolute: whether accelerations are in m/s2.
+    """
+    if feature in _ACCELERATIONS:
+        return f"{value / STANDARD_GRAVITY:.3g} g" if absolute else f"{value:.3g} (unit of the sensor)"
+    if feature.startswith("v_eq"):
+        return volume(value)
+    if feature in ("tt", "tt_lower", "tt_upper"):
+        return duration(value)
+    return f"{100 * value:.0f} %" if feature == "p_threshold" else f"{value:.3g}"
+
+
+def event_text(body: Mapping[str, Any], *, absolute: bool = True) -> str:
+    """Return one sentence, without a full stop, for an event or a notice of the log; never with a line break.
+
+    Args:
+        body: as the log has it; keys that it should have may be missing.
+        absolute: whether accelerations are in m/s2.
+    """
+    kind = str(body.get("kind") or "event")
+    if kind.startswith("alarm_"):
+        text = _alarm(kind, body, absolute)
+    elif kind == "condition":
+        before, after = (_CONDITIONS.get(str(body.get(key)), str(body.get(key))) for key in ("from", "to"))
+        text = f"{after} (before: {before})"
+    elif kind == "final_stage":
+        text = "the final stage of its life has begun"
+        if "t_fs_block" in body and body["t_fs_block"] != body.get("block"):
+            text += f", with block {body['t_fs_block']}"
+    elif kind == "end_of_life":
+        text = "the end of its life is reached"
+    else:
+        said = body.get("text") or body.get("reason") or body.get("problem")
+        text = kind.replace("_", " ") + (f": {said}" if said else _others(body))
+    return " ".join(text.split())
+
+
+def _alarm(kind: str, body: Mapping[str, Any], absolute: bool) -> str:
+    feature, severity = str(body.get("feature", "")), str(body.get("severity") or "alarm")
+    name = _FEATURES.get(feature, feature.replace("_", " ")) or "value"
+    rule = f" (rule {body['rule']})" if body.get("rule") not in (None, feature) else ""
+    if kind not in ("alarm_raised", "alarm_cleared"):
+        return f"{severity} of {name} {kind.removeprefix('alarm_').replace('_', ' ')}{rule}"
+    value, level = (
+        None if body.get(key) is None else of_feature(feature, float(body[key]), absolute=absolute)
+        for key in ("value_si", "level_si")
+    )
+    low = feature in ("tt", "tt_lower", "tt_upper")
+    if kind == "alarm_raised":
+        side = "below" if low else "above"
+        return f"{severity}: {name} is {value}, {side} the level of {level}{rule}"
+    return f"{severity} over: {name} is {value} again, the level is {level}{rule}"
+
+
+def _others(body: Mapping[str, Any]) -> str:
+    rest = {key: value for key, value in body.items() if key not in _SHOWN_APART and value not in (None, "")}
+    listed = ", ".join(
+        f"{key} {value}" if isinstance(value, str | int | float) else f"{key} {json.dumps(value)}"
+        for key, value in rest.items()
+    )
+    return f": {listed[:300]}" if listed else ""
+
+
+def badness(body: Mapping[str, Any]) -> int:
+    """Return how bad an event is, 0 for good news; to tell the worst first."""
+    kind = str(body.get("kind", ""))
+    word = str(body.get("severity", "")) if kind == "alarm_raised" else kind
+    if kind == "condition" and body.get("to") not in ("bad_data", "out_of_specification", "failure"):
+        return 0
+    return len(_RANKS) - _RANKS.index(word) if word in _RANKS else int(kind not in _GOOD)
+
+
+def local_moment(time: float | None, zone: str = "UTC") -> str | None:
+    """Return a moment (UTC seconds since 1970) in a time zone, and in UTC where that is another; None where none."""
+    if time is None:
+        return None
+    try:
+        utc = datetime.fromtimestamp(0, UTC) + timedelta(seconds=time)
+        local = utc.astimezone(zoneinfo.ZoneInfo(zone))
+    except (OverflowError, ValueError, zoneinfo.ZoneInfoNotFoundError):
+        return None
+    if local.utcoffset() == timedelta(0):
+        return f"{utc:%Y-%m-%d %H:%M:%S} UTC"
+    other = f"{utc:%H:%M:%S}" if utc.date() == local.date() else f"{utc:%Y-%m-%d %H:%M:%S}"
+    return f"{local:%Y-%m-%d %H:%M:%S %Z} ({other} UTC)"
+
+
+def utc_text(time: float | None) -> str | None:
+    """Return a moment (UTC seconds since 1970) as programs read it; None where there is none, or no date has it."""
+    if time is None:
+        return None
+    try:
+        return datetime.fromtimestamp(time, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    except (OverflowError, OSError, ValueError):
+        return None

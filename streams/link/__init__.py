@@ -1,0 +1,1 @@
+"""Blocks over a network: TCP, MQTT, the frames of both, and the reference sender."""

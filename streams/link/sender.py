@@ -1,0 +1,290 @@
+"""The reference sender: streams any recording over TCP or MQTT until all of it is committed, whatever breaks."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from streams.block import Block, Rejected
+from streams.link.network import Address
+from streams.link.wire import ACK, WireError, block_frame, encode_frame, hello
+from streams.source import Source
+
+_WINDOW_FRAMES, _WINDOW_BYTES = 32, 64 << 20
+_FIRST_PAUSE, _LONGEST_PAUSE = 0.1, 10.0
+
+
+class SendError(Exception):
+    """A recording could not be sent; the message says how far it came and what stands in the way."""
+
+
+class LinkError(Exception):
+    """A connection broke or is not there yet; the sender tries again."""
+
+
+class Link(Protocol):
+    """A way to a receiver: TCP, or a broker."""
+
+    def connect(self) -> int:
+        """Connect anew and return the number committed last; :class:`LinkError` where that fails."""
+        ...
+
+    def send(self, frame: bytes) -> None:
+        """Send one frame; :class:`LinkError` where the connection broke."""
+        ...
+
+    def committed(self, timeout: float) -> int | None:
+        """Return the number committed last, if news of it comes within ``timeout`` s (0: only what came already)."""
+        ...
+
+    def close(self) -> None:
+        """Close the connection."""
+        ...
+
+
+@dataclass(frozen=True)
+class SendResult:
+    """What became of a recording.
+
+    Attributes:
+        sent: frames sent, repetitions not counted.
+        acknowledged: number of the last block that the receiver has committed.
+        skipped: blocks that the receiver had already.
+        rejected: blocks of the recording that could not be made, and so were not sent.
+        reconnects: how often the connection was made again.
+    """
+
+    sent: int
+    acknowledged: int
+    skipped: int
+    rejected: int
+    reconnects: int
+
+
+class TcpLink:
+    """A connection to ``tcp://HOST:PORT``."""
+
+    def __init__(self, address: Address, stream: str, timeout: float = 30.0) -> None:
+        """Say where to; nothing is opened yet.
+
+        Args:
+            address: of the receiver.
+            stream: stream id.
+            timeout: seconds for connecting, and for which nothing may move while sending.
+        """
+        self._address = address
+        self._hello = hello(stream)
+        self._timeout = timeout
+        self._socket: socket.socket | None = None
+        self._heard = bytearray()
+
+    def connect(self) -> int:
+        """Connect, say hello and return the number committed last."""
+        self.close()
+        try:
+            self._socket = socket.create_connection((self._address.host, self._address.port), self._timeout)
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            self._socket.sendall(self._hello)
+        except OSError as error:
+            raise LinkError(f"{self._address.host}:{self._address.port}: {error}") from None
+        answer = self.committed(self._timeout)
+        if answer is None:
+            raise LinkError(f"{self._address.host}:{self._address.port}: no answer to the hello")
+        return answer
+
+    def send(self, frame: bytes) -> None:
+        """Send one frame."""
+        if self._socket is None:
+            raise LinkError("not connected")
+        try:
+            self._socket.settimeout(self._timeout)
+            self._socket.sendall(frame)
+        except OSError as error:
+            raise LinkError(f"connection lost: {error}") from None
+
+    def committed(self, timeout: float) -> int | None:
+        """Return the latest answer."""
+        if self._socket is None:
+            raise LinkError("not connected")
+        try:
+            # A timeout of 0 would be another mode of the socket; a millisecond is as good.
+            self._socket.settimeout(max(timeout, 1e-3))
+            data = self._socket.recv(4096)
+        except TimeoutError:
+            return None
+        except OSError as error:
+            raise LinkError(f"connection lost: {error}") from None
+        if not data:
+            raise LinkError("the receiver closed the connection")
+        self._heard += data
+        whole = len(self._heard) // ACK.size * ACK.size
+        if not whole:
+            return None
+        (latest,) = ACK.unpack_from(self._heard, whole - ACK.size)
+        del self._heard[:whole]
+        return latest
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._heard.clear()
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+
+class Sender:
+    """Sends the blocks of a recording in order, keeps them until they are committed, and begins where the receiver is.
+
+    After each new connection the receiver says what it has; everything behind that is sent again. A receiver that lost
+    its memory gets the recording from the first block on.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        link: Link,
+        *,
+        pace: float | None = None,
+        limit: int | None = None,
+        patience: float = 60.0,
+        stall: float = 30.0,
+        progress: Callable[[int], None] | None = None,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            source: the recording.
+            link: the way to the receiver.
+            pace: times real time, or None for as fast as it goes.
+            limit: the last block to send, or None for all.
+            patience: seconds without any progress after which to give up.
+            stall: seconds without a commit, while some are due, after which to connect anew.
+            progress: called with the number committed last, whenever it changes.
+            sleep: waits so many seconds.
+        """
+        self._source, self._link = source, link
+        self._pace, self._limit = pace, limit
+        self._patience, self._stall = patience, stall
+        self._progress = progress
+        self._sleep = sleep
+        self._held: deque[tuple[int, bytes]] = deque()
+        self._blocks: Iterator[Block] = iter(())
+        self._position = 0
+        self._forgotten = 0
+        self._committed = 0
+        self._highest = 0
+        self._sent = self._skipped = 0
+        self._rejected: set[int] = set()
+        self._due = 0.0
+
+    def run(self) -> SendResult:
+        """Send all of it and wait until it is committed.
+
+        Raises:
+            SendError: nothing was committed for ``patience`` seconds of trying, or a block makes no frame.
+        """
+        self._blocks = self._iterate(0)
+        self._due = failing_since = time.monotonic()
+        pause, connections, known = _FIRST_PAUSE, 0, -1
+        try:
+            while True:
+                try:
+                    self._resume(self._link.connect())
+                    connections += 1
+                    if self._stream():
+                        rejected = len(self._rejected)
+                        return SendResult(self._sent, self._committed, self._skipped, rejected, connections - 1)
+                    why = f"no commit within {self._stall:g} s"
+                except LinkError as error:
+                    why = str(error)
+                if self._committed > known:
+                    pause, known, failing_since = _FIRST_PAUSE, self._committed, time.monotonic()
+                if time.monotonic() - failing_since > self._patience:
+                    raise SendError(f"{why}; blocks to {self._committed} are committed, to {self._highest} sent")
+                self._sleep(pause)
+                pause = min(2.0 * pause, _LONGEST_PAUSE)
+        finally:
+            self._link.close()
+
+    def _iterate(self, after: int) -> Iterator[Block]:
+        """Give the blocks behind a number, from the recording anew."""
+        skipped = 0
+        for item in self._source:
+            if self._limit is not None and item.sequence > self._limit:
+                break
+            if isinstance(item, Rejected):
+                self._rejected.add(item.sequence)
+            elif item.sequence <= after:
+                skipped += 1
+            else:
+                if not self._sent:
+                    self._skipped = skipped
+                yield item
+        if not self._sent:
+            self._skipped = skipped
+
+    def _resume(self, committed: int) -> None:
+        """Go to where the receiver is."""
+        if committed > self._position or committed < self._forgotten:
+            self._held.clear()
+            self._blocks = self._iterate(committed)
+            self._position = self._forgotten = self._committed = committed
+        self._note(committed)
+        for _, frame in self._held:
+            self._link.send(frame)
+
+    def _stream(self) -> bool:
+        """Send until all is committed; return False where commits fail to come."""
+        heard = time.monotonic()
+        exhausted = False
+        while True:
+            room = len(self._held) < _WINDOW_FRAMES and sum(len(frame) for _, frame in self._held) < _WINDOW_BYTES
+            if not exhausted and room:
+                exhausted = not self._send_next()
+            if exhausted and not self._held:
+                return True
+            wait = not room or exhausted
+            news = self._link.committed(min(self._stall, 1.0) if wait else 0.0)
+            if news is not None and self._note(news):
+                heard = time.monotonic()
+            if not self._held:
+                heard = time.monotonic()
+            if time.monotonic() - heard > self._stall:
+                return False
+
+    def _send_next(self) -> bool:
+        """Send one more block; return False where there is none."""
+        block = next(self._blocks, None)
+        if block is None:
+            return False
+        try:
+            frame = encode_frame(block_frame(block, after=self._position))
+        except WireError as error:
+            raise SendError(f"{block.name}: {error}") from None
+        if self._pace is not None:
+            self._sleep(max(0.0, self._due - time.monotonic()))
+            self._due = max(self._due, time.monotonic() - 1.0) + block.duration / self._pace
+        self._position = block.sequence
+        self._held.append((block.sequence, frame))
+        if block.sequence > self._highest:
+            self._highest = block.sequence
+            self._sent += 1
+        self._link.send(frame)
+        return True
+
+    def _note(self, committed: int) -> bool:
+        """Forget what is committed; return whether that is news."""
+        while self._held and self._held[0][0] <= committed:
+            self._forgotten = self._held.popleft()[0]
+        if committed <= self._committed:
+            return False
+        self._committed = committed
+        if self._progress is not None:
+            self._progress(committed)
+        return True

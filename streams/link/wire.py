@@ -1,0 +1,344 @@
+"""The frames of TCP and MQTT: bytes to checked values and back. Layout and rules stand in docs/wire.md.
+
+Nothing here trusts a number before it is checked: a length is compared with its limit before anything is allocated, and
+whatever the bytes are, the only error is :class:`WireError`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from streams.block import Block
+from streams.link.crc32c import crc32c
+from streams.spec import UNITS
+
+VERSION = 1
+HELLO_MAGIC, FRAME_MAGIC = b"SPWH", b"SPW1"
+HELLO = struct.Struct("<4sHH")
+"""Magic, version, length of the stream id that follows."""
+HEAD = struct.Struct("<4sHHQdIBqH")
+"""Magic, version, channels, sequence, rate, samples a channel, sample type, start, length of the JSON header."""
+ACK = struct.Struct("<Q")
+"""The sequence committed last: the answer to a hello and to frames."""
+_CRC = struct.Struct("<I")
+
+UNDATED = -(2**63)
+"""In place of a start: the stream has no date."""
+MAX_FRAME = 16 << 20
+"""Bytes of the largest frame, checksum included."""
+MAX_CHANNELS = 1024
+MAX_JSON = 65535
+MAX_STREAM_ID = 64
+MAX_SEQUENCE = 2**63 - 1
+
+SAMPLE_TYPES: Mapping[int, np.dtype[Any]] = {
+    1: np.dtype("<i2"),
+    2: np.dtype("<i4"),
+    3: np.dtype("<f4"),
+    4: np.dtype("<f8"),
+}
+
+
+class WireError(Exception):
+    """Bytes break the protocol; the message says what was expected and what came.
+
+    Attributes:
+        status: rejection status of the interface that says so.
+        sequence: number of the frame where its checksum vouches for it, else None: then nothing in it can be believed,
+            not even its length, and a connection cannot go on.
+    """
+
+    def __init__(self, reason: str, status: str = "unreadable", sequence: int | None = None) -> None:
+        """Keep status and sequence beside the sentence for people."""
+        super().__init__(reason)
+        self.status = status
+        self.sequence = sequence
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame as sent.
+
+    Attributes:
+        sequence: number of the block in its stream, from 1.
+        rate: sampling rate, Hz.
+        samples: shape (channel, sample), int16, int32, float32 or float64, as sampled.
+        channels: name of each row.
+        units: of each row, after scaling: "g", "m/s2", "V" or "unknown".
+        start: ns since 1970 UTC of the first sample, or None.
+        scale: factor from the samples to the unit, by row.
+        speed: shaft speed, Hz, or None.
+        load: radial load, N, or None.
+        elapsed: seconds from the first sample of the stream, or None.
+        after: number of the frame that the sender sent before this one (or knows to be committed), or None where it
+            does not say; numbers between the two never come, but a missing ``after`` was lost on the way.
+    """
+
+    sequence: int
+    rate: float
+    samples: NDArray[Any]
+    channels: tuple[str, ...]
+    units: tuple[str, ...]
+    start: int | None = None
+    scale: tuple[float, ...] = ()
+    speed: float | None = None
+    load: float | None = None
+    elapsed: float | None = None
+    after: int | None = None
+
+    def scaled(self) -> NDArray[np.floating]:
+        """Return the samples in their units: float32 where 24 bits hold the sample type, else float64."""
+        exact = self.samples.dtype.itemsize == 2 or self.samples.dtype == np.float32
+        kind = np.float32 if exact else np.float64
+        values = self.samples.astype(kind)
+        if all(factor == 1.0 for factor in self.scale):
+            return values
+        # What leaves the range becomes inf, which the quality stage names.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return (values * np.asarray(self.scale, dtype=np.float64)[:, np.newaxis]).astype(kind)
+
+
+def hello(stream: str) -> bytes:
+    """Return what a sender says first.
+
+    Raises:
+        WireError: the stream id is empty or too long.
+    """
+    name = stream.encode()
+    if not 1 <= len(name) <= MAX_STREAM_ID:
+        raise WireError(f"a stream id has 1 to {MAX_STREAM_ID} bytes, got {len(name)}")
+    return HELLO.pack(HELLO_MAGIC, VERSION, len(name)) + name
+
+
+def hello_length(data: bytes) -> int:
+    """Return the length of a whole hello from its first ``HELLO.size`` bytes.
+
+    Raises:
+        WireError: no hello of this version, or a stream id longer than allowed.
+    """
+    magic, version, length = HELLO.unpack_from(data)
+    _check_magic(magic, version, HELLO_MAGIC, "a hello")
+    if not 1 <= length <= MAX_STREAM_ID:
+        raise WireError(f"a stream id has 1 to {MAX_STREAM_ID} bytes, got {length}")
+    return HELLO.size + length
+
+
+def hello_stream(data: bytes) -> str:
+    """Return the stream id of a whole hello.
+
+    Raises:
+        WireError: it is not printable UTF-8.
+    """
+    try:
+        stream = data[HELLO.size :].decode()
+    except UnicodeDecodeError as error:
+        raise WireError(f"the stream id is not UTF-8: {error}") from None
+    if not stream.isprintable():
+        raise WireError(f"the stream id holds characters that cannot be printed: {stream!a}")
+    return stream
+
+
+def frame_length(data: bytes, limit: int = MAX_FRAME) -> int:
+    """Return the length of a whole frame from its first ``HEAD.size`` bytes.
+
+    Args:
+        data: at least the fixed part.
+        limit: largest frame to accept, bytes.
+
+    Raises:
+        WireError: no frame of this version, an unknown sample type, or larger than allowed.
+    """
+    if len(data) < HEAD.size:
+        raise WireError(f"a frame has at least {HEAD.size + _CRC.size} bytes, got {len(data)}")
+    magic, version, channels, _, _, samples, kind, _, json_length = HEAD.unpack_from(data)
+    _check_magic(magic, version, FRAME_MAGIC, "a frame")
+    if kind not in SAMPLE_TYPES:
+        raise WireError(f"the sample type is 1 to 4, got {kind}")
+    if channels > MAX_CHANNELS:
+        raise WireError(f"a frame has at most {MAX_CHANNELS} channels, got {channels}")
+    length = HEAD.size + json_length + channels * samples * SAMPLE_TYPES[kind].itemsize + _CRC.size
+    if length > limit:
+        raise WireError(f"a frame has at most {limit} bytes, this one says {length}")
+    return length
+
+
+def _check_magic(magic: bytes, version: int, expected: bytes, what: str) -> None:
+    if magic != expected:
+        raise WireError(f"{what} begins with {expected.decode()}, got {magic!r}")
+    if version != VERSION:
+        raise WireError(f"{what} of version {VERSION} was expected, got version {version}")
+
+
+def decode_frame(data: bytes | bytearray | memoryview, limit: int = MAX_FRAME) -> Frame:
+    """Return the frame in a whole message.
+
+    Args:
+        data: the bytes from magic to checksum; the samples are copied from nowhere, so it must not be changed later.
+        limit: largest frame to accept, bytes.
+
+    Raises:
+        WireError: with ``sequence`` where the checksum is right but the content is not.
+    """
+    view = memoryview(data)
+    length = frame_length(bytes(view[: HEAD.size]), limit)
+    if len(view) != length:
+        raise WireError(f"the frame says {length} bytes, {len(view)} came")
+    stated, found = _CRC.unpack(view[-_CRC.size :])[0], crc32c(view[: -_CRC.size])
+    if stated != found:
+        raise WireError(f"the checksum is {stated:08x}, of these bytes it is {found:08x}")
+    _, _, channels, sequence, rate, count, kind, start, json_length = HEAD.unpack_from(view)
+    if not 1 <= sequence <= MAX_SEQUENCE:
+        raise WireError(f"a sequence is 1 to {MAX_SEQUENCE}, got {sequence}")
+    try:
+        if not (math.isfinite(rate) and rate > 0.0):
+            raise WireError(f"the rate must be positive, got {rate} Hz", "wrong_rate")
+        if not channels or not count:
+            raise WireError(f"no samples: {channels} channels of {count} samples", "empty")
+        stated_of = _json_header(bytes(view[HEAD.size : HEAD.size + json_length]), channels)
+    except WireError as error:
+        raise WireError(str(error), error.status, sequence) from None
+    samples = np.frombuffer(view, SAMPLE_TYPES[kind], channels * count, HEAD.size + json_length)
+    shaped = samples.reshape(channels, count)
+    return Frame(sequence, rate, shaped, start=None if start == UNDATED else start, **stated_of)
+
+
+def _refuse_constant(word: str) -> None:
+    raise ValueError(f"{word} is not JSON")
+
+
+def _json_header(text: bytes, channels: int) -> dict[str, Any]:
+    """Return the fields of a frame that its JSON header states; keys that are not known are ignored."""
+    try:
+        header = json.loads(text.decode(), parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise WireError(f"the header is not JSON: {type(error).__name__}: {error}") from None
+    if not isinstance(header, dict):
+        raise WireError(f"the header must be a JSON object, got {type(header).__name__}")
+    names = _words(header, "channels", channels)
+    if len(set(names)) != channels or not all(name and name.isprintable() for name in names):
+        raise WireError(f"channels must be different printable names, got {names!a}", "wrong_shape")
+    units = _words(header, "units", channels)
+    unknown = [unit for unit in units if unit not in UNITS]
+    if unknown:
+        raise WireError(f"units must be of {', '.join(UNITS)}, got {unknown[0]!a}", "wrong_unit")
+    return {
+        "channels": names,
+        "units": units,
+        "scale": _scale(header, channels),
+        "speed": _number(header, "speed_hz", positive=True),
+        "load": _number(header, "load_newton"),
+        "elapsed": _number(header, "elapsed_s"),
+        "after": _whole(header, "after"),
+    }
+
+
+def _words(header: Mapping[str, Any], key: str, channels: int) -> tuple[str, ...]:
+    values = header.get(key)
+    if not isinstance(values, list) or len(values) != channels or not all(isinstance(value, str) for value in values):
+        raise WireError(f"{key} must be a list of {channels} words", "wrong_shape")
+    return tuple(values)
+
+
+def _scale(header: Mapping[str, Any], channels: int) -> tuple[float, ...]:
+    values = header.get("scale")
+    if values is None:
+        return (1.0,) * channels
+    if not isinstance(values, list):
+        values = [values] * channels
+    if len(values) != channels or not all(_is_number(value) and float(value) != 0.0 for value in values):
+        raise WireError(f"scale must be one number or {channels}, finite and not 0", "wrong_unit")
+    return tuple(float(value) for value in values)
+
+
+def _number(header: Mapping[str, Any], key: str, *, positive: bool = False) -> float | None:
+    value = header.get(key)
+    if value is None:
+        return None
+    if not _is_number(value) or value < 0 or (positive and value == 0):
+        raise WireError(f"{key} must be a {'positive' if positive else 'not negative'} number", "unreadable")
+    return float(value)
+
+
+def _whole(header: Mapping[str, Any], key: str) -> int | None:
+    value = header.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_SEQUENCE:
+        raise WireError(f"{key} must be a whole number from 0 to {MAX_SEQUENCE}")
+    return value
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(float(value))
+    except OverflowError:
+        return False
+
+
+def encode_frame(frame: Frame) -> bytes:
+    """Return a frame as bytes.
+
+    Raises:
+        WireError: it breaks a limit of the protocol; what is encoded can be decoded.
+    """
+    n_channels, count = frame.samples.shape
+    kind = next((key for key, kind in SAMPLE_TYPES.items() if kind == frame.samples.dtype.newbyteorder("<")), None)
+    if kind is None:
+        raise WireError(f"samples must be int16, int32, float32 or float64, got {frame.samples.dtype}")
+    header: dict[str, Any] = {"channels": list(frame.channels), "units": list(frame.units)}
+    if any(factor != 1.0 for factor in frame.scale):
+        header["scale"] = list(frame.scale)
+    known: dict[str, float | None] = {"speed_hz": frame.speed, "load_newton": frame.load, "elapsed_s": frame.elapsed}
+    known["after"] = frame.after
+    header |= {key: value for key, value in known.items() if value is not None}
+    try:
+        text = json.dumps(header, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+        start = UNDATED if frame.start is None else frame.start
+        head = HEAD.pack(*(FRAME_MAGIC, VERSION, n_channels, frame.sequence, frame.rate, count, kind, start, len(text)))
+    except (struct.error, ValueError) as error:
+        raise WireError(f"the frame cannot be written: {error}") from None
+    frame_length(head)
+    _check_content(frame, text, n_channels, count)
+    samples = np.ascontiguousarray(frame.samples, dtype=SAMPLE_TYPES[kind])
+    body = b"".join((head, text, samples.data))
+    return body + _CRC.pack(crc32c(body))
+
+
+def _check_content(frame: Frame, text: bytes, n_channels: int, count: int) -> None:
+    if not (1 <= frame.sequence <= MAX_SEQUENCE and math.isfinite(frame.rate) and frame.rate > 0.0 and count):
+        raise WireError(f"frame {frame.sequence}: {count} samples at {frame.rate} Hz")
+    if frame.scale and len(frame.scale) != n_channels:
+        raise WireError(f"frame {frame.sequence}: {len(frame.scale)} scales for {n_channels} channels")
+    _json_header(text, n_channels)
+
+
+def block_frame(block: Block, after: int | None = None) -> Frame:
+    """Return the frame that carries a block; ``after`` is the number of the one before it, see :class:`Frame`."""
+    return Frame(
+        sequence=block.sequence,
+        rate=block.rate,
+        samples=block.samples,
+        channels=block.channels,
+        units=block.units,
+        start=None if block.start is None else _nanoseconds(block.start),
+        speed=block.speed,
+        load=block.load,
+        elapsed=block.elapsed,
+        after=after,
+    )
+
+
+def _nanoseconds(seconds: float) -> int:
+    # The product of a present date and 1e9 has more digits than a float.
+    whole = math.floor(seconds)
+    return whole * 10**9 + round((seconds - whole) * 1e9)

@@ -1,0 +1,116 @@
+"""``spallwatch library build`` from end to end, small."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from models.lives.life import LifeHistory, Population, simulate_life
+from monitor.cli import spallwatch
+from monitor.commands.common import InputError
+from monitor.health.damage.library.forecaster import LibraryInput, LibraryState, step
+from monitor.records.histories import History
+from monitor.records.library_file import load_library
+from monitor.service.library_build import build_library, prior_words
+
+
+def build(*arguments: str) -> dict[str, Any]:
+    run = CliRunner().invoke(spallwatch, ["library", "build", "--json", *arguments], catch_exceptions=False)
+    return json.loads(run.stdout)
+
+
+def test_a_small_library_is_built_said_and_usable(tmp_path: Path) -> None:
+    out = tmp_path / "lives.npz"
+    options = ("--runs", "24", "--seed", "5", "--duration-min", "60:120", "--threshold-mm2", "0.05", "--workers")
+    found = build(*options, "1", "--out", str(out))
+    assert {"runs", "seconds", "out", "hash", "coverage", "crps_s"} <= set(found)
+    library = load_library(out)
+    assert library.hash == found["hash"]
+    assert library.load == pytest.approx((3600.0, 4400.0), rel=0.1)
+    assert library.made_of["population"]["seed"] == 5
+    assert "24 simulated lives" in library.prior
+    block = LibraryInput(0.0, 5.0, (1.0, 1.0, 1.0), 4000.0, 40.0)
+    _, result = step(LibraryState(), block, library, thresholds=[5e-8])
+    assert result.prior == library.prior
+    # Other workers, and a table for people.
+    again = ["library", "build", *options, "2", "--out", str(tmp_path / "again.npz")]
+    table = CliRunner().invoke(spallwatch, again, catch_exceptions=False).stdout
+    assert "rms+harmonics" in table
+    assert "climatology" in table
+    assert f"hash {library.hash[:16]}; prior: 24 simulated lives" in table
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--out", "lives.nc"), r"--out lives\.nc: expected a name that ends in \.npz"),
+        (("--out", "no/../lives.npz", "--config", "absent.toml"), r"absent\.toml"),
+        (("--out", "lives.npz", "--bearing", "nobody"), "nobody"),
+    ],
+)
+def test_wrong_options_are_named(
+    arguments: tuple[str, ...], message: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(Exception, match=message):
+        CliRunner().invoke(spallwatch, ["library", "build", "--runs", "20", *arguments], catch_exceptions=False)
+
+
+def test_ranges_are_checked() -> None:
+    for wrong in ("5:1", "0:3", "a", "1:2:3"):
+        run = CliRunner().invoke(spallwatch, ["library", "build", "--speed-hz", wrong, "--out", "x.npz"])
+        assert run.exit_code == 2
+        assert wrong in run.output
+
+
+def test_lives_must_go_on_until_the_largest_threshold() -> None:
+    with pytest.raises(ValueError, match=r"thresholds up to 0\.1 mm2 need lives that go on until there"):
+        build_library(Population(), runs=20, thresholds=[1e-7])
+
+
+def test_the_prior_is_said_in_words() -> None:
+    words = prior_words(Population(load=(3000.0, 5000.0)), 250)
+    assert "250 simulated lives" in words
+    assert "4 to 20 um deep and 6 to 31 deg wide" in words
+    assert "3000 to 5000 N" in words
+
+
+def as_recorded(life: LifeHistory) -> History:
+    """A life as published records would have it, from the onset to where V_eq reaches 0.05 mm2."""
+    known = life.t <= life.crossing(5e-8)
+    parts = (life.t, life.t, life.rms, life.harmonics, life.load, life.speed, life.v_eq)
+    return History("a", *(part[known] for part in parts))
+
+
+def test_recorded_runs_calibrate_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    population = Population(load=(4000.0, 4000.0), speed=(40.0, 40.0), durations=(6000.0, 6000.0), seed=9)
+    lives = {f"run{number}.nc": simulate_life(population, number) for number in range(3)}
+    monkeypatch.setattr("monitor.records.histories.read_history", lambda path, channel: as_recorded(lives[path.name]))
+    options = ("--runs", "20", "--duration-min", "60:120", "--out", str(tmp_path / "lives.npz"))
+    records = [option for name in lives for option in ("--calibrate", name)]
+    found = build(*options, *records)
+    assert found["prior"].endswith("calibrated on 3 recorded runs")
+    assert set(found["calibration"]) == {"rms 0.05", "rms+harmonics 0.05"}
+    assert found["calibration"]["rms 0.05"]["runs"] == 3
+    assert load_library(tmp_path / "lives.npz").hash == found["hash"]
+
+
+def test_records_that_cannot_calibrate_are_named(tmp_path: Path) -> None:
+    options = ["library", "build", "--runs", "20", "--out", str(tmp_path / "lives.npz"), "--calibrate", "absent.nc"]
+    with pytest.raises(InputError, match=r"--calibrate absent\.nc"):
+        CliRunner().invoke(spallwatch, options, catch_exceptions=False)
+    several = [*options, "--threshold-mm2", "0.03", "--threshold-mm2", "0.05"]
+    with pytest.raises(InputError, match="give one --threshold-mm2"):
+        CliRunner().invoke(spallwatch, several, catch_exceptions=False)
+
+
+def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    options = ["library", "build", "--runs", "20", "--duration-min", "60", "--out", str(blocked / "lives.npz")]
+    with pytest.raises(InputError, match="cannot be written"):
+        CliRunner().invoke(spallwatch, options, catch_exceptions=False)

@@ -1,0 +1,112 @@
+"""``spallwatch map``: what is built, drawn and checked, and what is said of it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from netCDF4 import Dataset
+
+from models.maps.file import load_map
+from monitor.commands.common import InputError
+from monitor.commands.maps import command
+from monitor.health.damage.thesis.level_set import least_volume
+from monitor.service.setup import to_slice
+from tests.oracles.edv_oracle import scan_least_volume
+
+SMALL = ["--load-newton", "4000", "--speed-hz", "40", "--dphi-deg", "0:6:4", "--h-d-um", "0:10:3", "--workers", "1"]
+
+
+def build(tmp_path: Path, *more: str, axes: list[str] = SMALL) -> tuple[dict[str, Any], Path]:
+    out = tmp_path / "map.nc"
+    result = CliRunner().invoke(command, ["build", *axes, *more, "--out", str(out), "--json"], catch_exceptions=False)
+    assert result.exit_code == 0
+    return json.loads(result.stdout), out
+
+
+def test_a_built_map_says_how_wrong_it_is(tmp_path: Path) -> None:
+    values, out = build(tmp_path)
+    rms_map = load_map(out)
+    assert values["points"] == 12
+    assert values["condition_error"] is None
+    assert values["shape"] == [1, 1, 3, 4]
+    assert values["solver"] == "rows"
+    assert 0.0 < values["error_rms"] <= values["error_max"] < 1e-2
+    assert 0.0 < values["interpolation_error"] < values["interpolation_error_max"]
+    assert values["spread_floors"] is values["spread_rig"] is values["standard_error"] is None
+    assert values["not_monotone_h_d"] == np.count_nonzero(rms_map.falling("h_d"))
+    assert values["hash"] == rms_map.hash
+    with Dataset(out) as dataset:
+        for axis in ("h_d", "dphi_d"):
+            marks = dataset[f"not_monotone_{axis}"]
+            assert np.array_equal(marks[...], rms_map.falling(axis))
+            assert marks.flag_meanings == "not_falling falling"
+            assert marks.flag_values.tolist() == [0, 1]
+
+
+def test_floors_rigs_and_slip_go_into_the_map(tmp_path: Path) -> None:
+    axes = [*SMALL[:4], "--dphi-deg", "2:6:2", "--h-d-um", "5:10:2", "--workers", "1"]
+    more = ["--floor", "rough", "--floors", "3", "--rig-draws", "2", "--slip-deg", "0.5", "--slip-seed", "7"]
+    values, out = build(tmp_path, *more, axes=axes)
+    plan = load_map(out).plan
+    assert plan.slip is not None
+    assert plan.slip.phi_slip == pytest.approx(np.radians(0.5))
+    assert (plan.slip.seed, plan.slip.rule, plan.floors, plan.rig_draws) == (7, "per_passage", 3, 2)
+    assert values["solver"] == "lanes"
+    assert min(values[name] for name in ("spread_floors", "spread_rig", "standard_error")) > 0.0
+
+
+def test_a_tolerance_refines_the_axes_and_a_bound_holds(tmp_path: Path) -> None:
+    values, out = build(tmp_path, "--interpolation-tolerance", "0.02")
+    assert values["interpolation_error"] <= 0.02
+    assert values["points"] == load_map(out).rms.size > 12
+    arguments = ["build", *SMALL, "--interpolation-tolerance", "1e-4", "--most-nodes", "20", "--out", str(out)]
+    result = CliRunner().invoke(command, arguments, catch_exceptions=False)
+    assert "not met" in result.stdout
+    assert load_map(out).rms.size <= 20
+    advised = CliRunner().invoke(command, ["build", *SMALL, "--out", str(out)], catch_exceptions=False)
+    assert "coarse" in advised.stdout
+    with pytest.raises(InputError, match="more than the 5"):
+        CliRunner().invoke(command, [*arguments, "--most-nodes", "5"], catch_exceptions=False)
+
+
+def test_show_draws_and_check_measures(tmp_path: Path) -> None:
+    _, out = build(tmp_path, axes=[*SMALL, "--load-newton", "5000"])
+    picture = tmp_path / "map.svg"
+    shown = CliRunner().invoke(command, ["show", str(out), "--out", str(picture), "--json"], catch_exceptions=False)
+    assert json.loads(shown.stdout)["points"] == 24
+    assert "falls with depth" in picture.read_text()
+    checked = CliRunner().invoke(command, ["check", str(out), "--points", "3", "--json"], catch_exceptions=False)
+    values = json.loads(checked.stdout)
+    assert 0.0 < values["error_rms"] < 5e-3
+    assert 0.0 < values["condition_rms"] <= values["condition_max"] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("more", "word"), [(["--floors", "3"], "floors"), (["--slip-deg", "1"], "floors"), (["--rig-draws", "1"], "rig")]
+)
+def test_contradictions_are_refused(tmp_path: Path, more: list[str], word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        CliRunner().invoke(command, ["build", *SMALL, *more, "--out", str(tmp_path / "x.nc")], catch_exceptions=False)
+
+
+def test_uneven_axes_are_tracked_like_even_ones(tmp_path: Path) -> None:
+    """The closed form on a refined map, whose extents are not evenly spaced, against a scan of the same surface."""
+    _, out = build(tmp_path, "--interpolation-tolerance", "0.02")
+    rms_map = load_map(out)
+    assert np.ptp(np.diff(rms_map.dphi_d)) > 1e-3
+    surface = to_slice(rms_map, 4000.0, 40.0)
+    radius = rms_map.outer_race_radius
+    for share in (0.2, 0.5, 0.8):
+        level = share * surface.rms_most
+        point = least_volume(surface, level, 0.0, 0.0)
+        assert point is not None
+        assert surface.value_at(point.dphi_d, point.h_d) == pytest.approx(level, rel=1e-9)
+        scanned, slack = scan_least_volume(
+            surface.dphi_d, surface.h_d, surface.rms, radius, level, (0.0, 0.0), lines=20
+        )
+        assert scanned - slack - 1e-15 <= point.v_eq <= scanned + 1e-15

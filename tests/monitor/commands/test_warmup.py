@@ -1,0 +1,33 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from models.warmup import PARTS
+from monitor.commands.warmup import command
+from tests.monitor.commands.test_cli import CONFIG
+
+
+@pytest.mark.parametrize(("block", "transforms"), [("1", 1), ('"file"', 0)])
+def test_says_how_long_compiling_and_planning_took(tmp_path: Path, block: str, transforms: int) -> None:
+    path = tmp_path / "machine.toml"
+    path.write_text(CONFIG.replace("block_s = 1", f"block_s = {block}"))
+    result = CliRunner().invoke(command, ["--config", str(path), "--json"], catch_exceptions=False)
+    values = json.loads(result.stdout)
+    assert result.exit_code == 0
+    assert values["transforms"] == transforms
+    assert values["compile_seconds"] == pytest.approx(sum(values["kernels"].values()))
+    assert values["elapsed_seconds"] > 0.0
+    assert set(values["parts"]) == set(PARTS)
+    assert values["plan_seconds"] >= 0.0
+
+
+def test_without_a_configuration_the_model_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(command, [], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert "functions compiled in" in result.stdout
+    assert "0 planned" in result.stdout

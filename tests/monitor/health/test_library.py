@@ -1,0 +1,352 @@
+"""The library forecaster on lives in closed form."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.health.damage.library.fit import SHARES, FitSettings, crps, fit_library, fit_regression
+from monitor.health.damage.library.forecaster import (
+    QUANTILES,
+    LibraryInput,
+    LibraryResult,
+    LibrarySettings,
+    LibraryState,
+    LibraryStatus,
+    step,
+)
+from monitor.health.damage.library.model import LINES, Library, quantiles_of
+from monitor.records.library_file import LibraryError, load_library, save_library
+from tests.effort import effort_count
+from tests.oracles.toy_lives import INTERVAL, THRESHOLD, ToyLife, toy_life, toy_lives
+
+QUICK = FitSettings(columns=100, moments=12)
+
+
+@cache
+def library(interval: float = INTERVAL, *, varying: bool = False) -> Library:
+    return fit_library(
+        toy_lives(150, interval=interval, varying=varying),
+        thresholds=[0.6 * THRESHOLD, THRESHOLD],
+        interval=interval,
+        prior="toy lives",
+        made_of={"lives": "in closed form"},
+        settings=QUICK,
+    )
+
+
+def blocks_of(life: ToyLife) -> list[LibraryInput]:
+    return [
+        LibraryInput(
+            t=float(life.t[i]),
+            rms=float(life.rms[i]),
+            harmonics=tuple(life.harmonics[i]),
+            load=float(life.load[i]),
+            speed=float(life.speed[i]),
+            v_eq=float(life.v_eq[i]),
+        )
+        for i in range(len(life.t))
+    ]
+
+
+def follow(
+    blocks: list[LibraryInput], known: Library, settings: LibrarySettings | None = None
+) -> tuple[LibraryState, list[LibraryResult]]:
+    state, results = LibraryState(), []
+    for block in blocks:
+        state, result = step(state, block, known, settings, thresholds=[THRESHOLD])
+        results.append(result)
+    return state, results
+
+
+@pytest.mark.parametrize("features", LINES)
+def test_unseen_lives_are_covered_and_better_known_than_by_their_age(features: str) -> None:
+    asked = LibrarySettings(features=features)
+    covered, covered_v, errors, scores, ages = [], [], [], [], []
+    lifetimes = np.array([life.crossing(THRESHOLD) for life in toy_lives(150)])
+    for number in range(1000, 1000 + effort_count(quick=50, full=400)):
+        life = toy_life(number)
+        crossing = life.crossing(THRESHOLD)
+        _, results = follow([b for b in blocks_of(life) if b.t <= 0.75 * crossing], library(), asked)
+        for share in SHARES:
+            index = int(share * crossing // INTERVAL)
+            result, left = results[index], crossing - life.t[index]
+            forecast = result.forecasts[0]
+            covered.append(forecast.tt_lower <= left <= forecast.tt_upper)
+            covered_v.append(result.v_eq_lower <= life.v_eq[index] <= result.v_eq_upper)
+            errors.append(math.log(result.v_eq / life.v_eq[index]))
+            scores.append(crps(np.interp(np.linspace(0, 1, 99), QUANTILES, forecast.quantiles), left))
+            older = np.sort(lifetimes[lifetimes > life.t[index]] - life.t[index])
+            ages.append(crps(older, left))
+    assert 0.65 <= np.mean(covered) <= 0.93
+    assert 0.65 <= np.mean(covered_v) <= 0.93
+    assert np.sqrt(np.mean(np.square(errors))) < {"rms": 0.6, "rms+harmonics": 0.35, "v_eq": 0.05}[features]
+    assert np.mean(scores) < 0.95 * np.mean(ages)
+
+
+def test_scores_out_of_fold_are_there_for_each_set_threshold_and_share() -> None:
+    scores = library().scores
+    assert set(scores) == {*LINES, "climatology"}
+    for features in LINES:
+        assert set(scores[features]) == {"0.03", "0.05"}
+        for by_share in scores[features].values():
+            assert set(by_share) == {"0.25", "0.5", "0.75"}
+            for share, score in by_share.items():
+                assert 0.6 < score["coverage"] <= 1.0, (features, share)
+                assert 0.6 < score["v_eq_coverage"] <= 1.0
+                assert score["crps_s"] > 0.0
+    half = {features: scores[features]["0.05"]["0.5"]["crps_s"] for features in scores}
+    assert half["v_eq"] < half["rms+harmonics"] < half["rms"] < half["climatology"]
+
+
+def test_out_of_fold_predictions_are_those_of_fits_without_the_fold() -> None:
+    random = np.random.default_rng(3)
+    x, fold = random.normal(size=(200, 4)), random.integers(0, 5, 200)
+    y = np.stack((x[:, 0] ** 2, x[:, 1] + 0.1 * random.normal(size=200)), axis=1)
+    fitted = random.uniform(size=200) < 0.8
+    regression, said = fit_regression(x, y, fold, fitted, replace(QUICK, columns=30))
+    for number in range(5):
+        others = fitted & (fold != number)
+        design = regression.design(x)
+        penalty = np.diag([1e-3] + [math.sqrt(QUICK.ridge)] * (design.shape[1] - 1))
+        rows = np.concatenate((design[others], penalty))
+        targets = np.concatenate((y[others], np.zeros((len(penalty), 2))))
+        slow = np.linalg.lstsq(rows, targets, rcond=None)[0]
+        np.testing.assert_allclose(said[fold == number], design[fold == number] @ slow, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("away", [0.01, -0.3, 50.0, -50.0])
+def test_alike_moments_are_the_nearest_of_all(away: float) -> None:
+    fit = library().fit_for("rms")
+    for target in (0, 1, 2):
+        said, ln_elapsed = float(fit.said[7, target]) + away, float(fit.ln_elapsed[7]) + away
+        distance = [
+            abs(s - said) + (0.15 * abs(e - ln_elapsed) if target else 0.0)
+            for s, e in zip(fit.said[:, target], fit.ln_elapsed, strict=True)
+        ]
+        nearest = sorted(range(len(distance)), key=distance.__getitem__)[:50]
+        assert set(fit.alike(target, said, ln_elapsed, 50)) == set(nearest)
+        own = int(fit.life[7])
+        assert own not in fit.life[fit.alike(target, said, ln_elapsed, 50, without=own)]
+
+
+@settings(max_examples=effort_count(quick=50, full=500), deadline=None)
+@given(st.lists(st.floats(0.0, 1e5), min_size=1, max_size=40), st.floats(0.0, 1e5))
+def test_crps_is_the_mean_distance_less_half_the_mean_difference(values: list[float], truth: float) -> None:
+    slow = np.mean([abs(v - truth) for v in values]) - 0.5 * np.mean([abs(a - b) for a in values for b in values])
+    assert crps(np.sort(values), truth) == pytest.approx(slow, rel=1e-9, abs=1e-6)
+    assert quantiles_of(np.sort(values), [0.0, 0.5, 1.0])[1] == pytest.approx(np.median(values))
+
+
+def test_state_goes_through_json_after_each_block_with_the_same_results() -> None:
+    blocks = blocks_of(toy_life(2000))
+    _, expected = follow(blocks, library())
+    state = LibraryState()
+    for block, result in zip(blocks, expected, strict=True):
+        state = LibraryState.from_dict(json.loads(json.dumps(state.to_dict(), allow_nan=False)))
+        state, again = step(state, block, library(), thresholds=[THRESHOLD])
+        assert repr(again) == repr(result)
+
+
+def test_history_of_another_library_is_refused() -> None:
+    blocks = blocks_of(toy_life(2000))
+    state, _ = follow(blocks[:3], library())
+    with pytest.raises(ValueError, match="start anew"):
+        step(state, blocks[3], library(), LibrarySettings(features="rms"), thresholds=[THRESHOLD])
+    with pytest.raises(ValueError, match="library state: version 1 expected, got 9"):
+        LibraryState.from_dict({"version": 9})
+
+
+def test_quantiles_rise_and_agree_with_the_interval_and_the_window() -> None:
+    asked = LibrarySettings(window=3600.0)
+    _, results = follow(blocks_of(toy_life(2001)), library(), asked)
+    for result in results:
+        assert list(result.v_eq_quantiles) == sorted(result.v_eq_quantiles)
+        assert result.v_eq_lower == pytest.approx(result.v_eq_quantiles[QUANTILES.index(0.1)])
+        forecast = result.forecasts[0]
+        if forecast.quantiles:
+            assert list(forecast.quantiles) == sorted(forecast.quantiles)
+            assert forecast.tt_upper == pytest.approx(forecast.quantiles[QUANTILES.index(0.9)])
+            assert 0.0 <= forecast.p_crossed <= forecast.p_threshold <= 1.0
+            assert forecast.tt <= 3600.0 or forecast.p_threshold <= 0.5
+            assert forecast.tt > 3600.0 or forecast.p_threshold >= 0.5
+            assert (forecast.status == LibraryStatus.ALREADY_CROSSED) == (forecast.p_crossed >= 0.5)
+    statuses = [str(result.forecasts[0].status) for result in results]
+    assert statuses[:4] == ["too_few_points"] * 4
+    assert statuses[4] == "ok"
+    assert statuses[-1] == "already_crossed"
+
+
+def test_a_rig_that_lives_thirty_times_faster_is_the_same_to_its_library() -> None:
+    _, slow = follow(blocks_of(toy_life(2002)), library())
+    _, fast = follow(blocks_of(toy_life(2002, interval=INTERVAL / 30.0)), library(INTERVAL / 30.0))
+    assert len(slow) == len(fast)
+    for a, b in zip(slow, fast, strict=True):
+        assert b.v_eq == pytest.approx(a.v_eq, rel=1e-4)
+        assert 30.0 * b.forecasts[0].tt == pytest.approx(a.forecasts[0].tt, rel=1e-3, abs=1.0, nan_ok=True)
+
+
+def test_load_and_speed_may_change_from_block_to_block_as_in_the_lives_of_the_library() -> None:
+    errors = []
+    for number in range(3000, 3010):
+        life = toy_life(number, varying=True)
+        _, results = follow(blocks_of(life), library(varying=True))
+        half = len(results) // 2
+        assert results[half].edv_status == LibraryStatus.OK
+        errors.append(math.log(results[half].v_eq / life.v_eq[half]))
+    assert np.sqrt(np.mean(np.square(errors))) < 0.4
+
+
+def test_load_and_speed_that_change_more_than_in_any_life_are_outside() -> None:
+    blocks = blocks_of(toy_life(3000, varying=True))
+    state, results = follow(blocks, library())
+    assert {str(result.edv_status) for result in results[5:]} == {"outside_conditions"}
+    assert {str(result.forecasts[0].status) for result in results[5:]} == {"outside_library"}
+    spreads = [float(np.log([getattr(block, name) for block in blocks]).std()) for name in ("load", "speed")]
+    assert list(state.conditions.spreads) == pytest.approx(spreads)
+    steady = blocks_of(toy_life(3001))
+    wavering = [replace(b, speed=b.speed * (1.0 + 0.005 * (-1) ** i)) for i, b in enumerate(steady)]
+    assert {str(result.edv_status) for result in follow(wavering, library())[1]} == {"ok"}
+
+
+@pytest.mark.parametrize(
+    ("change", "edv_status", "tt_status"),
+    [
+        ({"rms": math.nan}, "bad_block", "cannot_tell"),
+        ({"rms": 0.0}, "bad_block", "cannot_tell"),
+        ({"harmonics": None}, "bad_block", "cannot_tell"),
+        ({"harmonics": (1.0,)}, "bad_block", "cannot_tell"),
+        ({"harmonics": (1.0, math.inf, 1.0)}, "bad_block", "cannot_tell"),
+        ({"load": 7000.0}, "outside_conditions", "outside_library"),
+        ({"speed": 10.0}, "outside_conditions", "outside_library"),
+        ({"rms": 1e5}, "outside_library", "outside_library"),
+        ({"t": 1e7}, "outside_library", "outside_library"),
+    ],
+)
+def test_what_the_library_cannot_tell_is_a_status(change: dict[str, Any], edv_status: str, tt_status: str) -> None:
+    blocks = blocks_of(toy_life(2003))
+    state, _ = follow(blocks[:10], library())
+    after, result = step(state, replace(blocks[10], **change), library(), thresholds=[THRESHOLD])
+    assert (result.edv_status, result.forecasts[0].status) == (edv_status, tt_status)
+    assert math.isnan(result.v_eq)
+    assert math.isnan(result.forecasts[0].tt)
+    assert result.forecasts[0].quantiles == ()
+    if edv_status != "outside_library":
+        assert after == state
+
+
+def test_one_loud_block_does_not_spoil_what_follows() -> None:
+    blocks = blocks_of(toy_life(2004))
+    _, expected = follow(blocks, library())
+    spoiled = [replace(b, rms=30.0 * b.rms) if i == 20 else b for i, b in enumerate(blocks)]
+    _, found = follow(spoiled, library())
+    assert found[20].edv_status == LibraryStatus.OUTSIDE_LIBRARY
+    later = [(a.v_eq, b.v_eq) for a, b in zip(expected[27:], found[27:], strict=True) if b.edv_status == "ok"]
+    assert len(later) > 10
+    assert np.median([abs(math.log(a / b)) for a, b in later]) < 0.4
+
+
+def test_blocks_at_another_pace_are_outside() -> None:
+    blocks = blocks_of(toy_life(2005))
+    _, results = follow([replace(block, t=block.t / 10.0) for block in blocks[:20]], library())
+    assert results[-1].edv_status == LibraryStatus.OUTSIDE_LIBRARY
+    _, results = follow(blocks[:40:2], library())
+    assert results[-1].edv_status == LibraryStatus.OK
+
+
+def test_without_library_or_final_stage_nothing_is_said() -> None:
+    block = blocks_of(toy_life(2006))[0]
+    state, result = step(LibraryState(), block, None, thresholds=[THRESHOLD])
+    assert (result.edv_status, result.forecasts[0].status, result.library) == ("no_library", "no_library", "")
+    assert state == LibraryState()
+    state, result = step(LibraryState(), block, library(), thresholds=[THRESHOLD], final_stage=False)
+    assert (result.edv_status, result.forecasts[0].status) == ("not_final_stage", "not_final_stage")
+    assert (result.library, result.prior) == (library().hash, "toy lives")
+    assert state == LibraryState()
+
+
+def test_a_horizon_is_said_with_the_values() -> None:
+    _, results = follow(blocks_of(toy_life(2007))[:8], library(), LibrarySettings(horizon=60.0))
+    assert results[-1].forecasts[0].status == LibraryStatus.BEYOND_HORIZON
+    assert results[-1].forecasts[0].tt > 60.0
+
+
+def test_wrong_questions_raise() -> None:
+    block = blocks_of(toy_life(2007))[0]
+    with pytest.raises(
+        ValueError, match=r"threshold_mm2 0\.04 is not in the library, which was fitted for 0\.03, 0\.05"
+    ):
+        step(LibraryState(), block, library(), thresholds=[4e-8])
+    with pytest.raises(ValueError, match="features must be one of rms"):
+        step(LibraryState(), block, library(), LibrarySettings(features="peak"), thresholds=[THRESHOLD])
+    wrong: dict[str, Any]
+    for wrong in ({"interval": 1.0}, {"window": 0.0}, {"horizon": 0.0}, {"min_points": 0}, {"neighbours": 1}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            LibrarySettings(**wrong)
+    with pytest.raises(ValueError, match="at least 10 must reach the largest threshold"):
+        fit_library(toy_lives(5), thresholds=[THRESHOLD], interval=INTERVAL, prior="", made_of={})
+    with pytest.raises(ValueError, match="thresholds must be one or more positive volumes"):
+        fit_library(toy_lives(20), thresholds=[], interval=INTERVAL, prior="", made_of={})
+
+
+def test_a_library_comes_back_from_its_file_as_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "toy.npz"
+    save_library(library(), path)
+    again = load_library(path)
+    assert again.hash == library().hash
+    assert again.prior == "toy lives"
+    assert again.scores == library().scores
+    blocks = blocks_of(toy_life(2008))
+    assert repr(follow(blocks, again)[1]) == repr(follow(blocks, library())[1])
+    assert [p.name for p in path.parent.iterdir()] == ["toy.npz"]
+
+
+def test_equal_fits_have_equal_hashes_and_others_do_not() -> None:
+    def make(seed: int) -> str:
+        lives = toy_lives(20)
+        chosen = replace(QUICK, seed=seed, columns=10)
+        return fit_library(lives, thresholds=[THRESHOLD], interval=INTERVAL, prior="", made_of={}, settings=chosen).hash
+
+    assert make(1) == make(1) != make(2)
+
+
+def test_files_that_are_no_library_are_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "x.npz"
+    with pytest.raises(LibraryError, match=r"x\.npz: no such library"):
+        load_library(path)
+    path.write_text("not an archive")
+    with pytest.raises(LibraryError, match=r"x\.npz: not a readable \.npz"):
+        load_library(path)
+    np.savez(path, a=np.zeros(3))
+    with pytest.raises(LibraryError, match=r"x\.npz: has no header"):
+        load_library(path)
+    np.savez(path, header=np.array(json.dumps({"kind": "other", "schema_version": 1})))
+    with pytest.raises(LibraryError, match="got 'other' of version 1"):
+        load_library(path)
+    np.savez(path, header=np.array([{}], dtype=object), allow_pickle=True)
+    with pytest.raises(LibraryError, match=r"x\.npz: not a readable \.npz"):
+        load_library(path)
+
+
+def test_a_library_that_was_tampered_with_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "toy.npz"
+    save_library(library(), path)
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    arrays["rms/shift"] = arrays["rms/shift"] + 0.1
+    np.savez(path, **arrays)
+    with pytest.raises(LibraryError, match="its content is not what was written"):
+        load_library(path)
+    del arrays["rms/shift"]
+    np.savez(path, **arrays)
+    with pytest.raises(LibraryError, match="not a usable library"):
+        load_library(path)

@@ -1,0 +1,329 @@
+"""One block through all stages: explicit state, what each gate keeps out, the clock of damage, the choice of a band."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from monitor.health.damage.thesis import edv, forecast
+from monitor.health.damage.tracker import DamageSettings
+from monitor.health.detect import DetectSettings
+from monitor.health.quality import Verdict, with_flags
+from monitor.health.spectrum.votes import ENOUGH_VOTES
+from monitor.health.state import ChannelState, Spectra
+from monitor.health.step import (
+    BlockInfo,
+    ChannelOutput,
+    ChannelSettings,
+    detect_input,
+    judge,
+    step,
+)
+from monitor.records.record import Record
+from monitor.service.recording import block_record
+from streams.block import Block
+from tests.signals import HealthyMachine, bearing_lines, impacts
+
+RATE, N, SPEED = 25600.0, 2560, 27.5
+BEARING, LINES = bearing_lines("PRONOSTIA", SPEED)
+DETECT = DetectSettings(learn_blocks=25, run_in_blocks=5, persist_blocks=4)
+FIRST_BAD = 60
+BANDS = ((500.0, 6000.0),)
+
+
+def map_slice() -> edv.MapSlice:
+    dphi_d, h_d = np.radians(np.linspace(0.0, 50.0, 26)), np.linspace(0.0, 32e-6, 17)
+    rms = 0.2 + 8.0 * (h_d[:, None] / 32e-6) + np.degrees(dphi_d)[None, :] / 25.0
+    return edv.MapSlice(dphi_d, h_d, rms, 0.0229)
+
+
+def base(**changes: object) -> ChannelSettings:
+    settings = ChannelSettings("one", BEARING, bands=BANDS, speed=SPEED, load=4200.0, detect=DETECT, average_blocks=4)
+    return replace(settings, **changes)
+
+
+def life(count: int = 80, seed: int = 0, first_bad: int = FIRST_BAD) -> list[NDArray[np.float32]]:
+    """A healthy machine whose outer race begins to fail, 0.1 s a block."""
+    rng = np.random.default_rng(seed)
+    machine = HealthyMachine.draw(rng, SPEED, LINES.bpfo)
+    blocks = []
+    for i, level in enumerate(machine.levels(rng, count)):
+        x = machine.block(rng, float(level), RATE, N)
+        if i + 1 >= first_bad:
+            height = 4.0 + 1.0 * (i + 1 - first_bad)
+            x += impacts(rng, "outer", LINES, rate=RATE, duration=N / RATE, height=height, noise=0.0)
+        blocks.append(x.astype(np.float32))
+    return blocks
+
+
+def info_of(i: int) -> BlockInfo:
+    return BlockInfo(sequence=i + 1, time=10.0 * i, rate=RATE, duration=N / RATE)
+
+
+def run(
+    blocks: list[NDArray[np.float32]],
+    settings: ChannelSettings,
+    state: ChannelState | None = None,
+    flags: Mapping[int, tuple[str, ...]] | None = None,
+    first: int = 0,
+) -> tuple[ChannelState, list[ChannelOutput]]:
+    state, outputs = state or ChannelState(), []
+    for i, x in enumerate(blocks, start=first):
+        verdict = with_flags(judge(x, state, settings), (flags or {}).get(i, ()))
+        state, output = step(state, x, info_of(i), verdict, settings)
+        outputs.append(output)
+    return state, outputs
+
+
+def record_of(i: int, state: ChannelState, output: ChannelOutput) -> Record:
+    block = Block(np.zeros((1, 1), np.float32), RATE, ("one",), ("m/s2",), "source", i + 1, "block")
+    return block_record(block, "ok", (), "", {"one": (state, output)})
+
+
+DAMAGE = DamageSettings(map_at=lambda load, speed: (map_slice(), None))
+TRACKED = base(damage=DAMAGE)
+
+
+def test_a_life_goes_through_its_stages_and_gets_its_name() -> None:
+    state, outputs = run(life(), TRACKED)
+    assert state.detect.t_fs is not None
+    assert state.detect.t_fs_known is not None
+    assert FIRST_BAD <= state.detect.t_fs.sequence <= FIRST_BAD + 4
+    assert state.detect.t_fs_known.sequence <= FIRST_BAD + 9
+    assert [output.stage for output in outputs[:30]] == ["learning"] * 29 + ["healthy"]
+    assert outputs[-1].stage == "final"
+    assert all(o.naming is None or o.naming.fault is None for o in outputs[: FIRST_BAD - 1])
+    assert state.named is not None
+    assert state.named.fault == "outer"
+
+
+@settings(max_examples=10, deadline=None)
+@given(cuts=st.sets(st.integers(0, 79), max_size=8))
+def test_states_written_as_json_midway_change_nothing(cuts: set[int]) -> None:
+    blocks = life()
+    state = ChannelState()
+    for i, (x, (after, expected)) in enumerate(zip(blocks, _whole(), strict=True)):
+        if i in cuts:
+            state = ChannelState.from_dict(json.loads(json.dumps(state.to_dict(), allow_nan=False)))
+        state, output = step(state, x, info_of(i), judge(x, state, TRACKED), TRACKED)
+        assert record_of(i, state, output).to_json() == record_of(i, after, expected).to_json()
+        assert state.to_dict() == after.to_dict()
+
+
+_kept: list[tuple[ChannelState, ChannelOutput]] = []
+
+
+def _whole() -> list[tuple[ChannelState, ChannelOutput]]:
+    if not _kept:
+        state = ChannelState()
+        for i, x in enumerate(life()):
+            state, output = step(state, x, info_of(i), judge(x, state, TRACKED), TRACKED)
+            _kept.append((state, output))
+    return _kept
+
+
+def test_the_tracker_begins_at_t_fs_though_it_is_known_later() -> None:
+    """Oracle: the tracker and the forecast, fed afterwards with every block from t_fs on."""
+    state, outputs = run(life(), TRACKED)
+    assert state.detect.t_fs is not None
+    assert state.detect.t_fs_known is not None
+    begin, known = state.detect.t_fs.sequence, state.detect.t_fs_known.sequence
+    assert known > begin
+    tracker, forecaster = edv.EdvState(), forecast.ForecastState()
+    result, forecasts = None, ()
+    for i in range(begin - 1, len(outputs)):
+        features = outputs[i].features
+        assert features is not None
+        tracker, result = edv.step(tracker, features.rms, map_slice=map_slice(), settings=DAMAGE.edv, gate=None)
+        forecaster, forecasts = forecast.step(
+            forecaster,
+            10.0 * i,
+            result.v_eq,
+            thresholds=DAMAGE.thresholds,
+            settings=DAMAGE.forecast,
+            final_stage=True,
+        )
+    assert state.damage.edv == tracker
+    assert state.damage.forecast == forecaster
+    found = outputs[-1].damage
+    assert found is not None
+    assert result is not None
+    for name in ("v_eq", "dphi_d", "h_d", "rms_smoothed", "status"):
+        assert getattr(found, name) == getattr(result, name)
+    for issued, expected in zip(outputs[-1].forecasts, forecasts, strict=True):
+        for name in ("threshold", "tt", "t_threshold", "coefficients", "r_squared", "status"):
+            assert repr(getattr(issued, name)) == repr(
+                getattr(expected, name) if name != "status" else str(expected.status)
+            )
+    assert {str(o.damage.status) for o in outputs[: known - 1] if o.damage is not None} == {"not_final_stage"}
+    assert state.damage.pending == ()
+
+
+def test_stopped_blocks_do_not_advance_the_running_time() -> None:
+    blocks = life(50, first_bad=99)
+    for i in range(40, 45):
+        blocks[i] = blocks[i] * np.float32(1e-3)
+    state, outputs = run(blocks, base())
+    assert [i for i, output in enumerate(outputs) if output.verdict.status == "stopped"] == list(range(40, 45))
+    # 49 intervals, of which those to the five stopped blocks and to the first after them do not count.
+    assert state.running_time == pytest.approx(10.0 * (49 - 6))
+    assert outputs[42].detection is not None
+    assert outputs[42].detection.score is None
+    assert outputs[42].naming is None
+
+
+@pytest.mark.parametrize("flag", ["late", "out_of_order", "clock"])
+def test_the_running_time_ignores_blocks_out_of_their_time(flag: str) -> None:
+    blocks = life(30, first_bad=99)
+    state, _ = run(blocks, base(), flags={17: (flag,)})
+    plain, _ = run(blocks, base())
+    assert state.running_time == plain.running_time
+
+
+def test_late_blocks_teach_and_move_nothing() -> None:
+    blocks = life(60, first_bad=99)
+    loud = [*blocks[:45], *[np.float32(30.0) * x for x in blocks[45:55]], *blocks[55:]]
+    flags = dict.fromkeys(range(45, 55), ("late",))
+    state, outputs = run(loud, TRACKED, flags=flags)
+    assert state.detect.t_fs is None
+    assert all(outputs[i].features is not None for i in range(45, 55))
+    without, _ = run(blocks[:45], TRACKED)
+    assert state.detect.baseline == without.detect.baseline
+
+
+def test_without_a_unit_there_is_no_absolute_level() -> None:
+    state, outputs = run(life(), replace(TRACKED, absolute=False))
+    assert state.detect.t_fs is not None
+    assert state.named is not None
+    assert state.named.fault == "outer"
+    assert {str(o.damage.status) for o in outputs if o.damage is not None} == {"no_absolute_level"}
+    assert all(np.isnan(o.damage.v_eq) for o in outputs if o.damage is not None)
+
+
+def test_without_a_map_the_status_says_so() -> None:
+    _, outputs = run(life(), base(damage=DamageSettings()))
+    assert {str(o.damage.status) for o in outputs if o.damage is not None} == {"no_map"}
+    assert len([o for o in outputs if o.damage is not None]) == len(outputs)
+
+
+def test_outside_the_conditions_of_the_map_the_status_says_so() -> None:
+    settings = base(damage=DamageSettings(map_at=lambda load, speed: (None, edv.EdvStatus.OUTSIDE_CONDITIONS)))
+    state, outputs = run(life(), settings)
+    assert outputs[-1].damage is not None
+    assert str(outputs[-1].damage.status) == "outside_conditions"
+    assert state.damage.edv == edv.EdvState()
+
+
+def test_a_channel_that_is_not_tracked_has_no_volume() -> None:
+    _, outputs = run(life(), base())
+    assert all(o.damage is None and o.forecasts == () for o in outputs)
+
+
+def test_clipped_blocks_are_not_inverted_but_count_for_the_end_of_life() -> None:
+    settings = replace(TRACKED, signal_range=300.0, detect=replace(DETECT, end_of_life_peak=250.0))
+    blocks = life()
+    for i in range(76, 79):
+        blocks[i] = blocks[i].copy()
+        blocks[i][100:104] = 300.0
+    state, outputs = run(blocks, settings)
+    assert [outputs[i].verdict.status for i in range(76, 79)] == ["clipped"] * 3
+    damage = [output.damage for output in outputs[76:79]]
+    assert [result and str(result.status) for result in damage] == ["bad_block"] * 3
+    assert state.detect.t_eol is not None
+    assert state.detect.t_eol.sequence == 77
+
+
+def test_a_rejected_block_leaves_the_state_untouched() -> None:
+    blocks = life(40)
+    state, _ = run(blocks, TRACKED)
+    broken = blocks[0].copy()
+    broken[7] = np.nan
+    verdict = judge(broken, state, TRACKED)
+    assert verdict.status == "nan"
+    after, output = step(state, broken, info_of(40), verdict, TRACKED)
+    assert after is state
+    assert output.features is None
+    assert output.stage == state.detect.stage
+
+
+def test_an_unknown_speed_is_refused() -> None:
+    with pytest.raises(ValueError, match="channel 'one': the shaft speed"):
+        step(ChannelState(), life(1)[0], info_of(0), Verdict(), base(speed=None))
+
+
+def test_the_speed_of_the_block_comes_before_that_of_the_configuration() -> None:
+    info = replace(info_of(0), speed=25.0, load=1000.0)
+    _, output = step(ChannelState(), life(1)[0], info, Verdict(), base())
+    assert (output.speed, output.load) == (25.0, 1000.0)
+
+
+def test_the_band_is_chosen_on_the_first_blocks_then_frozen() -> None:
+    settings = base(bands=None, detect=replace(DETECT, run_in_blocks=ENOUGH_VOTES))
+    blocks = life(60)
+    other = [*blocks[:ENOUGH_VOTES], *life(60, seed=9, first_bad=20)[ENOUGH_VOTES:]]
+    state, outputs = run(blocks, settings)
+    changed, _ = run(other, settings)
+    assert [output.band_source for output in outputs] == ["provisional"] * ENOUGH_VOTES + ["learning"] * 40
+    assert len({output.bands for output in outputs[ENOUGH_VOTES:]}) == 1
+    assert state.bands == outputs[-1].bands == changed.bands
+    assert state.votes is None
+    # Spectra of the provisional band are not averaged with those of the chosen one.
+    assert outputs[ENOUGH_VOTES].naming is not None
+    at_choice, _ = run(blocks[: ENOUGH_VOTES + 1], settings)
+    assert at_choice.spectra.count == 1
+
+
+def test_only_blocks_that_run_vote() -> None:
+    settings = base(bands=None)
+    blocks = [np.float32(1e-6) * x for x in life(5)] + life(10)
+    state, outputs = run(blocks, settings)
+    assert [output.verdict.status for output in outputs[:5]] == ["stopped"] * 5
+    assert state.votes is not None
+    assert state.votes.total == 10
+
+
+def test_while_the_band_is_provisional_the_baseline_learns_nothing() -> None:
+    settings = base(bands=None, detect=replace(DETECT, run_in_blocks=0))
+    state, _ = run(life(ENOUGH_VOTES + 3), settings)
+    assert len(state.detect.learned) == 3
+
+
+def test_what_the_detector_takes_is_in_the_features() -> None:
+    _, outputs = run(life(1), base())
+    features = outputs[0].features
+    assert features is not None
+    block = detect_input(features, info_of(0), absolute=False, usable=True)
+    lines = features.lines[0]["outer"]
+    assert block.prominence == pytest.approx(lines.amplitude.sum() / lines.floor.sum())
+    assert (block.rms, block.peak, block.sequence) == (features.rms, None, 1)
+
+
+def test_spectra_of_another_length_start_anew() -> None:
+    rows = Spectra().add((np.ones(50, np.float32),), 4).add((np.ones(50, np.float32),), 4)
+    assert rows.count == 2
+    assert rows.add((np.ones(60, np.float32),), 4).count == 1
+    assert Spectra.from_list(json.loads(json.dumps(rows.to_list()))) == rows
+
+
+def test_a_state_of_another_version_is_refused() -> None:
+    with pytest.raises(ValueError, match="version 2 expected, got 99"):
+        ChannelState.from_dict({**ChannelState().to_dict(), "version": 99})
+
+
+def test_a_state_of_version_1_is_read() -> None:
+    """It kept tracker, forecast and waiting blocks side by side, the latter by time and RMS only."""
+    state, _ = run(life(), TRACKED)
+    new = state.to_dict()
+    damage = new.pop("damage")
+    old = {**new, "version": 1, "edv": damage["edv"], "forecast": damage["forecast"], "pending": [[5.0, 0.25]]}
+    read = ChannelState.from_dict(json.loads(json.dumps(old)))
+    assert read.damage.edv == state.damage.edv
+    assert read.damage.forecast == state.damage.forecast
+    assert [(item.time, item.rms, item.harmonics) for item in read.damage.pending] == [(5.0, 0.25, None)]

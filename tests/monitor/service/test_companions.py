@@ -1,0 +1,150 @@
+"""What goes on beside the daemon: a page that crashes, is killed or comes back is the page's problem alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from monitor.config.load import load_config
+from monitor.records.store import Store
+from monitor.service.companions import Companions
+from tests.faults.daemons import make_machine, start, status, wait_for
+from tests.monitor.service.test_daemon import last, put, running
+
+
+def with_page(folder: Path) -> Path:
+    path = make_machine(folder)
+    path.write_text(path.read_text().replace("[web]\nenabled = false\n", "[web]\nport = 0\n"))
+    return path
+
+
+def answers(url: str) -> bool:
+    with urllib.request.urlopen(f"{url}api/machines", timeout=10.0) as response:
+        return response.status == 200
+
+
+def test_a_page_that_crashes_is_a_problem_and_stops_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = with_page(tmp_path)
+    with monkeypatch.context() as broken:
+        broken.setattr("monitor.service.page._ENTRY", "sys:exit")
+        with running(config, path=config):
+            wait_for(lambda: "page" in status(config)["problems"])
+            put(config, 1)
+            wait_for(lambda: status(config)["blocks"] == 2)
+            assert status(config)["page"] is None
+            assert status(config)["status"] == "degraded"
+    assert last(config) == 2
+
+
+def test_without_a_page_none_is_started(tmp_path: Path) -> None:
+    config = load_config(make_machine(tmp_path))
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        companions = Companions(config, store, tmp_path / "m.toml")
+        companions.tick(room=False)
+        assert (companions.url, companions.problems()) == (None, {})
+        companions.end(room=False)
+        companions.close()
+
+
+@pytest.mark.timeout(120)
+def test_the_page_of_a_daemon_answers_is_started_again_and_ends_with_it(tmp_path: Path) -> None:
+    config = with_page(tmp_path)
+    daemon = start(config, "--quiet")
+    try:
+        wait_for(lambda: status(config).get("page") is not None)
+        assert answers(status(config)["page"])
+        (child,) = pages_of(daemon.pid)
+        os.kill(child, signal.SIGKILL)
+        wait_for(lambda: "page" in status(config)["problems"])
+        put(config, 1)
+        wait_for(lambda: last(config) == 2)
+        wait_for(lambda: status(config)["page"] is not None and status(config)["problems"] == {})
+        assert answers(status(config)["page"])
+        (child,) = pages_of(daemon.pid)
+        began = time.monotonic()
+        daemon.send_signal(signal.SIGTERM)
+        _, said = daemon.communicate(timeout=20)
+        assert daemon.returncode == 0, said
+        assert time.monotonic() - began < 5.0
+        assert status(config)["page"] is None
+        wait_for(lambda: not Path(f"/proc/{child}").exists())
+    finally:
+        daemon.kill()
+        daemon.communicate()
+
+
+@pytest.mark.timeout(120)
+def test_the_page_does_not_outlive_a_daemon_that_is_killed(tmp_path: Path) -> None:
+    config = with_page(tmp_path)
+    daemon = start(config, "--quiet")
+    wait_for(lambda: status(config).get("page") is not None)
+    (child,) = pages_of(daemon.pid)
+    daemon.kill()
+    daemon.communicate()
+    wait_for(lambda: not alive(child))
+
+
+@pytest.mark.timeout(120)
+def test_what_is_acknowledged_on_the_page_lets_the_alarm_go_and_open_pages_do_not_delay_the_stop(
+    tmp_path: Path,
+) -> None:
+    config = with_page(tmp_path)
+    level = '[[alarms.level]]\nfeature = "rms"\nalert_g = 0.001\non_delay_blocks = 1\nlatch = true\n'
+    config.write_text(config.read_text() + level)
+    put(config, 1)
+    daemon = start(config, "--quiet")
+    try:
+        wait_for(lambda: status(config).get("page") is not None and status(config)["unacknowledged"] == 1)
+        assert status(config)["channels"]["x0"]["alarms"][0]["latched"]
+        page = status(config)["page"]
+        token = (tmp_path / "state" / "web.token").read_text().strip()
+        with urllib.request.urlopen(f"{page}api/events", timeout=10.0) as response:
+            (event,) = [event for event in json.load(response)["events"] if event["open"]]
+        request = urllib.request.Request(
+            f"{page}api/events/{event['id']}/acknowledge",
+            data=json.dumps({"who": "Ada", "note": "seen"}).encode(),
+            headers={"Authorization": f"Bearer {token}", "Content-Type": "application/json"},
+        )
+        with urllib.request.urlopen(request, timeout=10.0) as response:
+            assert response.status == 200
+        wait_for(lambda: status(config)["unacknowledged"] == 0)
+        wait_for(lambda: not status(config)["channels"]["x0"]["alarms"][0]["latched"])
+        put(config, 2)
+        wait_for(lambda: last(config) == 4)
+        with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
+            events = [(event["kind"], event["block"]) for event in store.events()]
+        assert events == [("alarm_raised", 1), ("alarm_released", 3)]
+        with urllib.request.urlopen(f"{page}api/stream", timeout=10.0) as stream:
+            assert stream.readline()
+            began = time.monotonic()
+            daemon.send_signal(signal.SIGTERM)
+            _, said = daemon.communicate(timeout=20)
+            assert time.monotonic() - began < 5.0
+        assert daemon.returncode == 0, said
+    finally:
+        daemon.kill()
+        daemon.communicate()
+
+
+def pages_of(pid: int) -> list[int]:
+    """Return the children of a process that serve a page."""
+    found = []
+    for number in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        command = Path(f"/proc/{number}/cmdline").read_bytes()
+        if b"monitor.web" in command:
+            found.append(int(number))
+    return found
+
+
+def alive(pid: int) -> bool:
+    """Return whether a process runs; one that nobody has waited for does not."""
+    try:
+        return ") Z " not in Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False

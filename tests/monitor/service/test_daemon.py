@@ -1,0 +1,385 @@
+"""The daemon in this process: what it says of itself; full disks, lost files and noisy neighbours end nothing."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import xarray as xr
+
+from monitor.config.load import ConfigError, load_config
+from monitor.records.events import EventLog
+from monitor.records.record import Record
+from monitor.records.store import Store, StoreError
+from monitor.service.daemon import Daemon
+from monitor.service.disk import DiskGuard, free_bytes
+from monitor.service.publisher import Publisher
+from monitor.service.standing import channel_state
+from monitor.service.status_file import StatusFile, read_status
+from monitor.service.systemd import Notifier
+from tests.faults.daemons import make_machine, status, wait_for
+from tests.streams.folders import csv_bytes, noise
+
+DAY = 86400.0
+
+
+@contextmanager
+def running(config: Path, **injected: Any) -> Iterator[Daemon]:
+    """Run a daemon in a thread until the end of the block; it must end in order."""
+    stop, failures = threading.Event(), []
+    daemon = Daemon(load_config(config), **injected)
+
+    def run() -> None:
+        try:
+            daemon.run(stop)
+        except Exception as error:
+            failures.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        wait_for(lambda: failures or status(config).get("status") in ("running", "degraded"))
+        assert not failures
+        yield daemon
+    finally:
+        stop.set()
+        thread.join(10.0)
+    assert not thread.is_alive()
+    assert failures == []
+
+
+def put(config: Path, number: int, source: int = 0) -> None:
+    """Give a source a file of two blocks."""
+    path = config.parent / f"in{source}" / f"f{number:04d}.csv"
+    path.with_suffix(".tmp").write_bytes(csv_bytes(noise(512, 1000 * source + number)))
+    path.with_suffix(".tmp").rename(path)
+
+
+def last(config: Path, source: str = "s0") -> int:
+    with Store.open(config.parent / "state" / "state.db", read_only=True) as store:
+        return store.last(source)
+
+
+def test_it_says_what_it_does_until_it_stops(tmp_path: Path) -> None:
+    config = make_machine(tmp_path, sources=2)
+    put(config, 1)
+    with running(config):
+        wait_for(lambda: status(config)["sources"]["s0"]["accepted"] == 1 and status(config)["blocks"] == 2)
+        found = read_status(tmp_path / "state")
+        with pytest.raises(StoreError, match="another daemon is running"):
+            StatusFile.open(tmp_path / "state")
+    assert found["running"]
+    assert (found["status"], found["problems"], found["machine"]) == ("running", {}, "m")
+    assert found["sources"]["s0"] == {"offered": 1, "accepted": 1, "rejected": 0, "pending": 0, "oldest_age_s": 0.0}
+    first, second = found["channels"]["x0"], found["channels"]["x1"]
+    assert (first["stage"], first["last_block"], first["last_block_status"]) == ("learning", 2, "ok")
+    assert (first["state"], second["state"]) == ("check_function", "check_function")
+    assert second["last_block"] is None
+    after = read_status(tmp_path / "state")
+    assert (after["running"], after["status"]) == (False, "stopped")
+    with xr.open_dataset(tmp_path / "records" / "m-undated.nc") as dataset:
+        assert dataset.sizes["time"] == 2
+        assert dataset.attrs["config_hash"] == load_config(config).hash
+
+
+def test_a_restart_knows_what_was_and_goes_on(tmp_path: Path) -> None:
+    config = make_machine(tmp_path)
+    put(config, 1)
+    with running(config):
+        wait_for(lambda: status(config)["blocks"] == 2)
+    with running(config):
+        wait_for(lambda: status(config)["status"] == "running")
+        assert status(config)["channels"]["x0"]["last_block"] == 2
+        assert status(config)["sources"]["s0"]["accepted"] == 1
+        put(config, 2)
+        wait_for(lambda: last(config) == 4)
+    assert status(config)["blocks"] == 2
+    with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
+        assert store.rows("SELECT count(*), max(run) FROM runs JOIN blocks ON run = runs.id") == [(4, 1)]
+        assert store.rows("SELECT count(*) FROM runs") == [(1,)]
+
+
+def test_without_room_on_the_disk_nothing_is_taken_until_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("monitor.service.disk._EVERY", 0.05)
+    config = make_machine(tmp_path)
+    free = [10**9]
+    put(config, 1)
+    with running(config, free=lambda _: free[0]):
+        wait_for(lambda: last(config) == 2)
+        free[0] = 1000
+        wait_for(lambda: status(config)["status"] == "degraded")
+        assert "nearly full" in status(config)["problems"]["disk"]
+        put(config, 2)
+        time.sleep(1.5)
+        assert last(config) == 2
+        free[0] = 10**9
+        wait_for(lambda: last(config) == 4)
+        wait_for(lambda: status(config)["status"] == "running")
+        assert status(config)["problems"] == {}
+
+
+def test_a_store_that_cannot_commit_ends_nothing_and_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.service.ingest._RETRY", 0.05)
+    config, full = make_machine(tmp_path), threading.Event()
+    commit = Store.commit
+
+    def fails(store: Store, *values: Any) -> object:
+        if full.is_set():
+            raise StoreError("state.db: database or disk is full")
+        return commit(store, *values)
+
+    monkeypatch.setattr(Store, "commit", fails)
+    full.set()
+    put(config, 1)
+    with running(config):
+        wait_for(lambda: status(config).get("status") == "degraded")
+        assert status(config)["problems"]["store"] == "state.db: database or disk is full"
+        wait_for(lambda: status(config)["sources"]["s0"]["oldest_age_s"] > 0.5)
+        assert status(config)["sources"]["s0"]["pending"] == 1
+        full.clear()
+        wait_for(lambda: last(config) == 2)
+        wait_for(lambda: status(config)["status"] == "running")
+
+
+def test_it_stops_in_order_while_the_store_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(store: Store, *values: Any) -> object:
+        raise StoreError("state.db: database or disk is full")
+
+    monkeypatch.setattr(Store, "commit", fails)
+    config = make_machine(tmp_path)
+    put(config, 1)
+    with running(config):
+        wait_for(lambda: status(config)["problems"])
+        began = time.monotonic()
+    assert time.monotonic() - began < 5.0
+    assert status(config)["status"] == "stopped"
+
+
+def test_silence_and_rejections_are_no_health(tmp_path: Path) -> None:
+    config, late = make_machine(tmp_path), [0.0]
+    with running(config, monotonic=lambda: time.monotonic() + late[0]):
+        wait_for(lambda: status(config).get("channels"))
+        assert status(config)["channels"]["x0"]["state"] == "check_function"
+        late[0] = 601.0
+        wait_for(lambda: status(config)["channels"]["x0"]["state"] == "no_data")
+        put(config, 1)
+        wait_for(lambda: status(config)["channels"]["x0"]["state"] == "check_function")
+        (tmp_path / "in0" / "f9.csv").write_bytes(b"1.0\nwords\n")
+        wait_for(lambda: status(config)["channels"]["x0"]["state"] == "bad_data")
+        assert "rejected: unreadable" in status(config)["channels"]["x0"]["reason"]
+    assert status(config)["state"] == "bad_data"
+
+
+def test_publishing_that_fails_is_shown_and_stops_nothing(tmp_path: Path) -> None:
+    config = make_machine(tmp_path)
+    (tmp_path / "records").write_bytes(b"")
+    put(config, 1)
+    with running(config):
+        wait_for(lambda: "publisher" in status(config)["problems"])
+        put(config, 2)
+        wait_for(lambda: last(config) == 4)
+        (tmp_path / "records").unlink()
+        wait_for(lambda: (tmp_path / "records" / "m-undated.nc").exists())
+        wait_for(lambda: status(config)["status"] == "running")
+
+
+def test_a_source_that_cannot_be_opened_is_refused_and_leaves_no_lock(tmp_path: Path) -> None:
+    config = make_machine(tmp_path)
+    (tmp_path / "in0").rmdir()
+    (tmp_path / "in0").write_bytes(b"")
+    with pytest.raises(ConfigError, match="expected a folder"):
+        Daemon(load_config(config)).run(threading.Event())
+    assert read_status(tmp_path / "state") == {"running": False, "status": "never_ran"}
+
+
+def test_a_damaged_store_is_saved_as_far_as_it_can_be_and_the_daemon_goes_on(tmp_path: Path) -> None:
+    config = make_machine(tmp_path)
+    for number in range(20):
+        put(config, number)
+    with running(config):
+        wait_for(lambda: last(config) == 40)
+    database = tmp_path / "state" / "state.db"
+    with Store.open(database, read_only=True) as store:
+        before = {found.sequence: found for found in store.records()}
+    data = bytearray(database.read_bytes())
+    data[len(data) // 2 : len(data) // 2 + 4096] = bytes(4096)
+    database.write_bytes(data)
+    with running(config):
+        put(config, 100)
+        wait_for(lambda: status(config)["blocks"] == 2)
+        wait_for(lambda: status(config)["unacknowledged"] == 1)
+    assert list(database.parent.glob("state.db.corrupt-*"))
+    with EventLog(database) as log:
+        (notice,) = log.notices()
+        assert notice.body["kind"] == "store_salvaged"
+    with Store.open(database, read_only=True) as store:
+        after = {found.sequence: found for found in store.records()}
+        assert store.check() == []
+    assert sorted(after) == list(range(1, 43))
+    same = [number for number, found in before.items() if after[number] == found]
+    assert len(same) == notice.body["saved"] >= 1
+
+
+def record(sequence: int, when: float) -> Record:
+    return Record("s", sequence, f"b{sequence}", str(sequence), "ok", time=when, elapsed=0.0)
+
+
+def days_of(folder: Path) -> dict[str, int]:
+    found = {}
+    for path in sorted(folder.glob("*.nc")):
+        with xr.open_dataset(path) as dataset:
+            found[path.name] = dataset.sizes["time"]
+    return found
+
+
+def test_the_publisher_mends_what_is_lost_and_comes_back_when_killed(tmp_path: Path) -> None:
+    files = tmp_path / "records"
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        for sequence, when in ((1, 10.0 * DAY), (2, 11.0 * DAY)):
+            store.commit(record(sequence, when), {})
+        publisher = Publisher(store, files)
+        try:
+            assert publisher.finish(30.0)
+            assert days_of(files) == {"m-19700111.nc": 1, "m-19700112.nc": 1}
+            kept = (files / "m-19700112.nc").stat().st_ino
+            # A late record falls into a closed day; the other day is left alone.
+            store.commit(record(3, 10.5 * DAY), {})
+            publisher.changed()
+            assert publisher.finish(30.0)
+            assert days_of(files) == {"m-19700111.nc": 2, "m-19700112.nc": 1}
+            assert (files / "m-19700112.nc").stat().st_ino == kept
+            (files / "m-19700112.nc").write_bytes(b"damaged")
+            (files / "m-19700111.nc").unlink()
+            publisher.changed()
+            assert publisher.finish(30.0)
+            assert days_of(files) == {"m-19700111.nc": 2, "m-19700112.nc": 1}
+            child = vars(publisher)["_child"]
+            child.kill()
+            child.wait()
+            store.commit(record(4, 11.5 * DAY), {})
+            publisher.changed()
+            assert not publisher.finish(30.0)
+            assert publisher.problem is not None
+            assert publisher.finish(30.0)
+            assert publisher.problem is None
+            assert days_of(files) == {"m-19700111.nc": 2, "m-19700112.nc": 2}
+        finally:
+            publisher.close()
+        assert publisher.pid is None
+
+
+def test_the_publisher_asks_only_when_something_changed(tmp_path: Path) -> None:
+    now = [0.0]
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        publisher = Publisher(store, tmp_path / "records", every=60.0, monotonic=lambda: now[0])
+        try:
+            assert publisher.finish(30.0)
+            now[0] = 59.0
+            publisher.changed()
+            publisher.tick()
+            assert not publisher.busy
+            now[0] = 61.0
+            publisher.tick()
+            assert publisher.busy
+            assert publisher.finish(30.0)
+            now[0] = 1e3
+            publisher.tick()
+            assert not publisher.busy
+        finally:
+            publisher.close()
+
+
+def test_the_disk_guard_waits_for_a_quarter_more(tmp_path: Path) -> None:
+    free: list[int | OSError] = [1000]
+
+    def look(folder: Path) -> int:
+        if isinstance(free[0], OSError):
+            raise free[0]
+        return free[0]
+
+    guard = DiskGuard(tmp_path, look, least=1000)
+    assert guard.check(0.0)
+    free[0] = 999
+    assert guard.check(1.0)
+    assert not guard.check(5.0)
+    free[0] = 1249
+    assert not guard.check(10.0)
+    free[0] = 1250
+    assert guard.check(15.0)
+    free[0] = OSError(5, "Input/output error")
+    assert not guard.check(20.0)
+    assert guard.problem == f"{tmp_path}: cannot be looked at (Input/output error)"
+    assert free_bytes(tmp_path) > 0
+
+
+def test_systemd_is_told(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(5.0)
+        notifier = Notifier({"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "4000000"})
+        notifier.tell("READY=1", "STATUS=watching s")
+        assert manager.recv(100) == b"READY=1\nSTATUS=watching s"
+        for now in (0.0, 0.5, 1.0, 1.9):
+            notifier.alive(now)
+        assert [manager.recv(100) for _ in range(2)] == [b"WATCHDOG=1"] * 2
+        manager.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            manager.recv(100)
+    notifier.tell("STOPPING=1")
+    Notifier({}).tell("READY=1")
+
+
+def test_what_is_not_known_to_be_well_is_not_called_normal() -> None:
+    silent, refused = "no block for 61 s", "block 3 was rejected: nan"
+    assert channel_state("normal") == ("normal", "healthy")
+    assert channel_state("normal", silent=silent, refused=refused) == ("no_data", silent)
+    assert channel_state("normal", refused=refused) == ("bad_data", refused)
+    assert channel_state("maintenance_required", silent=silent)[0] == "no_data"
+    assert channel_state("out_of_specification", refused=refused)[0] == "bad_data"
+    assert channel_state("failure", silent=silent, refused=refused)[0] == "failure"
+    alert = {"rule": "loud", "severity": "alert", "active": True, "since_block": 5}
+    assert channel_state("maintenance_required", [alert])[1] == "alert of loud since block 5"
+    final, end = "the final stage has begun", "the end of life was reached"
+    assert channel_state("maintenance_required", stage="final") == ("maintenance_required", final)
+    assert channel_state("maintenance_required", [alert], stage="final")[1] == f"{final}; alert of loud since block 5"
+    assert channel_state("failure", [alert], stage="end_of_life") == ("failure", end)
+    held = {**alert, "severity": "danger", "active": False}
+    assert channel_state("failure", [held, alert])[1].endswith("block 5, which is over and waits to be acknowledged")
+    assert channel_state("bad_data", [alert]) == ("bad_data", "too many blocks are rejected or flagged")
+
+
+def test_a_status_file_that_is_damaged_is_as_none(tmp_path: Path) -> None:
+    (tmp_path / "status.json").write_text("[1")
+    assert read_status(tmp_path) == {"running": False, "status": "never_ran"}
+    with StatusFile.open(tmp_path) as file:
+        assert read_status(tmp_path) == {"running": True, "status": "starting"}
+        file.write({"status": "running", "pid": 1})
+        assert json.loads((tmp_path / "status.json").read_text()) == {"status": "running", "pid": 1}
+    assert read_status(tmp_path) == {"running": False, "status": "died", "pid": 1}
+
+
+@pytest.mark.parametrize("error", [OverflowError("date value out of range"), PermissionError(13, "Permission denied")])
+def test_a_status_that_cannot_be_written_ends_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def fails(*_: Any) -> None:
+        raise error
+
+    config = make_machine(tmp_path)
+    with running(config):
+        with monkeypatch.context() as broken:
+            broken.setattr(StatusFile, "write", fails)
+            said = status(config)["updated_utc"]
+            put(config, 1)
+            wait_for(lambda: last(config) == 2)
+            assert status(config)["updated_utc"] == said
+        wait_for(lambda: status(config)["blocks"] == 2)

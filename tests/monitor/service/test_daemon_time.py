@@ -1,0 +1,182 @@
+"""Clocks that jump, summer time that comes and goes, stamps that repeat: flagged, stored as stated; no timer moves."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.health.detect import Mark
+from monitor.records.ledger import StoreLedger
+from monitor.records.record import Record
+from monitor.records.store import Store
+from monitor.service.ingest import Ingest
+from monitor.service.summary import channel_summary
+from tests.effort import effort_count
+from tests.faults.daemons import make_machine, status, wait_for
+from tests.monitor.service.test_daemon import last, put, running
+from tests.monitor.service.test_ingest import Queue, block, ingest_of, steps
+from tests.streams.makers import ims_text
+
+NOW = 1.7e9
+LOCAL = """
+[machine]
+name = "m"
+min_free_mb = 1
+timezone = "Europe/Rome"
+[publish]
+interval_s = 0.3
+[[bearing]]
+name = "b"
+designation = "ZA-2115"
+[[source]]
+name = "s0"
+url = "folder:in0"
+format = "ims"
+settle_s = 0.2
+block_s = "file"
+[[channel]]
+name = "x0"
+source = "s0"
+column = 1
+unit = "g"
+bearing = "b"
+band_hz = [[1000, 9000]]
+"""
+
+
+def judged(folder: Path, times: Sequence[float], clock: Sequence[float]) -> list[Record]:
+    """Take blocks with these stamps, the computer's clock showing those times as each comes."""
+    shown = iter(clock)
+    blocks = [replace(block(number), start=when) for number, when in enumerate(times, 1)]
+    with Store.open(folder / "state.db", machine="m") as store, StoreLedger(store) as ledger:
+        source = Queue(store, list(blocks))
+        with ingest_of(store, source) as base:
+            watchers = base.watchers
+        with Ingest(store, ledger, [source], watchers, clock=lambda: next(shown)) as ingest:
+            steps(ingest, len(blocks))
+        return list(store.records())
+
+
+def flagged(records: list[Record]) -> list[bool]:
+    return ["clock" in record.flags for record in records]
+
+
+def test_stamps_that_repeat_or_lie_ahead_are_flagged_and_kept_as_they_are(tmp_path: Path) -> None:
+    times = [NOW, NOW + 1, NOW + 1, NOW + 2, NOW + 2 + 61, NOW + 3, 0.0, NOW + 4]
+    records = judged(tmp_path, times, [NOW + 2] * len(times))
+    assert flagged(records) == [False, False, True, False, True, False, True, False]
+    assert [record.time for record in records] == times
+
+
+def test_a_jump_of_the_computers_clock_flags_what_seems_to_lie_ahead_and_is_over_with_it(tmp_path: Path) -> None:
+    times = [NOW + k for k in range(8)]
+    # Set to 1970 as by an empty battery, then an hour ahead, then right.
+    clock = [NOW, NOW + 1, 0.0, 1.0, NOW + 3604, NOW + 3605, NOW + 6, NOW + 7]
+    records = judged(tmp_path, times, clock)
+    assert flagged(records) == [False, False, True, True, False, False, False, False]
+    assert [record.time for record in records] == times
+
+
+@settings(max_examples=effort_count(quick=30, full=1000), deadline=None)
+@given(
+    stamps=st.lists(st.floats(-1e10, 1e11, allow_nan=False), min_size=1, max_size=12),
+    clock=st.lists(st.floats(-1e10, 1e11, allow_nan=False), min_size=12, max_size=12),
+)
+def test_no_stamp_and_no_clock_loses_a_block(
+    tmp_path_factory: pytest.TempPathFactory, stamps: list[float], clock: list[float]
+) -> None:
+    records = judged(tmp_path_factory.mktemp("t"), stamps, clock)
+    assert [record.time for record in records] == stamps
+    assert all(record.accepted for record in records)
+    newest: float | None = None
+    for record, now in zip(records, clock, strict=False):
+        assert record.time is not None
+        believed = 315532800.0 <= record.time <= now + 60.0 and (newest is None or record.time > newest)
+        assert ("clock" in record.flags) is not believed
+        newest = record.time if believed else newest
+
+
+def local_files(folder: Path, names: Sequence[str]) -> list[Record]:
+    """Have a daemon take files with local times in their names, one after the other; return the records."""
+    (folder / "in0").mkdir()
+    path = folder / "m.toml"
+    path.write_text(LOCAL)
+    lines = ims_text(4).splitlines(keepends=True)
+    with running(path, clock=lambda: datetime(2026, 12, 1, tzinfo=UTC).timestamp()):
+        for number, name in enumerate(names, 1):
+            temporary = folder / "in0" / f".{name}"
+            temporary.write_bytes(b"".join(lines[number:] + lines[:number]))
+            temporary.rename(folder / "in0" / name)
+            wait_for(lambda count=number: last(path) == count)
+    with Store.open(folder / "state" / "state.db", read_only=True) as store:
+        return list(store.records())
+
+
+def minutes(start: datetime, *after: int) -> list[float]:
+    return [(start + timedelta(minutes=minute)).timestamp() for minute in after]
+
+
+def test_in_spring_local_times_go_on_without_a_gap(tmp_path: Path) -> None:
+    # At 2 o'clock it is 3 o'clock, which is 1 o'clock UTC.
+    names = ["01.30", "01.40", "01.50", "03.00", "03.10"]
+    records = local_files(tmp_path, [f"2026.03.29.{name}.00" for name in names])
+    assert [record.time for record in records] == minutes(datetime(2026, 3, 29, 0, 30, tzinfo=UTC), 0, 10, 20, 30, 40)
+    assert [record.flags for record in records] == [()] * 5
+    with xr.open_dataset(tmp_path / "records" / "m-20260329.nc") as day:
+        assert day.sizes["time"] == 5
+
+
+def test_in_autumn_the_hour_that_comes_twice_is_flagged_and_nothing_is_lost(tmp_path: Path) -> None:
+    # At 3 o'clock it is 2 o'clock again: what is named 02.15 then is taken for the first 02.15, before 02.50.
+    names = ["02.30", "02.40", "02.50", "02.15", "02.25", "02.55", "03.05"]
+    records = local_files(tmp_path, [f"2026.10.25.{name}.00" for name in names])
+    start = datetime(2026, 10, 25, 0, 30, tzinfo=UTC)
+    assert [record.time for record in records] == minutes(start, 0, 10, 20, -15, -5, 25, 95)
+    assert [record.accepted for record in records] == [True] * 7
+    late = [bool({"clock", "late"} & set(record.flags)) for record in records]
+    assert late == [False, False, False, True, True, False, False]
+    assert "gap" in records[-1].flags
+    with xr.open_dataset(tmp_path / "records" / "m-20261025.nc") as day:
+        assert day.sizes["time"] == 7
+        assert (day.time.values[1:] > day.time.values[:-1]).all()
+
+
+def test_setting_the_clock_moves_no_timer_of_a_daemon(tmp_path: Path) -> None:
+    config, shown = make_machine(tmp_path), [NOW]
+    with running(config, clock=lambda: shown[0]):
+        put(config, 1)
+        wait_for(lambda: last(config) == 2)
+        for number, moved in enumerate((NOW - 1e8, NOW + 1e8, 0.0), 2):
+            shown[0] = moved
+            put(config, number)
+            wait_for(lambda blocks=2 * number: last(config) == blocks)
+            written = datetime.fromtimestamp(moved, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+            wait_for(lambda text=written: status(config)["updated_utc"] == text)
+            assert status(config)["problems"] == {}
+            assert status(config)["channels"]["x0"]["state"] == "check_function"
+        assert 0.0 < status(config)["up_s"] < 120.0
+        published = tmp_path / "records" / "m-undated.nc"
+        wait_for(lambda: published.exists())
+        time.sleep(0.1)
+    with xr.open_dataset(published) as day:
+        assert day.sizes["time"] == 8
+
+
+def test_a_final_stage_at_a_time_that_no_calendar_has_is_shown_without_it(tmp_path: Path) -> None:
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        with ingest_of(store, Queue(store, [replace(block(1), start=1e15)])) as ingest:
+            steps(ingest, 1)
+            watcher = ingest.watchers["s"]
+        mark = Mark(1, 1e15)
+        state = watcher.channel("x")
+        vars(watcher)["_states"]["x"] = replace(state, detect=replace(state.detect, t_fs=mark, t_fs_known=mark))
+        found = channel_summary(watcher, "x")
+    assert (found["t_fs_block"], found["t_fs_utc"]) == (1, None)

@@ -1,0 +1,231 @@
+"""From a live source to the store: committed first, then acknowledged; nothing judged twice; nothing stops it."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import pytest
+
+from monitor.config.load import ConfigError
+from monitor.records.ledger import SALVAGED_UP_TO, StoreLedger
+from monitor.records.store import Store, StoreError
+from monitor.service.ingest import Ingest
+from monitor.service.setup import channel_setups
+from monitor.service.watcher import Watcher
+from streams.block import Block, Rejected
+from streams.ledger import FileProgress, Ledger
+from streams.live import Backlog, Delivery, LiveSource
+from tests.faults.test_folder_kill import config
+
+RATE = 2560.0
+
+
+def block(sequence: int, seed: int | None = None, channel: str = "x", source: str = "s") -> Block:
+    samples = np.random.default_rng(sequence if seed is None else seed).normal(size=(1, 256))
+    return Block(samples, RATE, (channel,), ("g",), source, sequence, f"b{sequence}", content_hash=str(samples[0, 0]))
+
+
+class Queue:
+    """A live source that gives what it is told to, and keeps what is not acknowledged."""
+
+    def __init__(self, store: Store, items: list[Block | Rejected], name: str = "s") -> None:
+        self.name = name
+        self.store = store
+        self.waiting = deque(Delivery(item, progress=self.progress(item)) for item in items)
+        self.acknowledged: list[int] = []
+        self.out: Delivery | None = None
+        self.closed = False
+
+    def progress(self, item: Block | Rejected) -> tuple[FileProgress, ...]:
+        return (FileProgress(f"{item.name}.csv", 1, 2, 3, verdict="accepted"),)
+
+    def open(self, ledger: Ledger) -> None:
+        pass
+
+    def next(self, timeout: float) -> Delivery | None:
+        self.out = self.waiting.popleft() if self.waiting else None
+        return self.out
+
+    def acknowledge(self, delivery: Delivery) -> None:
+        assert delivery is self.out
+        assert self.store.record(delivery.item.source, delivery.item.sequence) is not None
+        self.acknowledged.append(delivery.item.sequence)
+
+    def backlog(self) -> Backlog:
+        return Backlog(0, 0, 0, len(self.waiting), 0.0)
+
+    def problem(self) -> str | None:
+        return None if self.waiting else "dry"
+
+    def close(self) -> None:
+        self.closed = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    with Store.open(tmp_path / "state.db", machine="m") as found:
+        yield found
+
+
+def watcher(name: str = "s") -> Watcher:
+    machine = config("nowhere")
+    return Watcher(name, channel_setups(machine, machine.source[0]), RATE)
+
+
+def ingest_of(store: Store, *sources: Queue) -> Ingest:
+    names = {source.name for source in sources}
+    return Ingest(store, StoreLedger(store), sources, {name: watcher(name) for name in names}, clock=lambda: 1.7e9)
+
+
+def steps(ingest: Ingest, count: int) -> None:
+    for _ in range(count):
+        ingest.step(threading.Event())
+
+
+def test_blocks_are_committed_with_their_progress_and_then_acknowledged(store: Store) -> None:
+    source = Queue(store, [block(1), Rejected("s", 2, "b2", "unreadable", "words"), block(3)])
+    assert isinstance(source, LiveSource)
+    with ingest_of(store, source) as ingest:
+        steps(ingest, 4)
+        assert ingest.backlogs()["s"].pending == 0
+        assert ingest.problems() == {"s": "dry"}
+    assert source.acknowledged == [1, 2, 3]
+    assert source.closed
+    assert [record.status for record in store.records()] == ["ok", "unreadable", "ok"]
+    with StoreLedger(store) as ledger:
+        assert ledger.file_counts("s") == {"accepted": 3}
+    assert "channel:s:x" in store.load_states()
+
+
+def test_what_the_ledger_has_is_counted_and_never_judged_again(store: Store) -> None:
+    again, other = block(1), block(1, seed=99)
+    told = Rejected("s", 1, "copy", "duplicate", "same bytes", again.content_hash)
+    source = Queue(store, [block(1), block(2), again, other, told, block(3)])
+    with ingest_of(store, source) as ingest:
+        steps(ingest, 2)
+        before = ingest.watchers["s"].states()
+        steps(ingest, 3)
+        assert ingest.watchers["s"].states() == before
+        steps(ingest, 1)
+    assert source.acknowledged == [1, 2, 1, 1, 1, 3]
+    assert store.counts() == {"ok": 3, "duplicate": 2, "changed": 1}
+
+
+def test_a_block_as_one_before_is_new_unless_a_salvage_made_it_come_again(store: Store) -> None:
+    again = [replace(block(1), sequence=number, name="live.csv") for number in (1, 3, 4)]
+    source = Queue(store, [again[0], block(2), *again[1:]])
+    with ingest_of(store, source) as ingest:
+        steps(ingest, 4)
+    assert store.counts() == {"ok": 4}
+    with StoreLedger(store) as ledger:
+        assert ledger.number_of("s", "live.csv", again[0].content_hash) is None
+        with store.transaction() as connection:
+            connection.execute("INSERT INTO meta VALUES (?, '2')", (SALVAGED_UP_TO,))
+        assert ledger.number_of("s", "live.csv", again[0].content_hash) == 1
+        assert ledger.number_of("s", "b2", again[0].content_hash) is None
+
+
+def test_a_block_that_does_not_fit_the_configuration_is_refused_and_the_next_one_taken(store: Store) -> None:
+    source = Queue(store, [block(1, channel="other"), block(2)])
+    with ingest_of(store, source) as ingest:
+        steps(ingest, 2)
+    first, second = store.records()
+    assert (first.status, second.status) == ("wrong_shape", "ok")
+    assert "'x'" in first.reason
+
+
+def test_a_store_that_fails_is_tried_again_and_nothing_is_acknowledged_meanwhile(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("monitor.service.ingest._RETRY", 0.001)
+    source = Queue(store, [block(1), block(2)])
+    commit, failures = store.commit, []
+
+    def full(*values: Any) -> object:
+        if len(failures) < 3:
+            failures.append(list(source.acknowledged))
+            raise StoreError("state.db: database or disk is full")
+        return commit(*values)
+
+    monkeypatch.setattr(store, "commit", full)
+    with ingest_of(store, source) as ingest:
+        steps(ingest, 1)
+        assert failures == [[], [], []]
+        assert source.acknowledged == [1]
+        assert "store" not in ingest.problems()
+        failures.clear()
+        stop = threading.Event()
+        stop.set()
+        assert ingest.step(stop) is None
+        assert ingest.problems()["store"].startswith("state.db")
+    assert source.acknowledged == [1]
+
+
+def test_it_stops_when_told_and_shows_what_it_commits(store: Store) -> None:
+    source = Queue(store, [block(number) for number in range(1, 6)])
+    stop, seen = threading.Event(), []
+
+    def look(record: object) -> None:
+        seen.append(record)
+        if len(seen) == 3:
+            stop.set()
+
+    with ingest_of(store, source) as ingest:
+        ingest.run(stop, look)
+    assert len(seen) == 3
+    assert source.acknowledged == [1, 2, 3]
+
+
+def test_sources_take_turns(store: Store) -> None:
+    one = Queue(store, [block(number) for number in range(1, 4)])
+    two = Queue(store, [block(number, source="t") for number in range(1, 4)], name="t")
+    with ingest_of(store, one, two) as ingest:
+        steps(ingest, 4)
+        assert one.acknowledged == two.acknowledged == [1, 2]
+        steps(ingest, 2)
+    assert store.last("s") == store.last("t") == 3
+
+
+def test_a_source_that_cannot_be_opened_is_a_configuration_error(store: Store, tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(ConfigError, match="expected a folder"):
+        Ingest.open(config(str(tmp_path / "file")), store)
+    machine = config(str(tmp_path))
+    section = machine.source[0].model_copy(update={"url": None})
+    with pytest.raises(ConfigError, match="url is missing"):
+        Ingest.open(machine.model_copy(update={"source": [section]}), store)
+
+
+def test_states_are_taken_up_where_the_store_ends(store: Store) -> None:
+    first = Queue(store, [block(1), block(2)])
+    with ingest_of(store, first) as ingest:
+        steps(ingest, 2)
+        expected = ingest.watchers["s"].states()
+    fresh = watcher()
+    fresh.restore(store.load_states(), store.record("s", 2))
+    assert fresh.states() == expected
+
+
+def test_states_of_another_version_are_refused_in_words(store: Store, tmp_path: Path) -> None:
+    with ingest_of(store, Queue(store, [block(1)])) as ingest:
+        steps(ingest, 1)
+    with store.transaction() as connection:
+        connection.execute("UPDATE stage_states SET state = json_set(state, '$.version', 99)")
+    (tmp_path / "in").mkdir()
+    with pytest.raises(StoreError, match=r"state\.db: a state in it is of another version \(.*99"):
+        Ingest.open(config(str(tmp_path / "in")), store)

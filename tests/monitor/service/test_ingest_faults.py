@@ -1,0 +1,241 @@
+"""A block that the analysis cannot bear costs that block and nothing else."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from monitor.records.ledger import StoreLedger
+from monitor.records.record import Record
+from monitor.records.store import Store, UnstorableError
+from monitor.service import watcher as watching
+from monitor.service.alarming import Alarming
+from monitor.service.ingest import Ingest
+from monitor.service.setup import channel_setups
+from monitor.service.watcher import Watcher
+from streams.block import Block, Rejected
+from streams.live import Delivery
+from tests.faults.daemons import make_machine, status, wait_for
+from tests.faults.test_folder_kill import config
+from tests.monitor.service.test_daemon import last, put, running
+from tests.monitor.service.test_ingest import Queue, block, ingest_of, steps
+
+STEP = watching.step
+BAD = 5
+
+
+def raises(error: Exception) -> Callable[..., Any]:
+    def step(state: Any, samples: Any, info: Any, *rest: Any) -> Any:
+        if info.sequence == BAD:
+            raise error
+        return STEP(state, samples, info, *rest)
+
+    return step
+
+
+def gives(change: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+    def step(state: Any, samples: Any, info: Any, *rest: Any) -> Any:
+        after = STEP(state, samples, info, *rest)
+        return change(*after) if info.sequence == BAD else after
+
+    return step
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    with Store.open(tmp_path / "state.db", machine="m") as found:
+        yield found
+
+
+def kept(store: Store) -> list[Record]:
+    return list(store.records())
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [
+        (raises(ZeroDivisionError("division by zero")), "ZeroDivisionError: division by zero"),
+        (raises(MemoryError("cannot allocate 9 GB")), "MemoryError: cannot allocate"),
+        (raises(KeyError("\udcff\nx")), "KeyError"),
+        (gives(lambda state, output: (replace(state, running_time=float("nan")), output)), "UnstorableError: state of"),
+        (gives(lambda state, output: (replace(state, last_time=object()), output)), "UnstorableError: state of"),
+        (gives(lambda state, output: (state, replace(output, stage="nonsense"))), "RecordError: record of block 5"),
+    ],
+)
+def test_the_block_is_as_one_that_could_not_be_read_and_all_others_as_if_nothing_was(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: Callable[..., Any], said: str
+) -> None:
+    blocks: list[Block | Rejected] = [block(number) for number in range(1, 10)]
+    monkeypatch.setattr(watching, "step", step)
+    source = Queue(store, blocks)
+    with ingest_of(store, source) as ingest:
+        steps(ingest, BAD)
+        problem = ingest.problems()["s"]
+        steps(ingest, 1)
+        assert ingest.problems() == {}
+        steps(ingest, 3)
+        states = ingest.watchers["s"].states()
+    found = kept(store)
+    failed = found[BAD - 1]
+    assert source.acknowledged == list(range(1, 10))
+    assert failed.status == "unreadable"
+    assert failed.reason.startswith("the analysis failed: ")
+    assert said in failed.reason
+    assert problem == f"block {BAD}: {failed.reason}"
+    # The oracle: a source that rejects that block itself.
+    blocks[BAD - 1] = Rejected("s", BAD, f"b{BAD}", "unreadable", failed.reason, failed.content_hash)
+    with Store.open(tmp_path / "other.db", machine="m") as other:
+        with ingest_of(other, Queue(other, blocks)) as undisturbed:
+            steps(undisturbed, 9)
+            assert undisturbed.watchers["s"].states() == states
+        assert kept(other) == found
+        spectra = "SELECT source, channel, sequence, time, header, hex(amplitude) FROM spectra ORDER BY sequence"
+        assert store.rows(spectra) == other.rows(spectra) != []
+    assert store.load_states() == {name: store.load_states()[name] for name in states}
+
+
+def test_it_is_told_once_how_and_again_when_it_is_over(
+    store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def step(state: Any, samples: Any, info: Any, *rest: Any) -> Any:
+        if info.sequence < 4:
+            raise RuntimeError("always")
+        return STEP(state, samples, info, *rest)
+
+    monkeypatch.setattr(watching, "step", step)
+    caplog.set_level(logging.WARNING)
+    with ingest_of(store, Queue(store, [block(number) for number in range(1, 6)])) as ingest:
+        steps(ingest, 5)
+    failures = [found for found in caplog.records if "analysis failed" in found.message]
+    assert [found.exc_info is not None for found in failures] == [True, False, False]
+    assert sum("analysed again" in found.message for found in caplog.records) == 1
+    assert [record.status for record in kept(store)] == ["unreadable"] * 3 + ["ok"] * 2
+
+
+def test_a_name_that_no_database_takes_is_escaped(store: Store) -> None:
+    source = Queue(store, [block(1), block(2)])
+    source.waiting[0] = replace(source.waiting[0], item=replace(block(1), name="f\udcff.csv"))
+    with ingest_of(store, source) as ingest:
+        steps(ingest, 2)
+    first, second = kept(store)
+    assert (first.name, first.status, second.status) == ("f\\udcff.csv", "unreadable", "ok")
+
+
+def test_not_even_the_alarms_stop_it(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    after = Alarming.after
+
+    def fails(alarming: Alarming, record: Record, *rest: Any) -> Record:
+        if record.sequence == 2:
+            raise ValueError("rules")
+        return after(alarming, record, *rest)
+
+    monkeypatch.setattr(Alarming, "after", fails)
+    with ingest_of(store, Queue(store, [block(1), block(2), block(3)])) as ingest:
+        steps(ingest, 1)
+        before = ingest.watchers["s"].states()
+        assert ingest.watchers["s"].spectra
+        steps(ingest, 1)
+        assert ingest.watchers["s"].spectra == ()
+        assert ingest.watchers["s"].states() == before
+        steps(ingest, 1)
+    assert [record.status for record in kept(store)] == ["ok", "unreadable", "gap"]
+
+
+def test_what_can_be_stored_in_no_form_is_kept_and_shown(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*values: Any) -> object:
+        raise UnstorableError("s, block 1: its record cannot be stored")
+
+    monkeypatch.setattr(store, "commit", never)
+    stop = threading.Event()
+    stop.set()
+    source = Queue(store, [block(1)])
+    with ingest_of(store, source) as ingest:
+        assert ingest.step(stop) is None
+        assert "cannot be stored" in ingest.problems()["store"]
+    assert source.acknowledged == []
+
+
+def test_a_block_that_does_not_fit_bears_the_status_that_fits(store: Store) -> None:
+    machine = config("nowhere")
+    channel = machine.channel[0].model_copy(update={"band_hz": ((300.0, 1200.0),)})
+    section = machine.source[0].model_copy(update={"rate_hz": None})
+    machine = machine.model_copy(
+        update={
+            "channel": (channel,),
+            "source": (section,),
+            "operating": machine.operating.model_copy(update={"speed_hz": None}),
+        }
+    )
+    blocks: list[Block | Rejected] = [
+        replace(block(1), speed=40.0),
+        replace(block(2, channel="other"), speed=40.0),
+        block(3),
+        replace(block(4), rate=2000.0, speed=40.0),
+        replace(block(5), rate=-1.0, speed=40.0),
+        replace(block(6), speed=40.0),
+    ]
+    source = Queue(store, blocks)
+    watchers = {"s": Watcher("s", channel_setups(machine, section))}
+    with Ingest(store, StoreLedger(store), [source], watchers, clock=lambda: 1.7e9) as ingest:
+        steps(ingest, len(blocks))
+        assert ingest.problems() == {"s": "dry"}
+    found = kept(store)
+    statuses = [record.status for record in found]
+    assert statuses == ["ok", "wrong_shape", "incomplete", "wrong_rate", "wrong_rate", "ok"]
+    assert "'x'" in found[1].reason
+    assert "speed" in found[2].reason
+    assert "Nyquist" in found[3].reason
+
+
+def test_a_source_that_fails_is_shown_and_takes_no_other_with_it(
+    store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Broken(Queue):
+        mended = False
+
+        def next(self, timeout: float) -> Delivery | None:
+            if not self.mended:
+                raise RuntimeError("a pump")
+            return super().next(timeout)
+
+    monkeypatch.setattr("monitor.service.ingest._RETRY", 0.01)
+    monkeypatch.setattr("monitor.service.ingest._TURN", 0.02)
+    broken, well = Broken(store, [block(1)]), Queue(store, [block(n, source="t") for n in range(1, 6)], name="t")
+    with ingest_of(store, broken, well) as ingest:
+        steps(ingest, 10)
+        assert well.acknowledged == [1, 2, 3, 4, 5]
+        assert "RuntimeError: a pump" in ingest.problems()["s"]
+        assert sum(found.exc_info is not None for found in caplog.records) == 1
+        broken.mended = True
+        steps(ingest, 4)
+        assert broken.acknowledged == [1]
+        assert "a pump" not in ingest.problems()["s"]
+
+
+def test_a_daemon_goes_on_is_degraded_and_recovers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def step(state: Any, samples: Any, info: Any, *rest: Any) -> Any:
+        if info.sequence in (3, 4):
+            raise FloatingPointError("overflow")
+        return STEP(state, samples, info, *rest)
+
+    monkeypatch.setattr(watching, "step", step)
+    path = make_machine(tmp_path)
+    with running(path):
+        put(path, 1)
+        put(path, 2)
+        wait_for(lambda: last(path) == 4 and "s0" in status(path)["problems"])
+        found = status(path)
+        assert found["status"] == "degraded"
+        assert found["problems"]["s0"] == "block 4: the analysis failed: FloatingPointError: overflow"
+        assert found["channels"]["x0"]["state"] == "bad_data"
+        put(path, 3)
+        wait_for(lambda: status(path)["status"] == "running" and last(path) == 6)
+        assert status(path)["sources"]["s0"]["accepted"] == 3
+    with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
+        assert [record.status for record in kept(store)] == ["ok", "ok", "unreadable", "unreadable", "ok", "ok"]

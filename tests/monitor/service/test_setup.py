@@ -1,0 +1,165 @@
+"""From configuration to settings: units, maps that fit, maps that are refused."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from models.lives.population import Population
+from models.maps.data import MapPlan
+from models.maps.file import build_map, save_map
+from monitor.commands.check import find_problems
+from monitor.config.load import ConfigError, validate
+from monitor.health.damage.thesis.edv import EdvStatus
+from monitor.service.library_build import build_library
+from monitor.service.setup import channel_setups, source_spec
+
+BAND = (0.0, 9500.0)
+
+
+@pytest.fixture(scope="module")
+def plan() -> MapPlan:
+    extents = tuple(math.radians(d) for d in (0.0, 4.0, 8.0))
+    return MapPlan(load=(4000.0,), speed=(40.0,), h_d=(0.0, 5e-6, 10e-6), dphi_d=extents, rms_band=BAND)
+
+
+@pytest.fixture(scope="module")
+def small_map(plan):
+    return build_map(plan)
+
+
+def config(**channel):
+    return validate(
+        {
+            "bearing": [{"name": "test", "designation": "1205 ETN9"}],
+            "operating": {"speed_hz": 40.0, "load_newton": 4000.0},
+            "source": [{"name": "s", "url": "x", "rate_hz": 25600, "range_g": 50}],
+            "channel": [
+                {
+                    "name": "c",
+                    "source": "s",
+                    "unit": "g",
+                    "bearing": "test",
+                    "rms_band_hz": BAND,
+                    "track": True,
+                    **channel,
+                }
+            ],
+        },
+        Path("machine.toml"),
+    )
+
+
+def test_settings_are_si(small_map):
+    c = config()
+    setup = channel_setups(c, c.source[0], {"c": small_map})["c"]
+    assert setup.settings.signal_range == pytest.approx(50 * 9.80665)
+    assert setup.settings.samples == 128000
+    assert setup.settings.detect.end_of_life_peak == pytest.approx(196.133)
+    assert setup.settings.damage is not None
+    assert setup.settings.damage.thresholds == (0.05e-6,)
+    spec = source_spec(c, c.source[0], "other.npy")
+    assert spec.url == "other.npy"
+    assert spec.channels[0].unit == "g"
+
+
+def test_the_map_is_given_where_it_holds(small_map):
+    c = config()
+    damage = channel_setups(c, c.source[0], {"c": small_map})["c"].settings.damage
+    assert damage is not None
+    at = damage.map_at
+    assert at is not None
+    found, gate = at(4000.0, 40.0)
+    assert gate is None
+    assert found is not None
+    assert found.rms.shape == (3, 3)
+    assert at(4000.0, 40.2)[1] is None
+    for load, speed in ((3000.0, 40.0), (4000.0, 30.0), (None, 40.0), (4000.0, None)):
+        assert at(load, speed) == (None, EdvStatus.OUTSIDE_CONDITIONS)
+
+
+def test_a_map_of_another_band_is_refused(small_map):
+    c = config(rms_band_hz=[0, 8000])
+    with pytest.raises(ConfigError, match=r"rms_band_hz = \[0, 8000\].*\[0, 9500\]"):
+        channel_setups(c, c.source[0], {"c": small_map})
+
+
+@pytest.mark.parametrize(("name", "factor"), [("m_r", 1.01), ("k_c", 0.9)])
+def test_a_map_of_another_rig_is_refused(plan, small_map, name, factor):
+    other = replace(plan.rig, **{name: getattr(plan.rig, name) * factor})
+    changed = replace(small_map, attributes={**small_map.attributes, "parameters": replace(plan, rig=other).as_json()})
+    c = config()
+    with pytest.raises(ConfigError, match=f"rig {name}"):
+        channel_setups(c, c.source[0], {"c": changed})
+
+
+def test_a_map_that_is_not_there_says_how_to_make_one(tmp_path, small_map):
+    c = config(map=str(tmp_path / "none.nc"))
+    with pytest.raises(ConfigError, match=r"none\.nc.*spallwatch map build"):
+        channel_setups(c, c.source[0])
+    save_map(small_map, tmp_path / "there.nc")
+    c = config(map=str(tmp_path / "there.nc"))
+    assert channel_setups(c, c.source[0])["c"].map is not None
+    (tmp_path / "garbage.nc").write_bytes(b"not a map")
+    c = config(map=str(tmp_path / "garbage.nc"))
+    with pytest.raises(ConfigError, match=r"garbage\.nc"):
+        channel_setups(c, c.source[0])
+
+
+@pytest.fixture(scope="module")
+def library():
+    return build_library(Population(load=(3900.0, 4100.0), speed=(39.0, 41.0)), runs=20, thresholds=(0.05e-6,))
+
+
+def damage_of(c, **given):
+    damage = channel_setups(c, c.source[0], **given)["c"].settings.damage
+    assert damage is not None
+    return damage
+
+
+def test_without_a_method_a_library_is_taken_where_there_is_one(small_map, library):
+    c = config()
+    damage = damage_of(c, maps={"c": small_map})
+    assert (damage.track_method, damage.forecast_method, damage.prior) == ("thesis", "thesis", None)
+    damage = damage_of(c, libraries={"c": library})
+    assert (damage.track_method, damage.forecast_method) == ("library", "library")
+    assert damage.prior == library.prior
+    assert damage.asking.features == "rms+harmonics"
+    mixed = c.model_copy(update={"track": c.track.model_copy(update={"method": "filter"})})
+    damage = damage_of(mixed, maps={"c": small_map}, libraries={"c": library})
+    assert (damage.track_method, damage.forecast_method) == ("filter", "library")
+    assert damage.filter is not None
+    assert damage.filter.lines == 3
+    assert library.prior in str(damage.prior)
+    assert "may stall or jump" in str(damage.prior)
+
+
+@pytest.mark.parametrize(
+    ("forecast", "channel", "words"),
+    [
+        ({"threshold_mm2": 0.08}, {}, r"threshold_mm2 0\.08 is not in the library"),
+        ({}, {"rms_band_hz": [0, 8000]}, r"its library was made for \[0, 9500\]"),
+    ],
+)
+def test_a_library_that_does_not_fit_is_refused(library, forecast, channel, words):
+    c = config(**channel)
+    c = c.model_copy(update={"forecast": c.forecast.model_copy(update=forecast)})
+    with pytest.raises(ConfigError, match=words):
+        damage_of(c, libraries={"c": library})
+
+
+def test_a_library_of_another_rig_is_refused(library):
+    c = config()
+    c = c.model_copy(update={"rig": c.rig.model_copy(update={"m_r_kg": 0.5})})
+    with pytest.raises(ConfigError, match=r"rig m_r.*spallwatch library build"):
+        damage_of(c, libraries={"c": library})
+
+
+def test_check_names_the_library_that_is_not_there(tmp_path):
+    c = config(library=str(tmp_path / "none.npz"))
+    assert [problem for problem in find_problems(c) if "none.npz does not exist" in problem]
+    with pytest.raises(ConfigError, match=r"none\.npz"):
+        damage_of(c)

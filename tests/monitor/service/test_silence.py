@@ -1,0 +1,178 @@
+"""Silence is said once and its end once, whatever the rhythm of a source; a restart repeats neither."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.records.events import EventLog
+from monitor.records.record import Record
+from monitor.records.store import Store, StoreError
+from monitor.service.silence import Hearing, Last, SilenceLog, patience
+from tests.effort import effort_count
+from tests.faults.daemons import make_machine, status, wait_for
+from tests.monitor.service.test_daemon import last, put, running
+
+
+@pytest.fixture
+def opened(tmp_path: Path) -> Iterator[tuple[Store, EventLog]]:
+    with Store.open(tmp_path / "state.db", machine="m") as store, EventLog(store.path) as log:
+        yield store, log
+
+
+def silences(opened: tuple[Store, EventLog]) -> SilenceLog:
+    return SilenceLog(*opened, {"s": ["x", "y"]}, lambda: 1.7e9)
+
+
+def hearing(age: float, flowed: float = 0.0) -> dict[str, Hearing]:
+    return {"s": Hearing(7, age, 60.0, flowed)}
+
+
+def kinds(log: EventLog) -> list[str]:
+    return [notice.body["kind"] for notice in reversed(log.notices())]
+
+
+def test_it_is_said_once_with_what_is_known(opened: tuple[Store, EventLog]) -> None:
+    found = silences(opened)
+    assert found.look(hearing(60.0)) == []
+    (notice,) = found.look(hearing(61.0))
+    assert notice == {
+        "kind": "no_data",
+        "source": "s",
+        "channels": ["x", "y"],
+        "last_block": 7,
+        "age_s": 61.0,
+        "text": "no block from source s for 61 s; the last was block 7",
+    }
+    assert found.look(hearing(600.0)) == []
+    # One block is no flow yet.
+    assert found.look(hearing(1.0)) == []
+    assert found.look(hearing(1.0, flowed=60.0))[0]["kind"] == "data_again"
+    assert found.look(hearing(2.0, flowed=90.0)) == []
+    assert kinds(opened[1]) == ["no_data", "data_again"]
+    assert [notice.open for notice in opened[1].notices()] == [False, True]
+
+
+def test_a_restart_repeats_nothing(opened: tuple[Store, EventLog]) -> None:
+    silences(opened).look(hearing(61.0))
+    assert silences(opened).look(hearing(700.0)) == []
+    assert silences(opened).look(hearing(1.0, flowed=100.0))[0]["kind"] == "data_again"
+    assert silences(opened).look(hearing(1.0, flowed=100.0)) == []
+    assert silences(opened).look(hearing(61.0))[0]["kind"] == "no_data"
+
+
+def test_what_cannot_be_logged_is_logged_later(opened: tuple[Store, EventLog], monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*values: Any) -> str:
+        raise StoreError("state.db: database or disk is full")
+
+    found = silences(opened)
+    with monkeypatch.context() as patched:
+        patched.setattr(EventLog, "notice", full)
+        assert found.look(hearing(61.0)) == []
+        assert found.problem == "state.db: database or disk is full"
+    assert found.look(hearing(62.0))[0]["age_s"] == 62.0
+    assert found.problem is None
+
+
+@settings(max_examples=effort_count(quick=50, full=2000), deadline=None)
+@given(gaps=st.lists(st.sampled_from([1.0, 5.0, 30.0, 59.0, 61.0, 300.0]), min_size=1, max_size=60))
+def test_whatever_the_rhythm_notices_alternate_and_none_comes_within_a_patience(
+    tmp_path_factory: pytest.TempPathFactory, gaps: list[float]
+) -> None:
+    wait = patience(5.0)
+    assert wait == 60.0
+    with Store.open(tmp_path_factory.mktemp("s") / "state.db", machine="m") as store, EventLog(store.path) as log:
+        found, newest, now = silences((store, log)), Last(), 0.0
+        said: list[tuple[float, str]] = []
+
+        def look() -> None:
+            came, flowing = newest.came or 0.0, newest.flowing or 0.0
+            heard = Hearing(newest.sequence, now - came, wait, came - flowing)
+            said.extend((now, notice["kind"]) for notice in found.look({"s": heard}))
+
+        for sequence, gap in enumerate(gaps, 1):
+            until = now + gap
+            while now + 1.0 < until:
+                now += 1.0
+                look()
+            now = until
+            newest = newest.after(Record("s", sequence, "b", str(sequence)), now, wait)
+            look()
+    assert [kind for _, kind in said] == (["no_data", "data_again"] * len(said))[: len(said)]
+    # Silent for a whole patience before the one, heard for a whole one before the other: never in quick succession.
+    assert all(after - before >= wait - 1.0 for (before, _), (after, _) in pairwise(said))
+    # The oracle: silence is said if and only if there was one.
+    assert bool(said) == any(gap > wait + 1.0 for gap in gaps)
+
+
+def test_patience_follows_the_interval() -> None:
+    assert patience(None) == 600.0
+    assert patience(0.1) == 60.0
+    assert patience(600.0) == 6000.0
+
+
+def test_a_daemon_logs_silence_and_its_end_and_a_restart_while_silent_says_nothing(tmp_path: Path) -> None:
+    config, late = make_machine(tmp_path, sources=2), [0.0]
+
+    def clock() -> float:
+        return time.monotonic() + late[0]
+
+    def notices() -> list[tuple[str, str]]:
+        with EventLog(tmp_path / "state" / "state.db") as log:
+            return [(found.body["kind"], found.body["source"]) for found in reversed(log.notices())]
+
+    with running(config, monotonic=clock):
+        put(config, 1)
+        put(config, 1, source=1)
+        wait_for(lambda: last(config) == last(config, "s1") == 2)
+        assert notices() == []
+        # Blocks without a date: ten minutes are the patience. s1 goes on, s0 does not.
+        late[0] += 599.0
+        put(config, 2, source=1)
+        wait_for(lambda: last(config, "s1") == 4)
+        late[0] += 5.0
+        wait_for(lambda: status(config)["channels"]["x0"]["state"] == "no_data")
+        wait_for(lambda: status(config)["unacknowledged"] == 1)
+        assert status(config)["channels"]["x1"]["state"] == "check_function"
+        assert notices() == [("no_data", "s0")]
+    with running(config, monotonic=clock):
+        late[0] += 580.0
+        put(config, 3, source=1)
+        wait_for(lambda: last(config, "s1") == 6)
+        late[0] += 300.0
+        wait_for(lambda: status(config)["channels"]["x0"]["state"] == "no_data")
+        assert notices() == [("no_data", "s0")]
+        for number in (2, 3, 4):
+            put(config, number)
+            wait_for(lambda blocks=2 * number: last(config) == blocks)
+            put(config, number + 2, source=1)
+            wait_for(lambda blocks=2 * number + 4: last(config, "s1") == blocks)
+            late[0] += 310.0
+        put(config, 5)
+        wait_for(lambda: notices()[-1] == ("data_again", "s0"))
+    assert notices() == [("no_data", "s0"), ("data_again", "s0")]
+
+
+def test_what_could_not_be_taken_is_no_silence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.service.disk._EVERY", 0.05)
+    config, late, free = make_machine(tmp_path), [0.0], [10**9]
+    with running(config, monotonic=lambda: time.monotonic() + late[0], free=lambda _: free[0]):
+        put(config, 1)
+        wait_for(lambda: last(config) == 2)
+        free[0] = 1000
+        wait_for(lambda: "disk" in status(config)["problems"])
+        late[0] += 3600.0
+        put(config, 2)
+        wait_for(lambda: status(config)["up_s"] > 3600.0)
+        free[0] = 10**9
+        wait_for(lambda: last(config) == 4)
+        wait_for(lambda: status(config)["problems"] == {} and status(config)["blocks"] == 4)
+    with EventLog(tmp_path / "state" / "state.db") as log:
+        assert log.notices() == []
