@@ -1,4 +1,4 @@
-"""The command line: finds the command, gives errors their exit codes, and checks that the installation is whole."""
+"""The command line: dispatch to the commands, exit codes of errors, check of the installation."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _COMMANDS = {
 
 
 class _Commands(click.Group):
-    """Loads a command when it is called: a command that needs no model does not wait for one to be imported."""
+    """Import a command when it is called, so that one without a model does not wait for models to be imported."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(_COMMANDS)
@@ -60,9 +60,9 @@ def spallwatch() -> None:
 
 
 def check_installation() -> str | None:
-    """Return what is wrong where the three packages do not come from one place, else None.
+    """Return what is wrong if the three packages do not come from one folder, else None.
 
-    ``models`` is a common name: another distribution or a folder in the working directory may stand in front of ours.
+    ``models`` is a common name: another distribution or a folder in the working directory may shadow ours.
     """
     places = {}
     for name in ("monitor", "models", "streams"):
@@ -96,7 +96,7 @@ def main() -> None:
         click.echo("spallwatch: interrupted; what was committed is kept", err=True)
         sys.exit(FAILED)
     except BrokenPipeError:
-        # Whoever read our output has seen enough; python would complain once more while closing it.
+        # The reader of the output has closed it; without this, python reports the same error again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(FAILED)
     except Exception as error:
@@ -104,18 +104,17 @@ def main() -> None:
 
 
 def _explain(error: Exception) -> None:
-    """Say what went wrong in words and exit; SPALLWATCH_TRACEBACK=1 shows where."""
+    """Print what went wrong and exit with the error's code; SPALLWATCH_TRACEBACK=1 raises it instead."""
     if os.environ.get("SPALLWATCH_TRACEBACK") == "1":
         raise error
-    if _is_wrong_input(error):
+    # Not imported above: check_installation comes before anything of models.
+    from models.errors import SpallwatchError
+
+    code = error.exit_code if isinstance(error, SpallwatchError) else FAILED
+    if code == FAILED:
+        click.echo(
+            f"spallwatch: failed: {type(error).__name__}: {error}\n(SPALLWATCH_TRACEBACK=1 shows where)", err=True
+        )
+    else:
         click.echo(f"spallwatch: {error}", err=True)
-        sys.exit(WRONG)
-    click.echo(f"spallwatch: failed: {type(error).__name__}: {error}\n(SPALLWATCH_TRACEBACK=1 shows where)", err=True)
-    sys.exit(FAILED)
-
-
-def _is_wrong_input(error: Exception) -> bool:
-    """Tell whether the error names something that the user gave: the modules that define these may not be loaded."""
-    names = {kind.__name__ for kind in type(error).__mro__}
-    known = {"ConfigError", "SourceError", "MapError", "LibraryError", "StoreError", "InputError", "ReportError"}
-    return bool(names & known)
+    sys.exit(code)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 from zoneinfo import ZoneInfo
 
+from models.errors import WrongInputError
+
 if TYPE_CHECKING:
     from streams.link.network import NetworkSpec
 
@@ -15,7 +17,7 @@ UNITS = ("g", "m/s2", "V", "unknown")
 """The units that a channel may state."""
 
 
-class SourceError(Exception):
+class SourceError(WrongInputError):
     """A source cannot be opened as configured; the message names it, what was expected and what was found."""
 
 

@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import Any
 
 from models.bearing import Bearing, from_catalogue
+from models.errors import WrongInputError
 from models.scene import Floor, Rig, Slip
 
 # Raise it whenever the model's figures change: maps made before are then built anew.
@@ -20,7 +21,7 @@ STATUSES = ("converged", "not_periodic", "not_converged")
 AXES = ("load", "speed", "h_d", "dphi_d")
 
 
-class MapError(ValueError):
+class MapError(WrongInputError, ValueError):
     """A map or a plan of one is unusable; the message names the file or field and what is wrong."""
 
 

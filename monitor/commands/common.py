@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import click
 
+from models.errors import WrongInputError
 from monitor.config.load import Config, ConfigError, load_config, validate
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -19,7 +20,7 @@ PROGRESS_AFTER = 2.0
 """Seconds after which a progress bar appears."""
 
 
-class InputError(Exception):
+class InputError(WrongInputError):
     """An input file or option cannot be used; the message names it, what was expected and what came."""
 
 

@@ -10,6 +10,7 @@ from typing import Any, Self
 from pydantic import Field, ValidationError, model_validator
 
 from models.bearing import Bearing
+from models.errors import WrongInputError
 from monitor.config.alarms import AlarmsSection, NotifySection
 from monitor.config.network import FILE_KEYS
 from monitor.config.problems import explain_all
@@ -31,7 +32,7 @@ from monitor.config.web import WebSection
 __all__ = ["ChannelSection", "Config", "ConfigError", "SourceSection", "load_config", "validate"]
 
 
-class ConfigError(Exception):
+class ConfigError(WrongInputError):
     """The configuration cannot be used; the message names the file, the key, what came and what is allowed."""
 
 

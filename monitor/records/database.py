@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from pathlib import Path
 
+from models.errors import WrongInputError
 from monitor.records.archive import COLUMNS, complete_archive
 from monitor.records.digests import DIGESTS_TABLE
 from monitor.records.filesystem import NETWORK_FILE_SYSTEMS, file_system_type, sync_folder
@@ -71,7 +72,7 @@ CREATE TABLE IF NOT EXISTS spectra (
 """Of a record no part, and so of no version: a store without it gets it when it is next opened for writing."""
 
 
-class StoreError(Exception):
+class StoreError(WrongInputError):
     """The store cannot be used; the message names the file and the cause."""
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from models.errors import WrongInputError
 from monitor.health.damage.library.model import LINES, FeatureFit, Library, Regression, arrays_of, header_of
 
 SCHEMA_VERSION = 2
@@ -19,7 +20,7 @@ _KIND = "spallwatch library"
 _REGRESSION = "regression."
 
 
-class LibraryError(ValueError):
+class LibraryError(WrongInputError, ValueError):
     """A library file cannot be used; the message names it and what is wrong."""
 
 

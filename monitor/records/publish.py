@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from models.errors import SpallwatchError
 from monitor.records.dataset import INT_FILL, to_dataset
 from monitor.records.filesystem import replace_durably
 from monitor.records.filing import SECONDS_PER_DAY
@@ -30,7 +31,7 @@ _SUMMARY = (
 _KEYWORDS = "rolling bearing, vibration, envelope spectrum, condition monitoring, prognostics"
 
 
-class PublishError(Exception):
+class PublishError(SpallwatchError):
     """A file of records cannot be written; the message names the file and the cause. The old one is intact."""
 
 

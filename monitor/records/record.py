@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from models.errors import SpallwatchError
 from monitor.records.schema import (
     DIMENSION_SIZES,
     FLAGS,
@@ -24,7 +25,7 @@ from monitor.records.schema import (
 __all__ = ["SCHEMA_VERSION", "VARIABLES", "Record", "RecordError", "Variable", "mask_names", "plain", "storable"]
 
 
-class RecordError(ValueError):
+class RecordError(SpallwatchError, ValueError):
     """A record breaks the schema; the message names the block, the key, what was expected and what came."""
 
 

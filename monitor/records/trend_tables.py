@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from models.errors import SpallwatchError
 from monitor.records.trend_levels import LEVELS, Buckets
 from monitor.records.trend_reading import Ledgered, Points
 
@@ -42,7 +43,7 @@ _COLUMNS = "bucket, records, others, columns, extremes"
 Key = tuple[str, str, bool]
 
 
-class DamagedError(Exception):
+class DamagedError(SpallwatchError):
     """The trends are damaged, or of another version or store: they have to be made anew."""
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from models.errors import WrongInputError
 from monitor.health.damage.filter.particles import Particles
 from monitor.records.dataset import words
 from monitor.records.publish import PublishError, day_dataset, days
@@ -25,7 +26,7 @@ Records = xr.Dataset | Store | Path | str
 _LEDGER = ("source", "name", "status", "flags", "reason", "events")
 
 
-class ReportError(Exception):
+class ReportError(WrongInputError):
     """A report cannot be made; the message names the file and the cause."""
 
 

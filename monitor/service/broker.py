@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from models.errors import SpallwatchError
 from monitor.config.broker import BrokerSection
 
 TIMEOUT = 10.0
@@ -18,7 +19,7 @@ _KEEPALIVE = 15
 _IN_FLIGHT = 100
 
 
-class BrokerError(Exception):
+class BrokerError(SpallwatchError):
     """The broker cannot be reached, refuses, or is gone; no secret is in the text."""
 
 

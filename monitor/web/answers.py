@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.errors import SpallwatchError
+
 _WORTH_COMPRESSING = 1000
 JSON_TYPE = "application/json"
 _FOLDERS = re.compile(r"(?<![\w/.])(?:/[^\s/:;,'\"]+)+/([^\s/:;,'\"]*)")
@@ -23,7 +25,7 @@ def without_folders(text: str) -> str:
     return _FOLDERS.sub(r"\1", text)
 
 
-class RequestError(Exception):
+class RequestError(SpallwatchError):
     """A request that is answered with a status other than 200 and one sentence."""
 
     def __init__(self, status: int, sentence: str) -> None:

@@ -13,6 +13,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+from models.errors import SpallwatchError
+
 _SHORTEST = 16
 _MOST_SESSIONS = 1000
 _LIFETIME = 12 * 3600.0
@@ -20,7 +22,7 @@ _PENALTY = 1.0
 _MOST_WAITING = 8
 
 
-class TokenError(Exception):
+class TokenError(SpallwatchError):
     """The token cannot be used; the message names the file and what is wrong with it."""
 
 

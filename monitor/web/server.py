@@ -17,6 +17,7 @@ from typing import Any
 
 import uvicorn
 
+from models.errors import SpallwatchError
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.web import WebSection
 from monitor.web.app import Site, application
@@ -33,7 +34,7 @@ _BACKLOG = 128
 Say = Callable[[dict[str, Any]], object]
 
 
-class PageError(Exception):
+class PageError(SpallwatchError):
     """The page cannot be served; the message says why."""
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from models.errors import SpallwatchError
 from streams.blocks import agreed_rate, choose_rows, content_hash
 from streams.dataset import DataSet, FileFacts
 from streams.files import path_within, read_guarded
@@ -61,7 +62,7 @@ class Parsed:
     load: float | None
 
 
-class UnfinishedError(Exception):
+class UnfinishedError(SpallwatchError):
     """A file was written to while it was read; it has to wait for its turn again.
 
     Attributes:

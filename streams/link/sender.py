@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
+from models.errors import SpallwatchError
 from streams.block import Block, Rejected
 from streams.link.network import Address
 from streams.link.wire import ACK, WireError, block_frame, encode_frame, hello
@@ -18,11 +19,11 @@ _WINDOW_FRAMES, _WINDOW_BYTES = 32, 64 << 20
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.1, 10.0
 
 
-class SendError(Exception):
+class SendError(SpallwatchError):
     """A recording could not be sent; the message says how far it came and what stands in the way."""
 
 
-class LinkError(Exception):
+class LinkError(SpallwatchError):
     """A connection broke or is not there yet; the sender tries again."""
 
 

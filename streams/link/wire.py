@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.errors import SpallwatchError
 from streams.block import Block
 from streams.link.crc32c import crc32c
 from streams.spec import UNITS
@@ -47,7 +48,7 @@ SAMPLE_TYPES: Mapping[int, np.dtype[Any]] = {
 }
 
 
-class WireError(Exception):
+class WireError(SpallwatchError):
     """Bytes break the protocol; the message says what was expected and what came.
 
     Attributes:

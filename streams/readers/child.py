@@ -22,6 +22,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from models.errors import SpallwatchError
 from streams.readers.memory_file import read_into, write_all
 from streams.readers.reading import MAX_BYTES, ReaderError, Reading
 
@@ -292,7 +293,7 @@ class ReaderProcess:
         self._stop()
 
 
-class _DiedError(Exception):
+class _DiedError(SpallwatchError):
     """The child is gone or has to go."""
 
 

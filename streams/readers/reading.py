@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.errors import SpallwatchError
+
 MAX_BYTES = 1 << 30
 """No file, unpacked or loaded, may be larger: 1 GiB, about 45 min of eight float64 channels at 48 kHz."""
 
 
-class ReaderError(Exception):
+class ReaderError(SpallwatchError):
     """A file cannot be read.
 
     Attributes:

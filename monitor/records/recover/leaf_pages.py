@@ -16,6 +16,8 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+from models.errors import SpallwatchError
+
 Value = None | int | float | str | bytes
 
 _PAGE_SIZE = 4096
@@ -175,7 +177,7 @@ class _Pages:
         return page
 
 
-class _DamagedError(Exception):
+class _DamagedError(SpallwatchError):
     """Bytes are not what they should be."""
 
 

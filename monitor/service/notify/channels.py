@@ -9,12 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+from models.errors import SpallwatchError
+
 TIMEOUT = 10.0
 """Seconds that any connection may take."""
 _LONGEST_SECRET = 4096
 
 
-class NotifyError(Exception):
+class NotifyError(SpallwatchError):
     """A message could not be delivered, this time; no secret is in the text."""
 
 
