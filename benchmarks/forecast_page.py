@@ -1,4 +1,4 @@
-"""The tables of docs/forecasting.md, made of what ``benchmarks.forecast`` has measured.
+"""The tables of docs/evidence/forecasting.md, made of what ``benchmarks.forecast`` has measured.
 
 Run as ``python -m benchmarks.forecast_page [--results FILE] [--document FILE]``. A table stands between the lines
 ``<!-- NAME of benchmarks.forecast -->`` and ``<!-- end -->``. The three figures of a cell are those at 1/4, 1/2 and 3/4
@@ -19,7 +19,7 @@ Column = tuple[str, Callable[[Row], str]]
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results" / "forecast.json"
-DOCUMENT = ROOT / "docs" / "forecasting.md"
+DOCUMENT = ROOT / "docs" / "evidence" / "forecasting.md"
 
 
 def _number(digits: int) -> Callable[[Any], str]:

@@ -1,16 +1,18 @@
 """The gallery: a counterpart of every figure of the thesis' chapters 4 and 5 that the simulation can make.
 
-python -m benchmarks.gallery --out docs/gallery [--only 45 ...] [--page docs/gallery.md]
+python -m benchmarks.gallery [--out build/gallery] [--only 45 ...] [--data FOLDER] [--page FILE]
 
-Writes for each figure a picture (SVG, or PNG where that would be large) and a JSON file with what is drawn and with
-what the print says of it, and then the page from all JSON files of the folder. Everything is made anew from the model;
-two runs of one version on one kind of machine give the same files.
+For each figure, write a picture (SVG, or PNG where that would be large) into the folder ``--out``, which git ignores,
+and a JSON file with what is drawn and with what the print says of it into ``--data``; then write the page from all JSON
+files. Everything is computed from the model; two runs of one version on one kind of machine give the same files. The
+pictures in KEPT are copied beside the page, which shows them.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +21,12 @@ from typing import Any
 from benchmarks import gallery_histories, gallery_rig, gallery_seeded, gallery_volumes
 from benchmarks.gallery_plate import Plate, save_plate
 
+ROOT = Path(__file__).resolve().parents[1]
+PICTURES = ROOT / "build" / "gallery"
+DATA = ROOT / "benchmarks" / "results" / "gallery"
+PAGE = ROOT / "docs" / "evidence" / "gallery.md"
+KEPT = {"49": "fig49.png", "55": "fig55.png", "61": "fig61.png"}
+"""Pictures that the page shows; they stand in the folder ``gallery`` beside it."""
 FIGURES: dict[str, Callable[[], Plate]] = {
     **gallery_rig.FIGURES,
     **gallery_seeded.FIGURES,
@@ -79,7 +87,7 @@ ENTRIES = (
     Entry(
         "56",
         "Flowchart of the tracker",
-        "a flowchart; in words: [how the thesis tracks](how-the-thesis-tracks.md)",
+        "a flowchart; in words: [tracking](tracking.md)",
     ),
     Entry("57", "RMS over six whole lives"),
     Entry("58", "H_or over six whole lives"),
@@ -99,32 +107,30 @@ _SINGULAR = {"close": "is close", "in part": "holds in part"}
 _PLURAL = {"agrees": "agree", "close": "are close", "in part": "hold in part", "differs": "differ"}
 _HEAD = """# Gallery: the figures of the thesis' chapters 4 and 5
 
-A. Gabrielli's doctoral thesis (University of Ferrara, 2022) describes the model and the methods that this program
-started from. This page goes through every figure of its two chapters on them: what this program makes from its own
-simulation, what agrees with the print, what does not, and why some figures have no counterpart.
+For every figure of the two chapters of A. Gabrielli's doctoral thesis (University of Ferrara, 2022) on the model and
+on the methods: what this program computes from its own simulation, whether it agrees with the print, and why some
+figures have no counterpart.
 
-`python -m benchmarks.gallery --out docs/gallery` makes all pictures, the data under them (`docs/gallery/fig*.json`)
-and this page; `--only 45 61` makes some. All of it takes a minute or two.
+`python -m benchmarks.gallery` draws all pictures into `build/gallery` (one or two minutes), writes the data under them
+to `benchmarks/results/gallery/fig*.json`, and renews this page; `--only 45 61` draws some. Three of the pictures are
+shown here.
 
-How to read the verdicts: a number *agrees* within half a unit of the last printed digit (or within the bound that the
-text gives) and is *close* within 3 %; a statement in words agrees where it holds in every case, and holds *in part*
-where it does so in some; in how many stands beside it. Where words had to be made into a bound, the bound is ours and
-is stated. Almost all values of these figures are drawn and not printed, so that words are most of what there is to hold
-against. Tables of printed numbers are in [published figures](published-figures.md).
+Verdicts: a number *agrees* within half a unit of the last printed digit (or within the bound that the text gives) and
+is *close* within 3 %. A statement in words agrees where it holds in every case and holds *in part* where it holds in
+some; the count is given. Bounds for statements in words are ours. Printed numbers are compared in
+[published figures](published-figures.md).
 
-Figures of chapter 5 rest on six run-to-failure tests whose signals are not at hand. Their counterparts show six
-**simulated lives**, another machine: each has the load, speed, onset and end of a test (Tables 3 and 20), and its true
-volume follows the quadratic that Table 22 prints for it up to 0.05 mm³/mm. What the print does not tell was chosen:
-from there the volume grows faster, to 0.5 mm³/mm at the end; extent and depth grow in proportion (50° to 32 µm); the
-rough floor is another than those of the maps; the sensor adds white noise of 0.5 m/s². Their values are therefore
-*not comparable* with printed ones and stand beside them for the record. Real recordings (PRONOSTIA) are reported by
-`spallwatch report`.
+Figures of chapter 5 rest on six run-to-failure tests whose signals are not available. Their counterparts are six
+**simulated lives** on another machine: each has the load, speed, onset and end of a test (Tables 3 and 20), and its
+true volume follows the quadratic of Table 22 up to 0.05 mm³/mm. Chosen here: from there the volume grows faster, to
+0.5 mm³/mm at the end; extent and depth grow in proportion (50° to 32 µm); the rough floor differs from those of the
+maps; the sensor adds white noise of 0.5 m/s². These values are *not comparable* with printed ones.
 
 """
 
 
-def make(folder: Path, only: Sequence[str]) -> None:
-    """Write pictures and data of the figures asked for, all where none is.
+def make(pictures: Path, data: Path, only: Sequence[str]) -> None:
+    """Write pictures and data of some figures, of all where ``only`` is empty.
 
     Raises:
         ValueError: a figure has no counterpart.
@@ -133,22 +139,18 @@ def make(folder: Path, only: Sequence[str]) -> None:
     if unknown:
         raise ValueError(f"--only {' '.join(unknown)}: expected numbers among {', '.join(FIGURES)}")
     for number in only or FIGURES:
-        path = save_plate(FIGURES[number](), number, folder)
+        path = save_plate(FIGURES[number](), number, pictures, data)
         print(f"Fig. {number}: {path} ({path.stat().st_size / 1000:.0f} kB)")
 
 
-def page(folder: Path, prefix: str) -> str:
-    """Return the page from what the folder holds.
-
-    Args:
-        folder: with the JSON file of every figure that has a counterpart.
-        prefix: of the links to its files.
+def page(data: Path) -> str:
+    """Return the page from the JSON files of all figures that have a counterpart.
 
     Raises:
         OSError: a file is missing.
     """
     stored = {
-        number: json.loads((folder / f"fig{number}.json").read_text(encoding="utf-8")) for number in sorted(FIGURES)
+        number: json.loads((data / f"fig{number}.json").read_text(encoding="utf-8")) for number in sorted(FIGURES)
     }
     lines = [_HEAD + _summary(stored), "", "| Fig. | shows | counterpart | verdicts |", "| --- | --- | --- | --- |"]
     lines += [_row(entry, stored) for entry in ENTRIES]
@@ -159,7 +161,7 @@ def page(folder: Path, prefix: str) -> str:
         lines += ["", f"## {title}"]
         for entry in ENTRIES:
             if entry.number in stored and (int(entry.number) >= 52) == (chapter == "5"):
-                lines += _section(entry, stored[entry.number], prefix)
+                lines += _section(entry, stored[entry.number])
     return "\n".join(lines) + "\n"
 
 
@@ -174,7 +176,7 @@ def _summary(stored: Mapping[str, Any]) -> str:
 
 
 def _counted(verdict: str, count: int) -> str:
-    """Return what so many statements do."""
+    """Return a verdict as a verb that agrees with the count."""
     return (_SINGULAR if count == 1 else _PLURAL).get(verdict, verdict)
 
 
@@ -190,9 +192,11 @@ def _row(entry: Entry, stored: Mapping[str, Any]) -> str:
     return f"| {entry.number} | {entry.title} | [{kind}](#fig-{entry.number}) | {counts} |"
 
 
-def _section(entry: Entry, stored: Mapping[str, Any], prefix: str) -> list[str]:
+def _section(entry: Entry, stored: Mapping[str, Any]) -> list[str]:
     lines = ["", f'<a id="fig-{entry.number}"></a>', "", f"### Fig. {entry.number}: {entry.title}", ""]
-    lines += [f"![{stored['label']}]({prefix}{stored['picture']})", "", stored["caption"]]
+    if entry.number in KEPT:
+        lines += [f"![{stored['label']}](gallery/{KEPT[entry.number]})", ""]
+    lines.append(stored["caption"])
     if stored["machine"]:
         lines[-1] += f" Another machine: {stored['machine']}."
     lines += ["", "| what the print says | print | here | verdict |", "| --- | --- | --- | --- |"]
@@ -203,19 +207,23 @@ def _section(entry: Entry, stored: Mapping[str, Any], prefix: str) -> list[str]:
 def main() -> None:
     """Make figures and the page."""
     parser = argparse.ArgumentParser(description="The gallery of the thesis' figures.")
-    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for pictures and data")
+    parser.add_argument("--out", type=Path, default=PICTURES, metavar="FOLDER", help="for pictures")
+    parser.add_argument("--data", type=Path, default=DATA, metavar="FOLDER", help="for JSON files")
     parser.add_argument("--only", nargs="+", default=[], metavar="NUMBER", help="make these figures only")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="the page (default: beside the folder, .md)")
+    parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE", help="the page")
     options = parser.parse_args()
-    target = options.page or options.out.with_suffix(".md")
     try:
-        make(options.out, options.only)
-        target.write_text(page(options.out, f"{options.out.name}/"), encoding="utf-8")
+        make(options.out, options.data, options.only)
+        options.page.write_text(page(options.data), encoding="utf-8")
     except ValueError as error:
         parser.error(str(error))
     except FileNotFoundError as error:
         parser.error(f"{error.filename} is missing: the page needs every figure, make all of them first")
-    print(target)
+    if options.page == PAGE:
+        for name in KEPT.values():
+            if (options.out / name).exists():
+                shutil.copyfile(options.out / name, PAGE.with_suffix("") / name)
+    print(options.page)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ MOST_BYTES = 200_000
 DEFECTS = {"D1": (BLUE, "o"), "D2": (VERMILION, "s"), "D3": (GREEN, "^")}
 """Colour and marker of each seeded defect."""
 CLOSE = 0.03
-"""What counts as close: the rule of docs/published-figures.md."""
+"""What counts as close: the rule of docs/evidence/published-figures.md."""
 _FRACTION = re.compile(r"(\.\d\d)\d+")
 _PLACES = re.compile(r'\b(?:d|x|y|points)="[^"]*"')
 _DPI = (120, 105, 90, 75)
@@ -87,8 +87,8 @@ def words(what: str, cases: Sequence[bool], printed: str = "in words") -> Claim:
 
 
 @mpl.rc_context({**STYLE, "svg.fonttype": "path"})
-def save_plate(plate: Plate, number: str, folder: Path) -> Path:
-    """Write picture and data of a figure; return the picture's path.
+def save_plate(plate: Plate, number: str, pictures: Path, data: Path) -> Path:
+    """Write the picture and the JSON file of a figure into their folders; return the picture's path.
 
     The picture is SVG, or PNG where that would be large.
 
@@ -99,10 +99,11 @@ def save_plate(plate: Plate, number: str, folder: Path) -> Path:
     FigureCanvasAgg(made)
     plate.draw(made)
     suffix, content = _encoded(made, number)
-    folder.mkdir(parents=True, exist_ok=True)
+    for folder in (pictures, data):
+        folder.mkdir(parents=True, exist_ok=True)
     for old in (".svg", ".png"):
-        (folder / f"fig{number}{old}").unlink(missing_ok=True)
-    path = folder / f"fig{number}{suffix}"
+        (pictures / f"fig{number}{old}").unlink(missing_ok=True)
+    path = pictures / f"fig{number}{suffix}"
     path.write_bytes(content)
     stored = {
         "figure": number,
@@ -116,7 +117,7 @@ def save_plate(plate: Plate, number: str, folder: Path) -> Path:
     text = json.dumps(stored, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     # One quantity a line: what changed between two runs is seen.
     text = re.sub(r',(?="[a-zA-Z_][^"]*":)', ",\n", text)
-    (folder / f"fig{number}.json").write_text(text + "\n", encoding="utf-8")
+    (data / f"fig{number}.json").write_text(text + "\n", encoding="utf-8")
     return path
 
 

@@ -3,8 +3,8 @@
 Run as ``python -m benchmarks.integrators [--quick] [--json FILE] [--document FILE]``. On five scenes, each method at
 several steps or tolerances: relative error of RMS and waveform of the casing's acceleration along the load, beside the
 thread time of an integrated second (median of seven; solve_ivp once). What is compared is in benchmarks/opponents.py,
-how in benchmarks/work_precision.py. ``--document`` renews the tables of docs/speed-against-error.md and draws the
-diagram beside it (SVG and PNG).
+how in benchmarks/work_precision.py. ``--document`` renews the tables of docs/evidence/speed-against-error.md and the
+diagram beside it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Every static figure that the thesis prints, beside what this program obtains.
 
-python -m benchmarks.published [--quick] [--json FILE] [--document docs/published-figures.md]
+python -m benchmarks.published [--quick] [--json FILE] [--document docs/evidence/published-figures.md]
 
 One line for each place and quantity; --json holds every figure. ``--quick`` changes nothing: it all takes a second.
 ``--document`` renews the table in that file, between the lines that MARKS names.

@@ -1,4 +1,4 @@
-"""The diagram and the tables of docs/speed-against-error.md, made of what benchmarks/integrators.py has measured."""
+"""The diagram and tables of docs/evidence/speed-against-error.md, from what benchmarks/integrators.py measured."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def circumstances_text(references: Sequence[Row]) -> str:
 
 @mpl.rc_context(STYLE)
 def draw(runs: Sequence[Row], path: Path) -> None:
-    """Draw waveform error against time, one panel a scene, as SVG and PNG, as the figures of reports are drawn."""
+    """Draw waveform error against time, one panel a scene, as PNG, as the figures of reports are drawn."""
     scenes = names(runs, "scene")
     figure = Figure(figsize=(13.5, 8.4), layout="constrained")
     grid = figure.subplots(2, 3, sharex=True, sharey=True)
@@ -194,9 +194,7 @@ def draw(runs: Sequence[Row], path: Path) -> None:
         axes.set_axis_off()
     handles, labels = panels[0].get_legend_handles_labels()
     panels[-1].legend(handles, labels, loc="center", fontsize=9.5)
-    for suffix in (".svg", ".png"):
-        metadata = {"Date": None} if suffix == ".svg" else None
-        figure.savefig(path.with_suffix(suffix), dpi=85, facecolor="white", metadata=metadata)
+    figure.savefig(path.with_suffix(".png"), dpi=85, facecolor="white")
 
 
 def _panel(axes: Axes, runs: Sequence[Row]) -> None:

@@ -88,7 +88,7 @@ install_files() {
     put "$SOURCE/deploy/systemd/spallwatch.service" "$DESTDIR$UNITS/spallwatch.service"
     put "$SOURCE/deploy/systemd/spallwatch.sysusers.conf" "$DESTDIR$USERS/spallwatch.conf"
     put "$SOURCE/deploy/machine.toml.example" "$DESTDIR$CONFIG/machine.toml.example"
-    put "$SOURCE/docs/deployment.md" "$DESTDIR$PREFIX/doc/deployment.md"
+    put "$SOURCE/docs/how-to/deployment.md" "$DESTDIR$PREFIX/doc/deployment.md"
     put "$SOURCE/config.toml" "$DESTDIR$PREFIX/doc/config.toml"
 }
 

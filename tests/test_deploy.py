@@ -29,7 +29,7 @@ from tests.streams.folders import csv_bytes, noise
 ROOT = Path(__file__).resolve().parents[1]
 UNIT = ROOT / "deploy" / "systemd" / "spallwatch.service"
 INSTALLER = ROOT / "deploy" / "install.sh"
-GUIDE = ROOT / "docs" / "deployment.md"
+GUIDE = ROOT / "docs" / "how-to" / "deployment.md"
 ANALYZE = shutil.which("systemd-analyze")
 _SET_MDWE, _REFUSE_EXEC_GAIN = 65, 1
 

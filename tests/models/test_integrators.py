@@ -248,7 +248,7 @@ def test_a_page_without_marks_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_page_shows_the_stored_figures() -> None:
-    page, tables = (ROOT / "docs" / "speed-against-error.md").read_text(encoding="utf-8"), stored()
+    page, tables = (ROOT / "docs" / "evidence" / "speed-against-error.md").read_text(encoding="utf-8"), stored()
     for table in (
         reach_table(tables["runs"]),
         reference_table(tables["references"]),

@@ -1,4 +1,4 @@
-"""What docs/published-figures.md says of every printed static figure, held against what the program computes."""
+"""What docs/evidence/published-figures.md says of every printed static figure, compared with the program."""
 
 from __future__ import annotations
 
@@ -119,8 +119,10 @@ def test_printed_contact_stiffness_needs_the_concave_inner_race(designation: str
 
 
 def test_document_holds_the_table_as_computed() -> None:
-    """Renew it with ``python -m benchmarks.published --document docs/published-figures.md``."""
-    text = (Path(__file__).resolve().parents[2] / "docs" / "published-figures.md").read_text(encoding="utf-8")
+    """Renew it with ``python -m benchmarks.published --document docs/evidence/published-figures.md``."""
+    text = (Path(__file__).resolve().parents[2] / "docs" / "evidence" / "published-figures.md").read_text(
+        encoding="utf-8"
+    )
     assert renewed(text, markdown_table(FIGURES)) == text
     with pytest.raises(ValueError, match="lacks the lines"):
         renewed("nothing", "")

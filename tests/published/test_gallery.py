@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import FigureBase
 
-from benchmarks.gallery import ENTRIES, FIGURES, make, page
+from benchmarks.gallery import DATA, ENTRIES, FIGURES, KEPT, PAGE, make, page
 from benchmarks.gallery_lives import LENGTHS, MINUTE, TESTS, V_END, V_TH, printed_law, sizes, true_volume
 from benchmarks.gallery_plate import MOST_BYTES, Plate, number, plain, save_plate, words
 from benchmarks.gallery_seeded import likeness
@@ -19,12 +19,11 @@ from models.bearing import from_catalogue
 from models.path.defect import race_radius
 from tests.effort import effort_count
 
-FOLDER = Path(__file__).resolve().parents[2] / "docs" / "gallery"
 CHEAP = ("36", "38", "40", "43", "53", "45", "46", "47", "48", "51")
 
 
 def stored(figure: str) -> dict[str, Any]:
-    return json.loads((FOLDER / f"fig{figure}.json").read_text(encoding="utf-8"))
+    return json.loads((DATA / f"fig{figure}.json").read_text(encoding="utf-8"))
 
 
 def test_every_figure_of_both_chapters_stands_once() -> None:
@@ -35,24 +34,24 @@ def test_every_figure_of_both_chapters_stands_once() -> None:
 
 
 def test_the_page_is_made_of_the_data() -> None:
-    """Renew it with ``python -m benchmarks.gallery --out docs/gallery``."""
-    assert FOLDER.with_suffix(".md").read_text(encoding="utf-8") == page(FOLDER, "gallery/")
+    """Renew it with ``python -m benchmarks.gallery``."""
+    assert PAGE.read_text(encoding="utf-8") == page(DATA)
 
 
 def test_links_of_the_page_lead_somewhere() -> None:
-    text = page(FOLDER, "gallery/")
+    text = page(DATA)
     for target in re.findall(r"\]\(([^)#]+)\)", text):
-        assert (FOLDER.parent / target).exists(), target
+        assert (PAGE.parent / target).exists(), target
     for anchor in re.findall(r"\]\(#([^)]+)\)", text):
         assert f'<a id="{anchor}"></a>' in text
 
 
-def test_pictures_are_small_and_those_of_the_data() -> None:
-    pictures = sorted(path.name for path in FOLDER.iterdir() if path.suffix != ".json")
-    assert pictures == sorted(stored(figure)["picture"] for figure in FIGURES)
-    sizes_of = [(FOLDER / name).stat().st_size for name in pictures]
-    assert max(sizes_of) < MOST_BYTES
-    assert sum(path.stat().st_size for path in FOLDER.iterdir()) < 3_000_000
+def test_pictures_beside_the_page_are_few_and_small() -> None:
+    pictures = sorted(PAGE.with_suffix("").iterdir())
+    assert [path.name for path in pictures] == sorted(KEPT.values())
+    assert all(stored(figure)["picture"] == name for figure, name in KEPT.items())
+    assert max(path.stat().st_size for path in pictures) < MOST_BYTES
+    assert sorted(path.stem for path in DATA.iterdir()) == sorted(f"fig{figure}" for figure in FIGURES)
 
 
 def same(found: Any, kept: Any) -> None:
@@ -123,18 +122,18 @@ def test_a_large_drawing_becomes_dots_and_one_that_stays_large_is_refused(
     def noise(made: FigureBase) -> None:
         made.subplots(1, 1).imshow(np.random.default_rng(0).random((300, 900)), aspect="auto")
 
-    path = save_plate(Plate("c", "l", 1.5, many, {"a_g": np.array([1.0, np.nan])}), "1", tmp_path)
+    path = save_plate(Plate("c", "l", 1.5, many, {"a_g": np.array([1.0, np.nan])}), "1", tmp_path, tmp_path)
     assert path.suffix == ".png"
     assert path.stat().st_size < 60_000
     assert json.loads((tmp_path / "fig1.json").read_text())["data"] == {"a_g": [1.0, None]}
     with pytest.raises(ValueError, match="figure 2"):
-        save_plate(Plate("c", "l", 3.0, noise, {}), "2", tmp_path)
+        save_plate(Plate("c", "l", 3.0, noise, {}), "2", tmp_path, tmp_path)
     assert not list(tmp_path.glob("fig2*"))
 
 
 def test_unknown_figures_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="--only 31: expected numbers among 36"):
-        make(tmp_path, ["31"])
+        make(tmp_path, tmp_path, ["31"])
     assert not list(tmp_path.iterdir())
 
 

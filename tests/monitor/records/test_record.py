@@ -134,7 +134,7 @@ def test_every_variable_is_described() -> None:
 
 
 def test_the_document_lists_the_variables_as_they_are() -> None:
-    text = (Path(__file__).parents[3] / "docs" / "records.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "reference" / "records.md").read_text(encoding="utf-8")
     listed = text[text.index("## Variables of every channel") : text.index("## The store")].splitlines()
     rows = [line for line in listed if line.startswith("| `")]
     expected = []

@@ -1,6 +1,6 @@
-"""Draw the pictures of docs/reports.md: the first screen of a report, and a page of its evidence.
+"""Draw the pictures of docs/how-to/reports.md: the first screen of a report, and a page of its evidence.
 
-python docs/make_report_pictures.py        needs Chromium, and about a minute for the demo that it reports
+python -m benchmarks.report_pictures        needs Chromium, and about a minute for the demo that it reports
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from monitor.commands.demo import command
 ROOT = Path(__file__).resolve().parents[1]
 WIDTH, HEIGHT = 1000, 900
 SEED = "2"
-PICTURES = [ROOT / "docs" / f"{name}.png" for name in ("report", "report_path", "report_forecast")]
+PICTURES = [ROOT / "docs" / "pictures" / f"{name}.png" for name in ("report", "report_path", "report_forecast")]
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """Draw the picture of the README from a replay of PRONOSTIA's Bearing2_4.
 
-python docs/make_pictures.py        needs the recordings that SPALLWATCH_DATA names (default ../shared/data)
+python -m benchmarks.pictures        needs the recordings that SPALLWATCH_DATA names (default ../shared/data)
 """
 
 from __future__ import annotations
@@ -93,4 +93,4 @@ def draw(result: Replay, rows: np.ndarray, path: Path) -> None:
 
 if __name__ == "__main__":
     replayed, table = run()
-    draw(replayed, table, ROOT / "docs" / "bearing2_4.png")
+    draw(replayed, table, ROOT / "docs" / "pictures" / "bearing2_4.png")
