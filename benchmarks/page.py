@@ -30,7 +30,7 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.records import made_up
 from benchmarks.trends import BEGIN, CHANNEL, INTERVAL, fill
 from monitor.config.web import WebSection
-from monitor.records.record import Record
+from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.service.page import PageProcess
 from monitor.service.status_file import StatusFile

@@ -22,9 +22,9 @@ import numpy as np
 import xarray as xr
 
 from benchmarks.common import Row, arguments, print_table, write_json
+from monitor.health.record import Record
+from monitor.health.schema import DIMENSION_SIZES, VARIABLES
 from monitor.records.publish import day_dataset, days, publish
-from monitor.records.record import Record
-from monitor.records.schema import DIMENSION_SIZES, VARIABLES
 from monitor.records.store import Store
 
 DAY_BLOCKS = 17_280

@@ -25,8 +25,9 @@ import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from monitor.commands.batch import find_items, run_batch
-from monitor.records.record import Record
-from monitor.records.spectra import SpectrumChange, SpectrumRow, write_changes
+from monitor.health.record import Record
+from monitor.health.waterfall import SpectrumChange, SpectrumRow
+from monitor.records.spectra import write_changes
 from monitor.records.store import Store
 from monitor.report.options import Options
 from monitor.report.report import report_runs

@@ -42,7 +42,7 @@ from monitor.config.load import Config, validate
 from monitor.health.damage.library.calibrate import RecordedRun, calibrate
 from monitor.health.damage.library.fit import FitSettings, fit_library
 from monitor.health.damage.library.model import Library
-from monitor.records.record import Record
+from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.report.score.issued import Issued, read_issued
 from monitor.report.score.runs import End, mean_of_runs, score_run

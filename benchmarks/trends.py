@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.records import made_up
-from monitor.health.waterfall import WaterfallSettings, WaterfallState, step
+from monitor.health.record import Record
+from monitor.health.waterfall import SpectrumChange, SpectrumRow, WaterfallSettings, WaterfallState, step
 from monitor.records.packing import pack, places_of
-from monitor.records.record import Record
-from monitor.records.spectra import SpectrumChange, SpectrumRow, read_spectra
+from monitor.records.spectra import read_spectra
 from monitor.records.store import Store
 from monitor.records.trends import FEATURES, LEVELS, Trends, TrendTable
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from monitor.config.load import Config, SourceSection, load_config
 from monitor.health import detect
 from monitor.health.naming import Naming
+from monitor.health.record import Record
 from monitor.health.step import BlockInfo, ChannelOutput, detect_input
-from monitor.records.record import Record
 from monitor.service.setup import ChannelSetup, channel_setups, open_configured
 from monitor.service.watcher import Watcher
 from streams.block import Block, Rejected

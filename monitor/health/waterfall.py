@@ -11,11 +11,68 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 Kind = Literal["newest", "kept", "pinned"]
 
 _PINNED_AFTER = 3
 _SLACK = 1e-3
 """Share of the while by which a block may come early: clocks are not exact."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpectrumRow:
+    """The envelope spectrum of one block of one channel, not averaged.
+
+    Attributes:
+        source: name of the source.
+        channel: name of the channel.
+        sequence: number of the block in its source.
+        time: of its first sample, UTC seconds since 1970, or seconds from the first block where undated; None unknown.
+        resolution: spacing of the bins, Hz; bin k stands at k times it.
+        band: (lo, hi) that was demodulated, Hz.
+        speed: of the shaft, Hz.
+        mean: of the envelope, m/s2, or in the channel's unknown unit.
+        absolute: whether amplitudes are in m/s2.
+        amplitude: (n,) single-sided, in the unit of ``mean``; a line on a bin reads its amplitude.
+        lines: where the first line of each family stands, Hz: outer, inner, ball (it meets both races), cage. At the
+            speed found in this spectrum where the family is detected, else the kinematic frequency.
+    """
+
+    source: str
+    channel: str
+    sequence: int
+    time: float | None
+    resolution: float
+    band: tuple[float, float]
+    speed: float
+    mean: float
+    absolute: bool
+    amplitude: NDArray[np.floating]
+    lines: Mapping[str, float]
+
+    @property
+    def frequency(self) -> NDArray[np.float64]:
+        """(n,) frequency of each bin, Hz."""
+        return np.arange(self.amplitude.size, dtype=np.float64) * self.resolution
+
+
+@dataclass(frozen=True, eq=False)
+class SpectrumChange:
+    """What one block changes in the spectra of one channel.
+
+    Attributes:
+        row: the spectrum of the block.
+        kind: "newest": stands until the next comes; "kept": until it is thinned out; "pinned": for good.
+        thin: drop every other one of the kept ones first.
+        pin_before: pin the last kept one before the block of this number, or None.
+    """
+
+    row: SpectrumRow
+    kind: Kind
+    thin: bool = False
+    pin_before: int | None = None
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""Health records: their schema, the SQLite store that holds the truth, the netCDF files made from it."""
+"""Health records: the SQLite store that holds the truth, and the netCDF files made from it."""

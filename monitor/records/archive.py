@@ -44,7 +44,7 @@ class Archived:
         channel: that it is about.
         method: "thesis", "library", ...
         threshold_mm2: V_th, mm3 per mm.
-        status: as in ``monitor.records.schema.TT_STATUSES``.
+        status: as in ``monitor.health.schema.TT_STATUSES``.
         issued_utc: when it was committed, UTC seconds since 1970, which for a replay is when it was replayed; None
             where a store of an older version did not keep it.
         data_until: time of the latest block that it knew.
@@ -79,7 +79,7 @@ def forecast_values(
     """Return what stands in the ``COLUMNS`` for one forecast.
 
     Args:
-        body: as in :class:`monitor.records.record.Record`. Keys known here: ``channel``, ``method``,
+        body: as in :class:`monitor.health.record.Record`. Keys known here: ``channel``, ``method``,
             ``threshold_mm2``, ``status``, ``tt_s``, ``tt_lower_s``, ``tt_upper_s``, ``interval``, ``quantiles_s``
             (an object of seconds by level), ``library_hash``, ``map_hash``.
         run: attributes of the run that commits it (:meth:`monitor.records.store.Store.describe`), for what the body

@@ -6,8 +6,8 @@ import json
 import sqlite3
 from typing import Literal, NamedTuple
 
+from monitor.health.record import Record
 from monitor.records.packing import unpack
-from monitor.records.record import Record
 
 SECONDS_PER_DAY = 86400
 _LAST_TIME = 253402300800.0

@@ -13,9 +13,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from models.errors import SpallwatchError
+from monitor.health.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
 from monitor.records.dataset import NO_VALUE, attributes_of, words
 from monitor.records.filesystem import replace_durably
-from monitor.records.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from collections.abc import Iterable
 from types import TracebackType
 from typing import Self
 
+from monitor.health.record import storable
 from monitor.records.connection import SharedConnection
-from monitor.records.record import storable
 from monitor.records.store import Store
 from streams.block import Rejected
 from streams.ledger import FileProgress

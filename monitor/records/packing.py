@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.records.record import mask_names
-from monitor.records.schema import VARIABLES, Variable
+from monitor.health.record import mask_names
+from monitor.health.schema import VARIABLES, Variable
 
 
 class Entry(NamedTuple):

@@ -17,11 +17,11 @@ import numpy as np
 import xarray as xr
 
 from models.errors import SpallwatchError
+from monitor.health.schema import SCHEMA_VERSION, VARIABLES
 from monitor.records.dataset import INT_FILL, to_dataset
 from monitor.records.filesystem import replace_durably
 from monitor.records.filing import SECONDS_PER_DAY
 from monitor.records.published import Published, note_published
-from monitor.records.schema import SCHEMA_VERSION, VARIABLES
 from monitor.records.store import Store, StoreError
 
 _SUMMARY = (

@@ -9,80 +9,24 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.waterfall import Kind, SpectrumChange, SpectrumRow
 from monitor.records.database import StoreError
 
 if TYPE_CHECKING:
     from monitor.records.store import Store
 
-Kind = Literal["newest", "kept", "pinned"]
-
 _KINDS: dict[Kind, int] = {"newest": 0, "kept": 1, "pinned": 2}
 _HALF_RANGE = 32768.0
 """The highest amplitude becomes this: half of what float16 holds, so that the low ones keep their digits."""
 _ROW = "source, channel, sequence, time, header, amplitude"
-
-
-@dataclass(frozen=True, eq=False)
-class SpectrumRow:
-    """The envelope spectrum of one block of one channel, not averaged.
-
-    Attributes:
-        source: name of the source.
-        channel: name of the channel.
-        sequence: number of the block in its source.
-        time: of its first sample, UTC seconds since 1970, or seconds from the first block where undated; None unknown.
-        resolution: spacing of the bins, Hz; bin k stands at k times it.
-        band: (lo, hi) that was demodulated, Hz.
-        speed: of the shaft, Hz.
-        mean: of the envelope, m/s2, or in the channel's unknown unit.
-        absolute: whether amplitudes are in m/s2.
-        amplitude: (n,) single-sided, in the unit of ``mean``; a line on a bin reads its amplitude.
-        lines: where the first line of each family stands, Hz: outer, inner, ball (it meets both races), cage. At the
-            speed found in this spectrum where the family is detected, else the kinematic frequency.
-    """
-
-    source: str
-    channel: str
-    sequence: int
-    time: float | None
-    resolution: float
-    band: tuple[float, float]
-    speed: float
-    mean: float
-    absolute: bool
-    amplitude: NDArray[np.floating]
-    lines: Mapping[str, float]
-
-    @property
-    def frequency(self) -> NDArray[np.float64]:
-        """(n,) frequency of each bin, Hz."""
-        return np.arange(self.amplitude.size, dtype=np.float64) * self.resolution
-
-
-@dataclass(frozen=True, eq=False)
-class SpectrumChange:
-    """What one block changes in the spectra of one channel.
-
-    Attributes:
-        row: the spectrum of the block.
-        kind: "newest": stands until the next comes; "kept": until it is thinned out; "pinned": for good.
-        thin: drop every other one of the kept ones first.
-        pin_before: pin the last kept one before the block of this number, or None.
-    """
-
-    row: SpectrumRow
-    kind: Kind
-    thin: bool = False
-    pin_before: int | None = None
 
 
 def write_changes(connection: sqlite3.Connection, changes: Iterable[SpectrumChange]) -> None:

@@ -17,14 +17,15 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 from monitor import __version__
+from monitor.health.record import Record
+from monitor.health.waterfall import SpectrumChange
 from monitor.records.archive import ARCHIVE_QUERY, Archived, archived_of, insert_forecasts
 from monitor.records.database import UNFIT, Presence, StoreError, UnstorableError, connect, refuse_unsuitable
 from monitor.records.digests import note_block, note_states
 from monitor.records.filing import STORED_QUERY, Filing, Stored, file_record
 from monitor.records.locks import let_go, take_lock
 from monitor.records.packing import pack
-from monitor.records.record import Record
-from monitor.records.spectra import SpectrumChange, write_changes
+from monitor.records.spectra import write_changes
 
 __all__ = ["Archived", "Commit", "Filing", "Store", "StoreError", "Stored", "UnstorableError"]
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.records.schema import STATUSES
+from monitor.health.schema import STATUSES
 
 FEATURES = (
     *("rms", "rms_smoothed", "peak", "kurtosis", "crest_factor", "a_star", "h_or", "h_ir", "h_ball", "h_cage"),

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.schema import STATUSES
 from monitor.records.packing import columns_of, numbers_of, places_of
-from monitor.records.schema import STATUSES
 from monitor.records.trend_levels import FEATURES, Array, Whole
 
 _WANTED = (*FEATURES, "quality_status")

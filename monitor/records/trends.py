@@ -17,10 +17,10 @@ from typing import Self
 
 import numpy as np
 
+from monitor.health.schema import STATUSES
 from monitor.records import trend_tables as tables
 from monitor.records.database import StoreError
 from monitor.records.locks import let_go, take_lock
-from monitor.records.schema import STATUSES
 from monitor.records.trend_levels import FEATURES, LEVELS, Array, Buckets, Whole
 from monitor.records.trend_reading import Layouts, Points, blocks_between, points_between, points_of, read_after
 

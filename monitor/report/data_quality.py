@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from monitor.records.schema import FLAGS, REJECTIONS
+from monitor.health.schema import FLAGS, REJECTIONS
 from monitor.report.figures.drawing import (
     BLUE,
     GREEN,

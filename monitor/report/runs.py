@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from models.errors import WrongInputError
 from monitor.health.damage.filter.particles import Particles
+from monitor.health.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
+from monitor.health.waterfall import SpectrumRow
 from monitor.records.dataset import words
 from monitor.records.publish import PublishError, day_dataset, days
-from monitor.records.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
-from monitor.records.spectra import SpectrumRow, read_spectra
+from monitor.records.spectra import read_spectra
 from monitor.records.store import Store, StoreError
 
 Records = xr.Dataset | Store | Path | str

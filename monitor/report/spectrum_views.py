@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from monitor.records.spectra import SpectrumRow
+from monitor.health.waterfall import SpectrumRow
 from monitor.report.figures.spectrum import SpectrumView
 from monitor.report.runs import Channel
 from monitor.report.verdict import Verdict, named_fault

@@ -22,9 +22,9 @@ from monitor.health.alarms import (
     step,
 )
 from monitor.health.quality import Verdict
+from monitor.health.record import Record
 from monitor.health.state import ChannelState
 from monitor.health.step import ChannelOutput
-from monitor.records.record import Record
 
 _BAD_FLAGS = {"flat", "clipped", "clock"}
 _TOLD = (BAD_DATA, OUT_OF_SPECIFICATION)

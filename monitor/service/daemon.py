@@ -10,8 +10,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from monitor.config.load import Config
+from monitor.health.record import Record
 from monitor.records.events import EventLog
-from monitor.records.record import Record
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import StoreError
 from monitor.service.acknowledging import Acknowledgements

@@ -11,8 +11,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from monitor.config.load import Config, ConfigError
+from monitor.health.record import Record, storable
 from monitor.records.ledger import StoreLedger, write_progress
-from monitor.records.record import Record, storable
 from monitor.records.store import Store, StoreError, UnstorableError
 from monitor.service.recording import rejected_record
 from monitor.service.setup import channel_setups, source_spec

@@ -9,7 +9,7 @@ from typing import Any
 from monitor import __version__
 from monitor.config.load import Config
 from monitor.health.alarms import machine_state
-from monitor.records.record import Record
+from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.silence import Hearing, Last, patience

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from monitor.health.record import Record, plain
 from monitor.health.spectrum.features import FAULTS, BlockFeatures
 from monitor.health.state import ChannelState
 from monitor.health.step import ChannelOutput
-from monitor.records.record import Record, plain
 from streams.block import Block, Rejected
 
 _DAMAGE = ("rms_smoothed", "dphi_d", "h_d", "v_eq", "v_eq_lower", "v_eq_upper")
@@ -80,7 +80,7 @@ def block_record(
 
 
 def channel_values(state: ChannelState, output: ChannelOutput) -> dict[str, Any]:
-    """Return the values of one channel by variable (``monitor.records.schema``), None where there is none."""
+    """Return the values of one channel by variable (``monitor.health.schema``), None where there is none."""
     detector = state.detect
     values: dict[str, Any] = {
         "quality_status": output.verdict.status,

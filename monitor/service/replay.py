@@ -16,12 +16,12 @@ from models.maps.file import RmsMap
 from monitor.config.load import Config, ConfigError
 from monitor.health.damage.library.model import Library
 from monitor.health.quality import FLAGS, REJECTIONS
+from monitor.health.record import Record
 from monitor.health.spectrum.bands import find_band
 from monitor.health.spectrum.features import fundamentals
 from monitor.health.spectrum.votes import ENOUGH_VOTES
+from monitor.health.waterfall import SpectrumChange
 from monitor.records.publish import publish
-from monitor.records.record import Record
-from monitor.records.spectra import SpectrumChange
 from monitor.records.store import Store, StoreError
 from monitor.service.setup import ChannelSetup, channel_setups, open_configured
 from monitor.service.summary import channel_summary, run_attributes

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from monitor.health.record import Record
 from monitor.records.events import EventLog
-from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
 
 _LOG = logging.getLogger(__name__)

@@ -21,10 +21,10 @@ from monitor.health.quality import (
     rejected,
     with_flags,
 )
+from monitor.health.record import Record
 from monitor.health.state import ChannelState
 from monitor.health.step import BlockInfo, ChannelOutput, judge, step
-from monitor.records.record import Record
-from monitor.records.spectra import SpectrumChange
+from monitor.health.waterfall import SpectrumChange
 from monitor.service.alarming import Alarming
 from monitor.service.recording import block_record, rejected_record
 from monitor.service.setup import ChannelSetup

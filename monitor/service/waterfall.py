@@ -12,8 +12,7 @@ from models.bearing import Bearing, kinematics
 from monitor.health.spectrum.features import BlockFeatures, fundamentals
 from monitor.health.state import ChannelState
 from monitor.health.step import ChannelOutput
-from monitor.health.waterfall import WaterfallSettings, WaterfallState, step
-from monitor.records.spectra import SpectrumChange, SpectrumRow
+from monitor.health.waterfall import SpectrumChange, SpectrumRow, WaterfallSettings, WaterfallState, step
 from streams.block import Block
 
 _HARMONICS = 6.5

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from monitor.health.quality import FLAGS, REJECTIONS
-from monitor.records.schema import STATUSES
+from monitor.health.schema import STATUSES
 from monitor.records.trend_levels import FEATURES
 from monitor.records.trend_reading import Layouts, Ledgered, points_between
 from monitor.records.trends import TrendTable

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from monitor.health.waterfall import SpectrumRow
 from monitor.records.columns import BY_FEATURE
-from monitor.records.spectra import SpectrumRow, binned, kept_blocks, read_spectra
+from monitor.records.spectra import binned, kept_blocks, read_spectra
 from monitor.web.answers import RequestError, numbers
 from monitor.web.machines import Machine
 from monitor.web.queries import Query, optional_number, whole_number

@@ -15,8 +15,8 @@ import pytest
 import xarray as xr
 
 from monitor.config.load import load_config
+from monitor.health.record import Record
 from monitor.records.ledger import StoreLedger
-from monitor.records.record import Record
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from tests.effort import effort_count

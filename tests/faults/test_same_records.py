@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor.records.record import Record
+from monitor.health.record import Record
 from monitor.records.store import Store
 from tests.effort import effort_count
 from tests.faults.daemons import RATE, call, make_machine, start, status, wait_for

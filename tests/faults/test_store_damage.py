@@ -10,11 +10,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from monitor.health.record import Record
 from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger
 from monitor.records.packing import pack
 from monitor.records.publish import publish
-from monitor.records.record import Record
 from monitor.records.recover import salvage
 from monitor.records.recover.leaf_pages import leaf_rows
 from monitor.records.recover.salvage import SalvageReport, open_or_salvage

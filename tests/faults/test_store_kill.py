@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-from monitor.records.record import Record
+from monitor.health.record import Record
 from monitor.records.store import Store
 from tests.effort import effort_count
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from monitor.records.record import Record
+from monitor.health.record import Record
 from monitor.records.store import Store, StoreError
 from monitor.web.reading import StoreReader
 from tests.faults.daemons import ROOT
@@ -27,7 +27,7 @@ EventLog(Path(sys.argv[1])).close()
 _COMMIT = """
 import sys
 from pathlib import Path
-from monitor.records.record import Record
+from monitor.health.record import Record
 from monitor.records.store import Store
 with Store.open(Path(sys.argv[1]), machine="m") as store:
     number = store.last("s") + 1

@@ -23,7 +23,7 @@ from pathlib import Path
 
 import pytest
 
-from monitor.records.record import Record
+from monitor.health.record import Record
 from monitor.records.store import Store, StoreError
 from streams.block import Block
 from streams.link.network import parse_address

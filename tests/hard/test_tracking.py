@@ -28,7 +28,7 @@ from monitor.health.damage.tracker import (
     TrackMethod,
     step,
 )
-from monitor.records.schema import EDV_STATUSES, TT_STATUSES
+from monitor.health.schema import EDV_STATUSES, TT_STATUSES
 from tests.effort import effort_count
 from tests.oracles.toy_lives import INTERVAL, RADIUS, THRESHOLD, toy_lives
 

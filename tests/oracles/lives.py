@@ -6,7 +6,7 @@ import math
 import random
 from typing import Any
 
-from monitor.records.record import Record, plain
+from monitor.health.record import Record, plain
 
 GRAVITY = 9.80665
 THRESHOLD = 5e-8

@@ -10,8 +10,8 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from monitor.records.record import Record
-from monitor.records.schema import DIMENSION_SIZES, FLAGS, REJECTIONS, VARIABLES, Variable
+from monitor.health.record import Record
+from monitor.health.schema import DIMENSION_SIZES, FLAGS, REJECTIONS, VARIABLES, Variable
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 

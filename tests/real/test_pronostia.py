@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor.records.record import Record
+from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.service.replay import replay
 from monitor.service.setup import channel_setups, open_configured

@@ -154,7 +154,7 @@ class Damage:
     """V_eq after one block; NaN wherever ``status`` says that there is no value, and what a method does not give.
 
     Attributes:
-        status: as in ``monitor.records.schema.EDV_STATUSES``.
+        status: as in ``monitor.health.schema.EDV_STATUSES``.
         v_eq: equivalent damaged volume per width, m2; the median where there is an interval.
         v_eq_lower: lower end of its interval, m2.
         v_eq_upper: upper end, m2.
@@ -178,7 +178,7 @@ class Remaining:
 
     Attributes:
         threshold: V_th, m2.
-        status: as in ``monitor.records.schema.TT_STATUSES``.
+        status: as in ``monitor.health.schema.TT_STATUSES``.
         tt: time to threshold, s of damage time; the median where there is an interval.
         tt_lower: lower end of its interval, s.
         tt_upper: upper end, s.

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.schema import VARIABLES
 from monitor.records.digests import ledger_digest
 from monitor.records.filing import SECONDS_PER_DAY
 from monitor.records.packing import channels_of, entries_of
-from monitor.records.schema import VARIABLES
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE = 600.0

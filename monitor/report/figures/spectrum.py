@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from monitor.records.schema import FAULTS
+from monitor.health.schema import FAULTS
 from monitor.report.figures.drawing import (
     BLUE,
     GREEN,

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from monitor.records.schema import REJECTIONS
+from monitor.health.schema import REJECTIONS
 from monitor.report.figures.drawing import (
     BLOCK_AXIS,
     BLUE,

@@ -16,8 +16,9 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from monitor.records.schema import FAULTS
-from monitor.records.spectra import SpectrumRow, binned
+from monitor.health.schema import FAULTS
+from monitor.health.waterfall import SpectrumRow
+from monitor.records.spectra import binned
 from monitor.report.figures.drawing import STYLE, Picture, new_figure, time_axis, to_svg
 from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS
 from monitor.report.figures.trends import draw_marks

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.schema import REJECTIONS
 from monitor.records.histories import damage_time
-from monitor.records.schema import REJECTIONS
 from monitor.records.store import Archived, Store, StoreError
 from monitor.report.runs import Channel, ReportError, Run, read_runs
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from models.bearing import Bearing, from_catalogue, kinematics
 from monitor.config.load import ConfigError, validate
 from monitor.health.condition import ConditionSettings, Quantity, load_of, speed_of
+from monitor.health.record import Record
 from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
-from monitor.records.record import Record
 from monitor.service.setup import channel_setups, source_spec
 from monitor.service.watcher import Watcher
 from streams.block import Block

@@ -16,6 +16,7 @@ from monitor.health.damage.thesis import edv, forecast
 from monitor.health.damage.tracker import DamageSettings
 from monitor.health.detect import DetectSettings
 from monitor.health.quality import Verdict, with_flags
+from monitor.health.record import Record
 from monitor.health.spectrum.votes import ENOUGH_VOTES
 from monitor.health.state import ChannelState, Spectra
 from monitor.health.step import (
@@ -26,7 +27,6 @@ from monitor.health.step import (
     judge,
     step,
 )
-from monitor.records.record import Record
 from monitor.service.recording import block_record
 from streams.block import Block
 from tests.signals import HealthyMachine, bearing_lines, impacts

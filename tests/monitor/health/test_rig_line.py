@@ -26,9 +26,9 @@ from monitor.commands import track as track_command
 from monitor.commands.demo import demo_config
 from monitor.config.load import Config
 from monitor.health.damage.library.model import Library
+from monitor.health.record import Record
 from monitor.records.dataset import words
 from monitor.records.library_file import save_library
-from monitor.records.record import Record
 from monitor.records.store import Store
 from monitor.service.library_build import build_library
 from monitor.service.replay import Replay, replay

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from monitor.health.record import Record
 from monitor.records.archive import COLUMNS, forecast_values
-from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
 
 RUN = {"config_hash": "c1", "map_hash": "x: m1; y: m2", "interval_level": 0.8}

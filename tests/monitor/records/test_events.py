@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from monitor.health.record import Record
 from monitor.records.events import EventLog
-from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
 
 

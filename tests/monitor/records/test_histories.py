@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from monitor.health.record import Record
 from monitor.records.histories import HistoryError, read_history, write_history
 from monitor.records.publish import publish
-from monitor.records.record import Record
 from monitor.records.store import Store
 
 T_FS = 1200.0

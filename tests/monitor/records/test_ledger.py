@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from monitor.health.record import Record
 from monitor.records.database import StoreError
 from monitor.records.ledger import StoreLedger, write_progress
-from monitor.records.record import Record
 from monitor.records.store import Store
 from streams.block import Block, Rejected
 from streams.ledger import FileProgress, Ledger, MemoryLedger

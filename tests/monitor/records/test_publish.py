@@ -13,10 +13,10 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from monitor.health.record import Record
+from monitor.health.schema import VARIABLES
 from monitor.records.dataset import to_dataset, words
 from monitor.records.publish import PublishError, file_name, publish
-from monitor.records.record import Record
-from monitor.records.schema import VARIABLES
 from monitor.records.store import Store, StoreError
 from tests.effort import effort_count
 from tests.oracles.records_oracle import array_of, records

@@ -16,17 +16,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.config.load import Config, ConfigError, validate
-from monitor.health.waterfall import Keeping, WaterfallSettings, WaterfallState, step
+from monitor.health.record import Record
+from monitor.health.waterfall import Keeping, SpectrumChange, SpectrumRow, WaterfallSettings, WaterfallState, step
 from monitor.records.ledger import StoreLedger
-from monitor.records.record import Record
-from monitor.records.spectra import (
-    SpectrumChange,
-    SpectrumRow,
-    binned,
-    kept_blocks,
-    pack_amplitude,
-    read_spectra,
-)
+from monitor.records.spectra import binned, kept_blocks, pack_amplitude, read_spectra
 from monitor.records.store import Store, StoreError
 from monitor.service.ingest import Ingest
 from monitor.service.replay import replay

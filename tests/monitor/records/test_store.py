@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from monitor.health.record import Record
 from monitor.records.database import STORE_VERSION
 from monitor.records.filesystem import file_system_type
-from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
 from tests.effort import effort_count
 from tests.oracles.records_oracle import records

@@ -18,9 +18,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from monitor.health.record import Record
+from monitor.health.schema import FLAGS, VARIABLES
 from monitor.records.packing import columns_of, numbers_of, pack, places_of, unpack
-from monitor.records.record import Record
-from monitor.records.schema import FLAGS, VARIABLES
 from monitor.records.store import Store, StoreError
 from monitor.records.trend_levels import Buckets
 from monitor.records.trends import FEATURES, Trends, TrendTable

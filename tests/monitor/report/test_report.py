@@ -13,9 +13,9 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from monitor.health.record import Record
+from monitor.health.schema import EDV_STATUSES, FAULTS, STATUSES, TT_STATUSES
 from monitor.records.publish import day_dataset, publish
-from monitor.records.record import Record
-from monitor.records.schema import EDV_STATUSES, FAULTS, STATUSES, TT_STATUSES
 from monitor.records.store import Store
 from monitor.report.figures.drawing import thin, with_breaks
 from monitor.report.report import SpectrumView, build_report

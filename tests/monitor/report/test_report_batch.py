@@ -19,7 +19,7 @@ from models.maps.file import build_map, save_map
 from monitor.commands import batch
 from monitor.commands.batch import Item, Outcome, Task, find_items, report_one, reused, run_batch
 from monitor.commands.report import command
-from monitor.records.record import Record, plain
+from monitor.health.record import Record, plain
 from monitor.records.store import Store
 from monitor.report.batch.summary import RunSummary
 from monitor.report.options import SECTIONS, Options, read_options

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.records.record import Record, plain
-from monitor.records.spectra import SpectrumRow
+from monitor.health.record import Record, plain
+from monitor.health.waterfall import SpectrumRow
 from monitor.records.store import Store
 from monitor.report.data_quality import gaps, gaps_of, offered, statuses, timeline
 from monitor.report.figures.damage import damaged_volume, fitted_law

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.records.record import Record
+from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.report.figures.drawing import BLUE, GREEN, new_figure, time_axis
 from monitor.report.figures.zoom import Band, Line, Panel, zoom_data, zoom_json

@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from monitor.commands.score import command
+from monitor.health.record import Record
 from monitor.records.publish import publish
-from monitor.records.record import Record
 from monitor.records.store import Store
 from monitor.report.score.issued import Issued, ScoreError, read_issued
 from monitor.report.score.runs import End, end_of, mean_of_runs, score_run

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.config.alarms import AlarmLevel, AlarmsSection
+from monitor.health.record import Record
 from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger
-from monitor.records.record import Record
 from monitor.records.store import Store
 from monitor.service.acknowledging import Acknowledgements
 from monitor.service.alarming import Acknowledged

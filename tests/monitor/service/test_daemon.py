@@ -15,8 +15,8 @@ import pytest
 import xarray as xr
 
 from monitor.config.load import ConfigError, load_config
+from monitor.health.record import Record
 from monitor.records.events import EventLog
-from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
 from monitor.service.daemon import Daemon
 from monitor.service.disk import DiskGuard, free_bytes

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.detect import Mark
+from monitor.health.record import Record
 from monitor.records.ledger import StoreLedger
-from monitor.records.record import Record
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.summary import channel_summary

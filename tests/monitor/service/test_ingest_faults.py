@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
+from monitor.health.record import Record
 from monitor.records.ledger import StoreLedger
-from monitor.records.record import Record
 from monitor.records.store import Store, UnstorableError
 from monitor.service import watcher as watching
 from monitor.service.alarming import Alarming

@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.config.alarms import NotifySection
+from monitor.health.record import Record
 from monitor.records.events import EventLog
-from monitor.records.record import Record
 from monitor.records.store import Store
 from monitor.records.told import Place, Told
 from monitor.service.notify.channels import Message, NotifyError

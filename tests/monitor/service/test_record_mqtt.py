@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from monitor.config.publish import RecordMqttSection
-from monitor.records.record import Record
+from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.service.record_message import Row, channel_message, state_message
 from monitor.service.record_mqtt import PLACE, RecordMqtt

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from monitor.health.record import Record
 from monitor.records.events import EventLog
-from monitor.records.record import Record
 from monitor.records.store import Store, StoreError
 from monitor.service.silence import Hearing, Last, SilenceLog, patience
 from tests.effort import effort_count

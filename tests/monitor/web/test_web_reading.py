@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.records.record import Record
+from monitor.health.record import Record
 from monitor.records.store import Store, StoreError
 from monitor.service.status_file import StatusFile
 from monitor.web import api

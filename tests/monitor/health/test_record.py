@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from monitor.health import detect, quality
+from monitor.health import detect, quality, schema
 from monitor.health.damage.thesis import edv, forecast
+from monitor.health.record import Record, RecordError, plain
+from monitor.health.schema import VARIABLES
 from monitor.health.spectrum import features
-from monitor.records import schema
 from monitor.records.packing import pack, unpack
-from monitor.records.record import Record, RecordError, plain
-from monitor.records.schema import VARIABLES
 from tests.effort import effort_count
 from tests.oracles.records_oracle import records
 

@@ -57,6 +57,7 @@ Kind = Literal["float", "int", "flag", "mask"]
 ACCELERATION = "m s-2"
 _THESIS = "Gabrielli, doctoral thesis, University of Ferrara, 2022"
 _CERUTI = "Ceruti, Master's thesis, Politecnico di Torino, 2021"
+_SEARCH = "monitor/health/spectrum/harmonics.py"
 _SASSI = "Sassi et al., J. Vibration and Control 13, 2007"
 
 
@@ -144,13 +145,13 @@ _TABLE: list[Variable] = [
         ACCELERATION,
         f"""
         envelope_amplitude | A_e,k | amplitude of a line of the envelope spectrum | {_THESIS}, Eqs. 94-96
-        envelope_floor | floor | noise floor of the envelope spectrum under the line | health/spectrum/harmonics.py
+        envelope_floor | floor | noise floor of the envelope spectrum under the line | {_SEARCH}
         """,
         _LINES,
     ),
     *_floats(
         "1",
-        "envelope_snr | snr | line over the noise floor under it | health/spectrum/harmonics.py",
+        f"envelope_snr | snr | line over the noise floor under it | {_SEARCH}",
         dims=_LINES,
     ),
     *_floats(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from models.errors import SpallwatchError
-from monitor.records.schema import (
+from monitor.health.schema import (
     DIMENSION_SIZES,
     FLAGS,
     OPTIONAL_DIMENSIONS,
@@ -21,8 +21,6 @@ from monitor.records.schema import (
     VARIABLES,
     Variable,
 )
-
-__all__ = ["SCHEMA_VERSION", "VARIABLES", "Record", "RecordError", "Variable", "mask_names", "plain", "storable"]
 
 
 class RecordError(SpallwatchError, ValueError):
