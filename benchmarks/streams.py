@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from google_crc32c import value as crc32c
 
 from benchmarks.common import arguments, interleaved_ms, print_table, write_json
 from monitor.config.load import Config, validate
@@ -35,7 +36,6 @@ from monitor.service.watcher import Watcher
 from streams.block import Block
 from streams.ledger import MemoryLedger
 from streams.link.arrivals import Arrivals
-from streams.link.crc32c import crc32c
 from streams.link.network import Address
 from streams.link.sender import TcpLink
 from streams.link.tcp import TcpReceiver

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from google_crc32c import value as crc32c
 from numpy.typing import NDArray
 
 from models.errors import SpallwatchError
 from streams.block import Block
-from streams.link.crc32c import crc32c
 from streams.spec import UNITS
 
 VERSION = 1
@@ -192,7 +192,7 @@ def decode_frame(data: bytes | bytearray | memoryview, limit: int = MAX_FRAME) -
     length = frame_length(bytes(view[: HEAD.size]), limit)
     if len(view) != length:
         raise WireError(f"the frame says {length} bytes, {len(view)} came")
-    stated, found = _CRC.unpack(view[-_CRC.size :])[0], crc32c(view[: -_CRC.size])
+    stated, found = _CRC.unpack(view[-_CRC.size :])[0], crc32c(bytes(view[: -_CRC.size]))
     if stated != found:
         raise WireError(f"the checksum is {stated:08x}, of these bytes it is {found:08x}")
     _, _, channels, sequence, rate, count, kind, start, json_length = HEAD.unpack_from(view)
