@@ -9,7 +9,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from monitor.config.load import Config, SourceSection, load_config
+from monitor.config.load import Config, load_config
+from monitor.config.source import SourceSection
 from monitor.health import detect
 from monitor.health.naming import Naming
 from monitor.health.record import Record

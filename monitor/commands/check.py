@@ -11,7 +11,8 @@ import click
 
 from models.bearing import kinematics
 from monitor.commands.common import config_option, emit, output_options, read_config
-from monitor.config.load import ChannelSection, Config, ConfigError
+from monitor.config.load import Config, ConfigError
+from monitor.config.source import ChannelSection
 
 
 @click.command("check")

@@ -1,20 +1,14 @@
-"""``[alarms]`` and ``[notify]``: levels with their units, and who is told; docs/alarms.md explains them."""
+"""``[alarms]``: levels with their units, and when data count as bad; docs/alarms.md explains them."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-from monitor.config.broker import BrokerSection, OutwardSection, check_address, refuse_clear
+from monitor.config.fields import Band, Count, Name, Positive, Section
 from monitor.health.alarms import AlarmSettings, Level, Rule
 from streams.block import STANDARD_GRAVITY
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1, le=100000)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 
 _UNITS: dict[str, tuple[str, float]] = {
     **dict.fromkeys(("rms", "rms_smoothed", "a_star", "peak", "peak_half_range"), ("_g", STANDARD_GRAVITY)),
@@ -25,20 +19,17 @@ _UNITS: dict[str, tuple[str, float]] = {
     **dict.fromkeys(("kurtosis", "crest_factor", "shape_factor", "impulse_factor", "clearance_factor"), ("", 1.0)),
     **dict.fromkeys(("detect_score", "fault_snr"), ("", 1.0)),
 }
-"""What may raise an alarm, with the ending of its key and what one of that unit is in SI."""
+"""Features that may raise an alarm: ending of the key and value of its unit in SI."""
 _BELOW = ("tt", "tt_lower", "tt_upper")
 _NOT_LEARNED = (*_BELOW, "v_eq", "v_eq_lower", "v_eq_upper", "p_threshold", "detect_score")
 _ENDINGS = ("", "_g", "_mm2", "_hours", "_factor", "_sd")
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True)
-
-
-class AlarmLevel(_Table):
+class AlarmLevel(Section):
     """Alert and danger of one quantity: given (``alert_g``, ``alert_mm2``, ``alert_hours``, ``alert``) or learned.
 
-    ``alert_factor`` is times the median of the learning stage, ``alert_sd`` so many standard deviations above it.
+    ``alert_factor`` is a multiple of the median of the learning stage, ``alert_sd`` a number of standard deviations
+    above it.
     """
 
     name: Name | None = None
@@ -60,8 +51,8 @@ class AlarmLevel(_Table):
     on_delay_blocks: Count = Rule.on_delay
     off_delay_blocks: Count = Rule.off_delay
     latch: bool = Rule.latch
-    speed_range_hz: tuple[NotNegative, Positive] | None = None
-    load_range_newton: tuple[NotNegative, Positive] | None = None
+    speed_range_hz: Band | None = None
+    load_range_newton: Band | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -106,7 +97,7 @@ class AlarmLevel(_Table):
 
     @property
     def rule_name(self) -> str:
-        """Its name; that of the feature where none is given."""
+        """Name of the rule: as configured, else that of the feature."""
         return self.name or self.feature
 
     def to_rule(self) -> Rule:
@@ -126,7 +117,7 @@ class AlarmLevel(_Table):
         )
 
 
-class AlarmsSection(_Table):
+class AlarmsSection(Section):
     """Levels, and when the data of a channel count as bad."""
 
     level: tuple[AlarmLevel, ...] = ()
@@ -134,7 +125,7 @@ class AlarmsSection(_Table):
     bad_data_share: Annotated[float, Field(gt=0, le=1)] = AlarmSettings.bad_share
 
     def check_channels(self, channels: tuple[str, ...]) -> None:
-        """Refuse levels of channels that there are not, and two of one name on one channel.
+        """Refuse levels of unknown channels, and two levels of one name on one channel.
 
         Raises:
             ValueError: naming the level.
@@ -157,71 +148,3 @@ class AlarmsSection(_Table):
         """Return the settings of one channel."""
         rules = tuple(level.to_rule() for level in self.level if not level.channels or channel in level.channels)
         return AlarmSettings(rules, run_in_blocks, self.bad_data_window_blocks, self.bad_data_share)
-
-
-class SmtpSection(OutwardSection):
-    """E-mail. Without ``security`` nothing is encrypted, and then no password is sent."""
-
-    host: Annotated[str, Field(min_length=1)]
-    port: Annotated[int, Field(ge=1, le=65535)] = 587
-    security: Literal["none", "starttls", "tls"] = "starttls"
-    sender: Annotated[str, Field(pattern=r"^[^@\s]+@[^@\s]+$")]
-    to: Annotated[tuple[Annotated[str, Field(pattern=r"^[^@\s]+@[^@\s]+$")], ...], Field(min_length=1)]
-    username_file: Path | None = None
-    password_file: Path | None = None
-    ca_file: Path | None = None
-
-    @model_validator(mode="after")
-    def _safe(self) -> Self:
-        if (self.username_file is None) != (self.password_file is None):
-            raise ValueError("username_file and password_file come together")
-        if self.security == "none" and (self.password_file is not None or self.ca_file is not None):
-            raise ValueError('a password or a ca_file needs security = "starttls" or "tls"')
-        return self
-
-
-class WebhookSection(OutwardSection):
-    """A JSON object is posted; ``token_file`` holds what is sent as ``Authorization: Bearer``."""
-
-    url: Annotated[str, Field(pattern=r"^https?://[^\s/]+")]
-    token_file: Path | None = None
-    ca_file: Path | None = None
-
-    @model_validator(mode="after")
-    def _safe(self) -> Self:
-        check_address(self.url)
-        if self.token_file is not None:
-            refuse_clear(self.url, "https", "token_file")
-        if self.ca_file is not None and not self.url.startswith("https"):
-            raise ValueError("ca_file belongs to https://")
-        return self
-
-
-class MqttSection(BrokerSection):
-    """The same JSON object is published with QoS 1."""
-
-
-class NotifySection(_Table):
-    """Who is told of events, and how often at most; what is beyond goes into one summary."""
-
-    smtp: SmtpSection | None = None
-    webhook: WebhookSection | None = None
-    mqtt: MqttSection | None = None
-    most_per_hour: Annotated[int, Field(ge=1, le=3600)] = 20
-    give_up_hours: Positive = 24.0
-    queue_events: Annotated[int, Field(ge=1, le=100000)] = 1000
-    """Events that one message stands for at most."""
-    page_url: Annotated[str, Field(pattern=r"^https?://[^\s/]+")] | None = None
-    """Address of the page for the people who are told, where it is not the one under ``[web]``."""
-
-    @model_validator(mode="after")
-    def _no_secret(self) -> Self:
-        if self.page_url is not None:
-            check_address(self.page_url)
-        return self
-
-    def with_absolute_paths(self, folder: Path) -> Self:
-        """Return it with relative names of files taken from ``folder``."""
-        given = {name: getattr(self, name) for name in ("smtp", "webhook", "mqtt")}
-        changed = {name: item.with_absolute_paths(folder) for name, item in given.items() if item is not None}
-        return self.model_copy(update=changed)

@@ -1,4 +1,4 @@
-"""config.toml -> frozen, validated settings."""
+"""Load and validate config.toml."""
 
 from __future__ import annotations
 
@@ -11,29 +11,20 @@ from pydantic import Field, ValidationError, model_validator
 
 from models.bearing import Bearing
 from models.errors import WrongInputError
-from monitor.config.alarms import AlarmsSection, NotifySection
-from monitor.config.network import FILE_KEYS
+from monitor.config.alarms import AlarmsSection
+from monitor.config.bearing import BearingSection, RigSection
+from monitor.config.fields import Section
+from monitor.config.machine import MachineSection, OperatingSection
+from monitor.config.notify import NotifySection
 from monitor.config.problems import explain_all
 from monitor.config.publish import PublishSection
-from monitor.config.sections import (
-    BearingSection,
-    ChannelSection,
-    DetectSection,
-    ForecastSection,
-    MachineSection,
-    OperatingSection,
-    RigSection,
-    Section,
-    SourceSection,
-    TrackSection,
-)
+from monitor.config.source import ChannelSection, SourceSection
+from monitor.config.stages import DetectSection, ForecastSection, TrackSection
 from monitor.config.web import WebSection
-
-__all__ = ["ChannelSection", "Config", "ConfigError", "SourceSection", "load_config", "validate"]
 
 
 class ConfigError(WrongInputError):
-    """The configuration cannot be used; the message names the file, the key, what came and what is allowed."""
+    """The configuration cannot be used; the message names the file, the key, what was found and what is allowed."""
 
 
 class Config(Section):
@@ -78,12 +69,12 @@ class Config(Section):
         return self
 
     def bearing_of(self, channel: ChannelSection) -> Bearing:
-        """Return the geometry of the bearing that a channel listens to."""
+        """Return the geometry of the bearing of a channel."""
         return next(bearing.to_bearing() for bearing in self.bearing if bearing.name == channel.bearing)
 
     @property
     def hash(self) -> str:
-        """Digest of what records are made under, stored with each; page, messages and publication make none."""
+        """Digest of the settings on which records depend; it is stored with each record."""
         text = self.model_dump_json(exclude={"web", "notify", "publish"})
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
@@ -92,7 +83,7 @@ def load_config(path: Path) -> Config:
     """Read and validate a configuration file; relative paths in it are relative to it.
 
     Raises:
-        ConfigError: naming the file, the key, what came and what is allowed.
+        ConfigError: naming the file, the key, what was found and what is allowed.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -106,54 +97,13 @@ def load_config(path: Path) -> Config:
 
 
 def validate(values: dict[str, Any], path: Path) -> Config:
-    """Validate the tables of a configuration that came from ``path``.
+    """Validate the tables of a configuration read from ``path``.
 
     Raises:
-        ConfigError: with one line a problem.
+        ConfigError: with one line for each problem.
     """
     try:
         config = Config.model_validate(values)
     except ValidationError as error:
         raise ConfigError("\n".join(f"{path}: {line}" for line in explain_all(error, Config))) from None
-    return _with_absolute_paths(config, path.resolve().parent)
-
-
-def _with_absolute_paths(config: Config, folder: Path) -> Config:
-    machine = config.machine.model_copy(
-        update={
-            "state_dir": folder / config.machine.state_dir,
-            "records_dir": folder / config.machine.records_dir,
-        }
-    )
-    channels = tuple(
-        channel.model_copy(
-            update={
-                key: folder / getattr(channel, key) for key in ("map", "library") if getattr(channel, key) is not None
-            }
-        )
-        for channel in config.channel
-    )
-    sources = tuple(
-        source.model_copy(
-            update={
-                "url": _with_absolute_url(source.url, folder),
-                **{key: folder / getattr(source, key) for key in FILE_KEYS if getattr(source, key) is not None},
-            }
-        )
-        for source in config.source
-    )
-    beside = {name: getattr(config, name).with_absolute_paths(folder) for name in ("notify", "publish", "web")}
-    return config.model_copy(update={"machine": machine, "source": sources, "channel": channels, **beside})
-
-
-def _with_absolute_url(url: str | None, folder: Path) -> str | None:
-    """Return a source's URL with the path in it relative to the configuration; what is no path stays as it is."""
-    if url is None or "://" in url or url.startswith("rig:"):
-        return url
-    kind, colon, path = url.partition(":")
-    if kind == "folder" and colon:
-        return f"folder:{folder / Path(path).expanduser()}"
-    if kind == "dataset" and path.count(":"):
-        name, _, path = path.partition(":")
-        return f"dataset:{name}:{folder / Path(path).expanduser()}"
-    return str(folder / Path(url).expanduser()) if not colon else url
+    return config.with_absolute_paths(path.resolve().parent)

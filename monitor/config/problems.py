@@ -1,4 +1,4 @@
-"""Validation problems in words: the key as it is written in the file, what came, what is allowed."""
+"""Validation problems in words: the key as in the file, the value found, the values allowed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 
 
 def explain_all(error: ValidationError, root: type[BaseModel]) -> list[str]:
-    """Return one line a problem; a list that is too short only because its entries are wrong is none of its own."""
+    """Return one line for each problem; "list too short" is left out if wrong entries of the list cause it."""
     problems = error.errors()
     return [
         explain(problem, root)
@@ -20,11 +20,9 @@ def explain_all(error: ValidationError, root: type[BaseModel]) -> list[str]:
 
 
 def explain(problem: Any, root: type[BaseModel]) -> str:
-    """Turn a validation problem into a line that names the key, what came and what is allowed.
+    """Return a line that names the key, the value found and the values allowed.
 
-    Args:
-        problem: one of the errors of a pydantic ValidationError.
-        root: the model of the whole configuration.
+    ``problem`` is one of the errors of a pydantic ValidationError, ``root`` the model of the whole configuration.
     """
     location = ""
     for part in problem["loc"]:

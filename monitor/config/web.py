@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-import ipaddress
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from monitor.config.addresses import is_loopback
+from monitor.config.fields import Section
 
 HostName = Annotated[
     str, Field(pattern=r"^(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?)(:\d{1,5})?$")
 ]
 
 
-class WebSection(BaseModel):
-    """The page of a machine; without ``allow_remote`` it is for this computer alone."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True)
+class WebSection(Section):
+    """The page of a machine; without ``allow_remote`` only this computer reaches it."""
 
     enabled: bool = True
     host: Annotated[str, Field(min_length=1, max_length=253)] = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8710
-    """0: any that is free."""
+    """0: any free port."""
     token_file: Path | None = None
-    """Its first line is the token; by default ``web.token`` in the state folder, which is made."""
+    """File whose first line is the token; by default ``web.token`` in the state folder, created when missing."""
     allow_remote: bool = False
     allowed_hosts: tuple[HostName, ...] = ()
     """Further names under which browsers reach the page, such as bearings.plant.example or the same with :443."""
@@ -44,21 +44,10 @@ class WebSection(BaseModel):
 
     @property
     def loopback(self) -> bool:
-        """Whether only this computer can reach it."""
-        if self.host == "localhost":
-            return True
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return False
+        """Whether only this computer can reach the page."""
+        return is_loopback(self.host)
 
     @property
     def reading_needs_token(self) -> bool:
-        """Whether a token is asked for everything, not for acknowledgements alone."""
+        """Whether reading needs a token too, not acknowledgements alone."""
         return self.allow_remote or bool(self.allowed_hosts)
-
-    def with_absolute_paths(self, folder: Path) -> Self:
-        """Return it with relative names of files taken from ``folder``."""
-        names = ("token_file", "cert_file", "key_file")
-        given = {name: folder / getattr(self, name) for name in names if getattr(self, name) is not None}
-        return self.model_copy(update=given)

@@ -13,7 +13,8 @@ from models.bearing import Bearing
 from models.lives.population import Population
 from models.maps.file import MapError, OutsideMapError, RmsMap, load_map
 from models.scene import Rig
-from monitor.config.load import ChannelSection, Config, ConfigError, SourceSection
+from monitor.config.load import Config, ConfigError
+from monitor.config.source import ChannelSection, SourceSection
 from monitor.health.alarms import AlarmSettings
 from monitor.health.condition import ConditionSettings
 from monitor.health.damage.filter.particle_filter import FilterSettings

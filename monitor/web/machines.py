@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from monitor.config.load import ChannelSection, Config
+from monitor.config.load import Config
+from monitor.config.source import ChannelSection
 from monitor.records.trends import Trends
 from monitor.service.status_file import read_status
 from monitor.web.answers import RequestError, without_folders

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from monitor.config.alarms import NotifySection
+from monitor.config.notify import NotifySection
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog, LoggedEvent
 from monitor.records.store import Store

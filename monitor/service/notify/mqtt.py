@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from monitor.config.alarms import MqttSection
+from monitor.config.notify import MqttSection
 from monitor.service.broker import TIMEOUT, BrokerError, BrokerLink
 from monitor.service.notify.channels import Message, NotifyError, check_files, read_secret
 

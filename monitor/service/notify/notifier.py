@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from monitor.config.alarms import NotifySection
 from monitor.config.load import Config
+from monitor.config.notify import NotifySection
 from monitor.records.database import StoreError
 from monitor.service.notify.channels import Way
 from monitor.service.notify.follower import Book, Clocks, Follower

@@ -6,7 +6,7 @@ import smtplib
 from email.message import EmailMessage
 from email.utils import formatdate, make_msgid
 
-from monitor.config.alarms import SmtpSection
+from monitor.config.notify import SmtpSection
 from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, check_files, read_secret, tls_context
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import http.client
 from urllib.parse import urlsplit
 
-from monitor.config.alarms import WebhookSection
+from monitor.config.notify import WebhookSection
 from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, check_files, read_secret, tls_context
 
 

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.config.alarms import NotifySection
+from monitor.config.notify import NotifySection
 from monitor.health.record import Record
 from monitor.records.events import EventLog
 from monitor.records.store import Store

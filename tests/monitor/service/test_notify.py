@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from monitor.config.alarms import MqttSection, NotifySection, SmtpSection, WebhookSection
+from monitor.config.notify import MqttSection, NotifySection, SmtpSection, WebhookSection
 from monitor.config.publish import RecordMqttSection
 from monitor.service.notify.channels import Message, NotifyError, read_secret
 from monitor.service.notify.mqtt import MqttWay

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.config.alarms import SmtpSection
 from monitor.config.load import Config
+from monitor.config.notify import SmtpSection
 from monitor.records.events import LoggedEvent
 from monitor.service.notify.message import Item, Machine, clean, compose
 from monitor.service.notify.smtp import SmtpWay

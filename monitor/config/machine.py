@@ -1,21 +1,51 @@
-"""Keys of ``[operating]``: constants, channels, or the speed estimated from the signal."""
+"""``[machine]`` and ``[operating]``: identity, folders, shaft speed and load."""
 
 from __future__ import annotations
 
-import math
+import zoneinfo
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
+from monitor.config.fields import ColumnName, Name, NotNegative, Positive, Scale, Section
 from monitor.health.condition import ConditionSettings
+from monitor.health.waterfall import WaterfallSettings
 from streams.spec import ChannelSpec
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-_WIDEST = (5.0, 100.0)
-_AROUND = 1.25
+_SPEED_RANGE = (5.0, 100.0)
+_SPEED_FACTOR = 1.25
 
 
-class ConditionKeys(BaseModel):
+class MachineSection(Section):
+    """Name of the machine, and where its state and records are kept."""
+
+    name: Name = "machine"
+    state_dir: Path = Path("state")
+    records_dir: Path = Path("records")
+    timezone: str = "UTC"
+    min_free_mb: NotNegative = 200.0
+    """Pause ingestion below this free space on the disk of the state, MB."""
+    spectra: Annotated[int, Field(ge=0, le=10000)] = WaterfallSettings.rows
+    """Target number of envelope spectra kept of each channel; at most twice this; 0: none."""
+    spectra_interval_s: Annotated[float, Field(ge=0.01, le=1e7)] = WaterfallSettings.interval
+    """Shortest record time between two of them, until the target number is exceeded."""
+
+    @field_validator("timezone")
+    @classmethod
+    def _known_zone(cls, value: str) -> str:
+        try:
+            zoneinfo.ZoneInfo(value)
+        except (zoneinfo.ZoneInfoNotFoundError, ValueError):
+            raise ValueError("not a time zone of the tz database, such as UTC or Europe/Rome") from None
+        return value
+
+    def to_waterfall(self) -> WaterfallSettings:
+        """Return how many envelope spectra are kept."""
+        return WaterfallSettings(rows=self.spectra, interval=self.spectra_interval_s)
+
+
+class OperatingSection(Section):
     """Shaft speed and radial load; what a block states itself takes precedence, then channels, then an estimate.
 
     ``speed_channel`` and ``load_channel`` are names or numbers of columns in the source; their mean, times the scale,
@@ -23,20 +53,13 @@ class ConditionKeys(BaseModel):
     """
 
     speed_hz: Positive | None = None
-    load_newton: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+    load_newton: NotNegative | None = None
     speed: Literal["estimate"] | None = None
     speed_range_hz: tuple[Positive, Positive] | None = None
-    speed_channel: str | int | None = None
-    speed_channel_scale: float = 1.0
-    load_channel: str | int | None = None
-    load_channel_scale: float = 1.0
-
-    @field_validator("speed_channel_scale", "load_channel_scale")
-    @classmethod
-    def _usable(cls, value: float) -> float:
-        if not math.isfinite(value) or value == 0.0:
-            raise ValueError("must be a finite number other than 0")
-        return value
+    speed_channel: ColumnName | None = None
+    speed_channel_scale: Scale = 1.0
+    load_channel: ColumnName | None = None
+    load_channel_scale: Scale = 1.0
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -54,8 +77,8 @@ class ConditionKeys(BaseModel):
         """Return the settings; a speed is sought within a quarter around ``speed_hz``, or from 5 to 100 Hz."""
         limits = None
         if self.speed is not None:
-            around = None if self.speed_hz is None else (self.speed_hz / _AROUND, self.speed_hz * _AROUND)
-            limits = self.speed_range_hz or around or _WIDEST
+            around = None if self.speed_hz is None else (self.speed_hz / _SPEED_FACTOR, self.speed_hz * _SPEED_FACTOR)
+            limits = self.speed_range_hz or around or _SPEED_RANGE
         return ConditionSettings(
             speed=self.speed_hz,
             load=self.load_newton,
@@ -67,6 +90,6 @@ class ConditionKeys(BaseModel):
         )
 
     def channel_specs(self) -> tuple[ChannelSpec, ...]:
-        """Return the channels that the source must give besides those of vibration."""
+        """Return the channels of speed and load that the source must give besides those of vibration."""
         chosen = (self.speed_channel, self.load_channel)
         return tuple(ChannelSpec(str(column), column=column, unit="unknown") for column in chosen if column is not None)

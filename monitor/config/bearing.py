@@ -1,0 +1,100 @@
+"""``[[bearing]]`` and ``[rig]``: geometry of the bearings, lumped parameters of the model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from models.bearing import Bearing, catalogue, from_catalogue
+from models.scene import Rig
+from monitor.config.fields import Name, NotNegative, Positive, Section
+
+_REQUIRED = ("n_elements", "element_diameter_mm", "pitch_diameter_mm")
+
+
+class BearingSection(Section):
+    """A bearing, from the catalogue or by its geometry."""
+
+    name: Name
+    designation: str | None = None
+    n_elements: Annotated[int, Field(ge=3, le=200)] | None = None
+    element_diameter_mm: Positive | None = None
+    pitch_diameter_mm: Positive | None = None
+    contact_angle_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
+    rows: Literal[1, 2] | None = None
+    outer_race_radius_mm: Positive | None = None
+    inner_race_radius_mm: Positive | None = None
+    inner_groove_radius_mm: Positive | None = None
+    outer_groove_radius_mm: Positive | None = None
+    element: Literal["ball", "roller"] | None = None
+    rotating_ring: Literal["inner", "outer"] = "inner"
+    clearance_um: NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if self.designation is not None:
+            if self.designation not in catalogue():
+                raise ValueError(
+                    f"designation {self.designation!r} is not in the catalogue; known are "
+                    f"{', '.join(sorted(catalogue()))}; or give n_elements, element_diameter_mm and pitch_diameter_mm"
+                )
+            return self
+        missing = [key for key in _REQUIRED if getattr(self, key) is None]
+        if missing:
+            raise ValueError(f"without a designation it needs {', '.join(missing)}")
+        if (self.element_diameter_mm or 0.0) >= (self.pitch_diameter_mm or 0.0):
+            raise ValueError("element_diameter_mm must be smaller than pitch_diameter_mm")
+        return self
+
+    def to_bearing(self) -> Bearing:
+        """Return the geometry in SI; keys of the configuration take precedence over the catalogue."""
+        given: dict[str, Any] = {}
+        for key, value in self:
+            if value is None or key in ("name", "designation", "clearance_um"):
+                continue
+            if key.endswith("_mm"):
+                given[key.removesuffix("_mm")] = value * 1e-3
+            elif key.endswith("_deg"):
+                given[key.removesuffix("_deg")] = math.radians(value)
+            else:
+                given[key] = value
+        if self.designation is None:
+            return Bearing(designation=self.name, source="configuration", **given)
+        return replace(from_catalogue(self.designation), **given)
+
+
+class RigSection(Section):
+    """Lumped parameters of the six-degree-of-freedom model (thesis, Table 18)."""
+
+    m_i_kg: Positive = Rig.m_i
+    m_o_kg: Positive = Rig.m_o
+    m_r_kg: Positive = Rig.m_r
+    m_b_kg: Positive = Rig.m_b
+    k_i_newton_per_m: Positive = Rig.k_i
+    k_r_newton_per_m: Positive = Rig.k_r
+    k_c_newton_per_m15: Positive = Rig.k_c
+    c_i_newton_s_per_m: NotNegative = Rig.c_i
+    c_r_newton_s_per_m: NotNegative = Rig.c_r
+    alpha_c_per_s: NotNegative = Rig.alpha_c
+    beta_c_s: NotNegative = Rig.beta_c
+    calibrated: bool = False
+
+    def to_rig(self) -> Rig:
+        """Return the parameters in SI."""
+        return Rig(
+            m_i=self.m_i_kg,
+            m_o=self.m_o_kg,
+            m_r=self.m_r_kg,
+            m_b=self.m_b_kg,
+            k_i=self.k_i_newton_per_m,
+            k_r=self.k_r_newton_per_m,
+            k_c=self.k_c_newton_per_m15,
+            c_i=self.c_i_newton_s_per_m,
+            c_r=self.c_r_newton_s_per_m,
+            alpha_c=self.alpha_c_per_s,
+            beta_c=self.beta_c_s,
+            calibrated=self.calibrated,
+        )

@@ -1,0 +1,44 @@
+"""The base of all sections and the types that their keys share."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1, le=100000)]
+Blocks = Annotated[int, Field(ge=1, le=1000)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+Band = tuple[NotNegative, Positive]
+ColumnName = str | int
+
+
+def _check_scale(value: float) -> float:
+    if not math.isfinite(value) or value == 0.0:
+        raise ValueError("must be a finite number other than 0")
+    return value
+
+
+Scale = Annotated[float, AfterValidator(_check_scale)]
+
+
+class Section(BaseModel):
+    """A table of the configuration: frozen, and unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True)
+
+    def with_absolute_paths(self, folder: Path) -> Self:
+        """Return a copy in which relative paths, also those of sections inside, are taken from ``folder``."""
+        return self.model_copy(update={key: _absolute(value, folder) for key, value in self})
+
+
+def _absolute(value: Any, folder: Path) -> Any:
+    if isinstance(value, Path):
+        return folder / value
+    if isinstance(value, Section):
+        return value.with_absolute_paths(folder)
+    return tuple(_absolute(item, folder) for item in value) if isinstance(value, tuple) else value

@@ -1,0 +1,138 @@
+"""``[[source]]`` and ``[[channel]]``: where blocks come from, and what of them is monitored."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from monitor.config.fields import Band, Blocks, Name, NotNegative, Positive, Scale, Section
+from streams.link.network import NetworkSpec
+
+_FILE_KEYS = ("ca_file", "cert_file", "key_file", "username_file", "password_file")
+
+
+class SourceSection(Section):
+    """Where blocks come from; docs/wire.md explains the keys of TCP and MQTT."""
+
+    name: Name
+    url: str | None = None
+    start_utc: datetime | None = None
+    settle_s: NotNegative = 2.0
+    block_s: Positive | Literal["file"] = 5.0
+    format: str = "auto"
+    rate_hz: Positive | None = None
+    range_g: Positive | None = None
+    peers: tuple[str, ...] = ()
+    max_connections: Annotated[int, Field(ge=1, le=1024)] = NetworkSpec.max_connections
+    read_timeout_s: Positive = NetworkSpec.read_timeout
+    client_id: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")] | None = None
+    ca_file: Path | None = None
+    cert_file: Path | None = None
+    key_file: Path | None = None
+    username_file: Path | None = None
+    password_file: Path | None = None
+
+    @field_validator("start_utc")
+    @classmethod
+    def _in_utc(cls, value: datetime | None) -> datetime | None:
+        return value.replace(tzinfo=UTC) if value is not None and value.tzinfo is None else value
+
+    @field_validator("peers")
+    @classmethod
+    def _networks(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for peer in value:
+            try:
+                ipaddress.ip_network(peer)
+            except ValueError:
+                raise ValueError(f"{peer!r} is not a network such as 192.168.1.0/24") from None
+        return value
+
+    def to_network(self) -> NetworkSpec:
+        """Return the settings of the receiver.
+
+        Raises:
+            SourceError: certificate and key are not given together.
+        """
+        return NetworkSpec(
+            peers=self.peers,
+            max_connections=self.max_connections,
+            read_timeout=self.read_timeout_s,
+            client_id=self.client_id,
+            **{key: getattr(self, key) for key in _FILE_KEYS},
+        )
+
+    def with_absolute_paths(self, folder: Path) -> Self:
+        """Return a copy in which relative paths, also the one in the URL, are taken from ``folder``."""
+        source = super().with_absolute_paths(folder)
+        return source.model_copy(update={"url": _absolute_url(self.url, folder)})
+
+
+def _absolute_url(url: str | None, folder: Path) -> str | None:
+    """Return a URL with the path in it relative to ``folder``; a URL without a path is returned as it is."""
+    if url is None or "://" in url or url.startswith("rig:"):
+        return url
+    kind, colon, path = url.partition(":")
+    if kind == "folder" and colon:
+        return f"folder:{folder / Path(path).expanduser()}"
+    if kind == "dataset" and path.count(":"):
+        name, _, path = path.partition(":")
+        return f"dataset:{name}:{folder / Path(path).expanduser()}"
+    return str(folder / Path(url).expanduser()) if not colon else url
+
+
+class ChannelSection(Section):
+    """One sensor: its place in the source, its bearing, and the bands that are analysed."""
+
+    name: Name
+    source: Name
+    column: int | str | None = None
+    key: str | None = None
+    unit: Literal["g", "m/s2", "V", "unknown"]
+    sensitivity_mv_per_g: Positive | None = None
+    scale: Scale = 1.0
+    bearing: Name
+    band_hz: tuple[Band, ...] | Literal["auto"] = "auto"
+    rms_band_hz: Band | None = None
+    average_blocks: Blocks = 1
+    track: bool = False
+    map: Path | None = None
+    library: Path | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if (self.unit == "V") != (self.sensitivity_mv_per_g is not None):
+            raise ValueError('sensitivity_mv_per_g belongs to unit = "V", and "V" needs it')
+        if self.column is not None and self.key is not None:
+            raise ValueError("give column or key, not both")
+        if self.band_hz == ():
+            raise ValueError('band_hz is empty; give [[lo, hi]] or "auto"')
+        for key, (low, high) in self._bands():
+            if low >= high:
+                raise ValueError(f"{key}: the lower edge {low:g} Hz must be below the upper edge {high:g} Hz")
+        return self
+
+    def _bands(self) -> Iterator[tuple[str, Band]]:
+        """Yield key and band of each band that is given as numbers."""
+        if self.band_hz != "auto":
+            yield from (("band_hz", band) for band in self.band_hz)
+        if self.rms_band_hz is not None:
+            yield "rms_band_hz", self.rms_band_hz
+
+    def check_rate(self, rate: float) -> None:
+        """Refuse bands that a sampling rate (Hz) cannot hold.
+
+        Raises:
+            ValueError: naming the key, the band and the Nyquist frequency.
+        """
+        nyquist = 0.5 * rate
+        for key, (low, high) in self._bands():
+            if high > nyquist:
+                raise ValueError(
+                    f"channel {self.name!r}: {key} = [{low:g}, {high:g}] Hz reaches above the Nyquist frequency "
+                    f"{nyquist:g} Hz of a sampling rate of {rate:g} Hz; allowed is 0 to {nyquist:g} Hz"
+                )

@@ -1,0 +1,91 @@
+"""``[detect]``, ``[track]`` and ``[forecast]``: settings of the health stages."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from monitor.config.fields import Blocks, Positive, Section
+from monitor.health.detect import DetectSettings
+from streams.block import STANDARD_GRAVITY
+
+
+class DetectSection(Section):
+    """How the start of the final stage and the end of life are detected."""
+
+    learn_blocks: Annotated[int, Field(ge=10, le=100000)] | None = None
+    learn_hours: Positive | None = None
+    run_in_blocks: Annotated[int, Field(ge=0)] = DetectSettings.run_in_blocks
+    false_alarms_per_1000_blocks: Annotated[float, Field(ge=1e-6, le=100)] = DetectSettings.false_alarms_per_1000_blocks
+    persist_blocks: Blocks = DetectSettings.persist_blocks
+    rms_drift: Annotated[float, Field(ge=0, le=2)] = DetectSettings.rms_drift
+    h_or_drift: Annotated[float, Field(ge=0, le=2)] = DetectSettings.h_or_drift
+    end_of_life_peak_g: Positive = 20.0
+    end_of_life_blocks: Blocks = DetectSettings.end_of_life_blocks
+
+    @model_validator(mode="after")
+    def _one_length(self) -> Self:
+        if self.learn_blocks is not None and self.learn_hours is not None:
+            raise ValueError("give learn_blocks or learn_hours, not both")
+        return self
+
+    def to_settings(self) -> DetectSettings:
+        """Return the settings in SI."""
+        learn_blocks = self.learn_blocks
+        if learn_blocks is None and self.learn_hours is None:
+            learn_blocks = DetectSettings.learn_blocks
+        return DetectSettings(
+            learn_blocks=learn_blocks,
+            learn_time=None if self.learn_hours is None else self.learn_hours * 3600.0,
+            run_in_blocks=self.run_in_blocks,
+            false_alarms_per_1000_blocks=self.false_alarms_per_1000_blocks,
+            persist_blocks=self.persist_blocks,
+            rms_drift=self.rms_drift,
+            h_or_drift=self.h_or_drift,
+            end_of_life_peak=self.end_of_life_peak_g * STANDARD_GRAVITY,
+            end_of_life_blocks=self.end_of_life_blocks,
+        )
+
+
+class TrackSection(Section):
+    """How the features of a block become the equivalent damaged volume.
+
+    The default method is the library where the channel has one, else the method of the thesis.
+    """
+
+    method: Literal["thesis", "filter", "library"] | None = None
+    features: tuple[Literal["rms", "harmonics"], ...] = ("rms", "harmonics")
+    smoothing_blocks: Blocks = 6
+
+    @field_validator("features")
+    @classmethod
+    def _with_rms(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if "rms" not in value or len(set(value)) != len(value):
+            raise ValueError('must be ["rms"] or ["rms", "harmonics"]')
+        return value
+
+
+class ForecastSection(Section):
+    """How the history up to now becomes a time to threshold.
+
+    The default method is the library where the channel has one, else the method of the thesis.
+    """
+
+    method: Literal["thesis", "library"] | None = None
+    threshold_mm2: Positive | tuple[Positive, ...] = 0.05
+    interval: Annotated[float, Field(ge=0.5, le=0.98)] = 0.8
+    window_hours: Positive | None = None
+
+    @field_validator("threshold_mm2")
+    @classmethod
+    def _some(cls, value: float | tuple[float, ...]) -> float | tuple[float, ...]:
+        if isinstance(value, tuple) and (not value or list(value) != sorted(set(value))):
+            raise ValueError("a list of thresholds must be ascending and hold at least one")
+        return value
+
+    @property
+    def thresholds(self) -> tuple[float, ...]:
+        """Thresholds of V_eq in m2, ascending."""
+        values = self.threshold_mm2 if isinstance(self.threshold_mm2, tuple) else (self.threshold_mm2,)
+        return tuple(value * 1e-6 for value in values)
