@@ -23,9 +23,9 @@ import numpy as np
 from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from streams.blocks import content_hash
 from streams.folder.source import FolderSource
-from streams.ledger import MemoryLedger
 from streams.recognise import data_set_of
 from streams.spec import ChannelSpec, SourceSpec
+from tests.memory_ledger import MemoryLedger
 
 SAMPLES = 128_000
 RATE = 25_600.0

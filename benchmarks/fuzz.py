@@ -17,7 +17,8 @@ import numpy as np
 
 from benchmarks.common import arguments, print_table, write_json
 from streams.block import Block
-from streams.source import ChannelSpec, SourceSpec, open_source
+from streams.open import open_source
+from streams.spec import ChannelSpec, SourceSpec
 from tests.faults.test_fuzz import BINARY, mutate
 from tests.streams.format_makers import MAKERS, RATE, signal
 

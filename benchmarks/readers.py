@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 
 from benchmarks.common import arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from streams.block import Block
-from streams.dataset import DATA_SETS
 from streams.files import Archive
+from streams.open import open_source
 from streams.readers.child import ReaderProcess, isolated, shared_process
 from streams.readers.hdf5 import read_hdf5
 from streams.readers.layout import read_layout
@@ -45,7 +45,8 @@ from streams.readers.tdms import read_tdms
 from streams.readers.text import read_text
 from streams.readers.uff import read_uff
 from streams.readers.wav import read_wav
-from streams.source import SourceSpec, open_source
+from streams.recognise import DATA_SETS
+from streams.spec import SourceSpec
 from tests.oracles.text_oracle import parse_slowly
 from tests.streams.format_makers import MAKERS
 from tests.streams.makers import ims_text, pronostia_csv

@@ -28,9 +28,9 @@ import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from monitor.records.store import Store
-from streams.link.network import Address
 from streams.link.sender import LinkError, TcpLink
 from streams.link.wire import Frame, encode_frame
+from streams.spec import Address
 
 BLOCKS, QUICK_BLOCKS = 100_000, 2_000
 RATE, SAMPLES = 2560.0, 256

@@ -22,8 +22,9 @@ from benchmarks.common import arguments, print_table, write_json
 from models.bearing import Bearing, from_catalogue
 from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
 from streams.block import Block
+from streams.open import open_source
 from streams.rig import SimulatedRig
-from streams.source import ChannelSpec, SourceSpec, open_source
+from streams.spec import ChannelSpec, SourceSpec
 
 LIMITS = (10.0, 60.0)
 _DATA = Path(os.environ.get("SPALLWATCH_DATA") or Path(__file__).parents[2] / "shared" / "data")

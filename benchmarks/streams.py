@@ -34,14 +34,13 @@ from monitor.service.ingest import Ingest
 from monitor.service.setup import channel_setups
 from monitor.service.watcher import Watcher
 from streams.block import Block
-from streams.ledger import MemoryLedger
 from streams.link.arrivals import Arrivals
-from streams.link.network import Address
 from streams.link.sender import TcpLink
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import Frame, encode_frame
 from streams.reblock import samples_hash
-from streams.spec import SourceSpec
+from streams.spec import Address, SourceSpec
+from tests.memory_ledger import MemoryLedger
 
 STREAMS, CHANNELS, RATE, SECONDS = 8, 8, 25600.0, 5.0
 _SAMPLES = round(RATE * SECONDS)

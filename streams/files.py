@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import bz2
 import errno
+import gzip
+import io
 import lzma
 import os
 import re
@@ -27,6 +30,7 @@ _ARCHIVE_MODES: dict[str, _Mode] = {
     ".tar.xz": "r:xz",
     ".txz": "r:xz",
 }
+_SUFFIXES = (".xz", ".bz2", ".gz")
 _DAMAGED = (tarfile.TarError, OSError, EOFError, lzma.LZMAError, zlib.error)
 
 
@@ -205,6 +209,53 @@ def read_guarded(root: Path, path: str, *, may_grow: bool = False) -> bytes:
     if not (same or grown):
         raise ReaderError("changed", f"{path}: changed while it was read")
     return data
+
+
+def packed_suffix(name: str) -> str:
+    """Return ".xz", ".bz2" or ".gz" where a file name ends so, else ""."""
+    return next((suffix for suffix in _SUFFIXES if name.lower().endswith(suffix)), "")
+
+
+def unpacked_name(name: str) -> str:
+    """Return a file name without its compression suffix."""
+    suffix = packed_suffix(name)
+    return name[: -len(suffix)] if suffix else name
+
+
+def unpack(data: bytes, name: str, limit: int = MAX_BYTES) -> bytes:
+    """Decompress a file if its name says that it is compressed.
+
+    Args:
+        data: the bytes of the file.
+        name: its name, which decides.
+        limit: most bytes to give.
+
+    Returns:
+        The decompressed bytes, or ``data`` itself.
+
+    Raises:
+        ReaderError: ``incomplete`` where the file breaks off, ``unreadable`` where it is no such file, ``refused``
+            where it would become larger than ``limit``.
+    """
+    suffix = packed_suffix(name)
+    if not suffix or not data:
+        return data
+    try:
+        with _open(suffix, data) as stream:
+            raw = stream.read(limit + 1)
+    except EOFError as error:
+        raise ReaderError("incomplete", f"{name}: the compressed file breaks off before its end") from error
+    except (OSError, lzma.LZMAError, zlib.error, ValueError) as error:
+        raise ReaderError("unreadable", f"{name}: not a valid {suffix} file ({error})") from error
+    if len(raw) > limit:
+        raise ReaderError("refused", f"{name}: larger than {limit} bytes when unpacked")
+    return raw
+
+
+def _open(suffix: str, data: bytes) -> lzma.LZMAFile | bz2.BZ2File | gzip.GzipFile:
+    if suffix == ".xz":
+        return lzma.LZMAFile(io.BytesIO(data))
+    return bz2.BZ2File(io.BytesIO(data)) if suffix == ".bz2" else gzip.GzipFile(fileobj=io.BytesIO(data))
 
 
 def is_archive(path: str) -> bool:

@@ -10,12 +10,10 @@ from zoneinfo import ZoneInfo
 
 from streams.block import Block, Rejected
 from streams.blocks import TAIL, agreed_rate, choose_rows, content_hash
-from streams.cut_blocks import began_at, cut_item, elapsed_at
-from streams.dataset import DataSet, FileFacts
-from streams.files import Files, Item, open_files
-from streams.readers.packed import unpack
+from streams.datasets.description import DataSet, FileFacts
+from streams.files import Files, Item, open_files, unpack
 from streams.readers.reading import ReaderError, Reading
-from streams.reblock import Chunk, Cut, Reblocker
+from streams.reblock import Chunk, Cut, Reblocker, began_at, cut_item, elapsed_at
 from streams.recognise import data_set_of
 from streams.spec import SourceError, SourceSpec
 

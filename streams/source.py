@@ -1,30 +1,19 @@
-"""The Source protocol, open_source for recordings and open_live for what goes on for ever."""
+"""The protocols of sources: recordings that are iterated over, and live sources with acknowledged deliveries."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
-from typing import Protocol, runtime_checkable
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Protocol, Self, runtime_checkable
 
 from streams.block import Block, Rejected
-from streams.ledger import Ledger
-from streams.live import LiveSource
-from streams.spec import ChannelSpec, SourceError, SourceSpec
-
-__all__ = [
-    "ChannelSpec",
-    "LiveSource",
-    "Source",
-    "SourceError",
-    "SourceSpec",
-    "open_live",
-    "open_source",
-]
+from streams.ledger import FileProgress, Ledger
 
 
 @runtime_checkable
 class Source(Protocol):
-    """Gives blocks in the order of acquisition; a block that cannot be made comes as Rejected, in its place."""
+    """Gives blocks in the order of acquisition; a Rejected takes the place of a block that cannot be made."""
 
     name: str
 
@@ -33,94 +22,95 @@ class Source(Protocol):
         ...
 
     def __len__(self) -> int:
-        """Return how many blocks the source holds in all (a recording)."""
+        """Return the number of blocks of the recording, rejected ones included."""
         ...
 
 
-def open_source(spec: SourceSpec) -> Source:
-    """Open what a source's URL names.
+@dataclass(frozen=True, eq=False)
+class Delivery:
+    """One block, and what the source needs for its acknowledgement.
 
-    Args:
-        spec: the configuration of the source.
-
-    Returns:
-        A source whose blocks can be iterated over any number of times.
-
-    Raises:
-        SourceError: the path does not exist, nothing there is recognised, or rate or unit is stated by neither the
-            recording, its data set nor the configuration.
+    Attributes:
+        item: the block, or the rejection in its place. A rejection ``duplicate`` or ``changed`` bears the number of
+            the block that holds its place: the ledger counts the rejection and keeps the block.
+        token: value that the source needs with the acknowledgement (a connection, a message id); opaque to others.
+        progress: of the files that the block was made of, to be committed in the same transaction as the block.
     """
-    # Parsers load pandas; whoever needs the protocol only does not wait for them.
-    from streams.recording import open_recording
 
-    scheme, colon, rest = spec.url.partition(":")
-    if scheme == "rig" and colon:
-        # The rig stands on the bearing model; whoever reads recordings only does not wait for it.
-        from streams.rig import open_rig
-
-        return open_rig(spec.url, spec.name)
-    if "://" in spec.url:
-        raise SourceError(
-            f"[[source]] {spec.name}: url {spec.url!r}: {scheme}:// is not a kind of source this version reads; "
-            "expected dataset:NAME:PATH, folder:PATH, rig:NAME?seed=N or a path"
-        )
-    if scheme == "dataset" and colon:
-        data_set, second, path = rest.partition(":")
-        if not (data_set and second and path):
-            raise SourceError(f"[[source]] {spec.name}: url {spec.url!r}: expected dataset:NAME:PATH")
-        return open_recording(spec, path, data_set)
-    if scheme == "folder" and colon:
-        return open_recording(spec, rest, spec.format, must_be_folder=True)
-    return open_recording(spec, spec.url, spec.format)
+    item: Block | Rejected
+    token: Any = None
+    progress: tuple[FileProgress, ...] = ()
 
 
-def open_live(specs: Sequence[SourceSpec], ledger: Ledger) -> list[LiveSource]:
-    """Open sources that go on for ever, from what the ledger has on.
+@dataclass(frozen=True)
+class Backlog:
+    """Counts of a live source; offered = accepted + rejected + pending at any moment.
 
-    Args:
-        specs: the configuration of the sources; a URL is ``folder:PATH``, ``tcp://HOST:PORT`` or
-            ``mqtt://HOST:PORT/TOPIC``. Sources at one address are opened as one; their blocks bear their names.
-        ledger: what was committed.
-
-    Returns:
-        The sources, listening; whoever has them closes them.
-
-    Raises:
-        SourceError: another URL, an address that cannot be listened to, a folder that is none.
+    Attributes:
+        offered: items seen so far: files of a folder, frames of a stream.
+        accepted: of these, items whose samples are all in committed blocks.
+        rejected: of these, items refused, each with a reason in the ledger.
+        pending: of these, items that wait, delivered but unacknowledged ones among them.
+        oldest_age_s: seconds since the oldest pending item was first seen, 0 where none is pending.
     """
-    with ExitStack() as opened:
-        sources = [opened.enter_context(source) for source in _live(specs)]
-        for source in sources:
-            source.open(ledger)
-        opened.pop_all()
-    return sources
+
+    offered: int
+    accepted: int
+    rejected: int
+    pending: int
+    oldest_age_s: float
 
 
-def _live(specs: Sequence[SourceSpec]) -> Iterator[LiveSource]:
-    # Each transport brings its own library; only the one that is named is loaded.
-    at_address: dict[tuple[str, str, int], list[SourceSpec]] = {}
-    for spec in specs:
-        scheme, _, rest = spec.url.partition(":")
-        if scheme == "folder" and rest:
-            from streams.folder.source import FolderSource
+@runtime_checkable
+class LiveSource(Protocol):
+    """A source without end.
 
-            yield FolderSource(spec, rest)
-        elif scheme in ("tcp", "mqtt"):
-            from streams.link.network import parse_address
+    Call ``open`` first and ``close`` last, or use it as a context manager around ``open``. ``next``, ``acknowledge``
+    and ``close`` are called from the thread that commits, ``backlog`` from any. Several deliveries may be outstanding;
+    they are acknowledged in the order of delivery. An unacknowledged item is delivered again, with the same sequence
+    number, by the next ``open`` on the same ledger, and not before.
+    """
 
-            place = parse_address(spec.url, f"[[source]] {spec.name}: url")
-            at_address.setdefault((place.scheme, place.host, place.port), []).append(spec)
-        else:
-            raise SourceError(
-                f"[[source]] {spec.name}: url {spec.url!r}: is not a source that goes on for ever; expected "
-                "folder:PATH, tcp://HOST:PORT or mqtt://HOST:PORT/TOPIC"
-            )
-    for (scheme, _, _), group in at_address.items():
-        if scheme == "tcp":
-            from streams.link.tcp import TcpReceiver
+    name: str
 
-            yield TcpReceiver(group)
-        else:
-            from streams.link.mqtt import MqttReceiver
+    def open(self, ledger: Ledger) -> None:
+        """Start receiving, after the last committed block of the ledger.
 
-            yield MqttReceiver(group)
+        Raises:
+            SourceError: the address cannot be listened to, the folder cannot be read; it names the source.
+        """
+        ...
+
+    def next(self, timeout: float) -> Delivery | None:
+        """Return the next delivery, or None after ``timeout`` seconds without one.
+
+        A vanished folder, a dropped connection or invalid data raises nothing: it becomes a rejection, or a state that
+        :meth:`problem` names.
+        """
+        ...
+
+    def acknowledge(self, delivery: Delivery) -> None:
+        """Record that a delivery is committed (or found in the ledger); only now may a sender discard it."""
+        ...
+
+    def backlog(self) -> Backlog:
+        """Return the counts."""
+        ...
+
+    def problem(self) -> str | None:
+        """Return in one sentence why the source receives nothing, or None."""
+        ...
+
+    def close(self) -> None:
+        """Stop receiving and free all resources, within a second; unacknowledged items are delivered again."""
+        ...
+
+    def __enter__(self) -> Self:
+        """Return the source itself."""
+        ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the source."""
+        ...

@@ -1,20 +1,27 @@
-"""What a source is configured by, and the error that a configuration meets."""
+"""Configuration of sources: channels, network limits, addresses, and the error of a wrong configuration."""
 
 from __future__ import annotations
 
+import ipaddress
 import math
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import Literal
+from urllib.parse import unquote, urlsplit
 from zoneinfo import ZoneInfo
 
 from models.errors import WrongInputError
 
-if TYPE_CHECKING:
-    from streams.link.network import NetworkSpec
-
 DEFAULT_BLOCK_SECONDS = 5.0
 UNITS = ("g", "m/s2", "V", "unknown")
 """The units that a channel may state."""
+
+MAX_FRAME = 16 << 20
+"""Bytes of the largest frame, checksum included."""
+MQTT_PORT = 1883
+_MAX_TOPIC_BYTES = 512
 
 
 class SourceError(WrongInputError):
@@ -23,10 +30,10 @@ class SourceError(WrongInputError):
 
 @dataclass(frozen=True)
 class ChannelSpec:
-    """Which row of a recording a channel is, and what its numbers mean.
+    """Configuration of a channel: its row in the recording, and the unit of its numbers.
 
     A channel is found by ``key``, else by ``column``, else by its own name among the names of the file or of the data
-    set; where the file holds a single row, that row is it.
+    set; a file with a single row gives that row.
 
     Attributes:
         name: name of the channel.
@@ -60,23 +67,76 @@ class ChannelSpec:
 
 
 @dataclass(frozen=True)
+class NetworkSpec:
+    """Limits and credentials of a network source.
+
+    Attributes:
+        peers: networks (such as ``192.168.1.0/24``) from which a TCP sender may connect; empty: this machine only.
+        max_connections: TCP connections at a time.
+        read_timeout: seconds within which a hello must come, and a frame must be complete once it has begun.
+        max_frame: bytes of the largest frame to accept.
+        max_waiting: bytes of frames that may wait for their commit; at this limit reading is paused.
+        ca_file: PEM certificates against which the broker's certificate is verified; it switches TLS on.
+        cert_file: client certificate for the broker (PEM), with ``key_file``.
+        key_file: its private key.
+        username_file: file whose first line is the user name for the broker.
+        password_file: likewise the password.
+        client_id: client id at the broker, under which the session is kept; None derives one from the source name.
+    """
+
+    peers: tuple[str, ...] = ()
+    max_connections: int = 16
+    read_timeout: float = 30.0
+    max_frame: int = MAX_FRAME
+    max_waiting: int = 4 * MAX_FRAME
+    ca_file: Path | None = None
+    cert_file: Path | None = None
+    key_file: Path | None = None
+    username_file: Path | None = None
+    password_file: Path | None = None
+    client_id: str | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot work."""
+        for peer in self.peers:
+            try:
+                ipaddress.ip_network(peer)
+            except ValueError as error:
+                raise SourceError(f"peers: {error}; expected networks such as 192.168.1.0/24") from None
+        if not (self.max_connections >= 1 and self.read_timeout > 0.0 and 1024 <= self.max_frame <= MAX_FRAME):
+            raise SourceError(
+                f"max_connections must be 1 or more, read_timeout_s positive, max_frame 1024 to {MAX_FRAME} bytes; got "
+                f"{self.max_connections}, {self.read_timeout}, {self.max_frame}"
+            )
+        if (self.cert_file is None) != (self.key_file is None):
+            raise SourceError("cert_file and key_file belong together")
+
+    def admits(self, address: str) -> bool:
+        """Tell whether a sender at this numerical address may connect."""
+        found = ipaddress.ip_address(address.partition("%")[0])
+        found = getattr(found, "ipv4_mapped", None) or found
+        return found.is_loopback or any(found in ipaddress.ip_network(peer) for peer in self.peers)
+
+
+@dataclass(frozen=True)
 class SourceSpec:
-    """What the configuration says of one source.
+    """Configuration of one source.
 
     Attributes:
         name: name of the source.
-        url: ``dataset:NAME:PATH``, ``folder:PATH``, ``rig:NAME?seed=N`` or a bare path, which is looked at.
+        url: ``dataset:NAME:PATH``, ``folder:PATH``, ``rig:NAME?seed=N``, ``tcp://HOST:PORT``,
+            ``mqtt://HOST:PORT/TOPIC``, or a bare path whose files are recognised.
         start: seconds since 1970-01-01 UTC of the first sample, for recordings without a date; else None.
         block_s: length of a block in s, or "file" for one block a file. Data sets of snapshots (PRONOSTIA, IMS,
-            XJTU-SY) give one block a file whatever it says.
-        format: "auto", one of the formats of docs/formats.md ("csv", "tdms", ...) or the name of a data set.
+            XJTU-SY) always give one block a file.
+        format: "auto", one of the formats of docs/reference/formats.md ("csv", "tdms", ...) or the name of a data set.
         rate: sampling rate in Hz where neither the file nor the data set states it; where one does, it must agree.
-        range_g: range of the sensor in g, or None where unknown; no concern of the readers.
+        range_g: range of the sensor in g, or None where unknown; not used by the readers.
         channels: the channels to give; empty gives all that the data set knows.
         timezone: IANA name of the zone in which local time stamps of file names are read.
-        settle_s: seconds for which a file of a watched folder must not have changed before it is read, unless it was
+        settle_s: seconds for which a file of a watched folder must be unchanged before it is read, unless it was
             closed or moved in.
-        network: limits and credentials of a ``tcp:`` or ``mqtt:`` source, or None for the usual ones.
+        network: limits and credentials of a ``tcp:`` or ``mqtt:`` source, or None for the defaults.
     """
 
     name: str
@@ -107,3 +167,54 @@ class SourceSpec:
             ZoneInfo(self.timezone)
         except (KeyError, ValueError, OSError) as error:
             raise SourceError(f"{where}: timezone {self.timezone!r} is not known") from error
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a stream goes: host, port and, for MQTT, the topic."""
+
+    scheme: str
+    host: str
+    port: int
+    topic: str = ""
+
+
+def parse_address(url: str, where: str) -> Address:
+    """Return the parts of ``tcp://HOST:PORT`` or ``mqtt://HOST[:PORT]/TOPIC``.
+
+    Args:
+        url: the address.
+        where: key or option named in a message, such as ``[[source]] press: url``.
+
+    Raises:
+        SourceError: it is neither; it holds a user name or password, which belong into files; the topic has
+            wildcards, which would admit any sender.
+    """
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError as error:
+        raise SourceError(f"{where} {url!r}: {error}") from None
+    if parts.username is not None or parts.password is not None:
+        raise SourceError(f"{where}: user name and password belong into username_file and password_file")
+    extra = parts.query or parts.fragment
+    if parts.scheme == "tcp" and host and port is not None and not extra and parts.path in ("", "/"):
+        return Address("tcp", host, port)
+    topic = unquote(parts.path[1:])
+    if parts.scheme == "mqtt" and host and topic and not extra:
+        if re.search(r"[+#\0]", topic) or topic.startswith("$") or len(topic.encode()) > _MAX_TOPIC_BYTES:
+            raise SourceError(f"{where} {url!r}: the topic must be one topic, without + and #")
+        return Address("mqtt", host, MQTT_PORT if port is None else port, topic)
+    raise SourceError(f"{where} {url!r}: expected tcp://HOST:PORT or mqtt://HOST:PORT/TOPIC")
+
+
+def same_listener(addresses: Sequence[Address]) -> Address:
+    """Return the address whose host and port all streams of one receiver share.
+
+    Raises:
+        ValueError: they differ; the caller groups them beforehand.
+    """
+    first = addresses[0]
+    if any((other.scheme, other.host, other.port) != (first.scheme, first.host, first.port) for other in addresses):
+        raise ValueError(f"one receiver serves one address, got {sorted({f'{a.host}:{a.port}' for a in addresses})}")
+    return first

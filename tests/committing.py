@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from streams.block import Block, Rejected
-from streams.ledger import MemoryLedger
-from streams.live import LiveSource
+from streams.source import LiveSource
+from tests.memory_ledger import MemoryLedger
 
 
 @contextmanager

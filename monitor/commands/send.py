@@ -68,9 +68,9 @@ def command(
     It ends when the receiver has committed all of it. A receiver that is not there, or is restarted, is tried again; it
     says what it has, and the recording goes on from there.
     """
-    from streams.link.network import NetworkSpec, parse_address
     from streams.link.sender import Link, Sender, TcpLink
     from streams.link.wire import WireError
+    from streams.spec import NetworkSpec, parse_address
 
     address = parse_address(url, "--to")
     source = _recording(path, config_path, kind, rate_hz, block_s)
@@ -100,7 +100,8 @@ def command(
 
 
 def _recording(path: str, config_path: Path | None, kind: str, rate: float | None, block_s: Any) -> Source:
-    from streams.source import SourceSpec, open_source
+    from streams.open import open_source
+    from streams.spec import SourceSpec
 
     if config_path is None:
         stem = re.sub(r"[^A-Za-z0-9_.-]", "-", Path(path).name)[:64] or "recording"

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Band, Blocks, Name, NotNegative, Positive, Scale, Section
-from streams.link.network import NetworkSpec
+from streams.spec import NetworkSpec
 
 _FILE_KEYS = ("ca_file", "cert_file", "key_file", "username_file", "password_file")
 

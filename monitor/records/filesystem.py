@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from streams.mounts import NETWORK_FILE_SYSTEMS, file_system_type
+from streams.folder.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
 __all__ = ["NETWORK_FILE_SYSTEMS", "file_system_type", "replace_durably", "sync_folder"]
 

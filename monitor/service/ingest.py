@@ -18,8 +18,9 @@ from monitor.service.recording import rejected_record
 from monitor.service.setup import channel_setups, source_spec
 from monitor.service.watcher import Memory, UnfitError, Watcher
 from streams.block import Block, Rejected
-from streams.live import Backlog, Delivery, LiveSource
-from streams.source import SourceError, open_live
+from streams.open import open_live
+from streams.source import Backlog, Delivery, LiveSource
+from streams.spec import SourceError
 
 _LOG = logging.getLogger(__name__)
 _TURN = 0.2

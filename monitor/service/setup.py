@@ -26,7 +26,9 @@ from monitor.health.step import ChannelSettings
 from monitor.health.waterfall import WaterfallSettings
 from monitor.records.library_file import LibraryError, load_library
 from streams.block import STANDARD_GRAVITY
-from streams.source import ChannelSpec, Source, SourceError, SourceSpec, open_source
+from streams.open import open_source
+from streams.source import Source
+from streams.spec import ChannelSpec, SourceError, SourceSpec
 
 Slice = TypeVar("Slice")
 

@@ -29,8 +29,7 @@ from monitor.service.alarming import Alarming
 from monitor.service.recording import block_record, rejected_record
 from monitor.service.setup import ChannelSetup
 from monitor.service.waterfall import Waterfalls
-from streams.block import Block, Rejected
-from streams.units import to_si
+from streams.block import Block, Rejected, to_si
 
 States = dict[str, dict[str, Any]]
 Memory = list[tuple[object, dict[str, Any]]]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from zoneinfo import ZoneInfo
 
-from streams.readers.packed import unpacked_name
+from streams.files import unpacked_name
 from streams.readers.reading import Reading
 
 POUND_FORCE = 4.4482216152605

@@ -12,17 +12,15 @@ import numpy as np
 
 from streams.block import Block, Rejected
 from streams.blocks import TAIL
-from streams.cut_blocks import began_at, cut_item, elapsed_at
-from streams.dataset import DataSet, FileFacts
-from streams.folder.listing import look_at
+from streams.datasets.description import DataSet, FileFacts
+from streams.files import unpacked_name
+from streams.folder.listing import look_at, unshown
 from streams.folder.loading import GROWS, Parsed, Raw, UnfinishedError, is_more_of, parse, read_raw
-from streams.folder.names import unshown
 from streams.folder.register import ARCHIVED, INCOMPLETE_AFTER, Entry, Order, Register
 from streams.ledger import ACCEPTED, PENDING, FileProgress, Ledger
-from streams.live import Delivery
-from streams.readers.packed import unpacked_name
 from streams.readers.reading import ReaderError
-from streams.reblock import Chunk, Cut, Reblocker
+from streams.reblock import Chunk, Cut, Reblocker, began_at, cut_item, elapsed_at
+from streams.source import Delivery
 from streams.spec import SourceSpec
 
 _LOOK_AHEAD = 8

@@ -1,13 +1,22 @@
-"""What lies in a folder at this moment."""
+"""Files of a folder: which are listed, how a name is stored, on which type of file system they lie."""
 
 from __future__ import annotations
 
 import os
+import re
 import stat
 from dataclasses import dataclass
+from pathlib import Path
 
-from streams.folder.names import left_alone
+NETWORK_FILE_SYSTEMS = frozenset(
+    {"9p", "afs", "ceph", "cifs", "fuse.ceph", "fuse.glusterfs", "fuse.sshfs", "glusterfs", "lustre", "ncpfs", "nfs"}
+    | {"nfs4", "smb3", "smbfs", "virtiofs", "vboxsf"}
+)
+"""Types whose files other machines write: no event tells of it, and no lock or shared memory can be relied upon."""
 
+_MOUNTS = Path("/proc/self/mountinfo")
+_LEFT_ALONE = (".tmp", ".part", ".partial", ".crdownload", ".filepart", "_index")
+_ESCAPE = re.compile(r"\\\\|\\x[0-9a-f]{2}|\\u[0-9a-f]{4}|\\U[0-9a-f]{8}")
 _SIGNED = (1 << 63) - 1
 
 
@@ -91,3 +100,72 @@ def _list_one(root: str, folder: str, folders: list[str], found: dict[str, Stat]
                 continue
             if status is not None:
                 found[path] = status
+
+
+def left_alone(name: str) -> bool:
+    """Tell whether a file is somebody's own business: hidden, half-way through a copy, or an index beside the data.
+
+    Args:
+        name: the name without its folder.
+    """
+    return name.startswith((".", "~")) or name.lower().endswith(_LEFT_ALONE)
+
+
+def shown(path: str) -> str:
+    r"""Write a path in printable characters, one-to-one: a newline as ``\u000a``, a byte that is no UTF-8 as ``\xff``.
+
+    Args:
+        path: as the file system gave it, surrogates for bytes that are no UTF-8.
+    """
+    if path.isascii() and path.isprintable() and "\\" not in path:
+        return path
+    return "".join(_shown(character) for character in path)
+
+
+def _shown(character: str) -> str:
+    code = ord(character)
+    if 0xDC80 <= code <= 0xDCFF:
+        return f"\\x{code - 0xDC00:02x}"
+    if character == "\\":
+        return "\\\\"
+    if character.isprintable():
+        return character
+    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+def unshown(text: str) -> str:
+    """Return the path that :func:`shown` wrote."""
+    return _ESCAPE.sub(_unescaped, text) if "\\" in text else text
+
+
+def _unescaped(match: re.Match[str]) -> str:
+    escape = match[0]
+    if escape == "\\\\":
+        return "\\"
+    code = int(escape[2:], 16)
+    return chr(code + 0xDC00) if escape[1] == "x" else chr(code)
+
+
+def file_system_type(path: Path, mountinfo: str | None = None) -> str | None:
+    """Return the type of the file system that holds ``path``, as the kernel's mount table names it.
+
+    Args:
+        path: an existing file or folder.
+        mountinfo: text in the format of /proc/self/mountinfo; by default that file.
+
+    Returns:
+        The type ("ext4", "nfs4"), or None where it cannot be found out.
+    """
+    if mountinfo is None:
+        try:
+            mountinfo = _MOUNTS.read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            return None
+    device = path.stat().st_dev
+    wanted = f"{os.major(device)}:{os.minor(device)}"
+    for line in mountinfo.splitlines():
+        fields, separator, tail = line.partition(" - ")
+        parts = fields.split()
+        if separator and len(parts) > 2 and parts[2] == wanted:
+            return tail.split()[0]
+    return None

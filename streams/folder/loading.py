@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from models.errors import SpallwatchError
 from streams.blocks import agreed_rate, choose_rows, content_hash
-from streams.dataset import DataSet, FileFacts
-from streams.files import path_within, read_guarded
-from streams.folder.complete import declared_size, whole_part
+from streams.datasets.description import DataSet, FileFacts
+from streams.files import path_within, read_guarded, unpack
 from streams.folder.listing import Stat, look_at
 from streams.folder.register import Entry
 from streams.ledger import HEAD_BYTES, FileProgress
-from streams.readers.packed import unpack
+from streams.readers.complete import declared_size, whole_part
 from streams.readers.reading import ReaderError, Reading
 from streams.spec import SourceSpec
 

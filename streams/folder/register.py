@@ -10,10 +10,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from streams.folder.listing import Stat
-from streams.folder.names import shown, unshown
+from streams.folder.listing import Stat, shown, unshown
 from streams.ledger import ACCEPTED, PENDING, FileProgress, Ledger
-from streams.live import Backlog
+from streams.source import Backlog
 
 INCOMPLETE_AFTER = 600.0
 """Seconds without a change after which a file that is not all there is given up."""

@@ -15,16 +15,15 @@ from types import TracebackType
 from typing import Protocol, Self
 from zoneinfo import ZoneInfo
 
-from streams.dataset import DataSet, FileFacts
+from streams.datasets.description import DataSet, FileFacts
 from streams.files import Item, check_readable, natural_key, read_guarded
 from streams.folder.intake import Intake
-from streams.folder.listing import list_files, look_at
-from streams.folder.names import left_alone
+from streams.folder.listing import left_alone, list_files, look_at
 from streams.folder.register import INCOMPLETE_AFTER, Order, Register
 from streams.folder.watch import Watch
 from streams.ledger import Ledger
-from streams.live import Backlog, Delivery
 from streams.recognise import data_set_of
+from streams.source import Backlog, Delivery
 from streams.spec import SourceError, SourceSpec
 
 _LOG = logging.getLogger(__name__)
@@ -58,7 +57,7 @@ class SystemClock:
 
 
 class FolderSource:
-    """The files of a folder, each accepted, rejected with a reason, or pending; see :class:`streams.live.LiveSource`.
+    """The files of a folder, each accepted, rejected with a reason, or pending; see :class:`streams.source.LiveSource`.
 
     A file has its turn when it was closed after writing or moved in, or has not changed for the settling time, and as
     much of it is there as its header promises. A data set of snapshots gives one block a file, under the file's own

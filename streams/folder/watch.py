@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from streams.mounts import NETWORK_FILE_SYSTEMS, file_system_type
+from streams.folder.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
 _LOG = logging.getLogger(__name__)
 _MOST = 10_000

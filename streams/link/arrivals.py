@@ -12,11 +12,11 @@ from typing import Any
 from streams.block import Block, Rejected
 from streams.blocks import agreed_rate, choose_rows, content_hash
 from streams.ledger import Ledger
-from streams.link.wire import MAX_FRAME, Frame, WireError, decode_frame
-from streams.live import Backlog, Delivery
+from streams.link.wire import Frame, WireError, decode_frame
 from streams.readers.reading import ReaderError, Reading
 from streams.reblock import samples_hash
-from streams.spec import SourceSpec
+from streams.source import Backlog, Delivery
+from streams.spec import MAX_FRAME, SourceSpec
 
 
 @dataclass(eq=False)

@@ -20,10 +20,10 @@ from typing import Any, Self
 
 from streams.ledger import Ledger
 from streams.link.arrivals import Arrivals
-from streams.link.network import Address, NetworkSpec, parse_address, same_listener
+from streams.link.sender import LinkError
 from streams.link.wire import ACK, WireError
-from streams.live import Backlog, Delivery
-from streams.spec import SourceError, SourceSpec
+from streams.source import Backlog, Delivery
+from streams.spec import Address, NetworkSpec, SourceError, SourceSpec, parse_address, same_listener
 
 _LOG = logging.getLogger(__name__)
 
@@ -291,8 +291,6 @@ class MqttLink:
 
     def connect(self) -> int:
         """Connect to the broker and return the number that the receiver committed last."""
-        from streams.link.sender import LinkError
-
         self.close()
         self._client = self._new_client()
         self._state, self._latest, self._fresh = "", None, False
@@ -314,8 +312,6 @@ class MqttLink:
 
     def send(self, frame: bytes) -> None:
         """Hand one frame to the broker; it may still be on its way."""
-        from streams.link.sender import LinkError
-
         if self._state != "connected":
             raise LinkError(self._state or "not connected")
         info = self._client.publish(self._address.topic, frame, qos=1)
@@ -324,8 +320,6 @@ class MqttLink:
 
     def committed(self, timeout: float) -> int | None:
         """Return the number committed last, if it is news."""
-        from streams.link.sender import LinkError
-
         with self._news:
             self._news.wait_for(lambda: self._fresh or self._state != "connected", timeout)
             if self._fresh:

@@ -11,9 +11,9 @@ from typing import Protocol
 
 from models.errors import SpallwatchError
 from streams.block import Block, Rejected
-from streams.link.network import Address
 from streams.link.wire import ACK, WireError, block_frame, encode_frame, hello
 from streams.source import Source
+from streams.spec import Address
 
 _WINDOW_FRAMES, _WINDOW_BYTES = 32, 64 << 20
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.1, 10.0

@@ -16,10 +16,9 @@ from typing import Self
 
 from streams.ledger import Ledger
 from streams.link.arrivals import Arrivals, by_stream
-from streams.link.network import NetworkSpec, parse_address, same_listener
 from streams.link.wire import ACK, HEAD, HELLO, WireError, frame_length, hello_length, hello_stream
-from streams.live import Backlog, Delivery
-from streams.spec import SourceError, SourceSpec
+from streams.source import Backlog, Delivery
+from streams.spec import NetworkSpec, SourceError, SourceSpec, parse_address, same_listener
 
 _LOG = logging.getLogger(__name__)
 

@@ -18,9 +18,9 @@ import pytest
 import xarray as xr
 
 from monitor.records.store import Store
-from streams.link.network import parse_address
 from streams.link.sender import LinkError, TcpLink
 from streams.link.wire import block_frame, encode_frame
+from streams.spec import parse_address
 from tests.faults.daemons import call, free_port, start, tcp_machine_text, wait_for
 from tests.faults.test_daemon_kill import published_blocks
 from tests.faults.test_network_kill import block

@@ -12,14 +12,14 @@ from typing import Any
 
 import pytest
 
+from streams.folder.listing import file_system_type
 from streams.folder.source import FolderSource
 from streams.folder.watch import Watch
-from streams.ledger import MemoryLedger
-from streams.live import LiveSource
-from streams.mounts import file_system_type
-from streams.source import SourceError, open_live
-from streams.spec import SourceSpec
+from streams.open import open_live
+from streams.source import LiveSource
+from streams.spec import SourceError, SourceSpec
 from tests.effort import effort_count
+from tests.memory_ledger import MemoryLedger
 from tests.streams.folders import CHANNELS, RATE, csv_bytes, noise
 
 SETTLE = 1.0

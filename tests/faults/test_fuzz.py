@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from streams.block import Block, Rejected
+from streams.open import open_source
 from streams.readers.child import shared_process
-from streams.source import ChannelSpec, SourceSpec, open_source
+from streams.spec import ChannelSpec, SourceSpec
 from tests.effort import effort_count
 from tests.streams.format_makers import MAKERS, RATE, signal
 

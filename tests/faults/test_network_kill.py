@@ -18,9 +18,9 @@ from monitor.config.load import Config, validate
 from monitor.records.store import Store
 from streams.block import Block
 from streams.link.mqtt import MqttLink
-from streams.link.network import parse_address
 from streams.link.sender import Link, Sender, TcpLink
 from streams.reblock import samples_hash
+from streams.spec import parse_address
 from tests.broker import Broker
 from tests.effort import effort_count
 from tests.proxy import Proxy

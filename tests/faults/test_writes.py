@@ -26,8 +26,8 @@ import pytest
 from monitor.health.record import Record
 from monitor.records.store import Store, StoreError
 from streams.block import Block
-from streams.link.network import parse_address
 from streams.link.sender import Sender, TcpLink
+from streams.spec import parse_address
 from tests.effort import effort_count
 from tests.faults.daemons import free_port, start, status, tcp_machine_text, wait_for
 from tests.faults.test_daemon_kill import published_blocks

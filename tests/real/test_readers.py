@@ -14,7 +14,8 @@ import scipy.io
 from numpy.testing import assert_array_equal
 
 from streams.block import Block
-from streams.source import ChannelSpec, SourceSpec, open_source
+from streams.open import open_source
+from streams.spec import ChannelSpec, SourceSpec
 from tests.oracles.text_oracle import parse_slowly
 
 pytestmark = pytest.mark.real

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from streams.block import Block, Rejected
 from streams.folder.source import FolderSource
-from streams.ledger import MemoryLedger
 from streams.spec import ChannelSpec, SourceSpec
+from tests.memory_ledger import MemoryLedger
 
 RATE = 1000.0
 CHANNELS = (ChannelSpec("x", column=1, unit="g"),)

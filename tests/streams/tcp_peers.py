@@ -11,12 +11,11 @@ from contextlib import contextmanager
 import numpy as np
 
 from streams.block import Block, Rejected
-from streams.ledger import MemoryLedger
-from streams.link.network import NetworkSpec, parse_address
 from streams.link.sender import TcpLink
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import block_frame, encode_frame, hello
-from streams.spec import SourceSpec
+from streams.spec import NetworkSpec, SourceSpec, parse_address
+from tests.memory_ledger import MemoryLedger
 
 URL = "tcp://127.0.0.1:0"
 

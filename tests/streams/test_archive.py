@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from streams.block import Block, Rejected
-from streams.source import SourceError, SourceSpec, open_source
+from streams.open import open_source
+from streams.spec import SourceError, SourceSpec
 from tests.effort import effort_count
 from tests.streams.makers import ims_text, pronostia_csv, tar_file
 

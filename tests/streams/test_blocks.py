@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from streams.block import STANDARD_GRAVITY
+from streams.block import STANDARD_GRAVITY, to_si
 from streams.blocks import agreed_rate, choose_rows, content_hash
 from streams.readers.reading import ReaderError, plain_reading
-from streams.source import ChannelSpec
-from streams.units import to_si
+from streams.spec import ChannelSpec
 
 
 def test_digests() -> None:

@@ -9,8 +9,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from streams.block import Block, Rejected
-from streams.dataset import POUND_FORCE
-from streams.source import ChannelSpec, SourceSpec, open_source
+from streams.datasets.description import POUND_FORCE
+from streams.open import open_source
+from streams.spec import ChannelSpec, SourceSpec
 from tests.oracles.text_oracle import parse_slowly
 from tests.streams.makers import ims_text, mat_file, packed, pronostia_csv
 

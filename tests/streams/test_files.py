@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from streams import files
 from streams.block import Block, Rejected
-from streams.files import natural_key, read_guarded
-from streams.readers.packed import unpack, unpacked_name
+from streams.files import natural_key, read_guarded, unpack, unpacked_name
+from streams.open import open_source
 from streams.readers.reading import ReaderError
-from streams.source import SourceError, SourceSpec, open_source
+from streams.spec import SourceError, SourceSpec
 from tests.streams.makers import fifo, pronostia_csv
 
 

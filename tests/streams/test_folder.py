@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from streams.block import Block, Rejected
-from streams.folder.names import left_alone, shown, unshown
+from streams.folder.listing import left_alone, shown, unshown
 from streams.folder.source import FolderSource
 from streams.spec import SourceError, SourceSpec
 from tests.streams.folders import Rig, csv_bytes, noise, verdicts

@@ -17,15 +17,14 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
 from streams.block import Rejected
-from streams.ledger import MemoryLedger
 from streams.link.mqtt import COMMITTED, MqttLink, MqttReceiver, make_client
-from streams.link.network import Address, NetworkSpec, parse_address
 from streams.link.sender import Sender, SendError
 from streams.link.wire import ACK, block_frame, encode_frame
-from streams.live import LiveSource
-from streams.spec import SourceError, SourceSpec
+from streams.source import LiveSource
+from streams.spec import Address, NetworkSpec, SourceError, SourceSpec, parse_address
 from tests.broker import Broker
 from tests.committing import committing
+from tests.memory_ledger import MemoryLedger
 from tests.streams.tcp_peers import Recorded, block
 
 TOPIC = "plant/press 4"

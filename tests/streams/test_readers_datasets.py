@@ -11,7 +11,8 @@ import scipy.io
 from numpy.testing import assert_array_equal
 
 from streams.block import Block, Rejected
-from streams.source import ChannelSpec, SourceError, SourceSpec, open_source
+from streams.open import open_source
+from streams.spec import ChannelSpec, SourceError, SourceSpec
 
 
 def paderborn(path: Path, channels: dict[str, Any]) -> Path:

@@ -14,13 +14,14 @@ import pyuff
 from numpy.testing import assert_allclose, assert_array_equal
 
 from streams.block import Block, Rejected
+from streams.open import open_source
 from streams.readers.hdf5 import read_hdf5
 from streams.readers.mat import load_mat, mat_variables, read_mat, scalar, text
 from streams.readers.netcdf import read_netcdf
 from streams.readers.reading import ReaderError
 from streams.readers.tdms import read_tdms
 from streams.readers.uff import read_uff
-from streams.source import ChannelSpec, SourceError, SourceSpec, open_source
+from streams.spec import ChannelSpec, SourceError, SourceSpec
 from tests.streams.format_makers import (
     MAKERS,
     RATE,

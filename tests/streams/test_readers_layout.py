@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from streams.block import Block, Rejected
+from streams.open import open_source
 from streams.readers.layout import read_layout
 from streams.readers.reading import ReaderError
 from streams.readers.stated import known_unit, number_of, rate_of_times, seconds_utc, stated_rate
-from streams.source import ChannelSpec, SourceError, SourceSpec, open_source
+from streams.spec import ChannelSpec, SourceError, SourceSpec
 from tests.effort import effort_count
 from tests.streams.format_makers import RATE, npy_bytes, signal
 

@@ -9,8 +9,10 @@ import pytest
 
 from models.scene import Rig
 from streams.block import Block
+from streams.open import open_source
 from streams.rig import CHANNELS, INTERVAL, RATE, SimulatedRig, draw_life, open_rig, perturbed
-from streams.source import Source, SourceError, SourceSpec, open_source
+from streams.source import Source
+from streams.spec import SourceError, SourceSpec
 
 
 @pytest.fixture(scope="module")

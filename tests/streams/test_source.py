@@ -13,7 +13,9 @@ import soundfile
 from numpy.testing import assert_array_equal
 
 from streams.block import Block, Rejected
-from streams.source import ChannelSpec, Source, SourceError, SourceSpec, open_source
+from streams.open import open_source
+from streams.source import Source
+from streams.spec import ChannelSpec, SourceError, SourceSpec
 from tests.streams.makers import mat_file, pronostia_csv
 
 A = (ChannelSpec("a", column=1, unit="g"),)
@@ -168,14 +170,14 @@ def test_channels_that_mean_nothing(settings: dict[str, Any], words: str) -> Non
 
 
 def test_importing_the_protocol_loads_no_parser() -> None:
-    code = "import sys, streams.source; sys.exit(bool({'pandas', 'scipy', 'numba', 'soundfile'} & set(sys.modules)))"
+    code = "import sys, streams.open; sys.exit(bool({'pandas', 'scipy', 'numba', 'soundfile'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_reading_a_recording_loads_no_compiler(tmp_path: Path) -> None:
     (tmp_path / "acc_00001.csv").write_bytes(pronostia_csv(1))
     code = (
-        "import sys; from streams.source import SourceSpec, open_source; "
+        "import sys; from streams.spec import SourceSpec; from streams.open import open_source; "
         f"blocks = list(open_source(SourceSpec('x', {str(tmp_path)!r}))); "
         "sys.exit(len(blocks) != 1 or bool({'numba', 'xarray', 'netCDF4', 'matplotlib'} & set(sys.modules)))"
     )

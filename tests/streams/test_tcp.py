@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from streams.block import Block, Rejected
-from streams.ledger import MemoryLedger
-from streams.link.network import parse_address
 from streams.link.sender import Sender, SendError, TcpLink
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import Frame, block_frame, encode_frame
-from streams.live import Delivery, LiveSource
-from streams.spec import ChannelSpec, SourceSpec
+from streams.source import Delivery, LiveSource
+from streams.spec import ChannelSpec, SourceSpec, parse_address
 from tests.committing import committing
+from tests.memory_ledger import MemoryLedger
 from tests.streams.tcp_peers import URL, Recorded, answer, block, commit, frame, gone, link, raw, receiving
 
 

@@ -9,13 +9,12 @@ from contextlib import suppress
 
 import pytest
 
-from streams.ledger import MemoryLedger
-from streams.link.network import NetworkSpec, parse_address
 from streams.link.sender import Sender
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import HEAD, block_frame, encode_frame, hello
-from streams.spec import SourceError, SourceSpec
+from streams.spec import NetworkSpec, SourceError, SourceSpec, parse_address
 from tests.committing import committing
+from tests.memory_ledger import MemoryLedger
 from tests.streams.tcp_peers import Recorded, answer, block, commit, frame, gone, link, raw, receiving, wait_until
 
 

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from streams.block import Block
 from streams.link.wire import (
     HEAD,
-    MAX_FRAME,
     Frame,
     WireError,
     block_frame,
@@ -26,6 +25,7 @@ from streams.link.wire import (
     hello_length,
     hello_stream,
 )
+from streams.spec import MAX_FRAME
 from tests.effort import effort_count
 from tests.oracles.crc32c_oracle import crc32c_bitwise
 

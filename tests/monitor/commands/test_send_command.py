@@ -12,11 +12,10 @@ from click.testing import CliRunner
 
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
-from streams.ledger import MemoryLedger
 from streams.link.sender import SendError
 from streams.link.tcp import TcpReceiver
-from streams.source import SourceError
-from streams.spec import SourceSpec
+from streams.spec import SourceError, SourceSpec
+from tests.memory_ledger import MemoryLedger
 
 CONFIG = """
 [[bearing]]

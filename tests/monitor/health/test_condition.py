@@ -19,7 +19,8 @@ from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
 from monitor.service.setup import channel_setups, source_spec
 from monitor.service.watcher import Watcher
 from streams.block import Block
-from streams.source import ChannelSpec, SourceSpec, open_source
+from streams.open import open_source
+from streams.spec import ChannelSpec, SourceSpec
 from tests.effort import effort_count
 
 BEARING = from_catalogue("6205")

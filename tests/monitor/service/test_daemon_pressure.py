@@ -11,7 +11,7 @@ import pytest
 
 from monitor.records.store import Store
 from monitor.service.systemd import Notifier
-from streams.live import Delivery
+from streams.source import Delivery
 from tests.effort import effort_count
 from tests.faults.daemons import make_machine, status, wait_for
 from tests.monitor.service.test_daemon import last, put, running

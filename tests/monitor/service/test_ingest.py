@@ -21,7 +21,7 @@ from monitor.service.setup import channel_setups
 from monitor.service.watcher import Watcher
 from streams.block import Block, Rejected
 from streams.ledger import FileProgress, Ledger
-from streams.live import Backlog, Delivery, LiveSource
+from streams.source import Backlog, Delivery, LiveSource
 from tests.faults.test_folder_kill import config
 
 RATE = 2560.0

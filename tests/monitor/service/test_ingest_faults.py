@@ -20,7 +20,7 @@ from monitor.service.ingest import Ingest
 from monitor.service.setup import channel_setups
 from monitor.service.watcher import Watcher
 from streams.block import Block, Rejected
-from streams.live import Delivery
+from streams.source import Delivery
 from tests.faults.daemons import make_machine, status, wait_for
 from tests.faults.test_folder_kill import config
 from tests.monitor.service.test_daemon import last, put, running
