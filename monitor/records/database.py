@@ -13,8 +13,8 @@ from monitor.records.filesystem import NETWORK_FILE_SYSTEMS, file_system_type, s
 APPLICATION_ID = 0x53504C57
 """The bytes "SPLW" in the header of the database: it is ours."""
 
-STORE_VERSION = 2
-"""Version of the tables, the ``schema_version`` of the table ``meta``. 2: forecasts with all that they leaned on."""
+STORE_VERSION = 3
+"""Version of the tables, the ``schema_version`` of the table ``meta``. 2: inputs of forecasts; 3: rollup of trends."""
 
 _MAGIC = b"SQLite format 3\x00"
 
@@ -70,6 +70,17 @@ CREATE TABLE IF NOT EXISTS spectra (
 )
 """
 """Of a record no part, and so of no version: a store without it gets it when it is next opened for writing."""
+
+
+_ROLLUP = """
+CREATE TABLE IF NOT EXISTS rollup (
+    source TEXT NOT NULL, channel TEXT NOT NULL, dated INTEGER NOT NULL, level INTEGER NOT NULL,
+    bucket INTEGER NOT NULL, records INTEGER NOT NULL, others TEXT, extremes BLOB NOT NULL,
+    PRIMARY KEY (source, channel, dated, level, bucket)
+) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS blocks_by_time ON blocks (source, day IS NULL, instr(flags, 'clock') > 0, axis_time);
+"""
+"""The extremes of trends (:mod:`monitor.records.rollup`), and where the blocks of a range of time are."""
 
 
 class StoreError(WrongInputError):
@@ -187,7 +198,10 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
             sync_folder(path.parent)
         found = _check_version(connection, path)
         if found < STORE_VERSION and not read_only:
-            _migrate(connection)
+            _migrate(connection, found)
+            for suffix in ("", "-wal", "-shm", ".lock"):
+                # The trends of older versions were a cache beside the store.
+                path.with_name(f"trends.db{suffix}").unlink(missing_ok=True)
         if not read_only:
             connection.execute(_SPECTRA)
             connection.execute(DIGESTS_TABLE)
@@ -203,7 +217,7 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
 def _create(connection: sqlite3.Connection) -> None:
     """Make all tables in one transaction, so that a half-made store is an empty database."""
     connection.execute("BEGIN IMMEDIATE")
-    for statement in _SCHEMA.split(";"):
+    for statement in (_SCHEMA + _ROLLUP).split(";"):
         if statement.strip():
             connection.execute(statement)
     connection.execute("INSERT INTO meta VALUES ('schema_version', ?)", (str(STORE_VERSION),))
@@ -211,11 +225,14 @@ def _create(connection: sqlite3.Connection) -> None:
     connection.execute("COMMIT")
 
 
-def _migrate(connection: sqlite3.Connection) -> None:
-    """Bring the tables of version 1 to the present version, all or nothing."""
+def _migrate(connection: sqlite3.Connection, found: int) -> None:
+    """Bring the tables of an older version to the present version, all or nothing."""
     connection.execute("BEGIN IMMEDIATE")
     try:
-        complete_archive(connection)
+        if found < 2:
+            complete_archive(connection)
+        for statement in filter(str.strip, _ROLLUP.split(";")):
+            connection.execute(statement)
         connection.execute("UPDATE meta SET value = ? WHERE key = 'schema_version'", (str(STORE_VERSION),))
         connection.execute("COMMIT")
     finally:

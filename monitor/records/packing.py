@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from itertools import chain
 from typing import Any, NamedTuple
@@ -89,12 +89,13 @@ def _entries(layout: str) -> Iterator[Entry]:
             start += 0 if shape is None else math.prod(shape)
 
 
-def places_of(layout: str, names: Sequence[str]) -> dict[str, NDArray[np.intp]]:
+@lru_cache(maxsize=256)
+def places_of(layout: str, names: tuple[str, ...]) -> dict[str, NDArray[np.intp]]:
     """Return by channel where in the row the first number of each variable stands, -1 where it has none.
 
     Args:
         layout: of the row.
-        names: variables; the places, shape (name,), are in their order.
+        names: variables; the places, shape (name,), are in their order. The result is cached: do not change it.
     """
     order = {name: place for place, name in enumerate(names)}
     places = {channel: np.full(len(names), -1, dtype=np.intp) for channel, _ in json.loads(layout)}

@@ -25,6 +25,7 @@ from monitor.records.digests import note_block, note_states
 from monitor.records.filing import STORED_QUERY, Filing, Stored, file_record
 from monitor.records.locks import let_go, take_lock
 from monitor.records.packing import pack
+from monitor.records.rollup import OPEN_BUDGET_S, check_features, roll_up
 from monitor.records.spectra import write_changes
 
 __all__ = ["Archived", "Commit", "Filing", "Store", "StoreError", "Stored", "UnstorableError"]
@@ -87,6 +88,10 @@ class Store:
             raise
         try:
             store._settle_machine(machine)
+            if not read_only:
+                with store.transaction() as connection:
+                    check_features(connection)
+                    roll_up(connection, OPEN_BUDGET_S)
             if attributes is not None and not read_only:
                 store.describe(attributes)
         except BaseException:
@@ -197,6 +202,8 @@ class Store:
             rows = [(name, *value) for name, value in texts.items()]
             connection.executemany("INSERT OR REPLACE INTO stage_states VALUES (?, ?, ?)", rows)
             note_states(connection, texts)
+            if committed:
+                roll_up(connection)
             write_changes(
                 connection, [change for change in spectra if (change.row.source, change.row.sequence) in committed]
             )

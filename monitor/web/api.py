@@ -14,7 +14,8 @@ from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.spectrum.features import fundamentals
 from monitor.records.columns import BY_FEATURE, COLUMNS
 from monitor.records.packing import columns_of, numbers_of, places_of
-from monitor.records.trends import TrendTable
+from monitor.records.points import SeriesKey
+from monitor.records.trends import TrendTable, read_trends
 from monitor.web.answers import numbers, times
 from monitor.web.machines import Machine, Machines
 from monitor.web.queries import Query, optional_number, whole_number
@@ -143,7 +144,8 @@ def records(machine: Machine, name: str, query: Query) -> dict[str, Any]:
     points = whole_number(query, "points", _POINTS, 10, MOST_POINTS)
     since, until = optional_number(query, "from"), optional_number(query, "to")
     dated = is_dated(machine, section.source)
-    found = machine.trends.query(section.source, name, since, until, points, dated=dated)
+    with machine.store.connection() as connection:
+        found = read_trends(connection, SeriesKey(section.source, name, dated), since, until, points)
     return {
         "machine": machine.name,
         "channel": name,
@@ -152,7 +154,7 @@ def records(machine: Machine, name: str, query: Query) -> dict[str, Any]:
         "first_s": found.first,
         "last_s": found.last,
         "columns": columns(found, absolute=section.unit != "unknown"),
-        "updating": machine.updating,
+        "updating": not found.complete,
     }
 
 

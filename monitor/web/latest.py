@@ -12,7 +12,6 @@ from monitor.records.packing import columns_of, numbers_of, places_of
 from monitor.web.reading import StoreReader
 
 NAMES = ("rms", "h_or", "v_eq", "v_eq_lower", "v_eq_upper", "tt", "tt_lower", "tt_upper", "p_threshold", "speed")
-_MOST_LAYOUTS = 200
 _QUERY = """
 SELECT layout, row FROM blocks JOIN records ON block = id
 WHERE source = ? AND length(row) > 0 ORDER BY sequence DESC LIMIT 1
@@ -28,7 +27,6 @@ class LatestValues:
         self._lock = threading.Lock()
         self._newest: tuple[object, int] | None = None
         self._values: dict[str, dict[str, dict[str, float]]] = {}
-        self._places: dict[str, Mapping[str, NDArray[np.intp]]] = {}
 
     def of(self, sources: Mapping[str, list[str]]) -> Mapping[str, Mapping[str, Mapping[str, float]]]:
         """Return the values by source, channel and name.
@@ -49,19 +47,12 @@ class LatestValues:
                 if found is None:
                     continue
                 (layout,) = connection.execute("SELECT layout FROM layouts WHERE id = ?", (found[0],)).fetchone()
-                places, row = self._places_of(layout), numbers_of(found[1])[None, :]
+                places, row = places_of(layout, NAMES), numbers_of(found[1])[None, :]
                 values[source] = {
                     channel: _finite(columns_of(row, places[channel])[0]) for channel in channels if channel in places
                 }
             self._newest, self._values = (self._store.identity(), newest), values
             return values
-
-    def _places_of(self, layout: str) -> Mapping[str, NDArray[np.intp]]:
-        if layout not in self._places:
-            if len(self._places) >= _MOST_LAYOUTS:
-                self._places.clear()
-            self._places[layout] = places_of(layout, NAMES)
-        return self._places[layout]
 
 
 def _finite(values: NDArray[np.float64]) -> dict[str, float]:

@@ -11,7 +11,6 @@ from typing import Any
 
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection
-from monitor.records.trends import Trends
 from monitor.service.status_file import read_status
 from monitor.web.answers import RequestError, without_folders
 from monitor.web.latest import LatestValues
@@ -44,13 +43,9 @@ class Machine:
         self.config = config
         self.name = config.machine.name
         self.channels: dict[str, ChannelSection] = {channel.name: channel for channel in config.channel}
-        state_dir = config.machine.state_dir
-        self.store = StoreReader(state_dir / "state.db")
-        self.trends = Trends(state_dir / "trends.db", state_dir / "state.db")
+        self.store = StoreReader(config.machine.state_dir / "state.db")
         self.tally = LedgerTally(self.store)
         self.latest = LatestValues(self.store)
-        self.updating = True
-        """Whether the trends are behind the store."""
         self._lock = threading.Lock()
         self._status = Status(0, {})
         self._read: float | None = None
@@ -107,7 +102,6 @@ class Machine:
 
     def close(self) -> None:
         """Close what is open."""
-        self.trends.close()
         self.store.close()
 
 

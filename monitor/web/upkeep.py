@@ -1,4 +1,4 @@
-"""What is kept up to date beside the answers: the trends, and the count of blocks."""
+"""Keeps the count of blocks of each machine up to date beside the answers."""
 
 from __future__ import annotations
 
@@ -9,18 +9,13 @@ from monitor.records.database import StoreError
 from monitor.web.machines import Machine, Machines
 
 _LOG = logging.getLogger(__name__)
-_EVERY = 1.0
-_STEP = 2000
-_BREATH = 0.01
+_INTERVAL_S = 1.0
+_PAUSE_S = 0.01
+"""Pause between two steps of a count that is behind, for the answers."""
 
 
 def keep_up(machines: Machines, ending: threading.Event) -> None:
-    """Take what is new of all stores, in turn, until told to end; a store that fails is tried again.
-
-    Args:
-        machines: whose stores.
-        ending: set by whoever wants an end.
-    """
+    """Count new blocks of all stores, in turn, until ``ending`` is set; a store that fails is tried again."""
     failing: dict[str, str] = {}
     while not ending.is_set():
         more = False
@@ -31,22 +26,16 @@ def keep_up(machines: Machines, ending: threading.Event) -> None:
                 more = _step(machine) or more
             except StoreError as error:
                 if failing.get(machine.name) != str(error):
-                    _LOG.warning("trends: %s", error)
+                    _LOG.warning("count of blocks: %s", error)
                 failing[machine.name] = str(error)
             except Exception:
-                _LOG.exception("trends of machine %s", machine.name)
-                failing[machine.name] = "a mistake of the program"
-                ending.wait(_EVERY)
+                _LOG.exception("count of blocks of machine %s", machine.name)
+                failing[machine.name] = "program error"
+                ending.wait(_INTERVAL_S)
             else:
                 failing.pop(machine.name, None)
-        # Even where there is a year to catch up with, answers come first.
-        ending.wait(_BREATH if more else _EVERY)
+        ending.wait(_PAUSE_S if more else _INTERVAL_S)
 
 
 def _step(machine: Machine) -> bool:
-    if machine.store.identity() is None:
-        machine.updating = False
-        return False
-    trends = machine.trends.update(_STEP)
-    machine.updating = trends
-    return machine.tally.update() or trends
+    return machine.store.identity() is not None and machine.tally.update()

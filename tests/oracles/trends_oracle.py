@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from monitor.records.columns import FEATURES
 from monitor.records.store import Store
-from monitor.records.trends import FEATURES
 
 
 class Said(NamedTuple):

@@ -20,7 +20,7 @@ _BY_ROWID = (
     *("digests", "runs", "blocks", "records", "forecasts", "events"),
     *("refusals", "notices", "acknowledgements", "spectra"),
 )
-_LEFT_OUT = ("meta", "published", "layouts")
+_LEFT_OUT = ("meta", "published", "layouts", "rollup")
 _FARTHEST = 1 << 40
 _FIRST_UTC = 10**9
 _SECONDS = tuple(LEDGER.split(", ").index(name) for name in ("time", "elapsed", "axis_time"))

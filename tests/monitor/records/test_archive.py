@@ -10,6 +10,7 @@ import pytest
 
 from monitor.health.record import Record
 from monitor.records.archive import COLUMNS, forecast_values
+from monitor.records.database import STORE_VERSION
 from monitor.records.store import Store, StoreError
 
 RUN = {"config_hash": "c1", "map_hash": "x: m1; y: m2", "interval_level": 0.8}
@@ -98,7 +99,7 @@ def test_a_store_of_the_first_version_is_completed_by_its_writer(tmp_path: Path)
         with pytest.raises(StoreError, match=r"state\.db: its forecasts do not say"):
             next(store.forecasts())
     with Store.open(path, machine="m") as store:
-        assert store.meta()["schema_version"] == "2"
+        assert store.meta()["schema_version"] == str(STORE_VERSION)
         store.commit(block(1204, BODY), {})
         found = list(store.forecasts())
         assert list(store.records())[:-1] == records

@@ -163,7 +163,7 @@ def test_a_newer_schema_is_refused(store: Store, path: Path) -> None:
     with sqlite3.connect(path) as connection:
         connection.execute("UPDATE meta SET value = '99' WHERE key = 'schema_version'")
     connection.close()
-    with pytest.raises(StoreError, match=r"state\.db: was written with schema version 99; .* up to 2"):
+    with pytest.raises(StoreError, match=r"state\.db: was written with schema version 99; .* up to 3"):
         Store.open(path, machine="m")
 
 

@@ -10,8 +10,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -19,11 +21,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.record import Record
-from monitor.health.schema import FLAGS, VARIABLES
+from monitor.health.schema import VARIABLES
+from monitor.records import rollup, trends
+from monitor.records.columns import FEATURES
 from monitor.records.packing import columns_of, numbers_of, pack, places_of, unpack
-from monitor.records.store import Store, StoreError
-from monitor.records.trend_levels import Buckets
-from monitor.records.trends import FEATURES, Trends, TrendTable
+from monitor.records.points import Points, SeriesKey
+from monitor.records.rollup import LEVELS_S, Buckets, joined, rolled_up_to
+from monitor.records.store import Store
+from monitor.records.trends import TrendTable, read_trends
 from tests.effort import effort_count
 from tests.oracles.records_oracle import records
 from tests.oracles.trends_oracle import Said, extremes, said_of, stretches
@@ -46,8 +51,8 @@ def assert_is(table: TrendTable, said: Sequence[Said], since: float, until: floa
         assert table.blocks.tolist() == [group[0].block for _, group in expected]
     else:
         length = table.resolution
-        # A stretch shorter than the finest level is made of the records of the range, longer ones are whole.
-        inside = [item for item in said if length >= 60 or since <= item.time <= until]
+        # A bucket narrower than the finest level is made of the records of the range, longer ones are whole.
+        inside = [item for item in said if length >= LEVELS_S[0] or since <= item.time <= until]
         first, last = since // length, until // length
         expected = [(begin, group) for begin, group in stretches(inside, length) if first <= begin // length <= last]
     assert table.time.tolist() == [begin for begin, _ in expected]
@@ -61,62 +66,80 @@ def assert_is(table: TrendTable, said: Sequence[Said], since: float, until: floa
     assert sum(int(counts.sum()) for counts in table.counts.values()) == sum(len(group) for _, group in expected)
 
 
-def on_axis(store: Store, channel: str, dated: bool) -> bool:
-    return any(channel in row.to_record().channels and (row.filing.day is not None) == dated for row in store.stored())
-
-
-STEPS = st.lists(
-    st.tuples(st.sampled_from(("update", "update", "restart", "commit")), st.integers(1, 6)), min_size=1, max_size=12
-)
 MOMENTS = st.floats(0, 200) | st.sampled_from((0.0, 59.99999999999999, 60.0, 600.0, 7200.0, DAY)) | st.floats(0, 4e6)
+
+
+def query(
+    folder: Path,
+    source: str,
+    channel: str,
+    since: float | None = None,
+    until: float | None = None,
+    points: int = 1000,
+    *,
+    dated: bool = True,
+) -> TrendTable:
+    """Ask beside the writer, as the page does."""
+    uri = f"{(folder / 'state.db').absolute().as_uri()}?mode=ro"
+    with closing(sqlite3.connect(uri, uri=True, isolation_level=None)) as connection:
+        return read_trends(connection, SeriesKey(source, channel, dated), since, until, points)
+
+
+def rolled_up(folder: Path) -> int:
+    with closing(sqlite3.connect(folder / "state.db")) as connection:
+        return rolled_up_to(connection)
+
+
+def batches_of(blocks: int) -> Any:
+    return patch.multiple(rollup, BATCH_BLOCKS=blocks, _CHUNK_BLOCKS=blocks)
 
 
 @given(
     made=st.lists(records(bands=2, numbers=st.floats(-1e300, 1e300)), max_size=25, unique_by=lambda r: r.sequence),
     moments=st.lists(st.tuples(MOMENTS, st.booleans()), min_size=25, max_size=25),
-    steps=STEPS,
+    steps=st.lists(st.tuples(st.booleans(), st.integers(1, 6)), max_size=12),
+    batch=st.integers(1, 9),
+    max_records=st.sampled_from((0, 8, 20_000)),
 )
 @settings(max_examples=effort_count(quick=40, full=1000), deadline=None)
 def test_extremes_are_those_over_all_records(
     tmp_path_factory: pytest.TempPathFactory,
     made: list[Record],
     moments: list[tuple[float, bool]],
-    steps: list[tuple[str, int]],
+    steps: list[tuple[bool, int]],
+    batch: int,
+    max_records: int,
 ) -> None:
     folder = tmp_path_factory.mktemp("trends")
     waiting = [
         Record(**{**vars(record), "time": when if dated else None, "elapsed": None if dated else when})
         for record, (when, dated) in zip(made, moments, strict=False)
     ]
-    trends = Trends(folder / "trends.db", folder / "state.db")
-    with Store.open(folder / "state.db", machine="m") as store:
-        for step, number in steps:
-            if step == "commit":
-                store.commit_many([(record, {}) for record in waiting[:number]])
-                del waiting[:number]
-            elif step == "update":
-                trends.update(number)
-            else:
-                trends.close()
-                trends = Trends(folder / "trends.db", folder / "state.db")
+    with batches_of(batch), patch.object(trends, "_MAX_RECORDS", max(max_records, batch)):
+        store = Store.open(folder / "state.db", machine="m")
+        for reopen, number in steps:
+            store.commit_many([(record, {}) for record in waiting[:number]])
+            del waiting[:number]
+            if reopen:
+                store.close()
+                store = Store.open(folder / "state.db", machine="m")
         store.commit_many([(record, {}) for record in waiting])
-        while trends.update(5):
-            pass
-        assert trends.behind() == 0
+        assert len(made) - rolled_up(folder) < batch
         for channel in ("x", "y"):
             for dated in (True, False):
                 said = said_of(store, "s", channel, dated)
-                if not on_axis(store, channel, dated):
-                    assert trends.query("s", channel, dated=dated).time.size == 0
+                if not said:
+                    assert query(folder, "s", channel, dated=dated).time.size == 0
                     continue
                 since, until = said[0].time, said[-1].time
                 for first, last in ((since, until), (since, 0.5 * (since + until)), (since + 1.0, until - 1.0)):
                     for points in (2, 9, 1000):
-                        table = trends.query("s", channel, first, last, points, dated=dated)
+                        table = query(folder, "s", channel, first, last, points, dated=dated)
+                        assert table.complete
                         assert table.time.size <= points
                         if first <= last:
                             assert_is(table, said, first, last)
-    trends.close()
+        store.close()
 
 
 @given(
@@ -126,7 +149,7 @@ def test_extremes_are_those_over_all_records(
     factor=st.integers(1, 12),
 )
 @settings(max_examples=effort_count(quick=60, full=2000), deadline=None)
-def test_stretches_can_be_cut_joined_and_written_at_will(
+def test_buckets_can_be_cut_joined_and_written_at_will(
     time: list[float], data: st.DataObject, cut: int, factor: int
 ) -> None:
     size = len(time)
@@ -134,17 +157,20 @@ def test_stretches_can_be_cut_joined_and_written_at_will(
     drawn = data.draw(st.lists(st.lists(cells, min_size=3, max_size=3), min_size=size, max_size=size))
     values = np.full((size, len(FEATURES)), np.nan)
     values[:, [0, 5, 20]] = drawn
-    series = np.array(data.draw(st.lists(st.integers(1, 3), min_size=size, max_size=size)), dtype=np.int64)
     status = np.array(data.draw(st.lists(st.integers(0, 20), min_size=size, max_size=size)), dtype=np.int64)
-    when = np.array(time)
-    whole = Buckets.of_records(series, when, values, status, 60.0)
-    parts = Buckets.of_records(series[:cut], when[:cut], values[:cut], status[:cut], 60.0).with_others(
-        Buckets.of_records(series[cut:], when[cut:], values[cut:], status[cut:], 60.0)
-    )
+    points = Points(np.array(time), values, status, np.arange(size))
+    series = np.array(data.draw(st.lists(st.integers(1, 3), min_size=size, max_size=size)), dtype=np.int64)
+
+    def buckets(width: float) -> Buckets:
+        found = Buckets.of_points(points, width)
+        return Buckets(series, found.index, found.low, found.high, found.counts)
+
+    whole = joined([buckets(60.0)])
+    before = np.arange(size) < cut
     for one, other in (
-        (whole, parts),
-        (whole, Buckets.from_rows(list(whole.to_rows()))),
-        (whole.coarser(factor), Buckets.of_records(series, when, values, status, 60.0 * factor)),
+        (whole, joined([buckets(60.0).where(before), joined([buckets(60.0).where(~before)])])),
+        (whole, Buckets.of_rows(list(whole.to_rows()))),
+        (joined([whole], factor), joined([buckets(60.0 * factor)])),
     ):
         for name in ("series", "index", "low", "high", "counts"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
@@ -155,7 +181,7 @@ def test_stretches_can_be_cut_joined_and_written_at_will(
 def test_a_part_of_a_row_is_what_the_whole_row_says(record: Record, names: list[str]) -> None:
     layout, row = pack(record.channels)
     whole, numbers = unpack(layout, row), numbers_of(row)[None, :]
-    places = places_of(layout, names)
+    places = places_of(layout, tuple(names))
     assert list(places) == list(whole)
     for channel, where in places.items():
         found = columns_of(numbers, where)[0]
@@ -182,19 +208,12 @@ def filled(folder: Path, made: list[Record]) -> Store:
     return store
 
 
-def caught_up(folder: Path) -> Trends:
-    trends = Trends(folder / "trends.db", folder / "state.db")
-    while trends.update():
-        pass
-    return trends
-
-
-def test_few_records_come_one_by_one_and_many_in_stretches_that_keep_a_single_peak(folder: Path) -> None:
+def test_few_records_come_one_by_one_and_many_in_buckets_that_keep_a_single_peak(folder: Path) -> None:
     made = [block(number, 1.7e9 + 5.0 * number) for number in range(1, 3001)]
     values = {"x": {"rms": 99.0, "quality_status": "clipped"}}
     made[1234] = block(1235, made[1234].time, channels=values, status="clipped", flags=("clipped",))
-    with filled(folder, made) as store, caught_up(folder) as trends:
-        table = trends.query("s", "x", points=400)
+    with filled(folder, made) as store:
+        table = query(folder, "s", "x", points=400)
         assert table.resolution == 60.0
         assert table.time.size <= 400
         assert table.records.sum() == 3000
@@ -202,26 +221,27 @@ def test_few_records_come_one_by_one_and_many_in_stretches_that_keep_a_single_pe
         assert table.counts["clipped"].sum() == 1
         assert table.blocks is None
         assert (table.first, table.last) == (made[0].time, made[-1].time)
-        near = trends.query("s", "x", (made[1234].time or 0.0) - 60.0, (made[1234].time or 0.0) + 60.0, 400)
+        near = query(folder, "s", "x", (made[1234].time or 0.0) - 60.0, (made[1234].time or 0.0) + 60.0, 400)
         assert near.resolution is None
         assert near.time.size == 25
         assert near.blocks is not None
         assert near.low["rms"][near.blocks == 1235] == 99.0
-        short = trends.query("s", "x", made[0].time, made[500].time, 300)
+        short = query(folder, "s", "x", made[0].time, made[500].time, 300)
         assert short.resolution == 10.0
         assert_is(short, said_of(store, "s", "x", True), made[0].time or 0.0, made[500].time or 0.0)
 
 
-def test_rejected_blocks_are_counted_for_every_channel_of_their_source_only(folder: Path) -> None:
+@pytest.mark.parametrize("batch", [1, 64])
+def test_rejected_blocks_are_counted_for_every_channel_of_their_source_only(folder: Path, batch: int) -> None:
     made = [
         block(1, 60.0, channels={"x": {"rms": 1.0}, "y": {"rms": 2.0}}),
         block(2, None, status="unreadable", channels={}),
         block(3, 65.0, channels={"x": {"quality_status": "nan"}, "y": {"rms": 3.0, "quality_status": "ok"}}),
         block(1, 61.0, source="t", channels={"z": {"rms": 5.0}}),
     ]
-    with filled(folder, made), caught_up(folder) as trends:
+    with batches_of(batch), filled(folder, made):
         for points in (2, 100):
-            x, y, z = (trends.query(*key, points=points) for key in (("s", "x"), ("s", "y"), ("t", "z")))
+            x, y, z = (query(folder, *key, points=points) for key in (("s", "x"), ("s", "y"), ("t", "z")))
             assert {status: int(counts.sum()) for status, counts in x.counts.items()} == {
                 "ok": 1,
                 "unreadable": 1,
@@ -233,151 +253,152 @@ def test_rejected_blocks_are_counted_for_every_channel_of_their_source_only(fold
             assert np.nanmax(y.high["rms"]) == 3.0
 
 
-def test_late_blocks_fall_into_their_old_stretches(folder: Path) -> None:
+def test_late_blocks_fall_into_their_old_buckets(folder: Path) -> None:
     made = [block(number, 10.0 * number) for number in range(100, 1100)]
     late = [block(number, 10.0 * number, flags=("late",), status="late") for number in range(1, 100)]
-    with filled(folder, made) as store, caught_up(folder) as trends:
-        store.commit_many([(record, {}) for record in random.Random(3).sample(late, len(late))])
-        assert trends.behind() == 99
-        while trends.update(10):
-            pass
+    with filled(folder, made) as store:
+        for record in random.Random(3).sample(late, len(late)):
+            store.commit(record, {})
+        assert rolled_up(folder) >= 1036
         said = said_of(store, "s", "x", True)
         for points in (20, 150, 2000):
-            assert_is(trends.query("s", "x", 0.0, 11_000.0, points), said, 0.0, 11_000.0)
-        assert_is(trends.query("s", "x", 450.0, 1450.0, 1000), said, 450.0, 1450.0)
+            assert_is(query(folder, "s", "x", 0.0, 11_000.0, points), said, 0.0, 11_000.0)
+        assert_is(query(folder, "s", "x", 450.0, 1450.0, 1000), said, 450.0, 1450.0)
 
 
-def test_a_clock_far_ahead_does_not_stretch_the_span_and_loses_nothing(folder: Path) -> None:
+def test_a_clock_far_ahead_does_not_extend_the_span_and_loses_nothing(folder: Path) -> None:
     made = [block(number, 1.7e9 + 5.0 * number) for number in range(1, 20)]
     made[9] = block(10, 4.0e9, flags=("clock",), status="clock")
-    with filled(folder, made) as store, caught_up(folder) as trends:
-        table = trends.query("s", "x")
+    with filled(folder, made) as store:
+        table = query(folder, "s", "x")
         assert (table.first, table.last) == (made[0].time, made[-1].time)
         assert table.records.sum() == 18
-        assert_is(trends.query("s", "x", 1.7e9, 5e9, 100), said_of(store, "s", "x", True), 1.7e9, 5e9)
+        assert_is(query(folder, "s", "x", 1.7e9, 5e9, 100), said_of(store, "s", "x", True), 1.7e9, 5e9)
 
 
-def test_nothing_is_there_before_anything_was_done(folder: Path) -> None:
-    trends = Trends(folder / "trends.db", folder / "state.db")
-    assert trends.query("s", "x").time.size == 0
-    with pytest.raises(StoreError, match=r"state\.db"):
-        trends.update()
-    with filled(folder, [block(1, 5.0)]):
-        assert trends.behind() == 1
-        assert trends.update() is False
-        assert trends.query("s", "x").time.tolist() == [5.0]
-        assert trends.query("s", "nobody").time.size == 0
-        assert trends.query("s", "x", 9.0, 8.0).time.size == 0
-    trends.close()
-    trends.close()
+def test_times_of_any_size_can_be_committed_and_asked_for(folder: Path) -> None:
+    made = [block(number, None, elapsed=10.0 ** (12 * number)) for number in range(1, 20)]
+    with batches_of(1), filled(folder, made):
+        assert rolled_up(folder) == 19
+        assert query(folder, "s", "x", points=2, dated=False).high["rms"].size <= 2
 
 
-def test_one_writer_at_a_time_and_readers_beside_it(folder: Path) -> None:
-    with filled(folder, [block(1, 5.0)]) as store, caught_up(folder) as first:
-        second = Trends(folder / "trends.db", folder / "state.db")
-        store.commit(block(2, 6.0), {})
-        assert second.update() is False
-        assert second.behind() == 1
-        assert first.update() is False
-        assert second.behind() == 0
-        assert second.query("s", "x").time.tolist() == [5.0, 6.0]
-        first.close()
-        store.commit(block(3, 7.0), {})
-        assert second.update() is False
-        assert second.behind() == 0
-        second.close()
+def test_an_empty_answer_where_there_is_nothing(folder: Path) -> None:
+    with Store.open(folder / "state.db", machine="m") as store:
+        assert query(folder, "s", "x").time.size == 0
+        store.commit(block(1, 5.0), {})
+        assert query(folder, "s", "x").time.tolist() == [5.0]
+        assert query(folder, "s", "other").time.size == 0
+        assert query(folder, "s", "x", 9.0, 8.0).time.size == 0
+        assert query(folder, "s", "x", dated=False).time.size == 0
 
 
-@pytest.mark.parametrize("harm", ["garbage", "zeros", "table", "version", "blob", "removed"])
-def test_what_is_damaged_or_of_another_version_is_made_anew(folder: Path, harm: str) -> None:
-    made = [block(number, 5.0 * number) for number in range(1, 500)]
+def as_version_2(folder: Path) -> None:
+    """Take from a store what its older version did not have, and put the cache beside it that it had."""
+    with closing(sqlite3.connect(folder / "state.db", isolation_level=None)) as connection:
+        connection.execute("DROP TABLE rollup")
+        connection.execute("DROP INDEX blocks_by_time")
+        connection.execute("DELETE FROM meta WHERE key LIKE 'roll%'")
+        connection.execute("UPDATE meta SET value = '2' WHERE key = 'schema_version'")
+    (folder / "trends.db").write_bytes(b"a cache")
+
+
+def test_a_store_of_the_version_before_is_read_and_migrated(folder: Path) -> None:
+    made = [block(number, 5.0 * number) for number in range(1, 1001)]
     with filled(folder, made) as store:
-        caught_up(folder).close()
-        path = folder / "trends.db"
-        if harm == "garbage":
-            path.write_bytes(b"no database" * 1000)
-        elif harm == "zeros":
-            path.write_bytes(path.read_bytes()[:4096] + bytes(path.stat().st_size - 4096))
-        elif harm == "removed":
-            path.unlink()
-        else:
-            statement = {
-                "table": "DROP TABLE buckets",
-                "version": "UPDATE meta SET value = '0' WHERE key = 'version'",
-                "blob": "UPDATE buckets SET extremes = x'00'",
-            }[harm]
-            with sqlite3.connect(path) as connection:
-                connection.execute(statement)
-            connection.close()
-        trends = Trends(path, folder / "state.db")
-        if harm in ("version", "removed"):
-            assert trends.query("s", "x", 1.0, 2400.0, 45).time.size == 0
-        else:
-            with pytest.raises(StoreError, match=r"trends\.db"):
-                trends.query("s", "x", 1.0, 2400.0, 45)
-        store.commit(block(500, 2500.0), {})
-        while trends.update():
-            pass
         said = said_of(store, "s", "x", True)
-        assert_is(trends.query("s", "x", 1.0, 2400.0, 45), said, 1.0, 2400.0)
-        trends.close()
+    as_version_2(folder)
+    for points in (45, 100):
+        assert_is(query(folder, "s", "x", 1.0, 5000.0, points), said, 1.0, 5000.0)
+    with patch.object(trends, "_MAX_RECORDS", 500):
+        table = query(folder, "s", "x", 1.0, 5000.0, 45)
+        assert not table.complete
+        assert table.time.size == 0
+    with Store.open(folder / "state.db", machine="m") as store:
+        assert store.meta()["schema_version"] == "3"
+        assert rolled_up(folder) > 936
+        for points in (45, 100):
+            assert_is(query(folder, "s", "x", 1.0, 5000.0, points), said, 1.0, 5000.0)
+    assert not (folder / "trends.db").exists()
 
 
-def test_trends_of_another_store_are_made_anew(folder: Path) -> None:
-    with filled(folder, [block(number, 5.0 * number) for number in range(1, 50)]):
-        trends = caught_up(folder)
-        assert trends.query("s", "x").time.size == 49
-    for path in folder.glob("state.db*"):
-        path.rename(folder / f"old-{path.name}")
-    values = {"y": {"speed": 1.0}, "x": {"quality_status": "ok", "h_or": (1.0, 2.0), "rms": 3.0}}
-    with filled(folder, [block(number, 7.0 * number, channels=values) for number in range(1, 60)]) as store:
-        while trends.update():
-            pass
+def test_a_large_store_catches_up_with_each_commit(folder: Path) -> None:
+    filled(folder, [block(number, 5.0 * number) for number in range(1, 2001)]).close()
+    as_version_2(folder)
+    with (
+        patch.multiple(rollup, _COMMIT_BUDGET_S=0.0),
+        patch("monitor.records.store.OPEN_BUDGET_S", 0.0),
+        Store.open(folder / "state.db", machine="m") as store,
+    ):
+        assert rolled_up(folder) == 256
+        seen = [rolled_up(folder)]
+        for number in range(2001, 2009):
+            store.commit(block(number, 5.0 * number), {})
+            seen.append(rolled_up(folder))
+            said = said_of(store, "s", "x", True)
+            assert_is(query(folder, "s", "x", 1.0, 5.0 * number, 100), said, 1.0, 5.0 * number)
+        assert seen == sorted(seen)
+        assert seen[-1] > 1940
+
+
+def test_the_rollup_of_other_features_is_built_anew(folder: Path) -> None:
+    made = [block(number, 5.0 * number) for number in range(1, 500)]
+    filled(folder, made).close()
+    with closing(sqlite3.connect(folder / "state.db", isolation_level=None)) as connection:
+        connection.execute("UPDATE meta SET value = 'rms peak' WHERE key = 'rollup_features'")
+        connection.execute("UPDATE rollup SET extremes = x'0000000000000000'")
+    with Store.open(folder / "state.db", machine="m") as store:
         said = said_of(store, "s", "x", True)
-        assert_is(trends.query("s", "x", 0.0, 420.0, 100), said, 0.0, 420.0)
-        trends.close()
+        assert_is(query(folder, "s", "x", 1.0, 2400.0, 45), said, 1.0, 2400.0)
 
 
-_UPDATING = """
+_COMMITTING = """
 import sys
 from pathlib import Path
-from monitor.records.trends import Trends
-folder = Path(sys.argv[1])
-trends = Trends(folder / "trends.db", folder / "state.db")
-while trends.update(7):
-    print(trends.behind(), flush=True)
+from monitor.records import rollup
+from monitor.health.record import Record
+from monitor.records.store import Store
+rollup.BATCH_BLOCKS = 5
+times = list(map(float, sys.stdin.readline().split()))
+with Store.open(Path(sys.argv[1]) / "state.db", machine="m") as store:
+    for number in range(store.last("s") + 1, len(times) + 1):
+        values = {"rms": 1.0 + number % 7}
+        store.commit(Record("s", number, "b", str(number), time=times[number - 1], channels={"x": values}), {})
+        print(number, flush=True)
 """
 
 
 def test_kills_lose_nothing_and_count_nothing_twice(folder: Path) -> None:
-    draw, count = random.Random(5), effort_count(quick=1500, full=20_000)
-    made = [
-        block(number, 30.0 * number if draw.random() < 0.9 else 15.0 * number, flags=draw.choice([(), (), FLAGS[4:5]]))
-        for number in range(1, count + 1)
-    ]
-    with filled(folder, made) as store:
-        for _ in range(effort_count(quick=5, full=60)):
-            child = subprocess.Popen(
-                [sys.executable, "-c", _UPDATING, str(folder)], cwd=ROOT, stdout=subprocess.PIPE, text=True
-            )
-            assert child.stdout is not None
-            for _ in range(draw.randrange(1, 5)):
-                child.stdout.readline()
-            time.sleep(draw.random() * 0.01)
-            os.kill(child.pid, signal.SIGKILL)
-            child.wait()
-            child.stdout.close()
-        with Trends(folder / "trends.db", folder / "state.db") as trends:
-            assert 0 < trends.behind() < count
-            while trends.update():
-                pass
-            said = said_of(store, "s", "x", True)
-            until = 30.0 * count
-            for points in (30, 1000, 5000):
-                assert_is(trends.query("s", "x", 0.0, until, points), said, 0.0, until)
+    draw, count = random.Random(5), effort_count(quick=300, full=20_000)
+    moments = [30.0 * number if draw.random() < 0.9 else 15.0 * number for number in range(1, count + 1)]
+    for _ in range(effort_count(quick=5, full=60)):
+        child = subprocess.Popen(
+            [sys.executable, "-c", _COMMITTING, str(folder)],
+            cwd=ROOT,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert child.stdin is not None
+        assert child.stdout is not None
+        child.stdin.write(" ".join(map(str, moments)) + "\n")
+        child.stdin.flush()
+        for _ in range(draw.randrange(1, 25)):
+            child.stdout.readline()
+        time.sleep(draw.random() * 0.01)
+        os.kill(child.pid, signal.SIGKILL)
+        child.wait()
+        child.stdin.close()
+        child.stdout.close()
+    with Store.open(folder / "state.db", machine="m") as store:
+        assert 0 < rolled_up(folder) <= store.last("s")
+        said = said_of(store, "s", "x", True)
+        until = 30.0 * count
+        for points in (2, 30, 1000):
+            assert_is(query(folder, "s", "x", 0.0, until, points), said, 0.0, until)
 
 
-def test_many_channels_are_told_apart(folder: Path) -> None:
+def test_many_channels_are_kept_apart(folder: Path) -> None:
     names = [f"c{number}" for number in range(64)]
     made = [
         block(
@@ -390,8 +411,8 @@ def test_many_channels_are_told_apart(folder: Path) -> None:
         )
         for sequence in range(1, 120)
     ]
-    with filled(folder, made) as store, caught_up(folder) as trends:
+    with filled(folder, made) as store:
         for name in ("c0", "c17", "c63"):
             said = said_of(store, "s", name, True)
             for points in (9, 60, 500):
-                assert_is(trends.query("s", name, 6.0, 714.0, points), said, 6.0, 714.0)
+                assert_is(query(folder, "s", name, 6.0, 714.0, points), said, 6.0, 714.0)
