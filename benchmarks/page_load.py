@@ -35,7 +35,6 @@ from benchmarks.trends import BEGIN, CHANNEL, INTERVAL, fill
 from monitor.health.waterfall import SpectrumChange, SpectrumRow
 from monitor.records.spectra import write_changes
 from monitor.records.store import Store
-from monitor.records.trends import Trends
 
 Selectors = tuple[str, ...]
 MANY = 1000
@@ -121,9 +120,6 @@ def _life(folder: Path, count: int) -> Path:
             for n in numbers
         ]
         write_changes(connection, [SpectrumChange(row, "kept") for row in rows])
-    with Trends(folder / "rig" / "trends.db", store_path) as trends:
-        while trends.update():
-            pass
     return path
 
 

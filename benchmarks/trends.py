@@ -1,25 +1,30 @@
 """Trends and kept spectra: what they cost while blocks are committed, and how quickly a life can be drawn.
 
-Run as ``python -m benchmarks.trends [--quick] [--json FILE]``. Three tables:
+Run as ``python -m benchmarks.trends [--quick] [--json FILE]``. Four tables:
 
-1. making the trends of a store of one channel with 1,000,000 records of 5 s (58 days; ``--quick``: 50,000), every
-   variable present, and of one with 64 channels: microseconds and bytes a block and channel beside those of the store,
-   and the time of one block more;
-2. milliseconds to answer a query over ranges that begin anywhere, median and 99th percentile, with the rows that come
+1. committing blocks of 1 and of 64 channels one by one, with the rollup and without it, in turn: milliseconds a block,
+   what the rollup adds in microseconds a block and channel, and the longest commit;
+2. building the rollup of a year of blocks of 5 s (6,307,200; ``--quick``: 50,000) that has none yet, as a migration
+   does: microseconds a block, milliseconds a commit, and seconds for the index over time;
+3. milliseconds to answer a query over ranges that begin anywhere, median and 99th percentile, with the rows that come
    back, the time to read the same records whole where there are at most 20,000, and the largest difference between the
    extremes and those of the values that were put in;
-3. envelope spectra: milliseconds of thread time that choosing, encoding and writing them add to a block of 5 s at
+4. envelope spectra: milliseconds of thread time that choosing, encoding and writing them add to a block of 5 s at
    25.6 kHz, committed one by one, bytes a spectrum, rows left, and the largest error of an amplitude, over itself.
 """
 
 from __future__ import annotations
 
+import math
 import random
+import sqlite3
 import statistics
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,24 +33,28 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.records import made_up
 from monitor.health.record import Record
 from monitor.health.waterfall import SpectrumChange, SpectrumRow, WaterfallSettings, WaterfallState, step
+from monitor.records.columns import FEATURES
 from monitor.records.packing import pack, places_of
+from monitor.records.points import SeriesKey
+from monitor.records.rollup import BATCH_BLOCKS, LEVELS_S, roll_up, rolled_up_to
 from monitor.records.spectra import read_spectra
 from monitor.records.store import Store
-from monitor.records.trends import FEATURES, LEVELS, Trends, TrendTable
+from monitor.records.trends import TrendTable, read_trends
 
 INTERVAL = 5.0
 BEGIN = 1_700_006_400.0
 CHANNEL = "horizontal"
 _CHUNK = 20_000
 _BINS = 6500
-_MANY = 64
-_SPANS = {"an hour": 3600.0, "a day": 86400.0, "a week": 604800.0}
+_SPANS = {"an hour": 3600.0, "a day": 86400.0, "a week": 604800.0, "58 days": 58 * 86400.0}
+_YEAR = 365 * 17_280
 Values = NDArray[np.float64]
 
 
 def fill(path: Path, count: int) -> Values:
-    """Make a store of records 5 s apart; return their features, shape (record, feature)."""
-    channels = {CHANNEL: dict(made_up(1)[0].channels[CHANNEL]) | {"quality_status": "ok"}}
+    """Make a store of records 5 s apart with trend features only; return these, shape (record, feature)."""
+    values = made_up(1)[0].channels[CHANNEL]
+    channels = {CHANNEL: {name: values[name] for name in FEATURES} | {"quality_status": "ok"}}
     with Store.open(path, machine="rig") as store:
         store.commit(Record("rig", 1, "b1", "0", time=BEGIN, channels=channels), {})
         layout, row = pack(channels)
@@ -59,6 +68,8 @@ def fill(path: Path, count: int) -> Values:
             rows = np.tile(first, (end - begin, 1))
             rows[:, places] = values[begin:end]
             _put(store, begin, rows)
+        with store.transaction() as connection:
+            roll_up(connection, math.inf)
     return values
 
 
@@ -82,51 +93,75 @@ def _put(store: Store, begin: int, rows: Values) -> None:
         )
 
 
-def fill_many(path: Path, count: int) -> None:
-    """Make a store of blocks of many channels."""
-    with Store.open(path, machine="rig") as store:
-        for record in made_up(count):
-            values = record.channels[CHANNEL]
-            channels = {CHANNEL: values} | {f"c{number}": values for number in range(1, _MANY)}
-            store.commit(Record("rig", record.sequence, "b", "c", time=record.time, channels=channels), {})
-
-
-def making(folder: Path, store_path: Path, count: int, channels: int) -> Row:
-    """Time the making of the trends of a store, and one block more."""
-    path = folder / f"trends-{channels}.db"
-    with Trends(path, store_path) as trends:
-        thread, wall = time.thread_time(), time.perf_counter()
-        while trends.update():
-            pass
-        thread, wall = time.thread_time() - thread, time.perf_counter() - wall
-        one: list[float] = []
-        with Store.open(store_path, machine="rig") as store:
-            first = store.record("rig", 1)
-            assert first is not None
-            for number in range(count, count + 50):
-                moment = BEGIN + INTERVAL * number
-                store.commit(Record("rig", number + 1, "b", "c", time=moment, channels=first.channels), {})
-                began = time.perf_counter()
-                trends.update()
-                one.append(time.perf_counter() - began)
+def committing(folder: Path, channels: int, count: int) -> Row:
+    """Time commits with and without the rollup."""
+    values = made_up(1)[0].channels[CHANNEL]
+    spent: dict[str, list[float]] = {"without": [], "with": []}
+    paths = {name: folder / f"{name}-{channels}.db" for name in spent}
+    with Store.open(paths["without"], machine="rig") as without, Store.open(paths["with"], machine="rig") as store:
+        for number in range(count):
+            named = {CHANNEL: values} | {f"c{place}": values for place in range(1, channels)}
+            record = Record("rig", number + 1, "b", "c", time=BEGIN + INTERVAL * number, channels=named)
+            with patch("monitor.records.store.roll_up", lambda connection: None):
+                spent["without"].append(_thread_ms(lambda r=record: without.commit(r, {})))
+            spent["with"].append(_thread_ms(lambda r=record: store.commit(r, {})))
+    # The first commit of a store makes its layout and its run.
+    means = {name: statistics.fmean(times[1:]) for name, times in spent.items()}
     return {
         "channels": channels,
         "blocks": count,
-        "s": wall,
-        "us a block and channel": 1e6 * wall / count / channels,
-        "thread us": 1e6 * thread / count / channels,
-        "bytes": path.stat().st_size / count / channels,
-        "bytes in the store": store_path.stat().st_size / count / channels,
-        "ms for one block more": 1e3 * statistics.median(one),
+        "ms a block without": means["without"],
+        "ms a block with": means["with"],
+        "added us a block and channel": 1e3 * (means["with"] - means["without"]) / channels,
+        "longest without ms": max(spent["without"][1:]),
+        "longest with ms": max(spent["with"][1:]),
+        "added bytes a block and channel": (_size(paths["with"]) - _size(paths["without"])) / count / channels,
     }
 
 
-def asking(folder: Path, values: Values, rounds: int) -> list[Row]:
+def _size(path: Path) -> int:
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    return path.stat().st_size
+
+
+def building(path: Path, count: int) -> Row:
+    """Time the building of the rollup of a whole store, and of the index."""
+    with Store.open(path, machine="rig") as store:
+        with store.transaction() as connection:
+            connection.execute("DROP INDEX blocks_by_time")
+            connection.execute("DELETE FROM rollup")
+            connection.execute("DELETE FROM meta WHERE key = 'rolled_up'")
+            began = time.perf_counter()
+            connection.execute(
+                "CREATE INDEX blocks_by_time ON blocks (source, day IS NULL, instr(flags, 'clock') > 0, axis_time)"
+            )
+            index = time.perf_counter() - began
+        wall, calls, rolled_up = time.perf_counter(), 0, 0
+        while count - rolled_up >= BATCH_BLOCKS:
+            with store.transaction() as connection:
+                roll_up(connection)
+                rolled_up = rolled_up_to(connection)
+            calls += 1
+        wall = time.perf_counter() - wall
+    return {
+        "blocks": count,
+        "index s": index,
+        "rollup s": wall,
+        "us a block": 1e6 * wall / count,
+        "commits": calls,
+        "ms a commit": 1e3 * wall / calls,
+        "bytes a block in the store": _size(path) / count,
+    }
+
+
+def asking(path: Path, values: Values, rounds: int) -> list[Row]:
     """Time queries over ranges of several lengths, and compare their answers with the values."""
     draw = random.Random(1)
     count = len(values)
     whole = INTERVAL * (count - 1)
-    trends = Trends(folder / "trends-1.db", folder / "state.db")
+    connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
+    key = SeriesKey("rig", CHANNEL, dated=True)
     rows: list[Row] = []
     for name, span in {**_SPANS, "all": whole}.items():
         if span > whole:
@@ -138,7 +173,7 @@ def asking(folder: Path, values: Values, rounds: int) -> list[Row]:
             for _ in range(rounds):
                 since = BEGIN + draw.random() * (whole - span)
                 began = time.perf_counter()
-                table = trends.query("rig", CHANNEL, since, since + span, points)
+                table = read_trends(connection, key, since, since + span, points)
                 times.append(1e3 * (time.perf_counter() - began))
                 error = max(error, _error(table, values))
             assert table is not None
@@ -151,10 +186,11 @@ def asking(folder: Path, values: Values, rounds: int) -> list[Row]:
                     "resolution s": table.resolution,
                     "ms": statistics.median(times),
                     "ms p99": float(np.quantile(times, 0.99)),
-                    "ms reading them whole": _reading_ms(folder / "state.db", span) if points == 300 else None,
+                    "ms reading them whole": _reading_ms(path, span) if points == 300 else None,
                     "largest error": error,
                 }
             )
+    connection.close()
     return rows
 
 
@@ -165,7 +201,7 @@ def _error(table: TrendTable, values: Values) -> float:
         low = high = values[begin]
     else:
         # Rows shorter than the finest stretch hold the records of the range only: its edges are left out.
-        inner = slice(None) if table.resolution >= LEVELS[0] else slice(1, -1)
+        inner = slice(None) if table.resolution >= LEVELS_S[0] else slice(1, -1)
         first = np.ceil((table.time - BEGIN) / INTERVAL).astype(np.int64).clip(0)
         last = np.ceil((table.time + table.resolution - BEGIN) / INTERVAL).astype(np.int64).clip(0, len(values))
         low = np.array([values[a:b].min(axis=0) for a, b in zip(first[inner], last[inner], strict=True)])
@@ -181,8 +217,7 @@ def _error(table: TrendTable, values: Values) -> float:
         )
     found_low = np.stack([table.low[name] for name in FEATURES], axis=1)
     found_high = np.stack([table.high[name] for name in FEATURES], axis=1)
-    # The records that were committed after the making lie beyond the last value.
-    return float(max(np.abs(found_low - low)[:-1].max(), np.abs(found_high - high)[:-1].max()))
+    return float(max(np.abs(found_low - low).max(), np.abs(found_high - high).max()))
 
 
 def _reading_ms(path: Path, span: float) -> float | None:
@@ -251,22 +286,22 @@ def _row(record: Record, amplitude: NDArray[np.float32]) -> SpectrumRow:
 def main() -> None:
     """Run the three tables."""
     options = arguments(__doc__ or "")
-    count = 50_000 if options.quick else 1_000_000
+    count = 50_000 if options.quick else _YEAR
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        values = fill(folder / "state.db", count)
-        many = 100 if options.quick else 2000
-        fill_many(folder / "many.db", many)
         tables = {
-            "making": [
-                making(folder, folder / "state.db", count, 1),
-                making(folder, folder / "many.db", many, _MANY),
-            ],
-            "asking": asking(folder, values, 10 if options.quick else 100),
+            "committing": [
+                committing(folder, 1, 1280 if options.quick else 12_800),
+                committing(folder, 64, 128 if options.quick else 1280),
+            ]
         }
+        values = fill(folder / "state.db", count)
+        tables["building"] = [building(folder / "state.db", count)]
+        tables["asking"] = asking(folder / "state.db", values, 10 if options.quick else 100)
         tables["spectra"] = keeping(folder, 1000 if options.quick else 10_000)
-    print_table("Making the trends", tables["making"])
-    print_table("Asking for them", tables["asking"])
+    print_table("Commits with and without the rollup", tables["committing"])
+    print_table("Building the rollup of a store without one", tables["building"])
+    print_table("Asking for trends", tables["asking"])
     print_table("Kept envelope spectra", tables["spectra"])
     write_json(options.json, tables)
 
