@@ -63,20 +63,20 @@ def by_moment(rows: Sequence[Row], keys: Mapping[str, str], columns: Sequence[st
     return markdown([*keys, *columns], lines)
 
 
-def asked_table(rows: Sequence[Row]) -> str:
-    """Return what was asked for beside what was found."""
+def target_table(rows: Sequence[Row]) -> str:
+    """Return targets beside what was found; figures that miss theirs are bold."""
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         groups.setdefault((row["figure"], row["method"]), []).append(row)
     lines = []
     for (figure, method), moments in sorted(groups.items(), key=lambda item: item[0][0]):
-        asked = [row["asked"] for row in moments]
-        asked = asked[:1] if len(set(asked)) == 1 else asked
+        targets = [row["asked"] for row in moments]
+        targets = targets[:1] if len(set(targets)) == 1 else targets
         found = " / ".join(
             f"{row['found']:.3f}" if row["met"] == "yes" else f"**{row['found']:.3f}**" for row in moments
         )
-        lines.append([figure, method, " / ".join(asked), found])
-    return markdown(["figure", "method", "asked", "found"], lines)
+        lines.append([figure, method, " / ".join(targets), found])
+    return markdown(["figure", "method", "target", "found"], lines)
 
 
 def bound_table(rows: Sequence[Row]) -> str:
@@ -93,7 +93,7 @@ def bound_table(rows: Sequence[Row]) -> str:
 
 
 def blocks_table(rows: Sequence[Row]) -> str:
-    """Return the figures of every block."""
+    """Return the figures over all blocks."""
     columns: list[Column] = [
         ("method", lambda row: str(row["method"])),
         ("V_eq: refused", lambda row: _SHARE(row["v_refused"])),
@@ -118,7 +118,7 @@ def tables(results: Mapping[str, Any]) -> dict[str, str]:
     law = {"law": "law", "method": "method"}
     return {
         "methods": by_moment(results["methods"], {"method": "method"}, every),
-        "asked": asked_table(results["asked"]),
+        "targets": target_table(results["asked"]),
         "laws": by_moment(results["by_law"], law, figures),
         "unseen laws": by_moment(results["unseen_law"], {"law left out": "law left out", "method": "method"}, figures),
         "speeds": by_moment(results["by_speed"], {"shaft speed, Hz": "speed_hz", "method": "method"}, figures),
