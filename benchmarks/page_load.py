@@ -38,6 +38,7 @@ from monitor.records.store import Store
 
 Selectors = tuple[str, ...]
 MANY = 1000
+_CLI = "from monitor.cli import main; main()"
 _SPECTRA, _BINS = 300, 1300
 _WATCH = """
 window.longest = 0;
@@ -60,7 +61,7 @@ _ALL = (*_CHARTS, ".board")
 
 def _machine(folder: Path, name: str, source: str, channels: list[str]) -> Path:
     parts = [
-        f'[machine]\nname = "{name}"\nstate_dir = "{name}"\n[web]\nport = 0\n',
+        f'[machine]\nname = "{name}"\nstate_dir = "{name}"\nrecords_dir = "{name}/records"\n[web]\nport = 0\n',
         '[[bearing]]\nname = "b"\ndesignation = "1205 ETN9"\n[operating]\nspeed_hz = 40.0\nload_newton = 4000.0\n',
         f'[[source]]\nname = "{source}"\nurl = "folder:{folder}"\nrate_hz = 25600\n',
     ]
@@ -124,8 +125,8 @@ def _life(folder: Path, count: int) -> Path:
 
 
 @contextmanager
-def _served(*configs: Path) -> Iterator[str]:
-    command = [sys.executable, "-m", "monitor.web.server", *map(str, configs), "--port", "0"]
+def _served(folder: Path) -> Iterator[str]:
+    command = [sys.executable, "-c", _CLI, "page", "--quiet", "--config", str(folder)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
@@ -156,10 +157,11 @@ def measure(count: int, rounds: int) -> list[Row]:
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as name, sync_playwright() as playwright:
         folder = Path(name)
-        configs = [_fleet(folder), _life(folder, count)]
+        _fleet(folder)
+        _life(folder, count)
         program = os.environ.get("CHROMIUM", "/usr/bin/chromium")
         browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        with _served(*configs) as url:
+        with _served(folder) as url:
             views = {
                 f"overview, {MANY + 1} channels": ("#/", ".row", _ROWS, _ROWS),
                 f"channel, {count} records": (f"#/channel/rig/{CHANNEL}", ".answers", _CHARTS, _ALL),

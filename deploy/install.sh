@@ -8,7 +8,9 @@
 # BUILDER   a python with `build` and `hatchling`, to build the program's wheel
 # PROGRAM   no: everything but the program                             [yes]
 #
-# State and records (/var/lib/spallwatch) are never touched. Doing it again gives the same.
+# Every CONFIG/NAME.toml becomes the service spallwatch@NAME, and spallwatch-page.service is their page: they are enabled
+# and, where systemd runs, started anew. Services without their file are taken away. Doing it again gives the same.
+# State and records (/var/lib/spallwatch) are never touched.
 set -eu
 
 PREFIX="${PREFIX:-/opt/spallwatch}"
@@ -18,10 +20,17 @@ PROGRAM="${PROGRAM:-yes}"
 SOURCE="$(cd "$(dirname "$0")/.." && pwd)"
 UNITS=/etc/systemd/system
 USERS=/etc/sysusers.d
+WANTED="$DESTDIR$UNITS/multi-user.target.wants"
 
 fail() {
     echo "install.sh: $*" >&2
     exit 2
+}
+
+machines() { # the names of the configuration files, one a line
+    for file in "$DESTDIR$CONFIG"/*.toml; do
+        if [ -e "$file" ]; then basename "$file" .toml; fi
+    done
 }
 
 check() {
@@ -31,6 +40,13 @@ check() {
         *[!A-Za-z0-9/._-]*) fail "$path: expected letters, digits and . _ - / only" ;;
         /?*) ;;
         *) fail "$path: expected an absolute path" ;;
+        esac
+    done
+    for file in "$DESTDIR$CONFIG"/*.toml; do
+        name="$(basename "$file" .toml)"
+        case "$name" in
+        '*') ;; # there is none
+        *[!A-Za-z0-9:_.-]*) fail "$CONFIG/$name.toml: expected a name of letters, digits and : _ . - only" ;;
         esac
     done
     if [ -z "$DESTDIR" ] && [ "$(id -u)" -ne 0 ]; then
@@ -85,7 +101,12 @@ install_files() {
     mkdir -p "$DESTDIR$PREFIX/doc" "$DESTDIR$CONFIG/secrets"
     chmod 755 "$DESTDIR$PREFIX" "$DESTDIR$PREFIX/doc" "$DESTDIR$CONFIG"
     chmod 700 "$DESTDIR$CONFIG/secrets"
-    put "$SOURCE/deploy/systemd/spallwatch.service" "$DESTDIR$UNITS/spallwatch.service"
+    put "$SOURCE/deploy/systemd/spallwatch@.service" "$DESTDIR$UNITS/spallwatch@.service"
+    put "$SOURCE/deploy/systemd/spallwatch-page.service" "$DESTDIR$UNITS/spallwatch-page.service"
+    put "$SOURCE/deploy/systemd/spallwatch.slice" "$DESTDIR$UNITS/spallwatch.slice"
+    for unit in spallwatch@ spallwatch-page; do
+        put "$SOURCE/deploy/systemd/common.conf" "$DESTDIR$UNITS/$unit.service.d/10-common.conf"
+    done
     put "$SOURCE/deploy/systemd/spallwatch.sysusers.conf" "$DESTDIR$USERS/spallwatch.conf"
     put "$SOURCE/deploy/machine.toml.example" "$DESTDIR$CONFIG/machine.toml.example"
     put "$SOURCE/docs/how-to/deployment.md" "$DESTDIR$PREFIX/doc/deployment.md"
@@ -103,26 +124,66 @@ make_user() {
     fi
 }
 
+enable() { # UNIT [TEMPLATE]: what `systemctl enable` does, without systemd too
+    mkdir -p "$WANTED"
+    ln -sfn "$UNITS/${2:-$1}" "$WANTED/$1"
+}
+
+enable_machines() {
+    for name in $(machines); do enable "spallwatch@$name.service" spallwatch@.service; done
+    if [ -n "$(machines)" ]; then enable spallwatch-page.service; fi
+}
+
+disable() { # [all]: the services whose configuration is gone, or all
+    for link in "$WANTED"/spallwatch@*.service "$WANTED/spallwatch-page.service" "$WANTED/spallwatch.service"; do
+        if [ ! -L "$link" ]; then continue; fi
+        unit="$(basename "$link")"
+        name="${unit#spallwatch@}"
+        case "$unit" in
+        spallwatch@*) file="$DESTDIR$CONFIG/${name%.service}.toml" ;;
+        spallwatch-page.service) file="$DESTDIR$CONFIG" ;;
+        # The one service of all machines, of an older version.
+        *) file=/nowhere ;;
+        esac
+        if [ "${1:-}" != all ] && [ -e "$file" ]; then continue; fi
+        if has_manager; then systemctl stop "$unit" || true; fi
+        rm -f "$link"
+    done
+}
+
 install_all() {
     check
     umask 022
     if [ "$PROGRAM" = yes ]; then install_program; fi
     install_files
     make_user
-    if has_manager; then
-        systemctl daemon-reload
-        systemctl try-restart spallwatch.service
+    disable
+    if has_manager && [ -e "$UNITS/spallwatch.service" ]; then systemctl stop spallwatch.service || true; fi
+    rm -f "$DESTDIR$UNITS/spallwatch.service"
+    enable_machines
+    if has_manager; then systemctl daemon-reload; fi
+    echo "installed: $PREFIX, $CONFIG, $UNITS/spallwatch@.service, $UNITS/spallwatch-page.service"
+    if [ -z "$(machines)" ]; then
+        echo "next: write $CONFIG/NAME.toml after $CONFIG/machine.toml.example, check it with"
+        echo "  spallwatch check --config $CONFIG/NAME.toml"
+        echo "and repeat this command"
+        return
     fi
-    echo "installed: $PREFIX, $CONFIG, $UNITS/spallwatch.service"
-    echo "next: write $CONFIG/NAME.toml after $CONFIG/machine.toml.example, then"
-    echo "  spallwatch check --config $CONFIG/NAME.toml"
-    echo "  systemctl enable --now spallwatch"
+    units="$(machines | sed 's/.*/spallwatch@&.service/') spallwatch-page.service"
+    echo "enabled:" $units
+    # shellcheck disable=SC2086 # several units
+    if has_manager; then systemctl restart $units || fail "not all of them run; see: systemctl status 'spallwatch*'"; fi
 }
 
 uninstall_all() {
     check
-    if has_manager; then systemctl disable --now spallwatch.service 2>/dev/null || true; fi
-    rm -f "$DESTDIR$UNITS/spallwatch.service" "$DESTDIR$USERS/spallwatch.conf"
+    if has_manager; then systemctl stop spallwatch.slice spallwatch.service 2>/dev/null || true; fi
+    disable all
+    for unit in spallwatch@ spallwatch-page; do
+        rm -f "$DESTDIR$UNITS/$unit.service" "$DESTDIR$UNITS/$unit.service.d/10-common.conf"
+        rmdir "$DESTDIR$UNITS/$unit.service.d" 2>/dev/null || true
+    done
+    rm -f "$DESTDIR$UNITS/spallwatch.slice" "$DESTDIR$UNITS/spallwatch.service" "$DESTDIR$USERS/spallwatch.conf"
     rm -f "$DESTDIR$CONFIG/machine.toml.example" "$DESTDIR$PREFIX/doc/deployment.md" "$DESTDIR$PREFIX/doc/config.toml"
     rm -rf "$DESTDIR$PREFIX/venv" "$DESTDIR$PREFIX/venv.old" "$DESTDIR$PREFIX/venv.new"
     link="$DESTDIR/usr/local/bin/spallwatch"

@@ -17,6 +17,7 @@ DONE, FAILED, WRONG = 0, 1, 2
 _COMMANDS = {
     "demo": ("monitor.commands.demo", "A simulated bearing wears out and is monitored; ends with a report."),
     "run": ("monitor.commands.run", "The daemon: follows the configured sources until it is stopped."),
+    "page": ("monitor.commands.page", "One page over all machines of a folder."),
     "status": ("monitor.commands.status", "What the daemon of a machine is doing now."),
     "replay": ("monitor.commands.replay", "The pipeline over a recording, as fast as it goes or at a pace."),
     "report": ("monitor.commands.report", "One self-contained HTML report of records, or one a run."),

@@ -1,4 +1,4 @@
-"""The service: what its unit promises, what the installer puts where, and what it leaves alone."""
+"""The service: what its units promise, what the installer puts where, and what it leaves alone."""
 
 from __future__ import annotations
 
@@ -19,15 +19,17 @@ import pytest
 import xarray as xr
 
 from deploy.runtime_lock import LOCK, RUNTIME_LOCK, closure, declared, locked
+from monitor.config.fleet import load_fleet
 from monitor.config.load import load_config
 from monitor.records.store import Store
-from monitor.service.fleet import load_fleet
 from tests.effort import effort_count
 from tests.faults.daemons import make_machine, start, status, wait_for
 from tests.streams.folders import csv_bytes, noise
 
 ROOT = Path(__file__).resolve().parents[1]
-UNIT = ROOT / "deploy" / "systemd" / "spallwatch.service"
+SYSTEMD = ROOT / "deploy" / "systemd"
+COMMON = SYSTEMD / "common.conf"
+UNITS = ("spallwatch@.service", "spallwatch-page.service")
 INSTALLER = ROOT / "deploy" / "install.sh"
 GUIDE = ROOT / "docs" / "how-to" / "deployment.md"
 ANALYZE = shutil.which("systemd-analyze")
@@ -74,50 +76,104 @@ def tree(folder: Path) -> dict[str, tuple[int, bytes]]:
     }
 
 
-def test_the_unit_does_what_the_guide_promises() -> None:
+def test_the_units_do_what_the_guide_promises() -> None:
     listed = list(promised())
     assert len(listed) > 40
-    assert [item for item in listed if item not in directives(UNIT)] == []
-    # And nothing takes back what was promised: of other keys than the lists, each is there once.
-    keys = [key for key, _ in directives(UNIT) if key not in ("SystemCallFilter", "Environment", "[Service]")]
-    assert sorted(keys) == sorted(set(keys))
-    filters = [value for key, value in directives(UNIT) if key == "SystemCallFilter"]
+    common = directives(COMMON)
+    assert [item for item in listed if item not in common] == []
+    # Nothing takes back what was promised: of other keys than the lists, each is there once, in the drop-in or the unit.
+    for unit in UNITS:
+        keys = [key for key, _ in common + directives(SYSTEMD / unit)]
+        keys = [key for key in keys if key not in ("SystemCallFilter", "Environment", "[Service]")]
+        assert sorted(keys) == sorted(set(keys))
+    filters = [value for key, value in common if key == "SystemCallFilter"]
     assert filters == ["@system-service", "~@privileged @resources", "setpriority"]
 
 
+def test_a_machine_is_never_given_up() -> None:
+    assert ("Restart", "on-failure") in directives(COMMON)
+    for unit in UNITS:
+        assert ("StartLimitIntervalSec", "0") in directives(SYSTEMD / unit)
+
+
 @pytest.mark.skipif(ANALYZE is None, reason="systemd-analyze is missing (Debian package systemd)")
-def test_systemd_understands_the_unit_and_finds_it_as_closed_as_the_guide_says(tmp_path: Path) -> None:
+def test_systemd_accepts_the_units_and_rates_them_as_the_guide_says(tmp_path: Path) -> None:
     assert ANALYZE is not None
-    unit = tmp_path / "spallwatch.service"
-    unit.write_text(UNIT.read_text().replace("/opt/spallwatch/venv/bin/spallwatch", "/bin/true"))
-    verified = subprocess.run([ANALYZE, "verify", str(unit)], capture_output=True, text=True, check=False)
-    assert (verified.returncode, verified.stderr) == (0, "")
-    rated = subprocess.run(
-        [ANALYZE, "security", "--offline=true", "--no-pager", str(unit)], capture_output=True, text=True, check=False
-    )
-    found = re.search(r"exposure level for spallwatch.service: ([\d.]+)", rated.stdout)
+    install(tmp_path)
+    folder = tmp_path / "etc" / "systemd" / "system"
     said = re.search(r"exposure of\s+\*\*([\d.]+)\*\* of 10", GUIDE.read_text())
-    assert found is not None
     assert said is not None
-    # Other versions count other things; none finds it wide open.
-    assert float(found[1]) <= float(said[1]) + 0.5
+    for name in ("spallwatch@fan-1.service", "spallwatch-page.service"):
+        template = folder / name.replace("@fan-1", "@")
+        unit = folder / name
+        unit.write_text(template.read_text().replace("/opt/spallwatch/venv/bin/spallwatch", "/bin/true"))
+        verified = subprocess.run([ANALYZE, "verify", str(unit)], capture_output=True, text=True, check=False)
+        assert (verified.returncode, verified.stderr) == (0, "")
+        command = [ANALYZE, "security", "--offline=true", "--no-pager", str(unit)]
+        rated = subprocess.run(command, capture_output=True, text=True, check=False)
+        found = re.search(rf"exposure level for {name}: ([\d.]+)", rated.stdout)
+        assert found is not None
+        # Other versions of systemd count other directives.
+        assert float(found[1]) <= float(said[1]) + 0.5
 
 
 def test_what_is_installed_where(tmp_path: Path) -> None:
     done = install(tmp_path)
-    assert "systemctl enable --now spallwatch" in done.stdout
+    assert "write /etc/spallwatch/NAME.toml after /etc/spallwatch/machine.toml.example" in done.stdout
     found = tree(tmp_path)
     files = [name for name, (mode, _) in found.items() if not mode & 0o040000]
     assert files == [
         "etc/spallwatch/machine.toml.example",
-        "etc/systemd/system/spallwatch.service",
+        "etc/systemd/system/spallwatch-page.service",
+        "etc/systemd/system/spallwatch-page.service.d/10-common.conf",
+        "etc/systemd/system/spallwatch.slice",
+        "etc/systemd/system/spallwatch@.service",
+        "etc/systemd/system/spallwatch@.service.d/10-common.conf",
         "etc/sysusers.d/spallwatch.conf",
         "opt/spallwatch/doc/config.toml",
         "opt/spallwatch/doc/deployment.md",
     ]
     assert found["etc/spallwatch/secrets"][0] & 0o777 == 0o700
     assert all(found[name][0] & 0o777 == 0o644 for name in files)
-    assert (tmp_path / files[1]).read_text() == UNIT.read_text()
+    for name, source in zip(files[1:6], (UNITS[1], COMMON, "spallwatch.slice", UNITS[0], COMMON), strict=True):
+        assert (tmp_path / name).read_text() == (SYSTEMD / source).read_text()
+
+
+def links(destination: Path) -> dict[str, str]:
+    """Return the enabled units below a destination and where they point."""
+    folder = destination / "etc" / "systemd" / "system" / "multi-user.target.wants"
+    return {path.name: str(path.readlink()) for path in sorted(folder.glob("*"))}
+
+
+def test_each_configuration_is_an_enabled_service_and_the_page_is_one(tmp_path: Path) -> None:
+    install(tmp_path)
+    assert links(tmp_path) == {}
+    config = tmp_path / "etc" / "spallwatch"
+    for name in ("fan-1", "fan-2"):
+        (config / f"{name}.toml").touch()
+    done = install(tmp_path)
+    assert "enabled: spallwatch@fan-1.service spallwatch@fan-2.service spallwatch-page.service" in done.stdout
+    template = "/etc/systemd/system/spallwatch@.service"
+    page = {"spallwatch-page.service": "/etc/systemd/system/spallwatch-page.service"}
+    assert links(tmp_path) == {"spallwatch@fan-1.service": template, "spallwatch@fan-2.service": template} | page
+    # A file that has gone, and the service of an older version.
+    (config / "fan-1.toml").unlink()
+    old = tmp_path / "etc" / "systemd" / "system" / "spallwatch.service"
+    old.touch()
+    (old.parent / "multi-user.target.wants" / old.name).symlink_to(f"/etc/systemd/system/{old.name}")
+    install(tmp_path)
+    assert links(tmp_path) == {"spallwatch@fan-2.service": template} | page
+    assert not old.exists()
+    install(tmp_path, "uninstall")
+    assert links(tmp_path) == {}
+
+
+def test_a_file_name_that_no_service_can_have_is_refused(tmp_path: Path) -> None:
+    install(tmp_path)
+    (tmp_path / "etc" / "spallwatch" / "fan 1.toml").touch()
+    before = tree(tmp_path)
+    assert "fan 1.toml: expected a name of letters, digits" in install(tmp_path, code=2).stderr
+    assert tree(tmp_path) == before
 
 
 def test_doing_it_again_changes_nothing_and_no_configuration(tmp_path: Path) -> None:
@@ -126,6 +182,7 @@ def test_doing_it_again_changes_nothing_and_no_configuration(tmp_path: Path) -> 
     (config / "fan-1.toml").write_text("mine")
     (config / "secrets" / "mail_password").write_text("secret")
     (config / "secrets" / "mail_password").chmod(0o600)
+    install(tmp_path)
     before = tree(tmp_path)
     install(tmp_path)
     assert tree(tmp_path) == before
@@ -150,9 +207,11 @@ def test_taking_it_away_leaves_what_is_not_its_own(tmp_path: Path) -> None:
 
 def test_other_places_are_in_the_unit_and_the_example(tmp_path: Path) -> None:
     install(tmp_path, more={"PREFIX": "/srv/sw", "CONFIG": "/srv/sw-config"})
-    unit = dict(directives(tmp_path / "etc" / "systemd" / "system" / "spallwatch.service"))
-    assert unit["ExecStart"] == "/srv/sw/venv/bin/spallwatch run --config /srv/sw-config"
-    assert unit["LoadCredential"] == "secrets:/srv/sw-config/secrets"
+    folder = tmp_path / "etc" / "systemd" / "system"
+    machine, page, common = (dict(directives(folder / unit)) for unit in (*UNITS, f"{UNITS[0]}.d/10-common.conf"))
+    assert machine["ExecStart"] == "/srv/sw/venv/bin/spallwatch run --no-page --config /srv/sw-config/%i.toml"
+    assert page["ExecStart"] == "/srv/sw/venv/bin/spallwatch page --config /srv/sw-config"
+    assert common["LoadCredential"] == "secrets:/srv/sw-config/secrets"
     assert (tmp_path / "srv" / "sw-config" / "machine.toml.example").exists()
     assert not (tmp_path / "opt").exists()
 
@@ -218,13 +277,13 @@ def test_machines_after_the_example_can_be_followed_together(tmp_path: Path) -> 
     for name in ("fan-1", "fan-2"):
         (tmp_path / f"{name}.toml").write_text(example.replace("fan-1", name))
     fleet = load_fleet(tmp_path)
-    assert [machine.name for machine in fleet.machines] == ["fan-1", "fan-2"]
-    assert fleet.machines[1].state_dir == Path("/var/lib/spallwatch/fan-2/state")
+    assert [machine.config.machine.name for machine in fleet.machines] == ["fan-1", "fan-2"]
+    assert fleet.machines[1].config.machine.state_dir == Path("/var/lib/spallwatch/fan-2/state")
     # What is commented out works, too.
     (tmp_path / "fan-1.toml").write_text(re.sub(r"^# (?=\[|[a-z_]+ = )", "", example, flags=re.MULTILINE))
     notify = load_config(tmp_path / "fan-1.toml").notify
     assert notify.smtp is not None
-    assert str(notify.smtp.password_file) == "/run/credentials/spallwatch.service/secrets_mail_password"
+    assert str(notify.smtp.password_file) == "/run/credentials/spallwatch@fan-1.service/secrets_mail_password"
 
 
 def test_the_service_gets_what_it_needs_and_no_tools_of_development() -> None:

@@ -8,62 +8,54 @@ from pathlib import Path
 from typing import Any
 
 from monitor.commands.common import duration_words, emit
+from monitor.config.fleet import load_fleet
 from monitor.health.alarms import FAILURE, NO_DATA, machine_state
-from monitor.service.fleet import load_fleet
 from monitor.service.status_file import read_status
-from monitor.service.supervision import read_supervision
 
 _COLUMNS = ("machine", "state", "daemon", "blocks", "last block", "alarms", "remark")
-_SILENT = 60.0
+_MAX_STATUS_AGE_S = 60.0
 _STATES = frozenset(
     {"failure", "no_data", "bad_data", "out_of_specification", "maintenance_required", "check_function", "normal"}
 )
 
 
 def fleet_status(folder: Path, *, as_json: bool) -> None:
-    """Print how the machines of a folder stand.
+    """Print the status of all machines of a folder.
 
     Args:
         folder: holds a configuration a machine.
-        as_json: for programs: ``machines``, the statuses that each would give alone with its ``file`` and what its
-            ``supervisor`` says (None where it has none), the worst first; and ``page``, its address, or None.
+        as_json: for programs: ``machines``, the statuses that each would give alone and its ``file``, the worst first.
 
     Raises:
         ConfigError: the folder holds no usable set of configurations; all problems are named.
     """
     machines = [
         {
-            "machine": machine.name,
+            "machine": machine.config.machine.name,
             "file": machine.path.name,
-            **read_status(machine.state_dir),
-            "supervisor": read_supervision(machine.state_dir),
+            **read_status(machine.config.machine.state_dir),
         }
         for machine in load_fleet(folder).machines
     ]
     machines.sort(key=lambda status: (_rank(status), status["machine"]))
-    said = [status["supervisor"] for status in machines if status["supervisor"] is not None]
-    page = next((words["page"] for words in said if words.get("page")), None)
-    lines = [*_table([_row(status) for status in machines]), *([f"page: {page}"] if page else [])]
-    emit({"machines": machines, "page": page}, lines, as_json=as_json)
+    emit({"machines": machines}, _table([_row(status) for status in machines]), as_json=as_json)
 
 
-def standing(status: Mapping[str, Any]) -> str:
-    """Return the state of a machine as people should take it: without a daemon nobody listens, so there is no data.
+def present_state(status: Mapping[str, Any]) -> str:
+    """Return the state of a machine; without a running daemon it has no data.
 
     Args:
         status: as ``read_status`` gives it.
     """
     state = str(status.get("state", NO_DATA))
-    if state not in _STATES:
-        return NO_DATA
-    if status["running"] or state == FAILURE:
+    if state in _STATES and (status["running"] or state == FAILURE):
         return state
     return NO_DATA
 
 
 def _rank(status: Mapping[str, Any]) -> tuple[int, bool, bool]:
-    """Return what sorts the worst first; of two in one state, the one whose daemon does not run, or has a problem."""
-    state = standing(status)
+    """Return the sort key: the worst state first, then machines without a daemon, then those with problems."""
+    state = present_state(status)
     worse = sum(machine_state(state, other) != state for other in _STATES)
     return worse, bool(status["running"]), not status.get("problems")
 
@@ -74,7 +66,7 @@ def _row(status: Mapping[str, Any]) -> tuple[str, ...]:
     alarms = status.get("alarms", sum(len(channel.get("alarms", ())) for channel in channels))
     return (
         status["machine"],
-        standing(status).replace("_", " "),
+        present_state(status).replace("_", " "),
         status["status"].replace("_", " "),
         str(status.get("blocks", "")),
         f"{duration_words(round(min(ages)))} ago" if ages and status["running"] else "",
@@ -84,15 +76,13 @@ def _row(status: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _remark(status: Mapping[str, Any]) -> str:
-    """Return what explains the state best, in one sentence."""
-    supervisor, state = status["supervisor"], status.get("state")
-    if supervisor is not None and supervisor.get("problem"):
-        return f"the daemon {supervisor['problem']}"
+    """Return the best explanation of the state, in one sentence."""
+    state = status.get("state")
     if not status["running"]:
-        return f"nobody listens since {status['updated_utc']}" if "updated_utc" in status else "nobody listens"
+        return f"no daemon since {status['updated_utc']}" if "updated_utc" in status else "no daemon has run"
     age = _age(status.get("updated_utc"))
-    if age is not None and age > _SILENT:
-        return f"the daemon has said nothing for {duration_words(age)}"
+    if age is not None and age > _MAX_STATUS_AGE_S:
+        return f"the daemon has not renewed its status for {duration_words(age)}"
     problems = [f"{name}: {problem}" for name, problem in status.get("problems", {}).items()]
     if problems:
         return problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")
@@ -105,7 +95,7 @@ def _remark(status: Mapping[str, Any]) -> str:
 
 
 def _age(when: str | None) -> float | None:
-    """Return how long ago a moment of the status file was, s."""
+    """Return the age of a time stamp of the status file, s."""
     if when is None:
         return None
     try:

@@ -18,8 +18,7 @@ from monitor.service.publisher import Publisher
 from monitor.service.record_mqtt import RecordMqtt
 
 _LOG = logging.getLogger(__name__)
-LAST_PUBLICATION = 3.0
-"""Seconds for the last files at the stop; what is missing then is published at the next start."""
+_LAST_PUBLICATION_S = 3.0
 _LAST_MESSAGE = 0.5
 
 
@@ -59,7 +58,7 @@ class Companions:
             self._ending.append(partial(self._records.close, _LAST_MESSAGE))
             self._page: PageProcess | None = None
             if path is not None and config.web.enabled:
-                self._page = PageProcess([path], config.web, machine.state_dir, monotonic)
+                self._page = PageProcess(path, config.web, machine.state_dir, monotonic)
                 self._ending.append(self._page.close)
             opened.pop_all()
 
@@ -95,17 +94,16 @@ class Companions:
         }
         return self._events.problems() | {name: problem for name, problem in found.items() if problem is not None}
 
-    def end(self, *, room: bool, publish_within: float = LAST_PUBLICATION) -> None:
+    def end(self, *, room: bool) -> None:
         """Publish and tell a last time, and end all within a second more than that.
 
         Args:
             room: whether there is room on the disk for files.
-            publish_within: seconds for the last files.
         """
         ending = [threading.Thread(target=end, daemon=True) for end in self._ending]
         for thread in ending:
             thread.start()
-        if room and not self._publisher.finish(publish_within):
+        if room and not self._publisher.finish(_LAST_PUBLICATION_S):
             _LOG.warning("the last records are not published yet; they are safe, and will be at the next start")
         for thread in ending:
             thread.join()

@@ -15,14 +15,14 @@ from monitor.records.events import EventLog
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import StoreError
 from monitor.service.acknowledging import Acknowledgements
-from monitor.service.companions import LAST_PUBLICATION, Companions
+from monitor.service.companions import Companions
 from monitor.service.disk import DiskGuard, free_bytes
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus
 from monitor.service.silence import SilenceLog
 from monitor.service.status_file import StatusFile
 from monitor.service.summary import run_attributes
-from monitor.service.systemd import Notifier
+from monitor.service.systemd import ServiceManager
 from monitor.words.events import event_text
 
 _LOG = logging.getLogger(__name__)
@@ -45,7 +45,6 @@ class Daemon:
         monotonic: Callable[[], float] = time.monotonic,
         clock: Callable[[], float] = time.time,
         free: Callable[[Path], int] = free_bytes,
-        publish_within: float = LAST_PUBLICATION,
     ) -> None:
         """Take the configuration; nothing is opened yet.
 
@@ -55,12 +54,10 @@ class Daemon:
             monotonic: seconds that never go back, for everything that is waited for.
             clock: UTC seconds since 1970, against which the times of blocks are held.
             free: gives the free bytes of a folder's file system.
-            publish_within: seconds for the last publication, less where many machines stop at once.
         """
-        self._publish_within = publish_within
         self._config, self._path = config, path
         self._monotonic, self._clock, self._free = monotonic, clock, free
-        self._notifier = Notifier()
+        self._manager = ServiceManager()
         self._began = monotonic()
         self._since = clock()
         self._status_due = self._look_due = float("-inf")
@@ -100,16 +97,16 @@ class Daemon:
             self._acknowledgements = Acknowledgements(self._store, self._log, watchers)
             channels = {source: tuple(watcher.channels) for source, watcher in watchers.items()}
             self._silences = SilenceLog(self._store, self._log, channels, self._clock)
-            self._notifier.tell("READY=1", f"STATUS=watching {', '.join(watchers)}")
+            self._manager.send("READY=1", f"STATUS=watching {', '.join(watchers)}")
             _LOG.info("machine %s: ready, watching %s", machine.name, ", ".join(watchers))
             self._follow(stop)
-            self._notifier.tell("STOPPING=1")
+            self._manager.send("STOPPING=1")
             _LOG.info("stopping after %d blocks", self._status.blocks)
             self._end()
 
     def _starting(self) -> None:
         # A service manager would end, and start again for ever, what takes longer to start than usual.
-        self._notifier.tell("EXTEND_TIMEOUT_USEC=60000000", "STATUS=saving what can be read of a damaged store")
+        self._manager.send("EXTEND_TIMEOUT_USEC=60000000", "STATUS=saving what can be read of a damaged store")
 
     def _follow(self, stop: threading.Event) -> None:
         while not stop.is_set():
@@ -127,7 +124,7 @@ class Daemon:
                 self._seen(record)
 
     def _end(self) -> None:
-        self._companions.end(room=self._disk.problem is None, publish_within=self._publish_within)
+        self._companions.end(room=self._disk.problem is None)
         self._write_status("stopped")
         _LOG.info("stopped; %d blocks were committed", self._status.blocks)
 
@@ -150,7 +147,7 @@ class Daemon:
     def _beat(self) -> bool:
         """Do what is due; return whether there is room on the disk to go on."""
         now = self._monotonic()
-        self._notifier.alive(now)
+        self._manager.feed_watchdog(now)
         before = self._disk.problem
         room = self._disk.check(now)
         if self._disk.problem is not None and before is None:

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import logging
 import os
-import re
 import sys
 from collections.abc import Mapping
 
-TO_JOURNAL = "SPALLWATCH_TO_JOURNAL"
-"""Set for daemons whose supervisor writes to the journal: their own standard error is a pipe to it."""
 _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
-_MARKED = re.compile(r"<[0-7]>")
 
 
 def set_up_log(level: int) -> None:
@@ -36,8 +32,6 @@ def to_journal(environment: Mapping[str, str] = os.environ) -> bool:
         environment: ``JOURNAL_STREAM`` names device and inode of the journal's stream (systemd.exec(5)); a program
             that redirects its output inherits the variable all the same.
     """
-    if environment.get(TO_JOURNAL) == "1":
-        return True
     try:
         found = os.fstat(sys.stderr.fileno())
     except (OSError, ValueError, AttributeError):
@@ -52,15 +46,3 @@ class JournalFormatter(logging.Formatter):
         """Return the lines of a record."""
         priority = next((value for level, value in _PRIORITIES if record.levelno >= level), 7)
         return "\n".join(f"<{priority}>{line}" for line in super().format(record).splitlines())
-
-
-def named(line: str, name: str) -> str:
-    """Return a line of a log with a name before it; a priority stays in front."""
-    mark = _MARKED.match(line)
-    return f"{name}: {line}" if mark is None else f"{mark[0]}{name}: {line[mark.end() :]}"
-
-
-def unmarked(line: str) -> str:
-    """Return a line of a log without its priority."""
-    mark = _MARKED.match(line)
-    return line if mark is None else line[mark.end() :]

@@ -1,4 +1,4 @@
-"""The page beside a daemon or a supervisor: a process of its own, started again when it ends, never waited for."""
+"""The page of a daemon: a child process, restarted when it ends; no call waits for it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import contextlib
 import json
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +22,14 @@ _ENTRY = "monitor.web.server:child"
 
 
 class PageProcess:
-    """Serves the page of some machines from a child process; its failure is a :attr:`problem`, never an exception.
+    """Serves the page of one machine from a child process; its failure is a :attr:`problem`, never an exception.
 
     All methods are called from one thread.
     """
 
     def __init__(
         self,
-        configs: Sequence[Path],
+        config: Path,
         web: WebSection,
         state_dir: Path,
         monotonic: Callable[[], float] = time.monotonic,
@@ -37,13 +37,13 @@ class PageProcess:
         """Take what it serves; nothing is started yet.
 
         Args:
-            configs: files of the configurations of the machines.
+            config: file of the machine.
             web: where it listens, and to whom.
             state_dir: where its token is kept if none is configured.
             monotonic: seconds that never go back.
         """
         self._given = {
-            "configs": [str(path.absolute()) for path in configs],
+            "config": str(config.absolute()),
             "web": web.model_dump(mode="json"),
             "state_dir": str(state_dir.absolute()),
         }

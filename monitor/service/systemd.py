@@ -1,4 +1,4 @@
-"""What systemd wants to be told: ready, alive, stopping; without it, nothing happens."""
+"""The protocol of sd_notify(3): ready, alive, stopping."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 
-class Notifier:
-    """Tells the service manager of the environment (``NOTIFY_SOCKET``, ``WATCHDOG_USEC``; see sd_notify(3))."""
+class ServiceManager:
+    """The service manager named by the environment (``NOTIFY_SOCKET``, ``WATCHDOG_USEC``); does nothing without one."""
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
         """Take the address, if there is one."""
@@ -20,16 +20,16 @@ class Notifier:
         self._every = int(watchdog) / 4e6 if watchdog.isdigit() else None
         self._due = float("-inf")
 
-    def tell(self, *lines: str) -> None:
-        """Send lines such as ``READY=1``; a manager that does not listen is no trouble of ours."""
+    def send(self, *lines: str) -> None:
+        """Send lines such as ``READY=1``; errors of the connection are ignored."""
         if not self._address:
             return
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as link:
             link.setblocking(False)
             link.sendto("\n".join(lines).encode(), self._address)
 
-    def alive(self, now: float) -> None:
+    def feed_watchdog(self, now: float) -> None:
         """Feed the watchdog, four times in its period; ``now`` is of a monotonic clock."""
         if self._every is not None and now >= self._due:
             self._due = now + self._every
-            self.tell("WATCHDOG=1")
+            self.send("WATCHDOG=1")

@@ -1,30 +1,33 @@
-"""The process of the page: started beside a daemon, or by ``python -m monitor.web.server FILE.toml...``."""
+"""The process of the page: a child of a daemon, or ``spallwatch page``."""
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import json
 import logging
 import os
+import signal
 import socket
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import uvicorn
 
-from models.errors import SpallwatchError
+from models.errors import WrongInputError
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.web import WebSection
+from monitor.service.systemd import ServiceManager
 from monitor.web.app import Site, application
 from monitor.web.auth import Doorkeeper, TokenError, load_token
 from monitor.web.machines import Machines
 from monitor.web.protocol import PatientProtocol
 from monitor.web.security import Doors
+from monitor.words.numbers import count
 
 _LOG = logging.getLogger(__name__)
 _ALIVE_EVERY = 5.0
@@ -34,7 +37,7 @@ _BACKLOG = 128
 Say = Callable[[dict[str, Any]], object]
 
 
-class PageError(SpallwatchError):
+class PageError(WrongInputError):
     """The page cannot be served; the message says why."""
 
 
@@ -140,12 +143,12 @@ def _url(web: WebSection, doors: Doors) -> str:
 
 
 def child() -> None:
-    """Serve until standard input ends, and say on standard output how it goes, one JSON object a line.
+    """Serve until standard input ends; report on standard output, one JSON object a line.
 
-    The argument is a JSON object: ``configs``, a list of files, ``web``, the section, and ``state_dir``.
+    The argument is a JSON object: ``config``, a file, ``web``, the section, and ``state_dir``.
     """
     given = json.loads(sys.argv[1])
-    # Whoever commits goes first.
+    # The thread that commits has priority.
     os.nice(5)
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(asctime)s %(levelname)s page: %(message)s")
@@ -156,25 +159,12 @@ def child() -> None:
         except OSError:
             os._exit(0)
 
-    configs = _readable([Path(name) for name in given["configs"]], say)
     web, state_dir = WebSection.model_validate(given["web"]), Path(given["state_dir"])
     try:
-        asyncio.run(serve(Machines(configs), web, state_dir, say))
-    except (PageError, ValueError) as error:
+        asyncio.run(serve(Machines([load_config(Path(given["config"]))]), web, state_dir, say))
+    except (PageError, ConfigError) as error:
         say({"problem": str(error)})
         sys.exit(1)
-
-
-def _readable(paths: Sequence[Path], say: Say) -> list[Config]:
-    """Return the configurations that can be read; a file that was spoilt since hides no other machine."""
-    configs: list[Config] = []
-    for path in paths:
-        try:
-            configs.append(load_config(path))
-        except ConfigError as error:
-            _LOG.error("%s", error)
-            say({"problem": str(error)})
-    return configs
 
 
 def _end_with_parent() -> None:
@@ -184,27 +174,33 @@ def _end_with_parent() -> None:
     os._exit(0)
 
 
-def main() -> None:
-    """Serve the page of the machines whose configurations are named, without a daemon."""
-    parser = argparse.ArgumentParser(description="The page beside the stores of some machines.")
-    parser.add_argument("configs", nargs="+", type=Path, metavar="FILE")
-    parser.add_argument("--port", type=int, help="in place of the configured one; 0: any that is free")
-    options = parser.parse_args()
-    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
-    try:
-        configs = [load_config(path) for path in options.configs]
-        first = configs[0]
+def serve_until_signal(configs: Sequence[Config], web: WebSection, state_dir: Path, port: int | None = None) -> None:
+    """Serve the page in this process until SIGTERM or SIGINT; its address is printed on standard output.
 
-        def say(said: dict[str, Any]) -> None:
-            if "url" in said:
-                print(said["url"], flush=True)
+    Args:
+        configs: the machines.
+        web: where it listens, and to whom.
+        state_dir: where the token is kept if none is configured.
+        port: in place of the configured one.
 
-        asyncio.run(serve(Machines(configs), first.web, first.machine.state_dir, say, options.port))
-    except (PageError, ConfigError, ValueError) as error:
-        sys.exit(str(error))
-    except KeyboardInterrupt:
-        pass
+    Raises:
+        PageError: the address is taken, or the token or the certificate cannot be used.
+    """
+    manager = ServiceManager()
 
+    def say(said: dict[str, Any]) -> None:
+        if "url" in said:
+            print(said["url"], flush=True)
+            _LOG.info("the page of %s is at %s", count(len(configs), "machine"), said["url"])
+            manager.send("READY=1", f"STATUS=the page of {count(len(configs), 'machine')} is at {said['url']}")
+        manager.feed_watchdog(time.monotonic())
 
-if __name__ == "__main__":
-    main()
+    async def run() -> None:
+        serving = asyncio.create_task(serve(Machines(configs), web, state_dir, say, port))
+        for number in (signal.SIGTERM, signal.SIGINT):
+            asyncio.get_running_loop().add_signal_handler(number, serving.cancel)
+        with suppress(asyncio.CancelledError):
+            await serving
+
+    asyncio.run(run())
+    manager.send("STOPPING=1")

@@ -18,6 +18,8 @@ from tests.browser.machine import Served, channel_name
 from tests.effort import effort_count
 from tests.faults.daemons import ROOT
 
+_CLI = "from monitor.cli import main; main()"
+
 pytestmark = pytest.mark.browser
 
 NOTE = "<b onmouseover=window.trapped=1>grease</b> & 'patience'"
@@ -115,7 +117,7 @@ def ended(tmp_path: Path) -> Iterator[str]:
     served.start()
     served.put(16)
     served.stop()
-    command = [sys.executable, "-m", "monitor.web.server", str(served.config), "--port", "0"]
+    command = [sys.executable, "-c", _CLI, "page", "--config", str(served.config), "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
         assert process.stdout is not None
         yield process.stdout.readline().strip()

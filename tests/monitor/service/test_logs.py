@@ -8,9 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from monitor.service.logs import JournalFormatter, named, to_journal, unmarked
-from tests.faults.daemons import ROOT, wait_for
-from tests.fleet import add_machine
+from monitor.service.logs import JournalFormatter, to_journal
+from tests.faults.daemons import ROOT, make_machine, wait_for
 
 
 def test_a_line_for_the_journal_keeps_its_priority_in_front() -> None:
@@ -23,31 +22,27 @@ def test_a_line_for_the_journal_keeps_its_priority_in_front() -> None:
         assert first[:3] == second[:3]
         marks.append(first[:3])
     assert marks == ["<7>", "<6>", "<4>", "<3>", "<2>"]
-    assert named("<4>text", "fan") == "<4>fan: text"
-    assert named("<9>text", "fan") == "fan: <9>text"
-    assert (unmarked("<4>text"), unmarked("text")) == ("text", "text")
     assert not to_journal({"JOURNAL_STREAM": "1:1"})
 
 
 def test_the_journal_gets_priorities_and_notes_the_time_itself(tmp_path: Path) -> None:
-    add_machine(tmp_path, "a")
+    config = make_machine(tmp_path)
     with (tmp_path / "journal").open("w") as journal:
         stream = os.fstat(journal.fileno())
         environment = {**os.environ, "JOURNAL_STREAM": f"{stream.st_dev}:{stream.st_ino}"}
         process = subprocess.Popen(
-            [sys.executable, "-c", "from monitor.cli import main; main()", "run", "--config", str(tmp_path)],
+            [sys.executable, "-c", "from monitor.cli import main; main()", "run", "--config", str(config)],
             cwd=ROOT,
             stderr=journal,
             env=environment,
         )
         try:
-            wait_for(lambda: "ready: 1 of 1" in (tmp_path / "journal").read_text())
+            wait_for(lambda: "ready, watching" in (tmp_path / "journal").read_text())
             process.terminate()
             assert process.wait(20) == 0
         finally:
             process.kill()
             process.wait()
     lines = (tmp_path / "journal").read_text().splitlines()
-    assert "<6>ready: 1 of 1 machines run" in lines
-    assert "<6>a: machine a: ready, watching s0" in lines
+    assert "<6>machine m: ready, watching s0" in lines
     assert all(line.startswith("<") for line in lines)

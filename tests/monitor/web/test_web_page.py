@@ -21,14 +21,13 @@ from monitor.config.load import load_config
 from monitor.config.web import WebSection
 from monitor.service.page import PageProcess
 from tests.faults.daemons import ROOT, free_port, make_machine, wait_for
-from tests.fleet import add_machine
 
 _PARENT = """
 import sys, time
 from pathlib import Path
 from monitor.service.page import PageProcess
 from monitor.config.web import WebSection
-page = PageProcess([Path(sys.argv[1])], WebSection(port=0), Path(sys.argv[2]))
+page = PageProcess(Path(sys.argv[1]), WebSection(port=0), Path(sys.argv[2]))
 while page.url is None:
     page.tick()
     time.sleep(0.02)
@@ -38,9 +37,9 @@ time.sleep(60)
 
 
 @contextmanager
-def page_process(*configs: Path, **web: Any) -> Iterator[PageProcess]:
-    state_dir = load_config(configs[0]).machine.state_dir
-    page = PageProcess(configs, WebSection(**{"port": 0, **web}), state_dir)
+def page_process(config: Path, **web: Any) -> Iterator[PageProcess]:
+    state_dir = load_config(config).machine.state_dir
+    page = PageProcess(config, WebSection(**{"port": 0, **web}), state_dir)
     try:
         yield page
     finally:
@@ -102,7 +101,7 @@ def test_one_that_is_killed_is_started_again(tmp_path: Path) -> None:
 
 def test_one_that_hangs_is_replaced(tmp_path: Path) -> None:
     now = [0.0]
-    page = PageProcess([make_machine(tmp_path)], WebSection(port=0), tmp_path / "state", lambda: now[0])
+    page = PageProcess(make_machine(tmp_path), WebSection(port=0), tmp_path / "state", lambda: now[0])
     try:
         wait_for(lambda: reached(page))
         pid = page.pid
@@ -169,14 +168,17 @@ def test_what_keeps_it_away_is_said_and_tried_again(tmp_path: Path, spoilt: str)
             assert page.problem is None
 
 
-def test_several_machines_share_a_page_and_a_spoilt_one_hides_no_other(tmp_path: Path) -> None:
-    configs = [add_machine(tmp_path, name) for name in ("a", "b", "c")]
-    configs[1].write_text("spoilt")
-    with page_process(*configs) as page:
-        wait_for(lambda: reached(page))
-        assert [machine["name"] for machine in ask(page, "api/machines")["machines"]] == ["a", "c"]
+def test_a_configuration_that_became_invalid_is_a_problem_of_the_page(tmp_path: Path) -> None:
+    config = make_machine(tmp_path)
+    valid = config.read_text()
+    with page_process(config) as page:
+        config.write_text("invalid")
+        wait_for(lambda: troubled(page))
         assert page.problem is not None
-        assert "b.toml" in page.problem
+        assert "m.toml" in page.problem
+        config.write_text(valid)
+        wait_for(lambda: reached(page))
+        assert page.problem is None
 
 
 def test_it_speaks_tls(tmp_path: Path) -> None:
