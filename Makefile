@@ -11,7 +11,7 @@ help:
 	@echo "make test   the test suite"
 	@echo "make check  lint, types and import rules"
 	@echo "make bench  the benchmarks, short form"
-	@echo "make install-service    as root: spallwatch as a service under systemd (docs/deployment.md)"
+	@echo "make install-service    as root: a service for each configuration and the page, under systemd (docs/how-to/deployment.md)"
 	@echo "make uninstall-service  takes it away; configurations, state and records stay"
 	@echo "make clean  remove the virtual environment and what demo and tests left"
 

@@ -1,13 +1,14 @@
-"""Several machines under one supervisor: how soon they are ready, what memory they take, how soon they have ended.
+"""Several machines and one page: how soon they are ready, what memory they take, how soon they have ended.
 
 Run as ``python -m benchmarks.fleet [--quick] [--json FILE]``. Each machine has one channel, one watched folder, and one
-file that was there beforehand; all share one page. Wall clock times from the start of the supervisor:
+file that was there beforehand. All daemons and the page are started at once. Wall clock times from the first start:
 
-- *first ready*: one daemon says that it runs;
-- *ready*: the service manager is told ``READY=1``: every daemon could commit a block;
+- *first ready*: one daemon sent ``READY=1`` to the service manager: it could commit a block;
+- *ready*: every daemon did;
+- *page*: the page sent ``READY=1``: it answers;
 - *first blocks*: the file of every machine is committed (settling time 0.2 s included);
-- *stop*: from SIGTERM to the end of the last process, with the last publications;
-- *killed*: from a SIGKILL of one daemon to the next one that is ready.
+- *stop*: from SIGTERM to all until the end of the last process, with the last publications;
+- *restart*: from a SIGKILL of one daemon, which is started again at once, until it is ready.
 
 Memory is the proportional set size (what is shared is divided among those who share it), 5 s after the first blocks,
 when publishers and page have loaded what they need; *idle CPU* is the share of one core that all processes take then.
@@ -23,7 +24,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +37,6 @@ from monitor.service.status_file import read_status
 RATE = 25_600
 SETTLE_S = 5.0
 _CLI = "from monitor.cli import main; main()"
-_KINDS = {"--supervised": "daemons", "publish_worker": "publishers", "web.server": "page"}
 
 
 def prepare(folder: Path, machines: int) -> None:
@@ -65,12 +66,6 @@ def processes(root: int) -> Iterator[int]:
         yield from processes(int(child))
 
 
-def kind_of(pid: int) -> str:
-    """Return what a process of the supervisor's is, by its command line."""
-    words = Path(f"/proc/{pid}/cmdline").read_bytes().decode("utf-8", "replace")
-    return next((kind for word, kind in _KINDS.items() if word in words), "supervisor")
-
-
 def memory_mb(pid: int) -> float:
     """Return the proportional set size of a process, MB."""
     lines = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii").splitlines()
@@ -97,7 +92,7 @@ def wait_for(what: Callable[[], bool]) -> float:
 
 
 def committed(folder: Path, number: int) -> bool:
-    """Tell whether the file of a machine is in its store."""
+    """Return whether the file of a machine is in its store."""
     try:
         with Store.open(folder / f"m{number}" / "state" / "state.db", create=False, read_only=True) as store:
             return store.last("s") > 0
@@ -106,74 +101,106 @@ def committed(folder: Path, number: int) -> bool:
 
 
 def is_ready(folder: Path, number: int, before: int | None = None) -> bool:
-    """Tell whether a machine has a daemon, other than the one before, and it says that it runs."""
+    """Return whether a machine has a daemon, other than the one before, and it says that it runs."""
     found = read_status(folder / f"m{number}" / "state")
     return found["running"] and found.get("pid") != before and found["status"] in ("running", "degraded")
 
 
+def start(command: str, config: Path, notify: Path, *options: str) -> subprocess.Popen[bytes]:
+    """Start a daemon or the page."""
+    return subprocess.Popen(
+        [sys.executable, "-c", _CLI, command, "--quiet", "--config", str(config), *options],
+        env={"PATH": "/usr/bin:/bin", "NOTIFY_SOCKET": str(notify), "OPENBLAS_NUM_THREADS": "1"},
+        stdout=subprocess.DEVNULL,
+    )
+
+
+def start_daemon(folder: Path, number: int) -> subprocess.Popen[bytes]:
+    """Start the daemon of a machine."""
+    return start("run", folder / f"m{number}.toml", folder / "notify", "--no-page")
+
+
+def ready_times(manager: socket.socket, machines: int, began: float) -> tuple[float, float, float]:
+    """Return when the first and the last daemon and when the page became ready, s after the beginning."""
+    daemons: list[float] = []
+    page: list[float] = []
+    while len(daemons) < machines or not page:
+        message = manager.recv(4096)
+        if b"READY=1" in message:
+            (page if b"the page of" in message else daemons).append(time.monotonic() - began)
+    return min(daemons), max(daemons), page[0]
+
+
+def end_all(started: Sequence[subprocess.Popen[bytes]]) -> float:
+    """End all processes in order; return how long that took, s."""
+    asked = time.monotonic()
+    for process in started:
+        process.send_signal(signal.SIGTERM)
+    for process in started:
+        if process.wait(60.0) != 0:
+            raise RuntimeError(f"a process ended with {process.returncode}")
+    return time.monotonic() - asked
+
+
 def one_run(machines: int, idle_s: float) -> Row:
-    """Start, measure and stop the supervisor of so many new machines, which are idle for so long."""
-    with tempfile.TemporaryDirectory() as name, socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+    """Start, measure and stop the daemons of so many new machines and their page."""
+    with (
+        tempfile.TemporaryDirectory() as name,
+        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager,
+        ExitStack() as opened,
+    ):
         folder = Path(name)
         prepare(folder, machines)
         load = os.getloadavg()[0]
         manager.bind(str(folder / "notify"))
         manager.settimeout(120.0)
         began = time.monotonic()
-        process = subprocess.Popen(
-            [sys.executable, "-c", _CLI, "run", "--quiet", "--config", str(folder)],
-            env={"PATH": "/usr/bin:/bin", "NOTIFY_SOCKET": str(folder / "notify"), "OPENBLAS_NUM_THREADS": "1"},
-        )
-        try:
-            earliest = wait_for(lambda: any(is_ready(folder, number) for number in range(machines))) - began
-            while b"READY=1" not in manager.recv(4096):
-                pass
-            ready = time.monotonic() - began
-            first = wait_for(lambda: all(committed(folder, number) for number in range(machines))) - began
-            time.sleep(SETTLE_S)
-            pids = list(processes(process.pid))
-            sizes: dict[str, list[float]] = {"supervisor": [], "daemons": [], "publishers": [], "page": []}
-            for pid in pids:
-                sizes[kind_of(pid)].append(memory_mb(pid))
-            used = cpu_s(pids)
-            time.sleep(idle_s)
-            idle = (cpu_s(pids) - used) / idle_s
-            before = read_status(folder / "m0" / "state")["pid"]
-            os.kill(before, signal.SIGKILL)
-            killed = time.monotonic()
-            again = wait_for(lambda: is_ready(folder, 0, before)) - killed
-            asked = time.monotonic()
-            process.send_signal(signal.SIGTERM)
-            if process.wait(60.0) != 0:
-                raise RuntimeError(f"the supervisor ended with {process.returncode}")
-            return {
-                "machines": machines,
-                "load before": load,
-                "first ready s": earliest,
-                "ready s": ready,
-                "first blocks s": first,
-                "killed s": again,
-                "stop s": time.monotonic() - asked,
-                "processes": len(pids),
-                "supervisor MB": sum(sizes["supervisor"]),
-                "page MB": sum(sizes["page"]),
-                "a daemon MB": sum(sizes["daemons"]) / machines,
-                "its publisher MB": sum(sizes["publishers"]) / machines,
-                "all MB": sum(map(sum, sizes.values())),
-                "idle CPU %": 100.0 * idle,
-            }
-        finally:
-            process.kill()
-            process.wait()
+        daemons = [start_daemon(folder, number) for number in range(machines)]
+        page = start("page", folder, folder / "notify")
+        for process in (*daemons, page):
+            opened.callback(process.kill)
+        earliest, ready, answers = ready_times(manager, machines, began)
+        first = wait_for(lambda: all(committed(folder, number) for number in range(machines))) - began
+        time.sleep(SETTLE_S)
+        main = [process.pid for process in daemons]
+        publishers = [pid for root in main for pid in processes(root) if pid != root]
+        pids = [*main, *publishers, page.pid]
+        sizes = [sum(map(memory_mb, group)) for group in (main, publishers, [page.pid])]
+        used = cpu_s(pids)
+        time.sleep(idle_s)
+        idle = (cpu_s(pids) - used) / idle_s
+        daemons[0].kill()
+        killed = time.monotonic()
+        daemons[0].wait()
+        before = daemons[0].pid
+        daemons[0] = start_daemon(folder, 0)
+        opened.callback(daemons[0].kill)
+        again = wait_for(lambda: is_ready(folder, 0, before)) - killed
+        return {
+            "machines": machines,
+            "load before": load,
+            "first ready s": earliest,
+            "ready s": ready,
+            "page s": answers,
+            "first blocks s": first,
+            "restart s": again,
+            "stop s": end_all([*daemons, page]),
+            "processes": len(pids),
+            "page MB": sizes[2],
+            "a daemon MB": sizes[0] / machines,
+            "its publisher MB": sizes[1] / machines,
+            "all MB": sum(sizes),
+            "idle CPU %": 100.0 * idle,
+        }
 
 
 def main() -> None:
     """Measure, print, and write what was asked for."""
-    options = arguments("several machines under one supervisor")
+    options = arguments("several machines and one page")
     idle_s = 3.0 if options.quick else 10.0
     one_run(1, 0.1)
     table = [one_run(machines, idle_s) for machines in ((1, 5) if options.quick else (1, 5, 20))]
-    print_table("machines under one supervisor (target: ready in 3 s alone, stopped in 5 s)", table)
+    print_table("machines and one page (target: ready in 3 s alone, stopped in 5 s)", table)
     write_json(options.json, {"fleet": table})
 
 

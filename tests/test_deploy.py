@@ -50,7 +50,7 @@ def directives(unit: Path) -> list[tuple[str, str]]:
 
 def promised() -> Iterator[tuple[str, str]]:
     """Yield the directives that the guide lists."""
-    text = GUIDE.read_text().partition("compares this list with the unit -->")[2].partition("\n\n")[0]
+    text = GUIDE.read_text().partition("compares this list with common.conf -->")[2].partition("\n\n")[0]
     for item in re.findall(r"`([^`]*)`", text):
         key, _, value = item.partition("=")
         yield key, value
@@ -71,7 +71,7 @@ def install(
 def tree(folder: Path) -> dict[str, tuple[int, bytes]]:
     """Return all files and folders below one, with their rights and what they hold."""
     return {
-        str(path.relative_to(folder)): (path.stat().st_mode, path.read_bytes() if path.is_file() else b"")
+        str(path.relative_to(folder)): (path.lstat().st_mode, path.read_bytes() if path.is_file() else b"")
         for path in sorted(folder.rglob("*"))
     }
 
@@ -81,7 +81,7 @@ def test_the_units_do_what_the_guide_promises() -> None:
     assert len(listed) > 40
     common = directives(COMMON)
     assert [item for item in listed if item not in common] == []
-    # Nothing takes back what was promised: of other keys than the lists, each is there once, in the drop-in or the unit.
+    # Nothing takes back what was promised: except for the lists, each key is there once, in the drop-in or the unit.
     for unit in UNITS:
         keys = [key for key, _ in common + directives(SYSTEMD / unit)]
         keys = [key for key in keys if key not in ("SystemCallFilter", "Environment", "[Service]")]
