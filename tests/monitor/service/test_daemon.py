@@ -23,7 +23,7 @@ from monitor.service.disk import DiskGuard, free_bytes
 from monitor.service.publisher import Publisher
 from monitor.service.standing import channel_state
 from monitor.service.status_file import StatusFile, read_status
-from monitor.service.systemd import Notifier
+from monitor.service.systemd import ServiceManager
 from tests.faults.daemons import make_machine, status, wait_for
 from tests.streams.folders import csv_bytes, noise
 
@@ -325,17 +325,17 @@ def test_systemd_is_told(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "notify"))
         manager.settimeout(5.0)
-        notifier = Notifier({"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "4000000"})
-        notifier.tell("READY=1", "STATUS=watching s")
+        notifier = ServiceManager({"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "4000000"})
+        notifier.send("READY=1", "STATUS=watching s")
         assert manager.recv(100) == b"READY=1\nSTATUS=watching s"
         for now in (0.0, 0.5, 1.0, 1.9):
-            notifier.alive(now)
+            notifier.feed_watchdog(now)
         assert [manager.recv(100) for _ in range(2)] == [b"WATCHDOG=1"] * 2
         manager.setblocking(False)
         with pytest.raises(BlockingIOError):
             manager.recv(100)
-    notifier.tell("STOPPING=1")
-    Notifier({}).tell("READY=1")
+    notifier.send("STOPPING=1")
+    ServiceManager({}).send("READY=1")
 
 
 def test_what_is_not_known_to_be_well_is_not_called_normal() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from monitor.records.store import Store
-from monitor.service.systemd import Notifier
+from monitor.service.systemd import ServiceManager
 from streams.source import Delivery
 from tests.effort import effort_count
 from tests.faults.daemons import make_machine, status, wait_for
@@ -69,7 +69,7 @@ def test_on_a_slow_disk_blocks_wait_in_turn_and_their_age_is_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     disk, beats = SlowDisk(monkeypatch, 0.1), []
-    monkeypatch.setattr(Notifier, "alive", lambda self, now: beats.append(now))
+    monkeypatch.setattr(ServiceManager, "feed_watchdog", lambda self, now: beats.append(now))
     config = make_machine(tmp_path, sources=2)
     for number in range(40):
         put(config, number)
