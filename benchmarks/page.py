@@ -1,7 +1,7 @@
 """The page's server: how quickly each address answers, with many channels and with many records, and the stream.
 
-Run as ``python -m benchmarks.page [--quick] [--json FILE]``. The page is a process of its own, as beside a daemon,
-and is asked over one connection that stays open, packed answers allowed. Three tables:
+Run as ``python -m benchmarks.page [--quick] [--json FILE]``. The page is ``spallwatch page`` over a folder of two
+machines, and is asked over one connection that stays open, packed answers allowed. Three tables:
 
 1. each address of a machine of 1,000 channels (ten sources of a hundred) whose status is renewed every second, and of a
    machine of one channel with 100,000 records of 5 s (``--quick``: 50,000): milliseconds, median and 99th percentile,
@@ -17,6 +17,8 @@ import gzip
 import http.client
 import json
 import statistics
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -29,10 +31,8 @@ from urllib.parse import urlsplit
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.records import made_up
 from benchmarks.trends import BEGIN, CHANNEL, INTERVAL, fill
-from monitor.config.web import WebSection
 from monitor.health.record import Record
 from monitor.records.store import Store
-from monitor.service.page import PageProcess
 from monitor.service.status_file import StatusFile
 
 _SOURCES, _CHANNELS = 10, 100
@@ -40,9 +40,9 @@ _BLOCKS = 5
 _BEARING = '[[bearing]]\nname = "b"\ndesignation = "1205 ETN9"\n[operating]\nspeed_hz = 40.0\n'
 
 
-def prepare_many(folder: Path) -> Path:
-    """Make a machine of 1,000 channels with some records; return its configuration."""
-    parts = ['[machine]\nname = "many"\n', _BEARING]
+def prepare_many(folder: Path) -> None:
+    """Make a machine of 1,000 channels with some records, and its configuration beside the folder."""
+    parts = [_machine("many"), "[web]\nport = 0\nmax_streams = 64\n", _BEARING]
     state = {"channels": {}}
     values = made_up(1)[0].channels[CHANNEL]
     (folder / "state").mkdir(parents=True)
@@ -57,10 +57,12 @@ def prepare_many(folder: Path) -> Path:
             channels = dict.fromkeys(names, values)
             for block in range(1, _BLOCKS + 1):
                 store.commit(_record(f"s{source}", block, channels), {})
-    config = folder / "many.toml"
-    config.write_text("".join(parts))
+    folder.with_suffix(".toml").write_text("".join(parts))
     (folder / "said.json").write_text(json.dumps(state))
-    return config
+
+
+def _machine(name: str) -> str:
+    return f'[machine]\nname = "{name}"\nstate_dir = "{name}/state"\nrecords_dir = "{name}/records"\n'
 
 
 def _record(source: str, block: int, channels: Any) -> Record:
@@ -86,16 +88,14 @@ def _channel(source: str) -> dict[str, Any]:
     }
 
 
-def prepare_long(folder: Path, records: int) -> Path:
-    """Make a machine of one channel with many records; return its configuration."""
+def prepare_long(folder: Path, records: int) -> None:
+    """Make a machine of one channel with many records, and its configuration beside the folder."""
     (folder / "state").mkdir(parents=True)
     fill(folder / "state" / "state.db", records)
-    config = folder / "rig.toml"
-    config.write_text(
-        f'[machine]\nname = "rig"\n{_BEARING}[[source]]\nname = "rig"\nurl = "folder:in"\n'
+    folder.with_suffix(".toml").write_text(
+        f'{_machine("rig")}{_BEARING}[[source]]\nname = "rig"\nurl = "folder:in"\n'
         f'[[channel]]\nname = "{CHANNEL}"\nsource = "rig"\ncolumn = 1\nunit = "g"\nbearing = "b"\n'
     )
-    return config
 
 
 @contextmanager
@@ -214,35 +214,36 @@ def _wait_for(answer: http.client.HTTPResponse, line: bytes) -> None:
     answer.readline()
 
 
-def started(page: PageProcess) -> tuple[str, float]:
-    """Start the page; return its address, and how long that took, s."""
+@contextmanager
+def started(folder: Path) -> Iterator[tuple[str, float]]:
+    """Serve the page of a folder; yield its address, and how long the start took, s."""
     began = time.perf_counter()
-    while page.url is None:
-        page.tick()
-        time.sleep(0.01)
-        if page.problem is not None:
-            raise RuntimeError(page.problem)
-    return page.url, time.perf_counter() - began
+    command = [sys.executable, "-c", "from monitor.cli import main; main()", "page", "--quiet", "--config", str(folder)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            url = process.stdout.readline().strip()
+            if not url:
+                raise RuntimeError("the page did not start")
+            yield url, time.perf_counter() - began
+        finally:
+            process.terminate()
 
 
 def run(folder: Path, records: int, rounds: int) -> dict[str, Sequence[Row]]:
     """Measure everything."""
-    configs = [prepare_many(folder / "many"), prepare_long(folder / "rig", records)]
-    page = PageProcess(configs, WebSection(port=0, max_streams=64), folder / "many" / "state")
-    with talking(folder / "many"):
-        try:
-            url, ready = started(page)
-            client, began = Client(url), time.perf_counter()
-            path = f"/api/channels/rig/{CHANNEL}"
-            while b'"updating":true' in _plain(client.ask(f"{path}/records?points=10")):
-                time.sleep(0.2)
-            caught_up = time.perf_counter() - began
-            rows = latencies(client, BEGIN + INTERVAL * records, rounds)
-            store = folder / "rig" / "state" / "state.db"
-            few = deliveries(client, store, records + 1, 1, min(rounds, 12))
-            many = deliveries(client, store, records + 100, 32, min(rounds, 12))
-        finally:
-            page.close()
+    prepare_many(folder / "many")
+    prepare_long(folder / "rig", records)
+    with talking(folder / "many"), started(folder) as (url, ready):
+        client, began = Client(url), time.perf_counter()
+        path = f"/api/channels/rig/{CHANNEL}"
+        while b'"updating":true' in _plain(client.ask(f"{path}/records?points=10")):
+            time.sleep(0.2)
+        caught_up = time.perf_counter() - began
+        rows = latencies(client, BEGIN + INTERVAL * records, rounds)
+        store = folder / "rig" / "state" / "state.db"
+        few = deliveries(client, store, records + 1, 1, min(rounds, 12))
+        many = deliveries(client, store, records + 100, 32, min(rounds, 12))
     start = [{"records": records, "page answers s": ready, "all records in the trends s": caught_up}]
     return {"addresses": rows, "start": start, "stream": [few, many]}
 
