@@ -1,13 +1,33 @@
-"""What a folder's file system is, and how to make a file there durable."""
+"""Locks between processes, and files that survive a power cut."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 from pathlib import Path
 
-from streams.folder.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
-__all__ = ["NETWORK_FILE_SYSTEMS", "file_system_type", "replace_durably", "sync_folder"]
+def take_lock(path: Path) -> int | None:
+    """Take the lock beside a file; return what :func:`release_lock` needs, or None where another process holds it.
+
+    The kernel releases it when the process ends.
+
+    Raises:
+        OSError: the lock file cannot be made.
+    """
+    descriptor = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def release_lock(descriptor: int | None) -> None:
+    """Release a lock; None is ignored."""
+    if descriptor is not None:
+        os.close(descriptor)
 
 
 def sync_folder(folder: Path) -> None:
@@ -19,12 +39,17 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def replace_durably(temporary: Path, target: Path) -> None:
-    """Put a finished file in the place of another at once: readers see the old one or the new one, never a part."""
-    descriptor = os.open(temporary, os.O_RDONLY)
+def sync_file(path: Path) -> None:
+    """Make the content of a file durable."""
+    descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def replace_durably(temporary: Path, target: Path) -> None:
+    """Replace a file by a finished one: readers see the old one or the new one, never a part."""
+    sync_file(temporary)
     temporary.replace(target)
     sync_folder(target.parent)

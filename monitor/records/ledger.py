@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Self
 
 from monitor.health.record import storable
-from monitor.records.connection import SharedConnection
+from monitor.records.database import SharedConnection
 from monitor.records.store import Store
 from streams.block import Rejected
 from streams.ledger import FileProgress

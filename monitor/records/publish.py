@@ -21,8 +21,7 @@ from monitor.health.schema import SCHEMA_VERSION, VARIABLES
 from monitor.records.dataset import INT_FILL, to_dataset
 from monitor.records.filesystem import replace_durably
 from monitor.records.filing import SECONDS_PER_DAY
-from monitor.records.published import Published, note_published
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Published, Store, StoreError
 
 _SUMMARY = (
     "What each block of acceleration said about the health of a rolling bearing: indicators, fault lines of the "
@@ -76,7 +75,7 @@ def publish(
         if note is not None:
             note(done)
         elif store.writable:
-            note_published(store, done)
+            store.note_published(done)
         written.append(path)
     return written
 

@@ -1,32 +1,36 @@
-"""Envelope spectra in the store: so many of each channel that a whole life can be drawn, the newest one always there.
+"""Envelope spectra in the store: a limited number of each channel, spread over its life, and always the newest.
 
-Which block's spectrum stays is decided by :mod:`monitor.health.waterfall`; here it is written, in the transaction of
-the block, and read. Amplitudes are float16 of amplitude over a scale of their own, which keeps each within 2**-11
-(0.05 %) of itself down to 2e-9 of the highest.
+:mod:`monitor.health.waterfall` decides which spectra are kept; here they are written, in the transaction of the block,
+and read. Amplitudes are float16 over a scale of each spectrum: the relative error is at most 2**-11 (0.05 %) down to
+2e-9 of the highest.
 """
 
 from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.waterfall import Kind, SpectrumChange, SpectrumRow
-from monitor.records.database import StoreError
-
-if TYPE_CHECKING:
-    from monitor.records.store import Store
+from monitor.records.database import SharedConnection
 
 _KINDS: dict[Kind, int] = {"newest": 0, "kept": 1, "pinned": 2}
 _HALF_RANGE = 32768.0
-"""The highest amplitude becomes this: half of what float16 holds, so that the low ones keep their digits."""
+"""Stored value of the highest amplitude: half of the range of float16, for the digits of the lowest."""
 _ROW = "source, channel, sequence, time, header, amplitude"
+
+
+class Queryable(Protocol):
+    """A store, or a connection to one."""
+
+    def rows(self, query: str, *values: Any) -> list[Any]:
+        """Return all rows of a query."""
+        ...
 
 
 def write_changes(connection: sqlite3.Connection, changes: Iterable[SpectrumChange]) -> None:
@@ -48,13 +52,13 @@ def write_changes(connection: sqlite3.Connection, changes: Iterable[SpectrumChan
                 " WHERE place % 2 = 0)",
                 where,
             )
-        # One that the next block of the same transaction takes away again need not be written.
+        # A later block of the same transaction would replace it.
         if change.kind != "newest" or last[where] is change:
             _put(connection, change)
 
 
 def _put(connection: sqlite3.Connection, change: SpectrumChange) -> None:
-    """Write a spectrum in the place of the newest, which has the highest number, where that was not to be kept."""
+    """Write a spectrum; it replaces the one with the highest block number unless that is kept."""
     row = change.row
     packed, scale = pack_amplitude(row.amplitude)
     header = {
@@ -90,7 +94,7 @@ def pack_amplitude(amplitude: NDArray[np.floating]) -> tuple[bytes, float]:
 
 
 def read_spectra(
-    place: Path | Store,
+    place: Path | Queryable,
     channel: str,
     *,
     source: str | None = None,
@@ -98,15 +102,15 @@ def read_spectra(
     before: int | None = None,
     newest: int | None = None,
 ) -> list[SpectrumRow]:
-    """Return the spectra that are kept of a channel, in the order of their blocks; [] where there are none.
+    """Return the kept spectra of a channel in the order of their blocks; [] where there are none.
 
     Args:
-        place: the store, or its file, which is opened for reading a moment.
-        channel: its name.
+        place: the store, or its file.
+        channel: name of the channel.
         source: its source, or None for any.
-        at: only that of the block of this number.
-        before: only those of the blocks before this number.
-        newest: the last so many of them, or None for all.
+        at: only the spectrum of this block.
+        before: only those of blocks before this number.
+        newest: greatest number of spectra, counted from the newest, or None for all.
 
     Raises:
         StoreError: the store cannot be read.
@@ -117,8 +121,8 @@ def read_spectra(
     return [_row_of(row) for row in reversed(rows)]
 
 
-def kept_blocks(place: Path | Store, channel: str, *, source: str | None = None) -> list[tuple[int, float | None]]:
-    """Return number and time of the blocks of which a spectrum is kept, in order, without reading the spectra.
+def kept_blocks(place: Path | Queryable, channel: str, *, source: str | None = None) -> list[tuple[int, float | None]]:
+    """Return number and time of the blocks with a kept spectrum, in order.
 
     Raises:
         StoreError: the store cannot be read.
@@ -129,19 +133,18 @@ def kept_blocks(place: Path | Store, channel: str, *, source: str | None = None)
 
 
 def binned(rows: Sequence[SpectrumRow], bins: int, highest: float | None = None) -> tuple[Any, Any]:
-    """Return spectra over common bins of frequency, for a picture: the highest amplitude in each.
+    """Return the highest amplitude of each spectrum in common bins of frequency, for a picture.
 
     Args:
         rows: of one channel.
-        bins: how many, at most.
+        bins: greatest number of bins; no more than the coarsest spectrum has, so that none is empty in between.
         highest: upper end, Hz, or None for that of the widest spectrum.
 
     Returns:
         Lower edges of the bins, Hz, shape (bins,), and amplitudes, shape (row, bins), NaN beyond the end of a spectrum.
-        There are no more bins than the coarsest spectrum has below the end, so that none of them is empty in between.
 
     Raises:
-        ValueError: there is nothing to bin.
+        ValueError: ``rows`` is empty or ``bins`` below 1.
     """
     if not rows or bins < 1:
         raise ValueError(f"expected at least one spectrum and one bin, got {len(rows)} and {bins}")
@@ -182,21 +185,11 @@ def _row_of(row: tuple[Any, ...]) -> SpectrumRow:
     )
 
 
-def _read(place: Path | Store, query: str, values: tuple[Any, ...]) -> list[Any]:
-    """Return the rows of a query, none where the store is of a time before there were spectra in it."""
-    with _reader(place) as read:
-        if not read("SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'spectra'"):
-            return []
-        return read(query, *values)
-
-
-@contextmanager
-def _reader(place: Path | Store) -> Iterator[Any]:
-    if not isinstance(place, Path):
-        yield place.rows
-        return
-    try:
-        with closing(sqlite3.connect(f"{place.absolute().as_uri()}?mode=ro", uri=True, timeout=5.0)) as connection:
-            yield lambda query, *values: connection.execute(query, values).fetchall()
-    except sqlite3.Error as error:
-        raise StoreError(f"{place}: {error}") from error
+def _read(place: Path | Queryable, query: str, values: tuple[Any, ...]) -> list[Any]:
+    """Return the rows of a query; none where the store is older than the table."""
+    if isinstance(place, Path):
+        with SharedConnection(place) as connection:
+            return _read(connection, query, values)
+    if not place.rows("SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'spectra'"):
+        return []
+    return place.rows(query, *values)

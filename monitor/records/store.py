@@ -1,8 +1,8 @@
-"""Store: the SQLite database ``state.db`` that alone is the truth about what was heard and said.
+"""Store: the SQLite database ``state.db``, from which all published files can be made again.
 
-A committed block survives the death of the process and a power cut: write-ahead log, synchronous=FULL, and one
-transaction for the ledger, the record, the states of the stages, the forecasts and the events of a block. A restart
-therefore finds the states exactly as they were after the last block of the ledger.
+A committed block survives the end of the process and a power cut: write-ahead log, synchronous=FULL, and one
+transaction for ledger, record, states of the stages, forecasts and events. After a restart, the states are exactly
+those after the last block of the ledger.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 from monitor import __version__
 from monitor.health.record import Record
@@ -22,8 +22,8 @@ from monitor.health.waterfall import SpectrumChange
 from monitor.records.archive import ARCHIVE_QUERY, Archived, archived_of, insert_forecasts
 from monitor.records.database import UNFIT, Presence, StoreError, UnstorableError, connect, refuse_unsuitable
 from monitor.records.digests import note_block, note_states
+from monitor.records.filesystem import release_lock, take_lock
 from monitor.records.filing import STORED_QUERY, Filing, Stored, file_record
-from monitor.records.locks import let_go, take_lock
 from monitor.records.packing import pack
 from monitor.records.rollup import OPEN_BUDGET_S, check_features, roll_up
 from monitor.records.spectra import write_changes
@@ -31,19 +31,28 @@ from monitor.records.spectra import write_changes
 __all__ = ["Archived", "Commit", "Filing", "Store", "StoreError", "Stored", "UnstorableError"]
 
 Commit = Literal["committed", "duplicate", "changed"]
-_CHUNK = 500
-"""Records read at a time, so that reading never keeps a transaction open while blocks are committed."""
+_CHUNK_RECORDS = 500
+"""Records read at a time: no transaction stays open while blocks are committed."""
+
+
+class Published(NamedTuple):
+    """A published file: name, UTC day since 1970 or None, ledger number of its last block, size in bytes."""
+
+    file: str
+    day: int | None
+    last_block: int
+    size: int
 
 
 class Store:
-    """The database of one machine, with one writer; use :meth:`open`.
+    """The database of one machine, with one writer; made by :meth:`open`.
 
-    All methods raise :class:`StoreError`, naming the file and the cause, where the database cannot be read or written
-    (a full disk, say); a transaction that fails leaves nothing behind.
+    All methods raise :class:`StoreError`, naming the file and the cause, where the database cannot be read or written;
+    a transaction that fails is rolled back.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection, lock: int | None) -> None:
-        """Take over an open connection; :meth:`open` is the way to make one."""
+        """Take over an open connection and the writer's lock, None for a reader."""
         self.path = path
         self._connection = connection
         self._lock = lock
@@ -66,11 +75,10 @@ class Store:
 
         Args:
             path: the database file, on a local disk.
-            machine: name of the machine, which must be the one the store was made for; needed to make a store.
-            create: whether it may be made where there is none.
+            machine: name of the machine, which must be that of the store; needed to make one.
+            create: whether a missing store is made.
             read_only: open for reading beside the writer.
-            attributes: what describes the run that will write, see :meth:`describe`; without them, and without a call
-                of it, blocks are described by the software version alone.
+            attributes: of the run that will write, see :meth:`describe`; by default the software version alone.
 
         Raises:
             StoreError: no database, another program's, a newer schema version, another machine's, a network file
@@ -84,7 +92,7 @@ class Store:
         try:
             store = cls(path, connect(path, new=new, read_only=read_only), lock)
         except BaseException:
-            let_go(lock)
+            release_lock(lock)
             raise
         try:
             store._settle_machine(machine)
@@ -108,7 +116,7 @@ class Store:
             raise StoreError(f"{self.path}: belongs to machine {found!r}, not to {machine!r}")
 
     def describe(self, attributes: Mapping[str, Any]) -> None:
-        """Say what the blocks committed from now on are made with; published files carry it.
+        """Set the attributes of the run that commits from now on; published files carry them.
 
         Args:
             attributes: plain values by name: ``config_hash``, ``map_hash``, ``library_hash``, ``rms_band_hz``,
@@ -149,17 +157,11 @@ class Store:
         beside: Callable[[sqlite3.Connection], None] | None = None,
         spectra: Iterable[SpectrumChange] = (),
     ) -> Commit:
-        """Commit one block: its ledger row, record, forecasts and events, and the states after it, all or nothing.
-
-        Args:
-            record: what the block said.
-            states: state of each stage as plain values for JSON, by the stage's name; others stay as they are.
-            beside: writes, in the same transaction, what else belongs to the block.
-            spectra: what the block changes in the kept spectra, written where it is committed.
+        """Commit one block, as :meth:`commit_many` does.
 
         Returns:
-            "committed"; "duplicate" where this very block is in the ledger already; "changed" where its place is taken
-            by a block with another content. In the last two cases nothing is overwritten and the offer is counted.
+            "committed"; "duplicate" where this block is in the ledger already; "changed" where a block of another
+            content has its number. In the last two cases nothing is overwritten and the offer is counted.
         """
         return self.commit_many([(record, states)], beside, spectra)[0]
 
@@ -169,18 +171,19 @@ class Store:
         beside: Callable[[sqlite3.Connection], None] | None = None,
         spectra: Iterable[SpectrumChange] = (),
     ) -> list[Commit]:
-        """Commit several blocks in one transaction, all or nothing; for replays, where a block can be had again.
+        """Commit blocks in one transaction: ledger, records, forecasts, events, states and rollup, all or nothing.
 
         Args:
-            items: records with the states after them, in order.
-            beside: writes, in the same transaction, what else belongs to the blocks.
-            spectra: what the blocks change in the kept spectra, in order, written for those that are committed.
+            items: records in order, each with the states after it as plain values for JSON, by name of the stage;
+                stages that are not named keep their state.
+            beside: writes in the same transaction.
+            spectra: changes of the kept spectra, in order; written for the blocks that are committed.
 
         Returns:
             The outcome of each, as :meth:`commit` gives it.
 
         Raises:
-            UnstorableError: a record or a state holds what the tables cannot; nothing is committed.
+            UnstorableError: a record or a state does not fit the tables; nothing is committed.
         """
         if self._run is None:
             self.describe({})
@@ -212,7 +215,7 @@ class Store:
         return outcomes
 
     def _insert(self, connection: sqlite3.Connection, record: Record) -> tuple[Commit, int]:
-        """Put one record into the tables, or count it as refused; return the outcome and the ledger number."""
+        """Insert one record, or count it as refused; return the outcome and the ledger number."""
         found = connection.execute(
             "SELECT id, content_hash FROM blocks WHERE source = ? AND sequence = ?", (record.source, record.sequence)
         ).fetchone()
@@ -245,7 +248,7 @@ class Store:
         return "committed", block
 
     def _layout_id(self, connection: sqlite3.Connection, layout: str) -> int:
-        """Return the number of a layout, which is put into its table where it is new."""
+        """Return the number of a layout, inserted where it is new."""
         known = self._layouts.get(layout)
         if known is None:
             connection.execute("INSERT OR IGNORE INTO layouts (layout) VALUES (?)", (layout,))
@@ -273,31 +276,21 @@ class Store:
         return counts
 
     def records(self, since: float | None = None) -> Iterator[Record]:
-        """Yield the records in the order in which they were committed.
-
-        Args:
-            since: leave out the records before this time, UTC seconds since 1970 (seconds from the first block where
-                there is no date).
-        """
+        """Yield the records in the order of commitment, from a time on its axis, s, where ``since`` is given."""
         condition, values = ("1", ()) if since is None else ("axis_time >= ?", (since,))
         return (row.to_record() for row in self.stored(condition, *values))
 
     def record(self, source: str, sequence: int) -> Record | None:
-        """Return one record, or None where that block was never committed."""
+        """Return one record, or None where that block is not committed."""
         row = next(self.stored("source = ? AND sequence = ?", source, sequence), None)
         return None if row is None else row.to_record()
 
     def stored(self, condition: str = "1", *values: Any) -> Iterator[Stored]:
-        """Yield records as they are stored, in the order in which they were committed.
-
-        Args:
-            condition: SQL over the columns of ``blocks``, with ? for values.
-            values: what stands for each ?.
-        """
+        """Yield records as they are stored, in the order of commitment, for an SQL condition on ``blocks``."""
         layouts: dict[int, str] = {}
         last = 0
         while True:
-            rows = self.rows(STORED_QUERY.format(condition=condition), last, *values, _CHUNK)
+            rows = self.rows(STORED_QUERY.format(condition=condition), last, *values, _CHUNK_RECORDS)
             if not rows:
                 return
             for row in rows:
@@ -316,8 +309,7 @@ class Store:
         """Yield all forecasts as they were issued, in the order of commitment.
 
         Raises:
-            StoreError: the store is of version 1, whose forecasts do not say what they leaned on; opening it once for
-                writing completes them.
+            StoreError: the store is of version 1, without the inputs of forecasts, until it is opened for writing.
         """
         if self.meta()["schema_version"] == "1":
             raise StoreError(
@@ -329,16 +321,21 @@ class Store:
             yield from archived_of(rows)
             last = rows[-1][0]
 
+    def note_published(self, done: Published) -> None:
+        """Record a published file, so that it is written again only when its day changes."""
+        with self.transaction() as connection:
+            connection.execute("INSERT OR REPLACE INTO published VALUES (?, ?, ?, ?)", done)
+
     def check(self) -> list[str]:
-        """Read the whole database and return what is wrong with it, nothing where all is well."""
+        """Read the whole database and return the problems found."""
         problems = [row[0] for row in self.rows("PRAGMA quick_check") if row[0] != "ok"]
         orphans = self.rows("SELECT count(*) FROM blocks LEFT JOIN records ON block = id WHERE block IS NULL")[0][0]
         return problems + ([f"{orphans} blocks of the ledger have no record"] if orphans else [])
 
     def close(self) -> None:
-        """Close the database and let another writer in; closing twice does nothing."""
+        """Close the database and release the lock; closing twice does nothing."""
         self._connection.close()
-        let_go(self._lock)
+        release_lock(self._lock)
         self._lock = None
 
     def __enter__(self) -> Self:
@@ -352,11 +349,7 @@ class Store:
         self.close()
 
     def rows(self, query: str, *values: Any) -> list[Any]:
-        """Return all rows of a query over the tables; for the publisher and the report.
-
-        Raises:
-            StoreError: naming the file and the cause.
-        """
+        """Return all rows of a query over the tables."""
         try:
             return self._connection.execute(query, values).fetchall()
         except sqlite3.Error as error:
@@ -364,10 +357,10 @@ class Store:
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
-        """Run a block of statements as one transaction, rolled back whole where anything fails.
+        """Run a block of statements as one transaction, rolled back where anything fails.
 
         Raises:
-            StoreError: open for reading only, removed by somebody, or the database refuses (locked, full, damaged).
+            StoreError: open for reading only, removed or replaced, or the database refuses (locked, full, damaged).
         """
         if self._lock is None:
             raise StoreError(f"{self.path}: is open for reading only")
@@ -380,7 +373,7 @@ class Store:
                 connection.execute("COMMIT")
             finally:
                 if connection.in_transaction:
-                    # Layouts that the transaction would have added have no number now.
+                    # Layouts of the transaction have no number any more.
                     self._layouts.clear()
                     connection.execute("ROLLBACK")
         except sqlite3.Error as error:
@@ -400,7 +393,7 @@ def _state_text(name: str, state: Mapping[str, Any]) -> str:
 
 
 def _lock(path: Path) -> int:
-    """Take the lock that keeps a second writer out."""
+    """Take the writer's lock."""
     lock = take_lock(path)
     if lock is None:
         raise StoreError(f"{path}: another process is writing to it")

@@ -11,8 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
-from monitor.records.published import Published
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Published, Store, StoreError
 
 _LOCK = "publisher.lock"
 

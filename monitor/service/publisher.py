@@ -9,8 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from monitor.records.published import Published, note_published
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Published, Store, StoreError
 from monitor.service.child_process import Child, end_child, hear, let_go, start_child
 
 _LOG = logging.getLogger(__name__)
@@ -151,7 +150,7 @@ class Publisher:
         self._due = self._monotonic() + max(self._every, _SHARE * took)
         try:
             for done in answer["published"]:
-                note_published(self._store, Published(*done))
+                self._store.note_published(Published(*done))
         except StoreError as error:
             _LOG.warning("what was published cannot be noted: %s", error)
             self._changed = True

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,9 +22,9 @@ def spectrum(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
     Raises:
         RequestError: 404, there is none.
     """
-    section, path = machine.channel(channel), _store(machine)
+    section = machine.channel(channel)
     block = whole_number(query, "block", 0, 0, 2**62)
-    found = read_spectra(path, channel, source=section.source, at=block or None, newest=1)
+    found = read_spectra(machine.store, channel, source=section.source, at=block or None, newest=1)
     if not found:
         raise RequestError(404, "no spectrum is kept of this block" if block else "no spectrum is kept yet")
     row = found[0]
@@ -40,7 +39,7 @@ def spectrum(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
         "unit": "g" if row.absolute else "unknown",
         "amplitude_g": numbers(row.amplitude * factor, 4),
         "lines_hz": dict(row.lines),
-        "blocks": [number for number, _ in kept_blocks(path, channel, source=section.source)],
+        "blocks": [number for number, _ in kept_blocks(machine.store, channel, source=section.source)],
     }
 
 
@@ -51,7 +50,7 @@ def waterfall(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
     highest = optional_number(query, "to_hz")
     if highest is not None and highest <= 0.0:
         raise RequestError(400, "to_hz must be above 0")
-    rows = read_spectra(_store(machine), channel, source=section.source)
+    rows = read_spectra(machine.store, channel, source=section.source)
     # One scale for all: a sensor whose unit became known begins anew.
     rows = [row for row in rows if row.absolute == rows[-1].absolute and row.amplitude.size]
     if not rows:
@@ -69,12 +68,8 @@ def waterfall(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
 def newest_block(machine: Machine, channel: str) -> int | None:
     """Return the number of the newest block of which a spectrum is kept, or None."""
     section = machine.channel(channel)
-    found = read_spectra(_store(machine), channel, source=section.source, newest=1)
+    found = read_spectra(machine.store, channel, source=section.source, newest=1)
     return found[-1].sequence if found else None
-
-
-def _store(machine: Machine) -> Path:
-    return machine.store.path
 
 
 def _factor(row: SpectrumRow) -> float:

@@ -22,9 +22,8 @@ from typing import Any
 
 from monitor.records.database import APPLICATION_ID, STORE_VERSION
 from monitor.records.events import EventLog
-from monitor.records.filesystem import sync_folder
+from monitor.records.filesystem import release_lock, sync_file, sync_folder, take_lock
 from monitor.records.ledger import SALVAGED_UP_TO, StoreLedger
-from monitor.records.locks import let_go, take_lock
 from monitor.records.recover.from_published import from_published
 from monitor.records.recover.leaf_pages import leaf_rows
 from monitor.records.recover.rows import carry_over
@@ -251,7 +250,7 @@ def _salvage(
         fresh.replace(path.with_name(f"{path.name}.salvaged"))
         _swap(path, aside)
     finally:
-        let_go(lock)
+        release_lock(lock)
     _LOG.error("%s", report.text)
     return report
 
@@ -311,11 +310,7 @@ def _close_for_good(fresh: Path) -> None:
     """Leave one durable file, without a log beside it."""
     with closing(sqlite3.connect(fresh, isolation_level=None)) as connection:
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-    descriptor = os.open(fresh, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    sync_file(fresh)
 
 
 def _free_name(path: Path, now: float) -> Path:
@@ -349,7 +344,7 @@ def _finish(path: Path, now: float) -> None:
     try:
         _swap(path, _free_name(path, now))
     finally:
-        let_go(lock)
+        release_lock(lock)
 
 
 def _swap(path: Path, aside: Path) -> None:

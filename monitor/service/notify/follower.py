@@ -13,9 +13,9 @@ from typing import Any
 
 from monitor.config.notify import NotifySection
 from monitor.records.database import StoreError
+from monitor.records.deliveries import Delivered, Deliveries
 from monitor.records.events import EventLog, LoggedEvent
 from monitor.records.store import Store
-from monitor.records.told import Place, Told
 from monitor.service.notify.channels import NotifyError, Way
 from monitor.service.notify.message import MOST_LISTED, Item, Machine, compose
 from monitor.words.events import badness
@@ -45,10 +45,10 @@ class Book:
         """Take the store and the names of all ways; nothing is opened yet."""
         self.path, self._ways, self._clock = path, ways, clock
         self._lock = threading.Lock()
-        self._opened: tuple[EventLog, Told] | None = None
+        self._opened: tuple[EventLog, Deliveries] | None = None
         self._closed = False
 
-    def open(self) -> tuple[EventLog, Told]:
+    def open(self) -> tuple[EventLog, Deliveries]:
         """Return log and places; what is new begins at the present end.
 
         Raises:
@@ -59,7 +59,7 @@ class Book:
                 raise StoreError(f"{self.path}: the event log is closed")
             if self._opened is None:
                 with contextlib.ExitStack() as opened:
-                    log, told = opened.enter_context(EventLog(self.path)), opened.enter_context(Told(self.path))
+                    log, told = opened.enter_context(EventLog(self.path)), opened.enter_context(Deliveries(self.path))
                     told.begin(self._ways, self._clock())
                     opened.pop_all()
                 self._opened = log, told
@@ -87,7 +87,7 @@ class Follower:
         self._first_pause, self._clocks = first_pause, clocks
         self._pause = first_pause
         self._complaint: str | None = None
-        self._place: Place | None = None
+        self._place: Delivered | None = None
         self._saved = True
         self._since: dict[str, float] = {}
         self._sent: deque[float] = deque()
@@ -151,7 +151,7 @@ class Follower:
         place = self._current(told)
         # On a full disk what waits is told all the same.
         with contextlib.suppress(StoreError):
-            told.mark(self._clocks.utc())
+            told.mark_found(self._clocks.utc())
         most = self._settings.queue_events
         events = log.after(place.event, limit=most)
         notices = log.notices_after(place.notice, limit=most)
@@ -184,26 +184,26 @@ class Follower:
         self.problem, self._pause = self._complaint, self._first_pause
         return more
 
-    def _current(self, told: Told) -> Place:
+    def _current(self, told: Deliveries) -> Delivered:
         """Return the present place, from the store at the start; what could not be written is written."""
         if self._place is None:
-            self._place = told.place(self.name) or Place()
+            self._place = told.progress(self.name) or Delivered()
             now, utc = self._clocks.monotonic(), self._clocks.utc()
             self._sent.extend(now - (utc - item) for item in sorted(self._place.sent) if 0.0 <= utc - item < _HOUR)
         if not self._saved:
             self._keep(told, self._place)
         return self._place
 
-    def _keep(self, told: Told, place: Place) -> None:
+    def _keep(self, told: Deliveries, place: Delivered) -> None:
         """Take a place, and write it if the disk lets it: otherwise what was told is told again after a restart."""
         changed, self._place = place != self._place, place
         if changed or not self._saved:
             self._saved = False
             with contextlib.suppress(StoreError):
-                told.move(self.name, place)
+                told.save(self.name, place)
                 self._saved = True
 
-    def _age(self, told: Told, waiting: list[tuple[int, LoggedEvent]]) -> None:
+    def _age(self, told: Deliveries, waiting: list[tuple[int, LoggedEvent]]) -> None:
         """Note since when each event waits (s, monotonic), and bring them into the order in which they were found."""
         now, utc = self._clocks.monotonic(), self._clocks.utc()
         known, self._since = self._since, {}
@@ -233,7 +233,7 @@ class Follower:
             _LOG.error("told by %s, but %s", self.name, complaint)
         return complaint
 
-    def _give_up(self, told: Told, place: Place, waiting: list[tuple[int, LoggedEvent]]) -> None:
+    def _give_up(self, told: Deliveries, place: Delivered, waiting: list[tuple[int, LoggedEvent]]) -> None:
         """Pass over what has been waiting for too long; the next message counts it."""
         oldest = self._clocks.monotonic() - self._settings.give_up_hours * _HOUR
         old = [(number, event) for number, event in waiting if self._since[event.id] < oldest]

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 
 from monitor.config.notify import NotifySection
 from monitor.health.record import Record
+from monitor.records.deliveries import Delivered, Deliveries
 from monitor.records.events import EventLog
 from monitor.records.store import Store
-from monitor.records.told import Place, Told
 from monitor.service.notify.channels import Message, NotifyError
 from monitor.service.notify.message import Machine
 from monitor.service.notify.notifier import Notifier
@@ -154,7 +154,7 @@ def test_what_was_sent_but_not_noted_is_sent_once_more(log: Log, monkeypatch: py
     way = Recorder()
     with Telling(log, way) as notifier, monkeypatch.context() as patched:
         wait_until(lambda: places(log, "way") == [(0, 0)])
-        patched.setattr(Told, "move", lambda *_: None)
+        patched.setattr(Deliveries, "save", lambda *_: None)
         log.add("alarm_raised")
         notifier.tell()
         wait_until(lambda: way.numbers == [1])
@@ -163,8 +163,8 @@ def test_what_was_sent_but_not_noted_is_sent_once_more(log: Log, monkeypatch: py
 
 
 def places(log: Log, way: str) -> list[tuple[int, int]]:
-    with Told(log.path) as told:
-        place = told.place(way)
+    with Deliveries(log.path) as told:
+        place = told.progress(way)
     return [] if place is None else [(place.event, place.notice)]
 
 
@@ -260,9 +260,9 @@ def test_what_cannot_be_told_for_too_long_is_given_up_and_counted(log: Log, capl
 
 def test_all_that_was_given_up_is_said_even_if_nothing_is_left(log: Log) -> None:
     way = Recorder()
-    with Told(log.path) as told:
+    with Deliveries(log.path) as told:
         told.begin(["way"], NOW)
-        told.move("way", Place(left_out=1))
+        told.save("way", Delivered(left_out=1))
     with Telling(log, way):
         wait_until(lambda: way.messages)
     assert way.messages[0].title == "press: 1 event could not be told in time"
@@ -286,9 +286,9 @@ def test_a_clock_that_was_never_set_makes_nothing_old(log: Log) -> None:
 def test_a_store_made_anew_goes_on_from_its_end_and_a_salvage_is_told(tmp_path: Path) -> None:
     log = Log(tmp_path)
     way, new = Recorder("way"), Recorder("new")
-    with Told(log.path) as told:
+    with Deliveries(log.path) as told:
         told.begin(["way"], NOW)
-        told.move("way", Place(700, 30))
+        told.save("way", Delivered(700, 30))
     log.add("alarm_raised")
     log.notice("store_salvaged", utc=NOW)
     with Telling(log, way, new, clock=lambda: NOW + 60.0) as notifier:
@@ -366,12 +366,12 @@ def test_writing_places_beside_a_busy_writer_costs_no_commit(log: Log) -> None:
     done = threading.Event()
 
     def move() -> None:
-        with Told(log.path) as told:
+        with Deliveries(log.path) as told:
             number = 0
             while not done.is_set():
                 number += 1
-                told.mark(float(number))
-                told.move("way", Place(number))
+                told.mark_found(float(number))
+                told.save("way", Delivered(number))
 
     threads = [threading.Thread(target=move) for _ in range(3)]
     for thread in threads:
@@ -410,7 +410,7 @@ def test_whatever_happens_each_event_is_told_in_order_at_least_once(
     log, way = Log(tmp_path_factory.mktemp("log")), Recorder()
     expected: list[int] = []
     kinds = ("alarm_raised", "alarm_cleared", "alarm_released", "final_stage")
-    with Told(log.path) as told:
+    with Deliveries(log.path) as told:
         told.begin(["way"], NOW)
     limits = {"most_per_hour": 3600, "queue_events": generator.choice((1, 3, 50))}
     for _ in range(generator.randint(1, 4)):
