@@ -28,11 +28,10 @@ UNFIT = (
     *(TypeError, ValueError, LookupError, AttributeError, OverflowError),
     *(sqlite3.DataError, sqlite3.IntegrityError, sqlite3.InterfaceError, sqlite3.ProgrammingError),
 )
-"""What values that do not fit the tables raise; a full, locked or damaged database raises something else."""
+"""Raised for values that do not fit the tables; a full, locked or damaged database raises something else."""
 
-# A record is its row of blocks, the values in records (see packing), and its forecasts and events.
-# blocks.id grows with every commit, so "newer than what was published" is one comparison. day and axis_time say where a
-# block is filed (see store.Filing); blocks_by_day lets the publisher see in one look whether a day has changed.
+# A record is its row of blocks, the values in records (see packing), and its forecasts and events. blocks.id grows with
+# every commit. day and axis_time: see filing.Filing; blocks_by_day gives the last block of each day to the publisher.
 _SCHEMA = f"""
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE runs (id INTEGER PRIMARY KEY, attributes TEXT NOT NULL);
@@ -75,7 +74,7 @@ CREATE TABLE IF NOT EXISTS spectra (
     header TEXT NOT NULL, amplitude BLOB NOT NULL, PRIMARY KEY (source, channel, sequence)
 )
 """
-"""Of a record no part, and so of no version: a store without it gets it when it is next opened for writing."""
+"""Outside the versions of the schema: made where it is missing when a store is opened for writing."""
 
 
 _ROLLUP = """
@@ -94,25 +93,22 @@ class StoreError(WrongInputError):
 
 
 class UnstorableError(StoreError):
-    """What is to be committed can never be, however often it is tried; the store itself is well."""
+    """A record does not fit the tables; repeating the commit is useless, the store itself is intact."""
 
 
 class Presence:
-    """Whether an open database still is what stands under its name.
-
-    SQLite goes on in a file that somebody has removed, and all that it commits is gone with the process.
-    """
+    """Detects that an open database was removed or replaced: SQLite would go on in the removed file."""
 
     def __init__(self, path: Path) -> None:
-        """Take the path of the database; the first :meth:`check` takes what is there for right."""
+        """Take the path of the database; the first :meth:`check` sets the reference."""
         self._paths = (path, path.with_name(f"{path.name}-wal"))
         self._files: list[tuple[int, int] | None] = [None, None]
 
     def check(self) -> None:
-        """Hold what is there against what was there first; called within a transaction.
+        """Compare the files with those of the first call, within a transaction.
 
         Raises:
-            StoreError: the database or its log was removed or replaced; where they are put back, all is well again.
+            StoreError: the database or its log is removed or replaced at present.
         """
         files = [_identity(path) for path in self._paths]
         self._files = [first or now for first, now in zip(self._files, files, strict=True)]
@@ -133,16 +129,13 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 
 def refuse_unsuitable(path: Path, *, create: bool, look_inside: bool = True) -> bool:
-    """Refuse places and files that cannot hold a store, before SQLite touches them.
+    """Refuse files and file systems that cannot hold a store; return whether the store has to be made.
 
     Args:
-        path: where the store is or is to be.
-        create: whether it may be made.
-        look_inside: whether to read how the file begins. Closing it takes all locks of this process on it away, without
-            which its connections are not seen by others, who then remove the log: never where it may be open already.
-
-    Returns:
-        Whether the store has to be made.
+        path: database file, existing or to be made.
+        create: whether a missing store is made.
+        look_inside: whether to check the first bytes of the file. False where this process may have it open: closing a
+            file releases all POSIX locks of the process on it, also those of SQLite.
 
     Raises:
         StoreError: naming the file and the cause.
@@ -175,9 +168,7 @@ def refuse_unsuitable(path: Path, *, create: bool, look_inside: bool = True) -> 
 
 
 def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
-    """Open the database, make its tables if it is new, and check that it is a store of a version known here.
-
-    A store of an older version is brought to the present one by its writer; a reader takes it as it is.
+    """Open the database, make its tables if it is new, and check its version; a writer migrates an older one.
 
     Raises:
         StoreError: naming the file and the cause.
@@ -221,7 +212,7 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
 
 
 def _create(connection: sqlite3.Connection) -> None:
-    """Make all tables in one transaction, so that a half-made store is an empty database."""
+    """Make all tables in one transaction: a half-made store is an empty database."""
     connection.execute("BEGIN IMMEDIATE")
     for statement in (_SCHEMA + _ROLLUP).split(";"):
         if statement.strip():
@@ -247,7 +238,11 @@ def _migrate(connection: sqlite3.Connection, found: int) -> None:
 
 
 def _check_version(connection: sqlite3.Connection, path: Path) -> int:
-    """Return the version of the tables; refuse a database of another program, and a store of a newer version."""
+    """Return the version of the tables.
+
+    Raises:
+        StoreError: a database of another program, or of a newer version.
+    """
     if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
         raise StoreError(f"{path}: is a database of another program, not a store of records")
     row = connection.execute("SELECT value FROM meta WHERE key = 'schema_version'").fetchone()
@@ -280,7 +275,7 @@ class SharedConnection:
             path: the database file, which must exist.
             write: whether more than reading is done; each statement is then a transaction of its own.
             synchronous: FULL: what was written survives a power cut; NORMAL: the latest of it may be lost.
-            tables: statements that make what the database lacks, which need ``write``.
+            tables: statements that make missing tables, which need ``write``.
         """
         self._path = path
         self._lock = threading.Lock()
@@ -306,7 +301,7 @@ class SharedConnection:
 
     @contextmanager
     def use(self) -> Iterator[sqlite3.Connection]:
-        """Lend the connection for several statements; no other thread has it meanwhile."""
+        """Lock the connection for several statements of one thread."""
         with self._lock:
             try:
                 yield self._connection

@@ -1,7 +1,7 @@
-"""Digests of what a block committed, so that silent damage to the database is found out.
+"""Digests of committed blocks, which detect silent damage to the database.
 
-SQLite notices a page that makes no sense, not a number that became another one. The table has one row a block, written
-in its transaction: of its ledger entry, of its record with forecasts and events, and of the states after it.
+SQLite detects malformed pages, not changed values. The table has one row a block, written in its transaction: digests
+of its ledger entry, of its record with forecasts and events, and of the states after it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 DIGESTS_TABLE = """
 CREATE TABLE IF NOT EXISTS digests (block INTEGER PRIMARY KEY, ledger BLOB NOT NULL, content BLOB NOT NULL, states BLOB)
 """
-"""A store of an older version gets it when it is next opened for writing; its older blocks have no digest."""
+"""Made where it is missing when a store is opened for writing; older blocks have no digest."""
 
 _BYTES = 8
 
@@ -31,7 +31,7 @@ def ledger_digest(values: Sequence[Any]) -> bytes:
 
 
 def content_digest(layout: str, row: bytes, forecasts: Iterable[str], events: Iterable[str]) -> bytes:
-    """Return the digest of what a block said: its record as it is packed, and the JSON of forecasts and events."""
+    """Return the digest of a packed record with the JSON of its forecasts and events."""
     return _digest(
         [layout.encode(), row, b"forecasts", *map(str.encode, forecasts), b"events", *map(str.encode, events)]
     )
@@ -50,14 +50,14 @@ def note_block(
     forecasts: Iterable[Mapping[str, Any]],
     events: Iterable[Mapping[str, Any]],
 ) -> None:
-    """Write the digests of a block within the transaction that commits it.
+    """Write the digests of a block within its transaction.
 
     Args:
         connection: of the store, inside a transaction.
         block: number in the ledger.
-        ledger: its entry, see :func:`ledger_digest`.
+        ledger: the ledger entry, see :func:`ledger_digest`.
         packed: layout and row.
-        forecasts, events: as the record has them.
+        forecasts, events: of the record.
     """
     content = content_digest(*packed, map(json.dumps, forecasts), map(json.dumps, events))
     values = (block, ledger_digest(ledger), content)
@@ -65,7 +65,7 @@ def note_block(
 
 
 def note_states(connection: sqlite3.Connection, states: Mapping[str, tuple[int, str]]) -> None:
-    """Write the digests of states within the transaction that commits them: number of their block and JSON by name."""
+    """Write the digests of states, each a block number and JSON by name, within their transaction."""
     by_block: dict[int, dict[str, str]] = {}
     for name, (block, text) in states.items():
         by_block.setdefault(block, {})[name] = text

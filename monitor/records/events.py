@@ -1,8 +1,8 @@
-"""The event log: what came with blocks, what came without one, and who acknowledged it with which words.
+"""The event log: events of blocks, notices without a block, and acknowledgements.
 
-Events that a block led to are rows of ``events``, part of its record. What no block led to (a silence, a failed
-notification) is a row of ``notices``, so that records stay the same however they were made. Nothing is ever changed or
-taken out: an acknowledgement is a row of its own.
+Events of a block are rows of ``events``, part of its record. Notices (a silence, a failed notification) are rows of
+``notices``, so that records do not depend on how they were made. Rows are never changed or deleted: an acknowledgement
+is a row of its own.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ WHERE acknowledgements.id > ? AND event NOT LIKE 'n%' AND json_extract(body, '$.
 ORDER BY acknowledgements.id
 """
 _NOTICES = "SELECT id, 'n' || id, NULL, NULL, utc, body FROM notices"
-_LONGEST_NOTE, _LONGEST_NAME = 2000, 100
-NEEDS_NOBODY = ("alarm_cleared", "alarm_released", "condition", "data_again")
-"""Kinds of events that nobody has to acknowledge."""
+_MAX_NOTE_CHARACTERS, _MAX_NAME_CHARACTERS = 2000, 100
+WITHOUT_ACKNOWLEDGEMENT = ("alarm_cleared", "alarm_released", "condition", "data_again")
+"""Kinds of events that need no acknowledgement."""
 
 
 @dataclass(frozen=True)
 class Acknowledgement:
-    """Who acknowledged an event, when (UTC seconds since 1970), and with which words."""
+    """Person, time (UTC seconds since 1970) and note of an acknowledgement."""
 
     who: str
     utc: float
@@ -53,12 +53,12 @@ class LoggedEvent:
     """One event.
 
     Attributes:
-        id: its name in the log: a number, or "n" and a number where no block led to it.
+        id: its name in the log: a number, or "n" and a number for a notice.
         source: of the block, or None.
         block: number of the block, or None.
         utc: seconds since 1970 of the block (None if undated) or of the notice.
-        body: ``kind``, ``channel`` and what else its maker said.
-        acknowledgements: in the order in which they were given.
+        body: ``kind``, ``channel`` and further keys of the kind.
+        acknowledgements: in the order of time.
     """
 
     id: str
@@ -70,8 +70,8 @@ class LoggedEvent:
 
     @property
     def open(self) -> bool:
-        """Whether somebody should still acknowledge it; the end of an alarm needs nobody."""
-        return not self.acknowledgements and self.body.get("kind") not in NEEDS_NOBODY
+        """Whether it still needs an acknowledgement; the end of an alarm needs none."""
+        return not self.acknowledgements and self.body.get("kind") not in WITHOUT_ACKNOWLEDGEMENT
 
 
 class EventLog:
@@ -81,31 +81,26 @@ class EventLog:
     """
 
     def __init__(self, path: Path) -> None:
-        """Open the log of the store at ``path``, whose database gets the tables that it lacks."""
+        """Open the log of the store at ``path``, and make the tables that it lacks."""
         self._shared = SharedConnection(path, write=True, tables=_TABLES)
 
     def events(self, *, limit: int = 200, before: int | None = None) -> list[LoggedEvent]:
-        """Return the newest events that blocks led to, newest first.
-
-        Args:
-            limit: at most so many.
-            before: only those before this number, for the page after.
-        """
+        """Return the newest events of blocks, newest first, with numbers below ``before`` where it is given."""
         condition, values = ("", ()) if before is None else ("WHERE events.id < ?", (before,))
         query = f"{_EVENTS} {condition} ORDER BY events.id DESC LIMIT ?"
         return [self._logged(row[1:]) for row in self._shared.rows(query, *values, limit)]
 
     def after(self, number: int, *, limit: int = 500) -> list[tuple[int, LoggedEvent]]:
-        """Return the oldest events after a number, with their numbers; for whoever follows the log."""
+        """Return the oldest events after a number, with their numbers."""
         rows = self._shared.rows(f"{_EVENTS} WHERE events.id > ? ORDER BY events.id LIMIT ?", number, limit)
         return [(row[0], self._logged(row[1:])) for row in rows]
 
     def notices(self, *, limit: int = 200) -> list[LoggedEvent]:
-        """Return the newest events that no block led to, newest first."""
+        """Return the newest notices, newest first."""
         return [self._logged(row[1:]) for row in self._shared.rows(f"{_NOTICES} ORDER BY id DESC LIMIT ?", limit)]
 
     def notices_after(self, number: int, *, limit: int = 500) -> list[tuple[int, LoggedEvent]]:
-        """Return the oldest notices after a number, with their numbers; for whoever follows the log."""
+        """Return the oldest notices after a number, with their numbers."""
         rows = self._shared.rows(f"{_NOTICES} WHERE id > ? ORDER BY id LIMIT ?", number, limit)
         return [(row[0], self._logged(row[1:])) for row in rows]
 
@@ -119,26 +114,22 @@ class EventLog:
         return self._logged(found[0][1:]) if found else None
 
     def notice(self, utc: float, body: Mapping[str, Any]) -> str:
-        """Log what no block led to, and return its name in the log."""
+        """Add a notice, and return its name in the log."""
         text = json.dumps(body, allow_nan=False)
         with self._shared.use() as connection:
             return f"n{connection.execute('INSERT INTO notices (utc, body) VALUES (?, ?)', (utc, text)).lastrowid}"
 
     def acknowledge(self, name: str, who: str, note: str, utc: float) -> LoggedEvent:
-        """Add an acknowledgement to an event and return the event with it.
-
-        Args:
-            name: of the event in the log.
-            who: person.
-            note: their words, which may be empty.
-            utc: now, seconds since 1970.
+        """Add an acknowledgement to the event ``name`` and return the event with it; ``utc`` is now.
 
         Raises:
-            ValueError: there is no such event, nobody is named, or a text is too long.
+            ValueError: there is no such event, ``who`` is empty, or a text is too long.
         """
         who = who.strip()
-        if not 0 < len(who) <= _LONGEST_NAME or len(note) > _LONGEST_NOTE:
-            raise ValueError(f"who must have 1 to {_LONGEST_NAME} characters, a note at most {_LONGEST_NOTE}")
+        if not 0 < len(who) <= _MAX_NAME_CHARACTERS or len(note) > _MAX_NOTE_CHARACTERS:
+            raise ValueError(
+                f"who must have 1 to {_MAX_NAME_CHARACTERS} characters, a note at most {_MAX_NOTE_CHARACTERS}"
+            )
         found = self.event(name)
         if found is None:
             raise ValueError(f"there is no event {name!r}")
@@ -147,8 +138,8 @@ class EventLog:
         return self.event(name) or found
 
     def unacknowledged(self) -> int:
-        """Return how many events and notices wait for somebody."""
-        skipped = ", ".join(f"'{kind}'" for kind in NEEDS_NOBODY)
+        """Return how many events and notices still need an acknowledgement."""
+        skipped = ", ".join(f"'{kind}'" for kind in WITHOUT_ACKNOWLEDGEMENT)
         missing = "NOT EXISTS (SELECT 1 FROM acknowledgements WHERE event = {name})"
         wanted = f"json_extract(body, '$.kind') NOT IN ({skipped}) AND {missing}"
         events = wanted.format(name="CAST(events.id AS TEXT)")
@@ -157,14 +148,7 @@ class EventLog:
         return self._shared.rows(query)[0][0]
 
     def acknowledged_alarms(self, after: int = 0) -> Iterator[tuple[int, float, LoggedEvent]]:
-        """Yield the acknowledgements of raised alarms in the order in which they were given.
-
-        Args:
-            after: leave out those up to this number.
-
-        Yields:
-            The number of the acknowledgement, when it was given (UTC seconds since 1970), and the alarm.
-        """
+        """Yield number, time (UTC seconds since 1970) and alarm of each acknowledgement after a number, in order."""
         for number, utc, *event in self._shared.rows(_ACKNOWLEDGED, after):
             yield number, utc, self._logged(event)
 

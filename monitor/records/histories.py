@@ -1,4 +1,4 @@
-"""Histories for and from the commands ``track`` and ``forecast``: read from published records, written as netCDF."""
+"""Histories of the commands ``track`` and ``forecast``: read from published records, written as netCDF."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from monitor.records.filesystem import replace_durably
 Array = NDArray[np.float64]
 
 _UNUSABLE = ("flat", "stopped", "late", "out_of_order", "clipped")
-"""Flags of a channel's samples with which a block reaches no tracker."""
+"""Flags with which a block of a channel is not tracked."""
 _OUT_OF_TIME = ("late", "out_of_order", "clock")
 _NEEDED = ("rms", "bpfo_amplitude", "load", "speed", "v_eq", "t_fs", "stage", "quality_status", "quality_flags")
 
 
 class HistoryError(SpallwatchError):
-    """Records hold no such history, or one cannot be written; the message names the file and the cause."""
+    """A history cannot be read or written; the message names the file and the cause."""
 
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """What one channel said from t_fs on, block by block; n blocks.
+    """Records of one channel from t_fs on; n blocks.
 
     Attributes:
         channel: its name.
         time: s, UTC since 1970 or from the first block, shape (n,).
-        running: damage time from the first of these blocks, s: hours of standstill left out, shape (n,).
+        running: damage time from the first block, s, without standstill, shape (n,).
         rms: m/s2, shape (n,).
         harmonics: first six BPFO lines, m/s2, NaN where not resolved, shape (n, 6).
         load: N, NaN where unknown, shape (n,).
         speed: Hz, NaN where unknown, shape (n,).
-        v_eq: as recorded, m2, NaN where there was none, shape (n,).
+        v_eq: as recorded, m2, NaN where absent, shape (n,).
     """
 
     channel: str
@@ -141,12 +141,12 @@ def _history(datasets: Sequence[xr.Dataset], channel: str) -> History | None:
 
 
 def damage_time(time: Array, stopped: NDArray[np.bool_], in_clock: NDArray[np.bool_]) -> Array:
-    """Return damage time, s from the first block: as the pipeline counts, between blocks neither of which stood still.
+    """Return damage time from the first block, s: the time between running blocks, as the health step counts it.
 
     Args:
         time: of each block, s, shape (n,).
-        stopped: whether the machine stood still in it, shape (n,).
-        in_clock: whether its time counts at all (judged, accepted, in order), shape (n,).
+        stopped: whether the machine is stopped, shape (n,).
+        in_clock: whether the time of the block counts (accepted, in order), shape (n,).
     """
     gained = np.zeros(time.size)
     places = np.flatnonzero(in_clock)

@@ -1,7 +1,7 @@
-"""The ledger that live sources ask, on the database of the store.
+"""The ledger of live sources, in the database of the store.
 
-Blocks are the store's own rows. What is known of the files of watched folders has a table of its own, written in the
-transaction of the block that it belongs to: a process that dies between two commits leaves both or neither.
+Blocks are rows of the store. The progress of files in watched folders has its own table, written in the transaction of
+the block that it belongs to.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ _TABLES = (
     "CREATE INDEX IF NOT EXISTS blocks_by_content ON blocks (source, content_hash)",
 )
 _COLUMNS = "path, size, mtime_ns, inode, head_hash, content_hash, read_bytes, samples, verdict"
-_ALIKE = 8
+_MAX_ALIKE = 8
 SALVAGED_UP_TO = "salvaged_up_to"
 """Key in the table ``meta`` of the id of the last block that a salvage left in the store."""
 
 
 class StoreLedger:
-    """A :class:`streams.ledger.Ledger` on an open store; questions may come from any thread.
+    """A :class:`streams.ledger.Ledger` on an open store; reading is allowed from any thread.
 
     All methods raise :class:`StoreError` where the database cannot be read or written.
     """
 
     def __init__(self, store: Store) -> None:
-        """Take an open store, whose database gets what it lacks; close the ledger before the store."""
+        """Take an open store, and make the tables that it lacks; close the ledger before the store."""
         self._store = store
         if store.writable:
             with store.transaction() as connection:
                 for statement in _TABLES:
                     connection.execute(statement)
-        # Its own connection: the store's may be used by the thread that commits only.
+        # The connection of the store belongs to the thread that commits.
         self._reader = SharedConnection(store.path)
 
     def close(self) -> None:
@@ -68,7 +68,7 @@ class StoreLedger:
         return self._reader.rows("SELECT coalesce(max(sequence), 0) FROM blocks WHERE source = ?", source)[0][0]
 
     def began(self, source: str) -> float | None:
-        """Return when the first dated block of a source began, seconds since 1970 UTC, or None."""
+        """Return the start of the first dated block of a source, seconds since 1970 UTC, or None."""
         query = "SELECT time FROM blocks WHERE source = ? AND time IS NOT NULL ORDER BY id LIMIT 1"
         found = self._reader.rows(query, source)
         return found[0][0] if found else None
@@ -84,39 +84,39 @@ class StoreLedger:
         return self._reader.rows(query, source, content_hash)[0][0]
 
     def number_of(self, source: str, name: str, content_hash: str) -> int | None:
-        """Return the number of the block that comes again with this name and content, or None where none does.
+        """Return the number of a salvaged block with this name and content, or None.
 
-        Only a salvage makes the ledger lose sight of files, so only blocks that were there then come again; a file that
-        was written anew may well hold what it held before, of a dead sensor say. Of many blocks of one content the
-        latest are looked at.
+        Only a salvage may lose the progress of files, so that their blocks are offered again. Blocks committed later
+        are not compared: a new file may have the content of an older one. Only the latest blocks of one content are
+        searched.
         """
         found = self._reader.rows(
             "SELECT sequence FROM (SELECT sequence, name FROM blocks WHERE source = ? AND content_hash = ?"
             " AND id <= (SELECT CAST(value AS INTEGER) FROM meta WHERE key = ?)"
-            f" ORDER BY id DESC LIMIT {_ALIKE * _ALIKE}) WHERE name = ?",
+            f" ORDER BY id DESC LIMIT {_MAX_ALIKE * _MAX_ALIKE}) WHERE name = ?",
             *(source, content_hash, SALVAGED_UP_TO, storable(name)),
         )
         return found[0][0] if found else None
 
     def file(self, source: str, path: str) -> FileProgress | None:
-        """Return what is known of a file, or None."""
+        """Return the progress of a file, or None."""
         found = self._reader.rows(f"SELECT {_COLUMNS} FROM files WHERE source = ? AND path = ?", source, path)
         return FileProgress(*found[0]) if found else None
 
     def files_like(self, source: str, head_hash: str, content_hash: str) -> list[FileProgress]:
-        """Return files with this content, then some that begin in the same way."""
+        """Return files with this content, then some with the same head."""
         query = f"SELECT {_COLUMNS} FROM files WHERE source = ? AND head_hash = ? AND content_hash"
-        same = self._reader.rows(f"{query} = ? LIMIT {_ALIKE}", source, head_hash, content_hash)
-        alike = self._reader.rows(f"{query} <> ? LIMIT {_ALIKE}", source, head_hash, content_hash)
+        same = self._reader.rows(f"{query} = ? LIMIT {_MAX_ALIKE}", source, head_hash, content_hash)
+        alike = self._reader.rows(f"{query} <> ? LIMIT {_MAX_ALIKE}", source, head_hash, content_hash)
         return [FileProgress(*row) for row in (*same, *alike)]
 
     def pending_files(self, source: str) -> list[FileProgress]:
-        """Return the files of which samples wait."""
+        """Return the files with pending samples."""
         query = f"SELECT {_COLUMNS} FROM files WHERE source = ? AND verdict = 'pending'"
         return [FileProgress(*row) for row in self._reader.rows(query, source)]
 
     def file_counts(self, source: str) -> dict[str, int]:
-        """Return how many files have which verdict."""
+        """Return the number of files by verdict."""
         return dict(self._reader.rows("SELECT verdict, count(*) FROM files WHERE source = ? GROUP BY verdict", source))
 
     def remember(self, source: str, progress: Iterable[FileProgress]) -> None:
@@ -125,18 +125,13 @@ class StoreLedger:
             write_progress(connection, source, progress)
 
     def move(self, source: str, path: str, progress: FileProgress) -> None:
-        """Store what is known of a file under the name that it has now, in place of ``path``."""
+        """Replace the progress of the file ``path`` by that under its new name."""
         with self._store.transaction() as connection:
             connection.execute("DELETE FROM files WHERE source = ? AND path = ?", (source, path))
             write_progress(connection, source, [progress])
 
     def refuse(self, item: Rejected, progress: Iterable[FileProgress]) -> None:
-        """Count the offer of a block whose place is taken, ``duplicate`` or ``changed``; the block itself stays.
-
-        Args:
-            item: the rejection, with the number of the block that has the place.
-            progress: of the files that it came from.
-        """
+        """Count the offer of a block that is ``duplicate`` or ``changed``, and store the progress of its files."""
         with self._store.transaction() as connection:
             connection.execute(
                 "INSERT INTO refusals VALUES (?, ?, ?, ?, ?, 1) ON CONFLICT DO UPDATE SET times = times + 1",

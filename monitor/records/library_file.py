@@ -1,4 +1,4 @@
-"""Libraries of simulated lives as files: ``.npz`` of plain arrays, no pickles, with a JSON header of what made it."""
+"""Libraries of simulated lives as files: ``.npz`` of plain arrays without pickles, with a JSON header."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _REGRESSION = "regression."
 
 
 class LibraryError(WrongInputError, ValueError):
-    """A library file cannot be used; the message names it and what is wrong."""
+    """A library file cannot be used; the message names file and cause."""
 
 
 def save_library(library: Library, path: Path | str) -> None:
-    """Write a library; whoever reads ``path`` meanwhile sees the old file or the whole new one.
+    """Write a library; readers see the old file or the whole new one.
 
     Raises:
         OSError: if the folder cannot be written to.
@@ -52,7 +52,7 @@ def load_library(path: Path | str) -> Library:
     """Return the library in a file.
 
     Raises:
-        LibraryError: if there is no such file, or it is none of this version, or its content is not what was written.
+        LibraryError: no such file, another version, or its content does not have its hash.
     """
     path = Path(path)
     if not path.is_file():

@@ -1,7 +1,7 @@
-"""Publish the store as netCDF files, one a UTC day and machine, always whole and always readable.
+"""Publish the store as netCDF files, one a UTC day and machine, each replaced atomically.
 
-A file is written beside its place, made durable, and put in its place at once. Readers see the old or the new file, and
-one that holds the old file open is never in the writer's way. Everything here can be made again from the store.
+Readers see the old or the new file; a reader with the old file open does not block the writer. All files can be made
+again from the store.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _KEYWORDS = "rolling bearing, vibration, envelope spectrum, condition monitoring
 
 
 class PublishError(SpallwatchError):
-    """A file of records cannot be written; the message names the file and the cause. The old one is intact."""
+    """A file of records cannot be written; the message names file and cause. The old file is intact."""
 
 
 def publish(
@@ -46,14 +46,13 @@ def publish(
     """Write the files of the days that changed since they were last written, or whose file is lost or damaged.
 
     Args:
-        store: where the records are.
+        store: open for reading or writing.
         records_dir: folder of the files, made where it is missing.
-        machine: name of the machine, by default (and necessarily) the store's.
-        attributes: global attributes that every file written now gets, in addition to those of the runs that committed
-            its records (:meth:`Store.describe`), which they override. They alone do not make a day be written again.
+        machine: name of the machine, which must be the store's.
+        attributes: global attributes of every file written now; they override those of the runs that committed its
+            records (:meth:`Store.describe`).
         rebuild: write all days again.
-        note: told what was written, so that the store gets to know it; by default the store is, where it is open for
-            writing.
+        note: called with each written file; by default the store notes it where it is open for writing.
 
     Returns:
         The files written, by day, the undated one first.
@@ -81,14 +80,10 @@ def publish(
 
 
 def file_name(machine: str, day: int | None) -> str:
-    """Return the name of a day's file: MACHINE-YYYYMMDD.nc, or MACHINE-undated.nc.
-
-    Args:
-        machine: name of the machine.
-        day: UTC day as a number of days since 1970, or None.
+    """Return the name of the file of a UTC day (days since 1970): MACHINE-YYYYMMDD.nc, or MACHINE-undated.nc.
 
     Raises:
-        PublishError: the machine's name is no part of a file name.
+        PublishError: the machine's name cannot be part of a file name.
     """
     if not machine or "/" in machine or "\0" in machine:
         raise PublishError(f"machine name {machine!r} cannot be part of a file name")
@@ -97,13 +92,7 @@ def file_name(machine: str, day: int | None) -> str:
 
 
 def day_dataset(store: Store, day: int | None, attributes: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Build the dataset of one UTC day, or of the undated records.
-
-    Args:
-        store: where the records are.
-        day: UTC day as a number of days since 1970, or None for the undated records.
-        attributes: global attributes in addition.
-    """
+    """Build the dataset of a UTC day (days since 1970) or of the undated records, with further attributes."""
     rows = store.stored("day IS ?", day)
     return to_dataset(rows, dated=day is not None, attributes=_globals(store, day, attributes or {}))
 
@@ -114,7 +103,7 @@ def days(store: Store) -> list[int | None]:
 
 
 def _days(store: Store) -> list[tuple[int | None, int]]:
-    """Return each day with the number of its last committed block, looking only at what the index holds."""
+    """Return each day with the number of its last committed block, from the index alone."""
     found: list[tuple[int | None, int]] = []
     undated = store.rows("SELECT max(id) FROM blocks WHERE day IS NULL")[0][0]
     if undated is not None:
@@ -130,7 +119,7 @@ def _days(store: Store) -> list[tuple[int | None, int]]:
 
 
 def _is_fresh(store: Store, path: Path, last_block: int) -> bool:
-    """Say whether a file is there, as long as when it was written, and holds the day's last block."""
+    """Return whether a file has its size as written and the day's last block."""
     row = store.rows("SELECT last_block, size FROM published WHERE file = ?", path.name)
     if not row or row[0][0] != last_block:
         return False
@@ -141,7 +130,7 @@ def _is_fresh(store: Store, path: Path, last_block: int) -> bool:
 
 
 def _write(dataset: xr.Dataset, path: Path) -> int:
-    """Write a file in the place of the old one; return its size in bytes."""
+    """Replace a file; return its size in bytes."""
     temporary = path.with_name(f".{path.name}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -156,7 +145,7 @@ def _write(dataset: xr.Dataset, path: Path) -> int:
 
 
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
-    """Return how each variable is stored: NaN and -1 as fill values where there is none in the flags."""
+    """Return the fill value of each variable; flags have none."""
     encoding: dict[str, dict[str, Any]] = {}
     for name in map(str, dataset.variables):
         variable = VARIABLES.get(name)
@@ -170,7 +159,7 @@ def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
 
 
 def _globals(store: Store, day: int | None, attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the global attributes of a day: CF, ACDD, and what its records were made with."""
+    """Return the global attributes of a day: CF, ACDD, and those of its runs."""
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     runs = store.rows(
         "SELECT attributes FROM runs WHERE id IN (SELECT DISTINCT run FROM blocks WHERE day IS ?) ORDER BY id", day
@@ -199,7 +188,7 @@ def _globals(store: Store, day: int | None, attributes: Mapping[str, Any]) -> di
 
 
 def _merged(runs: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Merge the attributes of several runs; where they differ, list what each had, in order."""
+    """Merge the attributes of several runs; where they differ, list all values in order."""
     found: dict[str, list[Any]] = {}
     for run in runs:
         for key, value in run.items():

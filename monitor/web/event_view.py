@@ -11,7 +11,7 @@ from contextlib import closing
 from typing import Any, NamedTuple
 
 from monitor.records.database import StoreError
-from monitor.records.events import NEEDS_NOBODY, Acknowledgement, EventLog, LoggedEvent
+from monitor.records.events import WITHOUT_ACKNOWLEDGEMENT, Acknowledgement, EventLog, LoggedEvent
 from monitor.web.answers import RequestError, without_folders
 from monitor.web.machines import Machine, Machines
 from monitor.web.queries import Query, whole_number
@@ -59,7 +59,7 @@ def unacknowledged(machine: Machine) -> int:
     """Return how many events of a machine wait for somebody."""
     if machine.store.identity() is None:
         return 0
-    skipped = ", ".join(f"'{kind}'" for kind in NEEDS_NOBODY)
+    skipped = ", ".join(f"'{kind}'" for kind in WITHOUT_ACKNOWLEDGEMENT)
     with machine.store.connection() as connection:
         tables = _tables(connection)
         total = 0
