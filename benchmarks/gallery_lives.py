@@ -212,5 +212,5 @@ def histories() -> dict[str, tuple[Values, Values, Values]]:
         volumes = [*(0.0 for _ in healthy), *(true_volume(test, float(t)) for t in final)]
         blocks = [block(test, v, 1000 * number + k) for k, v in enumerate(volumes)]
         time = np.concatenate((healthy, ONSETS[test] * MINUTE + final))
-        found[test] = time, np.array([b.rms for b in blocks]), np.array([b.h_or for b in blocks])
+        found[test] = time, np.array([b.rms for b in blocks]), np.array([b.values["h_or"] for b in blocks])
     return found

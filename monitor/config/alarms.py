@@ -8,20 +8,8 @@ from pydantic import Field, model_validator
 
 from monitor.config.fields import Band, Count, Name, Positive, Section
 from monitor.health.alarms import AlarmSettings, Level, Rule
-from streams.block import STANDARD_GRAVITY
+from monitor.words.features import LEVELS
 
-_UNITS: dict[str, tuple[str, float]] = {
-    **dict.fromkeys(("rms", "rms_smoothed", "a_star", "peak", "peak_half_range"), ("_g", STANDARD_GRAVITY)),
-    **dict.fromkeys(("h_or", "h_ir", "h_ball", "h_cage"), ("_g", STANDARD_GRAVITY)),
-    **dict.fromkeys(("v_eq", "v_eq_lower", "v_eq_upper"), ("_mm2", 1e-6)),
-    **dict.fromkeys(("tt", "tt_lower", "tt_upper"), ("_hours", 3600.0)),
-    "p_threshold": ("", 1.0),
-    **dict.fromkeys(("kurtosis", "crest_factor", "shape_factor", "impulse_factor", "clearance_factor"), ("", 1.0)),
-    **dict.fromkeys(("detect_score", "fault_snr"), ("", 1.0)),
-}
-"""Features that may raise an alarm: ending of the key and value of its unit in SI."""
-_BELOW = ("tt", "tt_lower", "tt_upper")
-_NOT_LEARNED = (*_BELOW, "v_eq", "v_eq_lower", "v_eq_upper", "p_threshold", "detect_score")
 _ENDINGS = ("", "_g", "_mm2", "_hours", "_factor", "_sd")
 
 
@@ -33,7 +21,7 @@ class AlarmLevel(Section):
     """
 
     name: Name | None = None
-    feature: Literal[tuple(_UNITS)]  # pyright: ignore[reportInvalidTypeForm]  # the table above is the one list
+    feature: Literal[tuple(LEVELS)]  # pyright: ignore[reportInvalidTypeForm]  # the table is the one list
     channels: tuple[Name, ...] = ()
     alert: Positive | None = None
     alert_g: Positive | None = None
@@ -56,8 +44,9 @@ class AlarmLevel(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        unit = _UNITS[self.feature][0]
-        learned = () if self.feature in _NOT_LEARNED else ("_factor", "_sd")
+        feature = LEVELS[self.feature]
+        unit, _ = feature.level
+        learned = ("_factor", "_sd") if feature.learned else ()
         found = {severity: self._given(severity) for severity in ("alert", "danger")}
         for severity, endings in found.items():
             for ending in endings:
@@ -71,10 +60,9 @@ class AlarmLevel(Section):
         if found["alert"] and found["alert"] == found["danger"]:
             ending = found["alert"][0]
             alert, danger = getattr(self, f"alert{ending}"), getattr(self, f"danger{ending}")
-            wrong = alert <= danger if self.feature in _BELOW else alert >= danger
-            if wrong:
-                word = "below" if self.feature in _BELOW else "above"
-                raise ValueError(f"danger{ending} = {danger:g} must be {word} alert{ending} = {alert:g}")
+            in_order = danger < alert if feature.bad == "below" else danger > alert
+            if not in_order:
+                raise ValueError(f"danger{ending} = {danger:g} must be {feature.bad} alert{ending} = {alert:g}")
         for key in ("speed_range_hz", "load_range_newton"):
             span = getattr(self, key)
             if span is not None and span[0] >= span[1]:
@@ -93,7 +81,7 @@ class AlarmLevel(Section):
             return Level(factor=value)
         if given[0] == "_sd":
             return Level(deviations=value)
-        return Level(value=value * _UNITS[self.feature][1])
+        return Level(value=value * LEVELS[self.feature].level[1])
 
     @property
     def rule_name(self) -> str:
@@ -105,7 +93,7 @@ class AlarmLevel(Section):
         return Rule(
             name=self.rule_name,
             feature=self.feature,
-            side="below" if self.feature in _BELOW else "above",
+            side=LEVELS[self.feature].bad or "above",
             alert=self._level("alert"),
             danger=self._level("danger"),
             hysteresis=self.hysteresis,

@@ -254,7 +254,7 @@ def detect_input(features: BlockFeatures, info: BlockInfo, *, absolute: bool, us
         time=info.time,
         rms=features.rms,
         prominence=outer.total / floor if floor > 0.0 else None,
-        peak=features.peak if absolute else None,
+        peak=features.indicators.peak if absolute else None,
         usable=usable,
     )
 

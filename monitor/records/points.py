@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.schema import STATUSES
-from monitor.records.columns import FEATURES
 from monitor.records.packing import columns_of, numbers_of, places_of
+from monitor.words.features import TRENDS
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -23,6 +23,8 @@ SELECT id, source, sequence, status, day IS NOT NULL, axis_time, layout FROM blo
 """
 """Selects the columns of :class:`BlockEntry`."""
 
+FEATURES = tuple(feature.name for feature in TRENDS)
+"""Names of the features whose extremes are kept, in their order in rows and buckets."""
 _WANTED = (*FEATURES, "quality_status")
 _STATUS_PLACES = {status: place for place, status in enumerate(STATUSES)}
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from monitor.records.columns import COLUMNS
 from monitor.words.events import utc_text
+from monitor.words.features import TRENDS
 
 _WORDS = ("stage", "fault", "edv_status", "tt_status", "t_fs_block", "t_fs_known_block", "t_eol_block")
 
@@ -49,9 +49,9 @@ def channel_message(record: Row, channel: str) -> str:
         "threshold_mm2": None if threshold is None else threshold * 1e6,
         "unit": "g" if absolute else "unknown",
     }
-    for column in COLUMNS:
-        value = first(values.get(column.feature))
-        message[column.name] = None if value is None else value * column.of_si(absolute=absolute)
+    for feature in TRENDS:
+        value = first(values.get(feature.name))
+        message[feature.column] = None if value is None else value * feature.of_si(absolute=absolute)
     return json.dumps(message, allow_nan=False, separators=(",", ":"))
 
 

@@ -117,11 +117,7 @@ def channel_values(state: ChannelState, output: ChannelOutput) -> dict[str, Any]
 
 
 def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str, Any]:
-    indicators = ("kurtosis", "skewness", "crest_factor", "shape_factor", "impulse_factor", "clearance_factor")
-    values: dict[str, Any] = {
-        name: getattr(features, name)
-        for name in ("rms", "a_star", "peak", "peak_half_range", "mean", "speed_factor", *indicators)
-    }
+    values: dict[str, Any] = dict(features.values)
     values["bpfo_amplitude"] = np.where(features.bpfo_resolved, features.bpfo_amplitude, np.nan)
     single = len(features.lines) == 1
 
@@ -131,8 +127,6 @@ def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str,
     values["band_lo"] = over_bands([band[0] for band in output.bands])
     values["band_hi"] = over_bands([band[1] for band in output.bands])
     values["band_source"] = output.band_source
-    for name, fault in (("h_or", "outer"), ("h_ir", "inner"), ("h_ball", "ball"), ("h_cage", "cage")):
-        values[name] = over_bands([_total(band[fault]) for band in features.lines])
     for name, attribute in (("amplitude", "amplitude"), ("floor", "floor"), ("snr", "snr")):
         values[f"envelope_{name}"] = over_bands(
             [
@@ -147,11 +141,6 @@ def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str,
             ]
         )
     return values
-
-
-def _total(lines: Any) -> float | None:
-    """Return the sum of the lines, or None where the spectrum resolves none of them."""
-    return lines.total if bool(np.any(lines.resolved)) else None
 
 
 def _forecast_values(output: ChannelOutput) -> dict[str, Any]:

@@ -12,13 +12,13 @@ from models.bearing import Bearing, kinematics
 from monitor import __version__
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.spectrum.features import fundamentals
-from monitor.records.columns import BY_FEATURE, COLUMNS
 from monitor.records.packing import columns_of, numbers_of, places_of
 from monitor.records.points import SeriesKey
 from monitor.records.trends import TrendTable, read_trends
 from monitor.web.answers import numbers, times
 from monitor.web.machines import Machine, Machines
 from monitor.web.queries import Query, optional_number, whole_number
+from monitor.words.features import FEATURES, TRENDS
 
 MOST_POINTS = 5000
 _POINTS = 1000
@@ -111,12 +111,12 @@ def _levels(machine: Machine, name: str, state: Mapping[str, Any]) -> list[dict[
 
 
 def _level(level: Mapping[str, Any], absolute: bool) -> dict[str, Any]:
-    column = BY_FEATURE[level["feature"]]
-    factor = column.of_si(absolute=absolute)
+    feature = FEATURES[level["feature"]]
+    factor = feature.of_si(absolute=absolute)
     values = {key: level[f"{key}_si"] for key in ("alert", "danger")}
     return {
         **{key: level[key] for key in ("rule", "feature", "side")},
-        "column": column.name,
+        "column": feature.column,
         **{key: None if value is None else float(f"{value * factor:.9g}") for key, value in values.items()},
     }
 
@@ -161,11 +161,11 @@ def records(machine: Machine, name: str, query: Query) -> dict[str, Any]:
 def columns(table: TrendTable, *, absolute: bool) -> dict[str, list[Any]]:
     """Return time and extremes by the names of their columns, in the units of these."""
     found: dict[str, list[Any]] = {"time_s": times(table.time)}
-    for column in COLUMNS:
-        factor = column.of_si(absolute=absolute)
-        low, high = table.low[column.feature], table.high[column.feature]
-        found[f"{column.name}_min"] = numbers(low * factor)
-        found[f"{column.name}_max"] = found[f"{column.name}_min"] if high is low else numbers(high * factor)
+    for feature in TRENDS:
+        factor = feature.of_si(absolute=absolute)
+        low, high = table.low[feature.name], table.high[feature.name]
+        found[f"{feature.column}_min"] = numbers(low * factor)
+        found[f"{feature.column}_max"] = found[f"{feature.column}_min"] if high is low else numbers(high * factor)
     found["records"] = table.records.tolist()
     found["rejected"] = _counted(table, REJECTIONS)
     found["flagged"] = _counted(table, FLAGS)

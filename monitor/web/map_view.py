@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from monitor.records.columns import BY_FEATURE
 from monitor.records.packing import columns_of, numbers_of, places_of
 from monitor.web.answers import RequestError, numbers, times
 from monitor.web.api import is_dated, latest_values
 from monitor.web.machines import Machine
+from monitor.words.features import FEATURES
 
 if TYPE_CHECKING:
     from models.maps.data import RmsMap
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _MOST_POINTS = 2000
 _MOST_MAPS = 16
 _TRACK = ("dphi_d", "h_d", "v_eq")
-_SCALES = (180.0 / np.pi, 1e6, 1e6)
+_COLUMNS = ("dphi_deg", "h_d_um", "v_eq_mm2")
 _lock = threading.Lock()
 _maps: dict[tuple[Path, int, int], RmsMap] = {}
 
@@ -43,7 +43,7 @@ def map_of(machine: Machine, channel: str) -> dict[str, Any]:
     return {
         "dphi_deg": numbers(np.degrees(at.dphi_d)),
         "h_d_um": numbers(at.h_d * 1e6),
-        "rms_g": [numbers(row / BY_FEATURE["rms"].unit, 5) for row in at.rms],
+        "rms_g": [numbers(row / FEATURES["rms"].unit.si, 5) for row in at.rms],
         "load_newton": load,
         "speed_hz": speed,
         "calibrated": machine.config.rig.calibrated,
@@ -87,7 +87,7 @@ def _nearest(rms_map: RmsMap, machine: Machine, latest: Mapping[str, float]) -> 
 
 def _track(machine: Machine, source: str, channel: str, first: float | None) -> dict[str, Any]:
     """Return the way of the damage since the final stage began, evenly thinned where it is long."""
-    names = ("time_s", "dphi_deg", "h_d_um", "v_eq_mm2")
+    names = ("time_s", *_COLUMNS)
     if first is None:
         return {name: [] for name in names}
     with machine.store.connection() as connection:
@@ -108,5 +108,5 @@ def _track(machine: Machine, source: str, channel: str, first: float | None) -> 
         if (places := layouts.get(layout)) is not None
     ]
     table = np.array([point for point in points if np.isfinite(point[3])], dtype=float).reshape(-1, 4)
-    scaled = [numbers(table[:, place + 1] * scale) for place, scale in enumerate(_SCALES)]
+    scaled = [numbers(table[:, place + 1] / FEATURES[name].unit.si) for place, name in enumerate(_TRACK)]
     return dict(zip(names, (times(table[:, 0]), *scaled), strict=True))

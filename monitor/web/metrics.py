@@ -25,28 +25,17 @@ from monitor.health.alarms import SEVERITIES
 from monitor.health.detect import STAGES
 from monitor.records.database import StoreError
 from monitor.web.event_view import unacknowledged
+from monitor.web.latest import NAMES
 from monitor.web.machines import Machines
+from monitor.words.features import FEATURES, Feature
 
 METRICS_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 STATES = (
     *("normal", "check_function", "out_of_specification", "maintenance_required", "bad_data", "no_data"),
     "failure",
 )
-_SUFFIX, _RAW = "meters_per_second_squared", "sensor_units"
-_ACCELERATIONS = {
-    "rms": "root mean square of the acceleration in the RMS band",
-    "h_or": "sum of the first five outer race lines of the envelope spectrum",
-}
-_VALUES = {
-    "v_eq": ("v_eq_square_meters", "equivalent damaged volume per unit of width"),
-    "v_eq_lower": ("v_eq_lower_square_meters", "lower end of the interval of the damaged volume"),
-    "v_eq_upper": ("v_eq_upper_square_meters", "upper end of the interval of the damaged volume"),
-    "tt": ("tt_seconds", "time to the first threshold"),
-    "tt_lower": ("tt_lower_seconds", "lower end of the interval of the time to threshold"),
-    "tt_upper": ("tt_upper_seconds", "upper end of the interval of the time to threshold"),
-    "p_threshold": ("p_threshold_ratio", "probability that the first threshold is reached within the window"),
-    "speed": ("speed_hertz", "rotation frequency of the shaft"),
-}
+_SUFFIXES = {"m2": "square_meters", "s": "seconds", "Hz": "hertz", "N": "newtons", "1": "ratio"}
+_ACCELERATION = {True: "meters_per_second_squared", False: "sensor_units"}
 _CHANNEL = ("machine", "channel")
 _ADDRESSES = (
     (re.compile(r"^/static/.*"), "/static"),
@@ -199,14 +188,12 @@ def _channels(site: Machines) -> Iterator[Metric]:
 
 
 def _levels(site: Machines) -> Iterator[Metric]:
-    values = {
-        name: GaugeMetricFamily(f"spallwatch_channel_{ending}", text, labels=_CHANNEL)
-        for name, (ending, text) in _VALUES.items()
-    }
-    levels = {
-        (name, suffix): GaugeMetricFamily(f"spallwatch_channel_{name}_{suffix}", text, labels=_CHANNEL)
-        for name, text in _ACCELERATIONS.items()
-        for suffix in (_SUFFIX, _RAW)
+    families = {
+        (feature.name, absolute): GaugeMetricFamily(
+            f"spallwatch_channel_{feature.name}_{_suffix(feature, absolute)}", feature.long_name, labels=_CHANNEL
+        )
+        for feature in (FEATURES[name] for name in NAMES)
+        for absolute in ((True, False) if feature.acceleration else (True,))
     }
     for machine in site:
         sources: dict[str, list[str]] = {}
@@ -215,11 +202,15 @@ def _levels(site: Machines) -> Iterator[Metric]:
         found = _or_none(lambda by=sources, of=machine: of.latest.of(by)) or {}
         for by_channel in found.values():
             for channel, numbers in by_channel.items():
-                suffix = _SUFFIX if machine.absolute(channel) else _RAW
                 for name, value in numbers.items():
-                    family = values[name] if name in values else levels[name, suffix]
-                    family.add_metric((machine.name, channel), value)
-    return iter((*levels.values(), *values.values()))
+                    absolute = machine.absolute(channel) or not FEATURES[name].acceleration
+                    families[name, absolute].add_metric((machine.name, channel), value)
+    return iter(families.values())
+
+
+def _suffix(feature: Feature, absolute: bool) -> str:
+    """Return the unit in the name of a metric: SI, or the sensor's own where that is not known."""
+    return _ACCELERATION[absolute] if feature.acceleration else _SUFFIXES[feature.units]
 
 
 def _blocks(site: Machines) -> Iterator[Metric]:

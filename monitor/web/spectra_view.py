@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from monitor.health.waterfall import SpectrumRow
-from monitor.records.columns import BY_FEATURE
 from monitor.records.spectra import binned, kept_blocks, read_spectra
 from monitor.web.answers import RequestError, numbers
 from monitor.web.machines import Machine
 from monitor.web.queries import Query, optional_number, whole_number
+from monitor.words.features import FEATURES
 
 _BINS = 300
 
@@ -73,4 +73,4 @@ def newest_block(machine: Machine, channel: str) -> int | None:
 
 
 def _factor(row: SpectrumRow) -> float:
-    return BY_FEATURE["rms"].of_si(absolute=row.absolute)
+    return FEATURES["rms"].of_si(absolute=row.absolute)

@@ -8,33 +8,10 @@ from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from monitor.words.numbers import duration, volume
-from streams.block import STANDARD_GRAVITY
+from monitor.words.features import FEATURES, Feature
 
 SEVERITIES = ("danger", "alert")
 """From the worst."""
-_FEATURES = {
-    "rms": "RMS",
-    "rms_smoothed": "smoothed RMS",
-    "a_star": "A*",
-    "peak_half_range": "half the range",
-    "h_or": "H_or (outer race lines)",
-    "h_ir": "H_ir (inner race lines)",
-    "h_ball": "H_ball (rolling element lines)",
-    "h_cage": "H_cage (cage lines)",
-    "v_eq": "damaged volume V_eq",
-    "v_eq_lower": "lower end of V_eq",
-    "v_eq_upper": "upper end of V_eq",
-    "tt": "time to threshold",
-    "tt_lower": "lower end of the time to threshold",
-    "tt_upper": "upper end of the time to threshold",
-    "p_threshold": "probability of reaching the threshold",
-    "fault_snr": "signal of the fault over noise",
-    "detect_score": "score of the detector",
-}
-_ACCELERATIONS = frozenset(
-    ("rms", "rms_smoothed", "a_star", "peak", "peak_half_range", "mean", "h_or", "h_ir", "h_ball", "h_cage")
-)
 _CONDITIONS = {
     "normal": "normal",
     "check_function": "the baseline is being learned",
@@ -47,23 +24,6 @@ _CONDITIONS = {
 _RANKS = ("end_of_life", "danger", "final_stage", "store_salvaged", "alert", "no_data", "condition")
 _GOOD = ("alarm_cleared", "alarm_released", "condition", "data_again")
 _SHOWN_APART = ("kind", "channel", "source", "block")
-
-
-def of_feature(feature: str, value: float, *, absolute: bool = True) -> str:
-    """Return a value (SI) of a feature with its unit and as many digits as mean something.
-
-    Args:
-        feature: variable of the record.
-        value: SI; of an acceleration in the sensor's own unit where that is not known.
-        absolute: whether accelerations are in m/s2.
-    """
-    if feature in _ACCELERATIONS:
-        return f"{value / STANDARD_GRAVITY:.3g} g" if absolute else f"{value:.3g} (unit of the sensor)"
-    if feature.startswith("v_eq"):
-        return volume(value)
-    if feature in ("tt", "tt_lower", "tt_upper"):
-        return duration(value)
-    return f"{100 * value:.0f} %" if feature == "p_threshold" else f"{value:.3g}"
 
 
 def event_text(body: Mapping[str, Any], *, absolute: bool = True) -> str:
@@ -93,19 +53,18 @@ def event_text(body: Mapping[str, Any], *, absolute: bool = True) -> str:
 
 def _alarm(kind: str, body: Mapping[str, Any], absolute: bool) -> str:
     feature, severity = str(body.get("feature", "")), str(body.get("severity") or "alarm")
-    name = _FEATURES.get(feature, feature.replace("_", " ")) or "value"
+    known = FEATURES.get(feature, Feature(feature, label=feature.replace("_", " ") or "value"))
     rule = f" (rule {body['rule']})" if body.get("rule") not in (None, feature) else ""
     if kind not in ("alarm_raised", "alarm_cleared"):
-        return f"{severity} of {name} {kind.removeprefix('alarm_').replace('_', ' ')}{rule}"
+        return f"{severity} of {known.label} {kind.removeprefix('alarm_').replace('_', ' ')}{rule}"
     value, level = (
-        None if body.get(key) is None else of_feature(feature, float(body[key]), absolute=absolute)
+        None if body.get(key) is None else known.write(float(body[key]), absolute=absolute)
         for key in ("value_si", "level_si")
     )
-    low = feature in ("tt", "tt_lower", "tt_upper")
     if kind == "alarm_raised":
-        side = "below" if low else "above"
-        return f"{severity}: {name} is {value}, {side} the level of {level}{rule}"
-    return f"{severity} over: {name} is {value} again, the level is {level}{rule}"
+        side = known.bad or "above"
+        return f"{severity}: {known.label} is {value}, {side} the level of {level}{rule}"
+    return f"{severity} over: {known.label} is {value} again, the level is {level}{rule}"
 
 
 def _others(body: Mapping[str, Any]) -> str:

@@ -104,5 +104,5 @@ def test_a_band_learned_while_healthy_shows_the_fault_that_comes(data_dir: Path)
     after = block_features(records[wanted[75]], rate, settings, damaged)
     assert after.lines[0]["outer"].score > 2.0 * after.lines[0]["outer"].threshold
     assert after.speed_factor == pytest.approx(155.0 / lines["outer"], abs=0.01)
-    assert after.h_or > 3.0 * before.h_or
+    assert after.lines[0]["outer"].total > 3.0 * before.lines[0]["outer"].total
     assert not before.lines[0]["outer"].detected

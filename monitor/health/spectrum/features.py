@@ -8,8 +8,8 @@ the cage slips, and BPFO is often 0.5 to 1.5 % low where the lines of the shaft 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,7 @@ class FeatureSettings:
 
 @dataclass(frozen=True, eq=False)
 class BlockFeatures:
-    """What one block said, SI units.
+    """The features of one block, SI units.
 
     Attributes:
         n_used: samples used in the spectra (the end is cut to a fast length); the indicators use all.
@@ -87,6 +87,7 @@ class BlockFeatures:
         averaged: the spectra in which the lines were sought: ``envelopes``, or their average with those given.
         speed_factor: that of the detected family that stands highest above its threshold, or None where none is
             detected.
+        values: what each of ``FUNCTIONS`` gives, by name.
     """
 
     n_used: int
@@ -99,71 +100,50 @@ class BlockFeatures:
     envelopes: tuple[EnvelopeSpectrum, ...]
     averaged: tuple[EnvelopeSpectrum, ...]
     speed_factor: float | None
+    values: Mapping[str, Value] = field(default_factory=dict)
 
-    @property
-    def mean(self) -> float:
-        """Mean of the samples, m/s2."""
-        return self.indicators.mean
 
-    @property
-    def peak(self) -> float:
-        """Max |x|, m/s2."""
-        return self.indicators.peak
+Value = float | tuple[float | None, ...] | None
+FeatureFunction = Callable[[NDArray[np.number], BlockFeatures], Value]
 
-    @property
-    def peak_half_range(self) -> float:
-        """Half the range, m/s2."""
-        return self.indicators.peak_half_range
 
-    @property
-    def kurtosis(self) -> float:
-        """Kurtosis, not the excess."""
-        return self.indicators.kurtosis
+def _indicator(name: str) -> FeatureFunction:
+    """Return the function that gives a time-domain indicator."""
+    return lambda x, found: getattr(found.indicators, name)
 
-    @property
-    def skewness(self) -> float:
-        """Skewness."""
-        return self.indicators.skewness
 
-    @property
-    def crest_factor(self) -> float:
-        """Peak over the full-bandwidth RMS."""
-        return self.indicators.crest_factor
+def _total(fault: str) -> FeatureFunction:
+    """Return the function that sums the lines of a family: a number, or a tuple over several bands."""
 
-    @property
-    def shape_factor(self) -> float:
-        """RMS over mean |x|."""
-        return self.indicators.shape_factor
+    def total(x: NDArray[np.number], found: BlockFeatures) -> Value:
+        sums = [band[fault].total if bool(np.any(band[fault].resolved)) else None for band in found.lines]
+        return tuple(sums) if len(sums) > 1 else sums[0]
 
-    @property
-    def impulse_factor(self) -> float:
-        """Peak over mean |x|."""
-        return self.indicators.impulse_factor
+    return total
 
-    @property
-    def clearance_factor(self) -> float:
-        """Peak over (mean sqrt |x|)^2."""
-        return self.indicators.clearance_factor
 
-    @property
-    def h_or(self) -> float:
-        """H_or of the first band (Eq. 96), m/s2."""
-        return self.lines[0]["outer"].total
+FUNCTIONS: dict[str, FeatureFunction] = {
+    "rms": lambda x, found: found.rms,
+    "a_star": lambda x, found: found.a_star,
+    "peak": _indicator("peak"),
+    "peak_half_range": _indicator("peak_half_range"),
+    "mean": _indicator("mean"),
+    "speed_factor": lambda x, found: found.speed_factor,
+    "kurtosis": _indicator("kurtosis"),
+    "skewness": _indicator("skewness"),
+    "crest_factor": _indicator("crest_factor"),
+    "shape_factor": _indicator("shape_factor"),
+    "impulse_factor": _indicator("impulse_factor"),
+    "clearance_factor": _indicator("clearance_factor"),
+    "h_or": _total("outer"),
+    "h_ir": _total("inner"),
+    "h_ball": _total("ball"),
+    "h_cage": _total("cage"),
+}
+"""The function of each feature of a block, by its name in ``monitor.words.features``.
 
-    @property
-    def h_ir(self) -> float:
-        """Sum of the first five BPFI lines of the first band, m/s2."""
-        return self.lines[0]["inner"].total
-
-    @property
-    def h_ball(self) -> float:
-        """Sum of the first five lines at multiples of 2 BSF of the first band, m/s2."""
-        return self.lines[0]["ball"].total
-
-    @property
-    def h_cage(self) -> float:
-        """Sum of the first five FTF lines of the first band, m/s2."""
-        return self.lines[0]["cage"].total
+It takes the samples, shape (n,), m/s2, and what was computed from them; it returns SI, None where there is no value.
+"""
 
 
 def fundamentals(kinematics: Kinematics) -> dict[str, float]:
@@ -211,7 +191,7 @@ def block_features(
     shown = raw.resolved & _inside(settings.rms_band, outer * raw.speed_factor)
     amplitude = np.where(shown, raw.amplitude, 0.0)
     indicators = time_indicators(x)
-    return BlockFeatures(
+    found = BlockFeatures(
         n_used=spectra.n_used,
         rms=indicators.rms if spectra.band_rms is None else spectra.band_rms,
         indicators=indicators,
@@ -223,6 +203,7 @@ def block_features(
         averaged=averaged,
         speed_factor=None if leader is None else leader.speed_factor,
     )
+    return replace(found, values={name: function(x, found) for name, function in FUNCTIONS.items()})
 
 
 def envelope_lines(envelope: EnvelopeSpectrum, settings: FeatureSettings) -> dict[str, FaultLines]:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from monitor.config.load import Config
-from monitor.records.columns import COLUMNS
 from monitor.records.events import LoggedEvent
 from monitor.service.notify.channels import Message
 from monitor.service.record_message import first
 from monitor.words.events import badness, event_text, local_moment, utc_text
+from monitor.words.features import FEATURES
 from monitor.words.numbers import duration, fault_words, moment, volume
 
 MOST_LISTED = 20
@@ -177,12 +177,11 @@ def _plain(item: Item) -> dict[str, Any]:
     """Return an event for programs: what the log has of it, its sentence, and the state of its channel."""
     event, values = item.event, item.values
     absolute = values.get("absolute_level") != "no"
-    known = {name: first(values.get(name)) for name in _VALUES}
     state: dict[str, Any] = {name: values.get(name) for name in ("stage", "fault", "t_fs_block")}
-    for column in COLUMNS:
-        value = known.get(column.feature)
+    for feature in (FEATURES[name] for name in _VALUES):
+        value = first(values.get(feature.name))
         if value is not None:
-            state[column.name] = value * column.of_si(absolute=absolute)
+            state[feature.column] = value * feature.of_si(absolute=absolute)
     found = {**event.body, "id": event.id, "block": event.block, "time_utc": utc_text(event.utc), "text": item.text}
     if event.source is not None:
         found["source"] = event.source

@@ -23,9 +23,8 @@ from hypothesis import strategies as st
 from monitor.health.record import Record
 from monitor.health.schema import VARIABLES
 from monitor.records import rollup, trends
-from monitor.records.columns import FEATURES
 from monitor.records.packing import columns_of, numbers_of, pack, places_of, unpack
-from monitor.records.points import Points, SeriesKey
+from monitor.records.points import FEATURES, Points, SeriesKey
 from monitor.records.rollup import LEVELS_S, Buckets, joined, rolled_up_to
 from monitor.records.store import Store
 from monitor.records.trends import TrendTable, read_trends

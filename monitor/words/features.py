@@ -1,0 +1,204 @@
+"""The one table of features: every number that a block gives for a channel, inside and for people.
+
+Schema, alarm levels, trends, events, metrics and page read it. It stands in the lowest room of the monitor because
+configuration, health stages and events read it as well as records. To add a feature, append a row here and a function
+to ``monitor.health.spectrum.features.FUNCTIONS``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from monitor.words.numbers import duration, volume
+from streams.block import STANDARD_GRAVITY
+
+ACCELERATION, PURE = "m s-2", "1"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit for people.
+
+    Attributes:
+        text: the unit as it is written, "" for a pure number.
+        ending: of the names that hold a value in it (JSON keys, columns).
+        si: one of the unit in SI.
+        words: writes a value (SI) with the unit; by default three figures and ``text``.
+        level: ending and SI value of the unit of alarm levels, where that is another one.
+    """
+
+    text: str = ""
+    ending: str = ""
+    si: float = 1.0
+    words: Callable[[float], str] | None = None
+    level: tuple[str, float] | None = None
+
+    def write(self, value: float) -> str:
+        """Return a value (SI) with its unit."""
+        return self.words(value) if self.words else f"{value / self.si:.3g} {self.text}".rstrip()
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One row of the table.
+
+    Attributes:
+        name: in records and files.
+        symbol: of the source, in ASCII.
+        label: what it is called in a sentence or a legend; by default the name with blanks.
+        long_name: what it is.
+        source: where it is defined.
+        units: UDUNITS string of the SI unit.
+        unit: for people.
+        dims: dimensions beyond (time, channel).
+        bad: the side on which values are bad, None where no alarm level may stand on it.
+        learned: whether an alarm level may follow from the baseline.
+        trend: whether its extremes are kept and shown over time.
+        chart: chart of the page in which the trend is drawn, "" for none; features that end in ``_lower`` and
+            ``_upper`` are drawn as its band.
+        axis: whether the axis of the chart begins at zero or follows the values.
+    """
+
+    name: str
+    symbol: str = ""
+    label: str = ""
+    long_name: str = ""
+    source: str = ""
+    units: str = PURE
+    unit: Unit = Unit()
+    dims: tuple[str, ...] = ()
+    bad: Literal["above", "below"] | None = None
+    learned: bool = True
+    trend: bool = False
+    chart: str = ""
+    axis: Literal["zero", "free"] = "zero"
+
+    @property
+    def column(self) -> str:
+        """Its name with the ending of its unit for people."""
+        return self.name + self.unit.ending
+
+    @property
+    def level(self) -> tuple[str, float]:
+        """The ending of the key of an alarm level, and one of its unit in SI."""
+        return self.unit.level or (self.unit.ending, self.unit.si)
+
+    @property
+    def acceleration(self) -> bool:
+        """Whether values are in the sensor's own unit where that is not known."""
+        return self.units == ACCELERATION
+
+    def of_si(self, *, absolute: bool) -> float:
+        """Return the factor from SI to the unit for people; ``absolute``: whether accelerations are in m/s2."""
+        return 1.0 if self.acceleration and not absolute else 1.0 / self.unit.si
+
+    def write(self, value: float, *, absolute: bool = True) -> str:
+        """Return a value (SI) with its unit; ``absolute``: whether accelerations are in m/s2."""
+        return f"{value:.3g} (unit of the sensor)" if self.acceleration and not absolute else self.unit.write(value)
+
+
+GABRIELLI = "Gabrielli, doctoral thesis, University of Ferrara, 2022"
+_CERUTI = "Ceruti, Master's thesis, Politecnico di Torino, 2021, section 4.2"
+_SASSI = "Sassi et al., J. Vibration and Control 13, 2007, Eq. 36"
+_EQ_57, _EQ_90, _EQ_92, _EQ_96 = (f"{GABRIELLI}, {place}" for place in ("Eq. 57", "Eqs. 90-91", "Eq. 92", "Eq. 96"))
+_MAP, _STAGES = f"{GABRIELLI}, section 5.4.1", f"{GABRIELLI}, section 5.2.2"
+
+_LEVEL = Feature("", units=ACCELERATION, unit=Unit("g", "_g", STANDARD_GRAVITY), bad="above", trend=True)
+_VOLUME = Feature("", units="m2", unit=Unit("mm³/mm", "_mm2", 1e-6, volume), bad="above", learned=False, trend=True)
+_TIME = Unit("s", "_s", 1.0, duration, ("_hours", 3600.0))
+_KINDS = {
+    "level": _LEVEL,
+    "level without trend": replace(_LEVEL, trend=False),
+    "mean": replace(_LEVEL, trend=False, bad=None),
+    "lines": replace(_LEVEL, dims=("band",)),
+    "number": Feature("", bad="above", trend=True),
+    "number without trend": Feature("", bad="above"),
+    "score": Feature("", bad="above", learned=False, trend=True),
+    "volume": _VOLUME,
+    "time": Feature("", units="s", unit=_TIME, dims=("threshold",), bad="below", learned=False, trend=True),
+    "share": Feature(
+        "",
+        unit=Unit(words=lambda value: f"{100 * value:.0f} %"),
+        dims=("threshold",),
+        bad="above",
+        learned=False,
+        trend=True,
+    ),
+    "speed": Feature("", units="Hz", unit=Unit("Hz", "_hz"), trend=True, axis="free"),
+    "load": Feature("", units="N", unit=Unit("N", "_newton"), trend=True, axis="free"),
+    "angle": Feature("", units="rad", unit=Unit("°", "_deg", math.pi / 180.0)),
+    "depth": Feature("", units="m", unit=Unit("µm", "_um", 1e-6)),
+    "record only": Feature(""),
+}
+"""What rows have in common, by the word in their second cell."""
+
+
+def row(text: str) -> Feature:
+    """Return the feature of a line ``name | kind | chart | symbol | label | long name | source``."""
+    name, kind, chart, symbol, label, long_name, source = (cell.strip() for cell in text.split("|"))
+    return replace(
+        _KINDS[kind],
+        name=name,
+        chart=chart,
+        symbol=symbol,
+        label=label or name.replace("_", " "),
+        long_name=long_name,
+        source=source,
+    )
+
+
+_TABLE = f"""
+rms | level | rms | RMS | RMS | root mean square of the acceleration in the RMS band, mean removed | {_CERUTI}
+rms_smoothed | level | rms | X_exp | smoothed RMS | trailing mean of RMS that enters the map | {_MAP}
+peak | level | peak | peak | | largest absolute acceleration | {_SASSI}
+kurtosis | number | kurtosis | KV | | kurtosis, 3 for Gaussian noise | {_CERUTI}
+crest_factor | number | | Crf | | peak over RMS | {_SASSI}
+a_star | level | | A* | A* | root sum of squares of the first five BPFO lines of the raw spectrum | {_EQ_57}
+h_or | lines | lines | H_or | H_or (outer race lines) | \
+    sum of the first five outer race lines of the envelope spectrum | {_EQ_96}
+h_ir | lines | lines | H_ir | H_ir (inner race lines) | \
+    sum of the first five inner race lines of the envelope spectrum | after {_EQ_96}
+h_ball | lines | lines | H_ball | H_ball (rolling element lines) | \
+    sum of the first five rolling element lines of the envelope spectrum | after {_EQ_96}
+h_cage | lines | lines | H_cage | H_cage (cage lines) | \
+    sum of the first five cage lines of the envelope spectrum | after {_EQ_96}
+detect_score | score | | score | score of the detector | \
+    how far RMS and H_or stand above the learned baseline | monitor/health/detect.py
+fault_snr | number | | snr | signal of the fault over noise | \
+    fault lines over the noise floor under them | monitor/health/naming.py
+v_eq | volume | v_eq | V_eq | damaged volume V_eq | equivalent damaged volume per unit of width | {_EQ_90}
+v_eq_lower | volume | v_eq | V_eq | lower end of V_eq | lower end of the interval of v_eq | {_EQ_90}
+v_eq_upper | volume | v_eq | V_eq | upper end of V_eq | upper end of the interval of v_eq | {_EQ_90}
+tt | time | tt | TT | time to threshold | time to threshold, as issued at this block | {_EQ_92}
+tt_lower | time | tt | TT | lower end of the time to threshold | lower end of the interval of tt | {_EQ_92}
+tt_upper | time | tt | TT | upper end of the time to threshold | upper end of the interval of tt | {_EQ_92}
+p_threshold | share | | | probability of reaching the threshold | \
+    probability that the threshold is reached within the maintenance window |
+speed | speed | speed | f_s | | rotation frequency of the shaft |
+load | load | load | P | | radial load |
+peak_half_range | level without trend | | peak value | half the range | half the range of the acceleration | {_CERUTI}
+shape_factor | number without trend | | Shf | | RMS over mean absolute value | {_SASSI}
+impulse_factor | number without trend | | Imf | | peak over mean absolute value | {_SASSI}
+clearance_factor | number without trend | | Clf | | \
+    peak over squared mean of the root of the absolute value | {_CERUTI}
+mean | mean | | mean | | mean acceleration | {_CERUTI}
+skewness | record only | | SK | | skewness | {_CERUTI}
+speed_factor | record only | | s | | \
+    line frequency found over the nominal one | search within 2 % around the kinematic frequency
+detect_threshold | record only | | threshold | | score above which a block counts as abnormal | monitor/health/detect.py
+fault_depth | record only | | depth | | \
+    root sum of squares of the fault lines over the mean envelope | monitor/health/naming.py
+fault_score | record only | | score | | evidence of the best family of fault lines | monitor/health/naming.py
+dphi_d | angle | | dphi_d | | angular extent of the equivalent defect | {_STAGES}
+h_d | depth | | h_d | | depth of the equivalent defect | {_STAGES}
+"""
+
+FEATURES: dict[str, Feature] = {found.name: found for found in map(row, _TABLE.strip().splitlines())}
+"""All features by name."""
+TRENDS: tuple[Feature, ...] = tuple(feature for feature in FEATURES.values() if feature.trend)
+"""Features whose extremes are kept over time."""
+LEVELS: dict[str, Feature] = {name: feature for name, feature in FEATURES.items() if feature.bad is not None}
+"""Features on which an alarm level may stand, by name."""
