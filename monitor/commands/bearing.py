@@ -1,4 +1,4 @@
-"""``spallwatch bearing``: what geometry and load say of a bearing."""
+"""``spallwatch bearing``: kinematics, contacts, stiffness and life from geometry and load."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import click
 import numpy as np
 
-from models.bearing import Bearing, catalogue, from_catalogue, kinematics
+from models.bearing import Bearing, kinematics
 from models.hertz import contact_patches, contact_stiffness, l10h_life, mean_bearing_stiffness
 from models.load_distribution import (
     StiffnessPassage,
@@ -24,7 +24,8 @@ from models.modes import natural_frequencies
 from models.published.catalogue import published_figures
 from models.published.figure import Figure
 from models.scene import Defect, Rig
-from monitor.commands.common import InputError, config_option, emit, output_options, read_machine
+from monitor.commands import option
+from monitor.commands.common import InputError, emit, find_bearing, read_machine
 from monitor.config.load import Config
 
 LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -32,14 +33,14 @@ LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
 
 
 @click.command("bearing")
-@config_option()
-@click.option("--bearing", "name", help="A bearing of the configuration or of the catalogue; the first configured one.")
-@click.option("--load-newton", type=click.FloatRange(min=0, min_open=True), help="Radial load.")
-@click.option("--speed-hz", type=click.FloatRange(min=0, min_open=True), help="Shaft speed.")
+@option.config
+@option.bearing
+@click.option("--load-newton", type=option.POSITIVE, help="Radial load.")
+@click.option("--speed-hz", type=option.POSITIVE, help="Shaft speed.")
 @click.option("--clearance-um", type=click.FloatRange(min=0), help="Radial clearance.")
 @click.option("--dphi-deg", type=click.FloatRange(min=0, max=360), help="Extent of a defect of the outer race.")
-@click.option("--h-d-um", type=click.FloatRange(min=0), default=500.0, show_default=True, help="Its depth.")
-@output_options
+@click.option("--h-d-um", type=click.FloatRange(min=0), default=500.0, show_default=True, help="Depth of the defect.")
+@option.output
 def command(
     config_path: Path | None,
     name: str | None,
@@ -55,7 +56,7 @@ def command(
 
     With --dphi-deg the stiffness of the damaged bearing is printed beside that of the healthy one.
 
-    Without a configuration the bench of the thesis is taken: a 1205 ETN9 at 40 Hz and 4000 N.
+    Without a configuration, the test bench of the thesis is used: a 1205 ETN9 at 40 Hz and 4000 N.
     """
     config = read_machine(config_path)
     bearing, clearance = find_bearing(config, name)
@@ -67,35 +68,18 @@ def command(
         clearance = clearance_um * 1e-6
     defect = None if dphi_deg is None else Defect(math.radians(dphi_deg), h_d_um * 1e-6)
     if defect is not None and bearing.element != "ball":
-        raise InputError(f"--dphi-deg: {bearing.designation} has rollers, whose way over a defect is not modelled")
+        raise InputError(f"--dphi-deg: {bearing.designation} has rollers, whose path over a defect is not modelled")
     values = describe(config, bearing, load, speed, clearance, defect)
     emit(values, _lines(bearing, load, speed, values), as_json=as_json)
-
-
-def find_bearing(config: Config, name: str | None) -> tuple[Bearing, float]:
-    """Return a bearing by its configured name or its designation, and its configured clearance, m.
-
-    Raises:
-        InputError: if there is none of that name.
-    """
-    if name is None:
-        return config.bearing[0].to_bearing(), config.bearing[0].clearance_um * 1e-6
-    for section in config.bearing:
-        if section.name == name:
-            return section.to_bearing(), section.clearance_um * 1e-6
-    if name in catalogue():
-        return from_catalogue(name), 0.0
-    known = ", ".join([section.name for section in config.bearing] + sorted(catalogue()))
-    raise InputError(f"--bearing {name!r} is neither configured nor in the catalogue; known are: {known}")
 
 
 def describe(
     config: Config, bearing: Bearing, load: float, speed: float, clearance: float, defect: Defect | None = None
 ) -> dict[str, Any]:
-    """Return the keys of the interface; null where the catalogue lacks what a figure needs."""
+    """Return the keys of the interface; None for values that need data missing from the catalogue."""
     lines = kinematics(bearing, speed)
     rig = config.rig.to_rig()
-    # [rig] describes the first bearing of the configuration; its contact stiffness says nothing about another one.
+    # k_c of [rig] belongs to the first bearing of the configuration.
     own = bearing == config.bearing[0].to_bearing() and bearing.element == "ball"
     k_c = rig.k_c if own else None
     geometry, elliptic = contact_stiffnesses(bearing)
@@ -146,7 +130,7 @@ _STATICS = (
 def statics(
     bearing: Bearing, rig: Rig, load: float, k_c: float | None, clearance: float, defect: Defect | None
 ) -> dict[str, Any]:
-    """Return what follows from the contact stiffness; all null where that is unknown."""
+    """Return what follows from the contact stiffness k_c; all None if it is unknown."""
     if k_c is None:
         return dict.fromkeys(_STATICS)
     mean = mean_bearing_stiffness(bearing, load, k_c, clearance=clearance)

@@ -10,15 +10,16 @@ from typing import Any
 import click
 
 from models.bearing import kinematics
-from monitor.commands.common import config_option, emit, output_options, read_config
+from monitor.commands import option
+from monitor.commands.common import emit, read_config
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import ChannelSection
 
 
 @click.command("check")
-@config_option()
+@option.config
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of the configuration and stop.")
-@output_options
+@option.output
 def command(config_path: Path | None, schema: bool, as_json: bool, quiet: bool) -> None:
     """Validate a configuration and say what would be monitored.
 

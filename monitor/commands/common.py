@@ -1,46 +1,29 @@
-"""What several commands share: options, output, progress, ranges."""
+"""What several commands share: configuration, errors of inputs and outputs, printing, progress."""
 
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
+from models.bearing import Bearing, catalogue, from_catalogue
 from models.errors import WrongInputError
 from monitor.config.load import Config, ConfigError, load_config, validate
 
-F = TypeVar("F", bound=Callable[..., Any])
-
-PROGRESS_AFTER = 2.0
-"""Seconds after which a progress bar appears."""
+PROGRESS_AFTER_S = 2.0
+"""Time after which progress is shown, s."""
+PICTURES = (".png", ".svg", ".html")
 
 
 class InputError(WrongInputError):
-    """An input file or option cannot be used; the message names it, what was expected and what came."""
-
-
-def output_options(function: F) -> F:
-    """Add ``--json`` and ``--quiet``."""
-    function = click.option("--quiet", is_flag=True, help="Say nothing on standard error but errors.")(function)
-    return click.option(
-        "--json", "as_json", is_flag=True, help="Print one JSON object on standard output, for programs."
-    )(function)
-
-
-def config_option(*, required: bool = False) -> Callable[[F], F]:
-    """Add ``--config FILE``."""
-    return click.option(
-        "--config",
-        "config_path",
-        type=click.Path(path_type=Path),
-        required=required,
-        help="Configuration of the machine (TOML).",
-    )
+    """An input file or option cannot be used; the message names it, what was expected and what was found."""
 
 
 def read_config(path: Path | None) -> Config:
@@ -58,7 +41,7 @@ def read_config(path: Path | None) -> Config:
 
 
 def read_machine(path: Path | None) -> Config:
-    """Return a configuration for commands that ask about the model only: without a file, the bench of the thesis."""
+    """Return a configuration for commands that only use the model; without a file, the test bench of the thesis."""
     if path is not None or Path("config.toml").exists():
         return read_config(path)
     return validate(
@@ -72,6 +55,53 @@ def read_machine(path: Path | None) -> Config:
     )
 
 
+def find_bearing(config: Config, name: str | None) -> tuple[Bearing, float]:
+    """Return a bearing by its configured name or its designation, and its configured clearance, m.
+
+    Raises:
+        InputError: if there is none of that name.
+    """
+    if name is None:
+        return config.bearing[0].to_bearing(), config.bearing[0].clearance_um * 1e-6
+    for section in config.bearing:
+        if section.name == name:
+            return section.to_bearing(), section.clearance_um * 1e-6
+    if name in catalogue():
+        return from_catalogue(name), 0.0
+    known = ", ".join([section.name for section in config.bearing] + sorted(catalogue()))
+    raise InputError(f"--bearing {name!r} is neither configured nor in the catalogue; known are: {known}")
+
+
+@contextmanager
+def input_errors(prefix: str) -> Iterator[None]:
+    """Raise a ValueError as InputError, its message behind ``prefix``."""
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(f"{prefix}: {error}") from None
+
+
+@contextmanager
+def output_errors(option: str, path: Path) -> Iterator[None]:
+    """Raise an OSError as InputError that names the option and the file."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{option} {path}: cannot be written: {error.strerror or error}") from None
+
+
+def check_suffix(option: str, path: Path, suffixes: Sequence[str]) -> None:
+    """Refuse an output file of another kind, before anything is computed for it.
+
+    Raises:
+        InputError: naming the suffixes that are allowed.
+    """
+    if path.suffix.lower() not in suffixes:
+        *others, last = suffixes
+        allowed = f"{', '.join(others)} or {last}" if others else last
+        raise InputError(f"{option} {path}: expected a name that ends in {allowed}")
+
+
 def emit(values: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> None:
     """Print one JSON object for programs, or the lines for people, on standard output."""
     if as_json:
@@ -82,13 +112,13 @@ def emit(values: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> N
 
 
 def say(text: str, *, quiet: bool) -> None:
-    """Print something for people on standard error."""
+    """Print a line for people on standard error."""
     if not quiet:
         click.echo(text, err=True)
 
 
 def progress_bar(description: str, *, quiet: bool) -> Callable[[Iterable[Any], int], Iterator[Any]]:
-    """Return a wrapper that shows progress on a terminal once the work has taken two seconds."""
+    """Return a wrapper of an iterable that shows progress on a terminal, after ``PROGRESS_AFTER_S``."""
 
     def wrap(items: Iterable[Any], total: int) -> Iterator[Any]:
         if quiet or not sys.stderr.isatty():
@@ -96,7 +126,7 @@ def progress_bar(description: str, *, quiet: bool) -> Callable[[Iterable[Any], i
             return
         from tqdm import tqdm
 
-        with tqdm(total=total, desc=description, delay=PROGRESS_AFTER, file=sys.stderr, unit="block") as bar:
+        with tqdm(total=total, desc=description, delay=PROGRESS_AFTER_S, file=sys.stderr, unit="block") as bar:
             for item in items:
                 yield item
                 bar.update()
@@ -105,13 +135,13 @@ def progress_bar(description: str, *, quiet: bool) -> Callable[[Iterable[Any], i
 
 
 def counter(description: str, *, quiet: bool) -> Callable[[int, int], None]:
-    """Return a callback (done, total) that shows progress on a terminal once the work has taken two seconds."""
+    """Return a callback (done, total) that shows progress on a terminal, after ``PROGRESS_AFTER_S``."""
     began = time.monotonic()
     shown = False
 
     def show(done: int, total: int) -> None:
         nonlocal shown
-        if quiet or not sys.stderr.isatty() or (not shown and time.monotonic() - began < PROGRESS_AFTER):
+        if quiet or not sys.stderr.isatty() or (not shown and time.monotonic() - began < PROGRESS_AFTER_S):
             return
         shown = True
         click.echo(f"\r{description}: {done} of {total}", nl=done >= total, err=True)
@@ -119,45 +149,13 @@ def counter(description: str, *, quiet: bool) -> Callable[[int, int], None]:
     return show
 
 
-class Axis(click.ParamType):
-    """LO:HI:N, evenly spaced values."""
-
-    name = "LO:HI:N"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return (lo, hi, n); refuse what is no rising axis of at least two values."""
-        if isinstance(value, tuple):
-            return value
-        parts = str(value).split(":")
-        try:
-            low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
-        except (ValueError, IndexError):
-            self.fail(f"{value!r} is not LO:HI:N, such as 0:50:51", param, ctx)
-        if len(parts) != 3 or not (0 <= low < high < float("inf")) or not 2 <= count <= 10001:
-            self.fail(f"{value!r}: expected 0 <= LO < HI and 2 <= N <= 10001", param, ctx)
-        return low, high, count
-
-
-class BandHz(click.ParamType):
-    """LO:HI in Hz."""
-
-    name = "LO:HI"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return (lo, hi)."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            low, high = (float(part) for part in str(value).split(":"))
-        except ValueError:
-            self.fail(f"{value!r} is not LO:HI in Hz, such as 0:9500", param, ctx)
-        if not 0 <= low < high < float("inf"):
-            self.fail(f"{value!r}: expected 0 <= LO < HI", param, ctx)
-        return low, high
+def finite(value: float) -> float | None:
+    """Return a finite number, or None for NaN and infinity."""
+    return float(value) if math.isfinite(value) else None
 
 
 def duration_words(seconds: float) -> str:
-    """Return a duration in the unit that people would use."""
+    """Return a duration to three figures in its largest unit that holds at least two."""
     for unit, size in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if abs(seconds) >= 2 * size:
             return f"{seconds / size:.3g} {unit}"

@@ -10,15 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from monitor.commands.common import (
-    InputError,
-    counter,
-    duration_words,
-    emit,
-    output_options,
-    progress_bar,
-    say,
-)
+from monitor.commands import option
+from monitor.commands.common import InputError, counter, duration_words, emit, progress_bar, say
 from monitor.commands.replay import summary_lines
 from monitor.config.load import Config, validate
 
@@ -101,7 +94,7 @@ def demo_config(method: str = "library") -> Config:
     show_default=True,
     help="What gives V_eq; TT comes from the thesis' forecast with it, else from the library.",
 )
-@output_options
+@option.output
 def command(out: Path, seed: int, method: str, as_json: bool, quiet: bool) -> None:
     """Simulate a bearing that wears out, monitor its blocks, and write records and a report.
 

@@ -12,8 +12,18 @@ from typing import Any
 import click
 
 from models.lives.life import Population
-from monitor.commands.bearing import find_bearing
-from monitor.commands.common import InputError, config_option, counter, emit, output_options, read_machine, say
+from monitor.commands import option
+from monitor.commands.common import (
+    InputError,
+    check_suffix,
+    counter,
+    emit,
+    find_bearing,
+    input_errors,
+    output_errors,
+    read_machine,
+    say,
+)
 from monitor.config.load import Config
 from monitor.health.damage.library.calibrate import RecordedRun, calibrate
 from monitor.health.damage.library.model import Library
@@ -22,47 +32,22 @@ from monitor.service.library_build import build_library
 
 _SENSED = ("rms", "rms+harmonics")
 _AROUND = 0.1
-"""A configured load or speed is widened by this share either way where no range is asked for."""
-
-
-class _Span(click.ParamType):
-    """LO:HI, a range of positive numbers; one number is a range without width."""
-
-    name = "LO:HI"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return (lo, hi)."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            ends = [float(part) for part in str(value).split(":")]
-        except ValueError:
-            self.fail(f"{value!r} is not LO:HI, such as 20:45", param, ctx)
-        if len(ends) > 2 or not 0.0 < ends[0] <= ends[-1] < float("inf"):
-            self.fail(f"{value!r}: expected 0 < LO <= HI", param, ctx)
-        return ends[0], ends[-1]
+"""Relative width, either way, of the default range around a configured load or speed."""
 
 
 @click.group("library")
 def command() -> None:
-    """Libraries of simulated lives, from which V_eq and the time to threshold are told with intervals."""
+    """Libraries of simulated lives, from which V_eq and the time to threshold are estimated with intervals."""
 
 
 @command.command("build")
-@config_option()
-@click.option("--bearing", "name", help="A bearing of the configuration or of the catalogue.")
+@option.config
+@option.bearing
 @click.option("--runs", type=click.IntRange(min=20), default=1000, show_default=True, help="Lives to simulate.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of all that is drawn.")
-@click.option(
-    "--threshold-mm2",
-    type=click.FloatRange(min=0.01, max=1.0),
-    multiple=True,
-    default=(0.05,),
-    show_default=True,
-    help="Threshold of V_eq, mm3 per mm of width; may be given several times.",
-)
-@click.option("--load-newton", type=_Span(), help="Range of loads; by default 10 % around the configured one.")
-@click.option("--speed-hz", type=_Span(), help="Range of speeds; by default 10 % around the configured one.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all random draws.")
+@option.thresholds(click.FloatRange(min=0.01, max=1.0))
+@click.option("--load-newton", type=option.Range(positive=True), help="Default: 10 % around the configured load.")
+@click.option("--speed-hz", type=option.Range(positive=True), help="Default: 10 % around the configured speed.")
 @click.option(
     "--load-variation-percent",
     type=click.FloatRange(min=0, max=50),
@@ -75,46 +60,37 @@ def command() -> None:
     type=click.FloatRange(min=0, max=50),
     default=0.0,
     show_default=True,
-    help="The same of the speed: 1 % and more must be in the library.",
+    help="Known change of the speed from block to block, either way; needed from 1 %.",
 )
-@click.option("--duration-min", type=_Span(), default="150:900", show_default=True, help="Onset to threshold.")
 @click.option(
-    "--interval-s",
-    type=click.FloatRange(min=0, min_open=True),
-    default=300.0,
-    show_default=True,
-    help="Between blocks.",
+    "--duration-min", type=option.Range(positive=True), default="150:900", show_default=True, help="Onset to threshold."
 )
-@click.option("--rms-band-hz", type=_Span(), help="Band of the RMS; by default 0 to 9500 Hz.")
+@click.option("--interval-s", type=option.POSITIVE, default=300.0, show_default=True, help="Time between blocks.")
+@click.option("--rms-band-hz", type=option.Range(positive=True), help="Band of the RMS. Default: 0 to 9500 Hz.")
 @click.option(
     "--calibrate",
-    type=click.Path(path_type=Path),
+    type=option.FILE,
     multiple=True,
     help="Records (file or folder) of a run of this rig, recorded until its end, which counts as the threshold.",
 )
 @click.option("--channel", help="Channel of these records, where several have a final stage.")
-@click.option("--workers", type=click.IntRange(min=0), default=0, show_default=True, help="Threads; 0: one a core.")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The library (.npz).")
-@output_options
+@option.workers("Threads")
+@click.option("--out", type=option.OUT_FILE, required=True, help="The library (.npz).")
+@option.output
 def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, quiet: bool, **options: Any) -> None:
-    """Simulate lives of bearings on the configured rig, fit the forecaster, and write it with all that made it."""
-    if out.suffix.lower() != ".npz":
-        raise InputError(f"--out {out}: expected a name that ends in .npz")
+    """Simulate lives of bearings on the configured rig, fit the forecaster, and write it with its settings."""
+    check_suffix("--out", out, (".npz",))
     thresholds = [value * 1e-6 for value in options["threshold_mm2"]]
     if options["calibrate"] and len(thresholds) > 1:
         raise InputError("--calibrate: a run has one end; give one --threshold-mm2 with it")
     recorded = [_recorded(path, options["channel"]) for path in options["calibrate"]]
-    try:
+    with input_errors("library build"):
         population = _population(read_machine(config_path), name, thresholds, options)
-    except ValueError as error:
-        raise InputError(f"library build: {error}") from None
-    try:
-        # Before the work, not after it.
+    with output_errors("--out", out):
+        # Fail before the simulation, not after it.
         out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
     began = time.perf_counter()
-    try:
+    with input_errors("library build"):
         library = build_library(
             population,
             runs=options["runs"],
@@ -124,19 +100,15 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
         )
         for features in _SENSED if recorded else ():
             library = calibrate(library, recorded, features=features, threshold=thresholds[0])
-    except ValueError as error:
-        raise InputError(f"library build: {error}") from None
-    try:
+    with output_errors("--out", out):
         save_library(library, out)
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
     say(f"library: {out}", quiet=quiet)
     values = _values(library, options["runs"], time.perf_counter() - began, out)
     emit(values, _lines(values), as_json=as_json)
 
 
 def _recorded(path: Path, channel: str | None) -> RecordedRun:
-    """Return a run as published records have it; its last block counts as its end."""
+    """Return a run from published records; its last block counts as its end."""
     from monitor.records.histories import HistoryError, read_history
 
     try:
@@ -180,7 +152,7 @@ def _around(value: float | None, otherwise: tuple[float, float]) -> tuple[float,
 
 
 def _values(library: Library, runs: int, seconds: float, out: Path) -> dict[str, Any]:
-    """What was built; the two figures at the top are of RMS and harmonics, least threshold, half of the time."""
+    """Return the keys of the interface; scores are of RMS and harmonics, first threshold, half of the life."""
     first = next(iter(library.scores["rms+harmonics"].values()))["0.5"]
     return {
         "runs": runs,

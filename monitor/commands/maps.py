@@ -16,38 +16,39 @@ from models.maps.data import STATUSES, MapPlan
 from models.maps.file import RmsMap, build_map, check_map, load_map, save_map
 from models.maps.refine import MOST_NODES, build_refined_map
 from models.scene import Floor, Slip
-from monitor.commands.bearing import find_bearing
+from monitor.commands import option
 from monitor.commands.common import (
-    Axis,
-    BandHz,
+    PICTURES,
     InputError,
-    config_option,
+    check_suffix,
     counter,
     emit,
-    output_options,
+    find_bearing,
+    finite,
+    input_errors,
+    output_errors,
     read_machine,
     say,
 )
-from monitor.commands.pictures import check_ending
 from streams.block import STANDARD_GRAVITY
 
-# Error between nodes from which on a finer grid is advised.
 _COARSE = 0.02
+"""Error between nodes above which a finer grid is advised."""
 _MEASURED = ("interpolation_error", "interpolation_error_max", "condition_error", "condition_error_max")
 
 
 @click.group("map")
 def command() -> None:
-    """RMS over extent and depth of a defect, simulated beforehand: build, show, check."""
+    """RMS over extent and depth of a defect, simulated in advance: build, show, check."""
 
 
 @command.command("build")
-@config_option()
-@click.option("--bearing", "name", help="A bearing of the configuration or of the catalogue.")
+@option.config
+@option.bearing
 @click.option("--load-newton", type=click.FloatRange(min=0), multiple=True, help="One or several loads.")
-@click.option("--speed-hz", type=click.FloatRange(min=0, min_open=True), multiple=True, help="One or several speeds.")
-@click.option("--dphi-deg", type=Axis(), default="0:50:51", show_default=True, help="Extents.")
-@click.option("--h-d-um", type=Axis(), default="0:32:33", show_default=True, help="Depths.")
+@click.option("--speed-hz", type=option.POSITIVE, multiple=True, help="One or several speeds.")
+@click.option("--dphi-deg", type=option.Axis(), default="0:50:51", show_default=True, help="Extents.")
+@click.option("--h-d-um", type=option.Axis(), default="0:32:33", show_default=True, help="Depths.")
 @click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth", show_default=True)
 @click.option("--floors", type=click.IntRange(min=1), default=1, show_default=True, help="Floors to average.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the first rough floor.")
@@ -70,19 +71,21 @@ def command() -> None:
     help="Refine the axes until the error between nodes (rms, over the largest RMS) is below this.",
 )
 @click.option(
-    "--most-nodes", type=click.IntRange(min=1), default=MOST_NODES, show_default=True, help="Refine no further."
+    "--most-nodes",
+    type=click.IntRange(min=1),
+    default=MOST_NODES,
+    show_default=True,
+    help="Limit of the refinement.",
 )
-@click.option("--rms-band-hz", type=BandHz(), help="Band of the RMS, the same as of the recordings.")
-@click.option(
-    "--workers", type=click.IntRange(min=0), default=0, show_default=True, help="Threads or processes; 0: one a core."
-)
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The map (netCDF).")
-@output_options
+@click.option("--rms-band-hz", type=option.Range(), help="Band of the RMS, the same as of the recordings.")
+@option.workers("Threads or processes")
+@click.option("--out", type=option.OUT_FILE, required=True, help="The map (netCDF).")
+@option.output
 def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, quiet: bool, **options: Any) -> None:
-    """Simulate a map and write it with all that made it."""
+    """Simulate a map and write it with its settings."""
     tolerance, note = options["interpolation_tolerance"], counter("map", quiet=quiet)
     began, began_cpu = time.perf_counter(), _cpu_seconds()
-    try:
+    with input_errors("map build"):
         plan = _plan(config_path, name, options)
         if tolerance is None:
             rms_map = build_map(plan, workers=options["workers"], progress=note)
@@ -90,12 +93,8 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
             rms_map = build_refined_map(
                 plan, tolerance, most_nodes=options["most_nodes"], workers=options["workers"], progress=note
             )
-    except ValueError as error:
-        raise InputError(f"map build: {error}") from None
-    try:
+    with output_errors("--out", out):
         save_map(rms_map, out)
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
     values = {
         "points": int(rms_map.rms.size),
         "seconds": time.perf_counter() - began,
@@ -110,10 +109,10 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
 
 
 def _quality(rms_map: RmsMap) -> dict[str, Any]:
-    """Return what a map says of itself."""
+    """Return errors, spreads and statuses of a map."""
     return {
-        "error_rms": _finite(np.sqrt(np.nanmean(np.square(_relative_error(rms_map))))),
-        "error_max": _finite(np.nanmax(_relative_error(rms_map))),
+        "error_rms": finite(np.sqrt(np.nanmean(np.square(_relative_error(rms_map))))),
+        "error_max": finite(np.nanmax(_relative_error(rms_map))),
         "interpolation_error": rms_map.attributes["interpolation_error"],
         "interpolation_error_max": rms_map.attributes["interpolation_error_max"],
         "shape": list(rms_map.plan.shape),
@@ -189,10 +188,6 @@ def _relative(rms_map: RmsMap, spread: np.ndarray) -> float | None:
     return float(np.median(spread[damaged] / rms_map.rms[damaged]))
 
 
-def _finite(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
 def _status_counts(rms_map: RmsMap) -> dict[str, int]:
     return {name: int(np.count_nonzero(rms_map.status == code)) for code, name in enumerate(STATUSES)}
 
@@ -223,21 +218,19 @@ def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
 
 
 @command.command("show")
-@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="PNG, SVG or HTML.")
-@output_options
+@click.argument("path", metavar="FILE", type=option.FILE)
+@click.option("--out", type=option.OUT_FILE, required=True, help="PNG, SVG or HTML.")
+@option.output
 def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
-    """Draw a map: its levels, cuts through them, and how far to trust them; as a picture or a page."""
-    check_ending("--out", out)
+    """Draw a map as a picture or a page: its levels, cuts through them, and their errors."""
+    check_suffix("--out", out, PICTURES)
     rms_map = load_map(path)
     from monitor.report.figures.rms_map import draw_map
     from monitor.report.map_facts import span_of
 
-    try:
+    with output_errors("--out", out):
         draw_map(rms_map, out)
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
-    least, most = (_finite(value / STANDARD_GRAVITY) for value in span_of(rms_map.rms))
+    least, most = (finite(value / STANDARD_GRAVITY) for value in span_of(rms_map.rms))
     values = {
         "points": int(rms_map.rms.size),
         "out": str(out),
@@ -250,10 +243,10 @@ def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
 
 
 @command.command("check")
-@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.argument("path", metavar="FILE", type=option.FILE)
 @click.option("--points", type=click.IntRange(min=1), default=50, show_default=True, help="Random nodes.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of their choice.")
-@output_options
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of their choice.")
+@option.output
 def check(path: Path, points: int, seed: int, as_json: bool, quiet: bool) -> None:
     """Estimate the error of a map: nodes against finer steps, points between nodes against the model."""
     rms_map = load_map(path)
@@ -264,12 +257,12 @@ def check(path: Path, points: int, seed: int, as_json: bool, quiet: bool) -> Non
         "seconds": time.perf_counter() - began,
         "cpu_seconds": _cpu_seconds() - began_cpu,
         "out": str(path),
-        "error_rms": _finite(found.error_rms),
-        "error_max": _finite(found.error_max),
-        "interpolation_rms": _finite(found.interpolation_rms),
-        "interpolation_max": _finite(found.interpolation_max),
-        "condition_rms": None if found.condition_rms is None else _finite(found.condition_rms),
-        "condition_max": None if found.condition_max is None else _finite(found.condition_max),
+        "error_rms": finite(found.error_rms),
+        "error_max": finite(found.error_max),
+        "interpolation_rms": finite(found.interpolation_rms),
+        "interpolation_max": finite(found.interpolation_max),
+        "condition_rms": None if found.condition_rms is None else finite(found.condition_rms),
+        "condition_max": None if found.condition_max is None else finite(found.condition_max),
         "hash": rms_map.hash,
     }
     lines = [

@@ -8,20 +8,13 @@ from typing import Any
 
 import click
 
-from monitor.commands.common import (
-    config_option,
-    duration_words,
-    emit,
-    output_options,
-    progress_bar,
-    read_config,
-    say,
-)
+from monitor.commands import option
+from monitor.commands.common import duration_words, emit, progress_bar, read_config, say
 
 
 @click.command("replay")
 @click.argument("path", required=False)
-@config_option()
+@option.config
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
@@ -35,7 +28,7 @@ from monitor.commands.common import (
 @click.option("--limit", type=click.IntRange(min=1), help="Take at most so many blocks.")
 @click.option("--resume", is_flag=True, help="Continue the store under --out after its last block.")
 @click.option("--report/--no-report", default=True, show_default=True, help="Write report.html under --out.")
-@output_options
+@option.output
 def command(
     path: str | None,
     config_path: Path | None,

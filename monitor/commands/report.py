@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from monitor.commands.common import InputError, counter, duration_words, emit, output_options, say
+from monitor.commands import option
+from monitor.commands.common import InputError, counter, duration_words, emit, say
 
 if TYPE_CHECKING:
     from monitor.commands.batch import Outcome
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 )
 @click.option("--pdf", is_flag=True, help="Write every page as PDF too (needs the extra pdf and Pango).")
 @click.option("--workers", type=click.IntRange(min=0), default=0, help="With --batch: processes. [one a core]")
-@output_options
+@option.output
 def command(
     records: tuple[Path, ...],
     out: Path | None,

@@ -12,13 +12,14 @@ from pathlib import Path
 
 import click
 
-from monitor.commands.common import config_option, read_config
+from monitor.commands import option
+from monitor.commands.common import read_config
 from monitor.config.load import ConfigError
 from monitor.service.logs import set_up_log
 
 
 @click.command("run")
-@config_option()
+@option.config
 @click.option("--no-page", is_flag=True, help="Serve no page; `spallwatch page` serves one for all machines.")
 @click.option("--verbose", is_flag=True, help="Log accepted blocks, too.")
 @click.option("--quiet", is_flag=True, help="Log warnings and errors only.")

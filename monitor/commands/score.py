@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from monitor.commands.common import InputError, duration_words, emit, output_options
+from monitor.commands import option
+from monitor.commands.common import InputError, duration_words, emit
 
 if TYPE_CHECKING:
     from monitor.report.score.issued import Issued
@@ -52,7 +53,7 @@ class _Moment(click.ParamType):
     multiple=True,
     help="Final stage of another bearing of the same rig, s; may be given often. By default of the other RECORDS.",
 )
-@output_options
+@option.output
 def command(
     records: tuple[Path, ...],
     end_utc: tuple[float, ...],

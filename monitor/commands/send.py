@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from monitor.commands.common import InputError, config_option, emit, output_options, progress_bar, read_config
+from monitor.commands import option
+from monitor.commands.common import InputError, emit, progress_bar, read_config
 
 if TYPE_CHECKING:
     from streams.source import Source
@@ -33,7 +34,7 @@ class _Seconds(click.ParamType):
 @click.argument("path")
 @click.option("--to", "url", required=True, help="tcp://HOST:PORT or mqtt://HOST[:PORT]/TOPIC.")
 @click.option("--stream", help="Stream id at a TCP receiver: the name of its [[source]]; the name of the recording.")
-@config_option()
+@option.config
 @click.option("--format", "kind", default="auto", show_default=True, help="Without --config: format or data set.")
 @click.option("--rate-hz", type=click.FloatRange(min=0, min_open=True), help="Without --config: sampling rate.")
 @click.option("--block-s", type=_Seconds(), default=5.0, show_default=True, help="Without --config: block length.")
@@ -47,7 +48,7 @@ class _Seconds(click.ParamType):
 @click.option("--ca-file", type=_FILE, help="Certificates (PEM) that the broker's must descend from; switches TLS on.")
 @click.option("--cert-file", type=_FILE, help="Certificate of this machine (PEM).")
 @click.option("--key-file", type=_FILE, help="Its private key (PEM).")
-@output_options
+@option.output
 def command(
     path: str,
     url: str,

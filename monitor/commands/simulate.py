@@ -13,9 +13,17 @@ import numpy as np
 from models.bearing import Bearing, kinematics
 from models.response import Sensor
 from models.scene import Defect, Floor, Rig, Scene, Slip, Waviness
-from monitor.commands.bearing import find_bearing
-from monitor.commands.common import BandHz, InputError, config_option, emit, output_options, read_machine
-from monitor.commands.pictures import check_ending
+from monitor.commands import option
+from monitor.commands.common import (
+    PICTURES,
+    check_suffix,
+    emit,
+    find_bearing,
+    finite,
+    input_errors,
+    output_errors,
+    read_machine,
+)
 from streams.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -25,19 +33,19 @@ _WAVEFORM_RATE = 51200.0
 
 
 @click.command("simulate")
-@config_option()
-@click.option("--bearing", "name", help="A bearing of the configuration or of the catalogue.")
-@click.option("--speed-hz", type=click.FloatRange(min=0, min_open=True), default=40.0, show_default=True)
+@option.config
+@option.bearing
+@click.option("--speed-hz", type=option.POSITIVE, default=40.0, show_default=True)
 @click.option("--load-newton", type=click.FloatRange(min=0), default=4000.0, show_default=True)
 @click.option("--dphi-deg", type=click.FloatRange(0, 360), default=0.0, show_default=True, help="Extent of the defect.")
 @click.option("--h-d-um", type=click.FloatRange(min=0), default=0.0, show_default=True, help="Depth of the defect.")
 @click.option("--clearance-um", type=click.FloatRange(min=0), help="Radial clearance.")
 @click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth", show_default=True)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of rough floor and slip.")
-@click.option("--rows", type=click.Choice(["1", "2"]), default="1", show_default=True, help="Rows that are damaged.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of rough floor and slip.")
+@click.option("--rows", type=click.Choice(["1", "2"]), default="1", show_default=True, help="Number of damaged rows.")
 @click.option("--first-row", type=click.IntRange(1), default=1, show_default=True, help="The first damaged row.")
 @click.option("--sensor", type=click.Choice(["mo", "mr"]), default="mo", show_default=True, help="Casing or resonator.")
-@click.option("--direction-deg", type=float, default=0.0, show_default=True, help="Of the sensor, from the load.")
+@click.option("--direction-deg", type=float, default=0.0, show_default=True, help="Angle of the sensor from the load.")
 @click.option(
     "--fault", type=click.Choice(["outer", "inner", "ball"]), default="outer", show_default=True, help="Damaged part."
 )
@@ -46,44 +54,42 @@ _WAVEFORM_RATE = 51200.0
 @click.option("--waviness-order", type=click.IntRange(1), default=12, show_default=True, help="Waves around the race.")
 @click.option("--waviness-race", type=click.Choice(["outer", "inner"]), default="outer", show_default=True)
 @click.option("--gravity/--no-gravity", default=False, help="Let gravity act on the masses, along the load.")
-@click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip, drawn for each passage.")
+@click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip angle, drawn per passage.")
 @click.option(
-    "--duration-s", type=click.FloatRange(0.01, 60.0), default=1.0, show_default=True, help="Where simulated."
+    "--duration-s",
+    type=click.FloatRange(0.01, 60.0),
+    default=1.0,
+    show_default=True,
+    help="Simulated time.",
 )
 @click.option("--model", type=click.Choice(["six_dof"]), default="six_dof", show_default=True)
 @click.option("--tolerance", type=click.FloatRange(1e-12, 0.1), default=1e-5, show_default=True)
-@click.option("--periods", type=click.IntRange(min=2), default=300, show_default=True, help="Ball periods at most.")
-@click.option("--rms-band-hz", type=BandHz(), help="Take RMS and peak in this band only.")
-@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw it (PNG, SVG or HTML).")
-@click.option(
-    "--waveform", type=click.Path(path_type=Path, dir_okay=False), help="Write one second, or --duration-s, as CSV."
-)
-@output_options
+@click.option("--periods", type=click.IntRange(min=2), default=300, show_default=True, help="Limit of ball periods.")
+@click.option("--rms-band-hz", type=option.Range(), help="Take RMS and peak in this band only.")
+@click.option("--plot", type=option.OUT_FILE, help="Draw the scene (PNG, SVG or HTML).")
+@click.option("--waveform", type=option.OUT_FILE, help="Write one second, or --duration-s, as CSV.")
+@option.output
 def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
     """Simulate a bearing with a defect and print RMS, peak and lines.
 
-    What repeats with the ball passage is solved for one period; what does not (a defect that turns, an unbalance, slip,
-    another direction of the sensor) is simulated for --duration-s and averaged, with its standard error.
+    A motion that repeats with the ball passage is solved for one period; any other (a rotating defect, an unbalance,
+    slip, another direction of the sensor) is simulated for --duration-s and averaged, with its standard error.
     """
     if options["plot"] is not None:
-        check_ending("--plot", options["plot"])
+        check_suffix("--plot", options["plot"], PICTURES)
     config = read_machine(config_path)
     bearing, clearance = find_bearing(config, name)
     if options["clearance_um"] is not None:
         clearance = options["clearance_um"] * 1e-6
     scene = _scene(options, bearing, config.rig.to_rig(), clearance)
-    try:
-        if scene.effects or options["direction_deg"] != 0.0:
-            values = _over_time(scene, options)
-        else:
-            values = _one_period(scene, options)
-    except ValueError as error:
-        raise InputError(f"simulate: {error}") from None
+    with input_errors("simulate"):
+        simulate = _over_time if scene.effects or options["direction_deg"] != 0.0 else _one_period
+        values = simulate(scene, options)
     emit(values, _lines(values, scene), as_json=as_json)
 
 
 def _one_period(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
-    """Return the values of a motion that repeats with the ball passage, and write what was asked for."""
+    """Solve one ball period; return its values and write the requested files."""
     from models.simulate import simulate
 
     sensor: Sensor = options["sensor"]
@@ -105,7 +111,7 @@ def _one_period(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
         **_frequencies(scene),
         "harmonics_g": [_in_g(float(line)) for line in response.lines(sensor)[1][:6]],
         "periods": response.periods,
-        "period_change": _number(response.period_change),
+        "period_change": finite(response.period_change),
         "spread_g": _in_g(response.spread),
         "model": response.model,
         "status": response.status,
@@ -113,7 +119,7 @@ def _one_period(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _over_time(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
-    """Return the values of a motion that is simulated for some time, and write what was asked for."""
+    """Simulate over time; return the values and write the requested files."""
     from models.dynamics.time_domain import simulate_time
 
     angle, sensor = math.radians(options["direction_deg"]), options["sensor"]
@@ -136,7 +142,7 @@ def _over_time(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
 
         _plot(heard_over_time(response, sensor, fundamental_of(scene)[0]), options, scene)
     bpfo = response.kinematics.bpfo
-    # Error and spread are of the casing over full bandwidth; of another level, the same share.
+    # Error and spread are known for the casing over full bandwidth; the relative values are used for other levels.
     share = rms / response.rms if response.rms > 0.0 else 0.0
     return {
         "rms_g": _in_g(rms),
@@ -179,10 +185,8 @@ def _plot(heard: Heard, options: dict[str, Any], scene: Scene) -> None:
     from monitor.report.figures.scene import draw_scene
 
     path: Path = options["plot"]
-    try:
+    with output_errors("--plot", path):
         draw_scene(scene, heard, path, sensor=options["sensor"], title=_title(options, scene))
-    except OSError as error:
-        raise InputError(f"--plot {path}: cannot be written: {error.strerror or error}") from None
 
 
 def _title(options: dict[str, Any], scene: Scene) -> str:
@@ -194,13 +198,8 @@ def _title(options: dict[str, Any], scene: Scene) -> str:
 
 
 def _in_g(value: float) -> float | None:
-    """Return an acceleration in g, or null."""
-    return _number(value / STANDARD_GRAVITY)
-
-
-def _number(value: float) -> float | None:
-    """Return a finite number, or null: a motion that left the finite numbers has a status that says so."""
-    return float(value) if math.isfinite(value) else None
+    """Return an acceleration in g, or None if the motion diverged."""
+    return finite(value / STANDARD_GRAVITY)
 
 
 def _defect(options: dict[str, Any]) -> Defect | None:
@@ -221,11 +220,9 @@ def _write_waveform(path: Path, signal: Any) -> None:
     """Write time and acceleration, replacing the file in one step."""
     rows = np.column_stack((np.arange(signal.size) / _WAVEFORM_RATE, signal / STANDARD_GRAVITY))
     part = path.with_name(path.name + ".part")
-    try:
+    with output_errors("--waveform", path):
         np.savetxt(part, rows, delimiter=",", header="time_s,acceleration_g", comments="", fmt="%.9g")
         part.replace(path)
-    except OSError as error:
-        raise InputError(f"--waveform {path}: cannot be written: {error}") from None
 
 
 def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:

@@ -8,7 +8,8 @@ from typing import Any
 
 import click
 
-from monitor.commands.common import config_option, duration_words, emit, output_options, read_config
+from monitor.commands import option
+from monitor.commands.common import duration_words, emit, read_config
 
 _SAID = {
     "never_ran": "has never run",
@@ -18,8 +19,8 @@ _SAID = {
 
 
 @click.command("status")
-@config_option()
-@output_options
+@option.config
+@option.output
 def command(config_path: Path | None, as_json: bool, quiet: bool) -> None:
     """Say what the daemon of this machine is doing now; exit code 0 also where none is running.
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from monitor.commands.common import config_option, emit, output_options, read_config, say
+from monitor.commands import option
+from monitor.commands.common import emit, read_config, say
 from monitor.config.load import Config
 
 if TYPE_CHECKING:
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 
 
 @click.command("warmup")
-@config_option()
-@output_options
+@option.config
+@option.output
 def command(config_path: Path | None, as_json: bool, quiet: bool) -> None:
     """Compile the bearing model and plan the transforms of a configuration.
 

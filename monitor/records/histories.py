@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from models.errors import SpallwatchError
+from models.errors import WrongInputError
 from monitor.health.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
 from monitor.records.dataset import NO_VALUE, attributes_of, words
 from monitor.records.filesystem import replace_durably
@@ -25,7 +25,7 @@ _OUT_OF_TIME = ("late", "out_of_order", "clock")
 _NEEDED = ("rms", "bpfo_amplitude", "load", "speed", "v_eq", "t_fs", "stage", "quality_status", "quality_flags")
 
 
-class HistoryError(SpallwatchError):
+class HistoryError(WrongInputError):
     """A history cannot be read or written; the message names the file and the cause."""
 
 

@@ -1,0 +1,102 @@
+"""Options that several commands share, and the types of their values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+POSITIVE = click.FloatRange(min=0, min_open=True)
+FILE = click.Path(path_type=Path)
+OUT_FILE = click.Path(path_type=Path, dir_okay=False)
+
+config = click.option("--config", "config_path", type=FILE, help="Configuration of the machine (TOML).")
+bearing = click.option("--bearing", "name", help="A bearing of the configuration or of the catalogue.")
+channel = click.option("--channel", help="Channel of the records, where several have a final stage.")
+interval = click.option(
+    "--interval", type=click.FloatRange(0.5, 0.98), default=0.8, show_default=True, help="Level of intervals."
+)
+library = click.option("--library", "library_path", type=FILE, help="Library of simulated lives (.npz).")
+rows = click.option("--out", type=OUT_FILE, help="Write the rows too: .csv, .json or .nc.")
+
+
+def output(function: F) -> F:
+    """Add ``--json`` and ``--quiet``."""
+    function = click.option("--quiet", is_flag=True, help="Print only errors on standard error.")(function)
+    return click.option(
+        "--json", "as_json", is_flag=True, help="Print one JSON object on standard output, for programs."
+    )(function)
+
+
+def method(*methods: str) -> Callable[[F], F]:
+    """Add ``--method`` for commands that also have ``--library``."""
+    words = "Default: library with --library, else thesis."
+    return click.option("--method", type=click.Choice(methods), help=words)
+
+
+def thresholds(kind: click.ParamType = POSITIVE) -> Callable[[F], F]:
+    """Add ``--threshold-mm2``, which may be given several times."""
+    return click.option(
+        "--threshold-mm2",
+        type=kind,
+        multiple=True,
+        default=(0.05,),
+        show_default=True,
+        help="Threshold of V_eq, mm3 per mm of width; may be given several times.",
+    )
+
+
+def workers(words: str) -> Callable[[F], F]:
+    """Add ``--workers``; ``words`` say what they are."""
+    return click.option("--workers", type=click.IntRange(min=0), default=0, help=f"{words}; 0: one per core.")
+
+
+class Axis(click.ParamType):
+    """LO:HI:N, evenly spaced values."""
+
+    name = "LO:HI:N"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return (lo, hi, n); refuse an axis that does not rise or has fewer than two values."""
+        if isinstance(value, tuple):
+            return value
+        parts = str(value).split(":")
+        try:
+            low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
+        except (ValueError, IndexError):
+            self.fail(f"{value!r} is not LO:HI:N, such as 0:50:51", param, ctx)
+        if len(parts) != 3 or not (0 <= low < high < float("inf")) or not 2 <= count <= 10001:
+            self.fail(f"{value!r}: expected 0 <= LO < HI and 2 <= N <= 10001", param, ctx)
+        return low, high, count
+
+
+class Range(click.ParamType):
+    """LO:HI with 0 <= LO < HI; with ``positive``, 0 < LO <= HI, and one number is a range of no width."""
+
+    name = "LO:HI"
+
+    def __init__(self, *, positive: bool = False) -> None:
+        """Set which ranges are valid."""
+        self._positive = positive
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return (lo, hi)."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            ends = [float(part) for part in str(value).split(":")]
+        except ValueError:
+            self.fail(f"{value!r} is not LO:HI, such as 20:9500", param, ctx)
+        if self._positive and len(ends) == 1:
+            ends *= 2
+        expected = "0 < LO <= HI" if self._positive else "0 <= LO < HI"
+        low, high = ends if len(ends) == 2 else (math.nan, math.nan)
+        valid = 0.0 < low <= high if self._positive else 0.0 <= low < high
+        if not valid or math.isinf(high):
+            self.fail(f"{value!r}: expected {expected}", param, ctx)
+        return low, high
