@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from monitor.commands.batch import find_items, run_batch
+from monitor.commands.report_batch import BatchSettings, find_runs, run_batch
 from monitor.health.record import Record
 from monitor.health.waterfall import SpectrumChange, SpectrumRow
 from monitor.records.spectra import write_changes
@@ -156,7 +156,7 @@ def many_pages(folder: Path, runs: int, blocks: int, spectra: int) -> list[Row]:
     """Time a batch with one process, with one a core, and taken up again."""
     for seed in range(runs):
         make_store(folder / "fleet" / f"run-{seed:03d}" / "state.db", blocks, spectra, seed)
-    items = find_items(folder / "fleet", recordings=False)
+    items = find_runs(folder / "fleet", recordings=False)
     rows: list[Row] = []
     cores = os.cpu_count() or 1
     few = items[: max(2, runs // 10)]
@@ -167,7 +167,7 @@ def many_pages(folder: Path, runs: int, blocks: int, spectra: int) -> list[Row]:
         ("nothing changed", items, 0, "many"),
     ):
         wall, cpu = time.perf_counter(), _processor_seconds()
-        outcomes = run_batch(chosen, folder / place, options=Options(), workers=workers, pdf=place == "paper")
+        outcomes = run_batch(chosen, folder / place, BatchSettings(Options(), pdf=place == "paper"), workers=workers)
         seconds, busy = time.perf_counter() - wall, _processor_seconds() - cpu
         size = sum(path.stat().st_size for path in (folder / place).rglob("*") if path.is_file())
         rows.append(

@@ -15,22 +15,22 @@ from monitor import __version__
 DONE, FAILED, WRONG = 0, 1, 2
 
 _COMMANDS = {
-    "demo": ("monitor.commands.demo", "A simulated bearing wears out and is monitored; ends with a report."),
+    "demo": ("monitor.commands.demo", "Monitor a simulated bearing that wears out, and write a report."),
     "run": ("monitor.commands.run", "The daemon: follows the configured sources until it is stopped."),
     "page": ("monitor.commands.page", "One page over all machines of a folder."),
     "status": ("monitor.commands.status", "What the daemon of a machine is doing now."),
-    "replay": ("monitor.commands.replay", "The pipeline over a recording, as fast as it goes or at a pace."),
-    "report": ("monitor.commands.report", "One self-contained HTML report of records, or one a run."),
-    "check": ("monitor.commands.check", "Validate a configuration and say what would be monitored."),
+    "replay": ("monitor.commands.replay", "Run the pipeline over a recording, as fast as possible or at a pace."),
+    "report": ("monitor.commands.report", "One self-contained HTML report of records, or one per run."),
+    "check": ("monitor.commands.check", "Validate a configuration and list what would be monitored."),
     "bearing": ("monitor.commands.bearing", "Fault frequencies, stiffness, natural frequencies and life."),
     "simulate": ("monitor.commands.simulate", "One scene of the bearing model."),
     "map": ("monitor.commands.maps", "RMS maps: build, show, check."),
     "library": ("monitor.commands.library", "Libraries of simulated lives: build."),
     "track": ("monitor.commands.track", "V_eq from an RMS history and a map."),
-    "warmup": ("monitor.commands.warmup", "Compile the bearing model and plan transforms ahead."),
+    "warmup": ("monitor.commands.warmup", "Compile the bearing model and plan transforms in advance."),
     "forecast": ("monitor.commands.forecast", "Time to threshold from a V_eq history."),
-    "score": ("monitor.commands.score", "How good the forecasts were as issued, once the end is known."),
-    "send": ("monitor.commands.send", "Stream any recording to a receiver over TCP or MQTT."),
+    "score": ("monitor.commands.score", "Scores of the forecasts as issued, once the end is known."),
+    "send": ("monitor.commands.send", "Send a recording to a receiver over TCP or MQTT."),
 }
 
 

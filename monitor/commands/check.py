@@ -1,4 +1,4 @@
-"""``spallwatch check``: validate a configuration and say what would be monitored."""
+"""``spallwatch check``: validate a configuration and list what would be monitored."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from monitor.config.source import ChannelSection
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of the configuration and stop.")
 @option.output
 def command(config_path: Path | None, schema: bool, as_json: bool, quiet: bool) -> None:
-    """Validate a configuration and say what would be monitored.
+    """Validate a configuration and list what would be monitored.
 
-    A file that is not valid is refused with exit code 2. Problems that can be mended without touching the file (a map
-    that is not built yet, a folder that is not there yet) are listed and do not change the exit code.
+    An invalid file is refused with exit code 2. Problems outside the file (a map that is not built yet, a folder that
+    does not exist yet) are listed and do not change the exit code.
     """
     if schema:
         click.echo(json.dumps(Config.model_json_schema(), indent=2))
@@ -36,7 +36,7 @@ def command(config_path: Path | None, schema: bool, as_json: bool, quiet: bool) 
 
 
 def find_problems(config: Config) -> Iterator[str]:
-    """Yield what keeps the configuration from doing all that it says."""
+    """Yield the problems that keep parts of the configuration from working."""
     for channel in config.channel:
         if channel.track:
             yield from _track_problems(config, channel)
@@ -46,7 +46,7 @@ def find_problems(config: Config) -> Iterator[str]:
             yield f"channel {channel.name!r}: its unit is unknown: no end of life by peak acceleration"
     if config.operating.speed_hz is None:
         yield "operating.speed_hz is not given: only recordings that state their speed can be monitored"
-    yield from _silent_levels(config)
+    yield from _unlearned_levels(config)
     for source in config.source:
         if source.url is None:
             continue
@@ -55,8 +55,8 @@ def find_problems(config: Config) -> Iterator[str]:
             yield f"source {source.name!r}: folder {place!r} does not exist (yet)"
 
 
-def _silent_levels(config: Config) -> Iterator[str]:
-    """Yield the levels that wait for ever: learned ones that were configured after the channel had learned."""
+def _unlearned_levels(config: Config) -> Iterator[str]:
+    """Yield the learned levels that were configured after the learning stage: they can never raise an alarm."""
     rules = {
         channel.name: [
             rule
@@ -80,13 +80,13 @@ def _silent_levels(config: Config) -> Iterator[str]:
         for rule in rules[channel]:
             if rule.name not in names:
                 yield (
-                    f"channel {channel!r}: level {rule.name!r} says nothing: it came after the learning stage, which "
-                    f"taught nothing of {rule.feature}; give it as a number"
+                    f"channel {channel!r}: level {rule.name!r} has no effect: it was configured after the learning "
+                    f"stage, when {rule.feature} was not learned; give it as a number"
                 )
 
 
 def _learned(config: Config, database: Path) -> dict[str, set[str]]:
-    """Return the rules that have learned something, by channel; channels that are still learning are left out.
+    """Return the rules that have learned a level, by channel, without channels that are still learning.
 
     Raises:
         StoreError: the store cannot be read.
@@ -108,7 +108,7 @@ def _learned(config: Config, database: Path) -> dict[str, set[str]]:
 
 
 def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
-    """Yield what a tracked channel lacks: its map, its library, or what they do not cover."""
+    """Yield what a tracked channel lacks: its map, its library, or conditions that they do not cover."""
     from monitor.service.setup import channel_setups
 
     missing = list(_missing_files(config, channel))
@@ -130,16 +130,16 @@ def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
 
 
 def _missing_files(config: Config, channel: ChannelSection) -> Iterator[str]:
-    who = f"channel {channel.name!r}"
+    name = f"channel {channel.name!r}"
     best = "thesis" if channel.library is None else "library"
     track, forecast = config.track.method or best, config.forecast.method or best
     if channel.map is None and track in ("thesis", "filter"):
-        yield f"{who}: track = true, but no map is given: V_eq will answer no_map"
+        yield f"{name}: track = true, but no map is given: V_eq will answer no_map"
     if channel.library is None and "library" in (track, forecast):
-        yield f'{who}: method = "library", but no library is given: the answer will be no_library'
+        yield f'{name}: method = "library", but no library is given: the answer will be no_library'
     for kind, path in (("map", channel.map), ("library", channel.library)):
         if path is not None and not path.exists():
-            yield f"{who}: {kind} {path.name} does not exist (yet); make it with: spallwatch {kind} build"
+            yield f"{name}: {kind} {path.name} does not exist (yet); make it with: spallwatch {kind} build"
 
 
 def _lines(config: Config, problems: list[str]) -> Iterator[str]:
@@ -160,12 +160,12 @@ def _lines(config: Config, problems: list[str]) -> Iterator[str]:
         f"{detect.false_alarms_per_1000_blocks:g} in 1000 healthy blocks; "
         f"end of life at {detect.end_of_life_peak_g:g} g in {detect.end_of_life_blocks} blocks"
     )
-    yield from _telling_lines(config)
+    yield from _alarm_lines(config)
     yield from (f"problem: {problem}" for problem in problems)
 
 
-def _telling_lines(config: Config) -> Iterator[str]:
-    """Yield which levels raise alarms and who hears of them, where a daemon follows the machine."""
+def _alarm_lines(config: Config) -> Iterator[str]:
+    """Yield the alarm levels and the notification channels of a daemon."""
     for level in config.alarms.level:
         values = [
             " ".join([key.partition("_")[0], f"{value:g}", key.partition("_")[2]]).strip()
@@ -174,9 +174,9 @@ def _telling_lines(config: Config) -> Iterator[str]:
         ]
         where = f" of {', '.join(level.channels)}" if level.channels else ""
         yield f"alarm {level.rule_name}: {level.feature}{where}, {', '.join(values)}"
-    told = [name for name in ("smtp", "webhook", "mqtt") if getattr(config.notify, name) is not None]
-    if told:
-        yield f"told of events: {', '.join(told)}, at most {config.notify.most_per_hour} messages an hour"
+    channels = [name for name in ("smtp", "webhook", "mqtt") if getattr(config.notify, name) is not None]
+    if channels:
+        yield f"notifications: {', '.join(channels)}, at most {config.notify.most_per_hour} messages an hour"
 
 
 def _channel_lines(config: Config, channel: ChannelSection, speed: float | None) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""``spallwatch demo``: the main job on embedded defaults, with the truth beside what was found."""
+"""``spallwatch demo``: monitor a simulated bearing on embedded defaults, truth beside the results."""
 
 from __future__ import annotations
 
@@ -24,39 +24,38 @@ _RMS_BAND = (0.0, 9500.0)
 _EXTENTS_DEG = 50.0
 _DEPTHS_UM = 32.0
 _LIVES = 200
-"""Simulated lives in the demo's library; ``spallwatch library build`` takes 1000."""
+"""Simulated lives in the library; the default of ``spallwatch library build`` is 1000."""
 _AROUND = 0.02
-"""How far around the demo's load and speed the lives of its library are, as a share."""
+"""Relative range of load and speed, either way, of the lives of the library."""
 _LIBRARY_SEED = 20
 _WINDOW_HOURS = 4.0
-"""Time to the next maintenance, for which the probability of reaching the threshold is given."""
+"""Time to the next maintenance, h."""
 _TESTED = "test_bearing"
 _ONE = "This is one life of many. "
 _NOTES = {
     "library": (
-        "V_eq and TT come from a library of simulated lives: the interval says how far the answer may be off if this "
-        "bearing is one of such lives. Its growth and rig parameters are drawn from other ranges than theirs.",
+        "V_eq and TT come from a library of simulated lives: the interval is valid for bearings like those of the "
+        "library. The growth and rig parameters of this bearing are drawn from other ranges.",
         _ONE
-        + "An interval of 80 % misses one in five, and then for hours on end, as what is said of one bearing hangs "
-        "together (docs/forecasting.md).",
+        + "An interval of 80 % misses one value in five, and then for hours, because errors of neighbouring blocks "
+        "are correlated (docs/evidence/forecasting.md).",
     ),
     "filter": (
-        "V_eq comes from the physical tracker, which weighs many defects on a map of nominal rig parameters; TT comes "
-        "from a library of simulated lives. The rig's parameters are 2 to 5 % away from nominal.",
-        _ONE + "An interval of 80 % misses one in five (docs/forecasting.md).",
+        "V_eq comes from the physical tracker, which weights candidate defects by a map of nominal rig parameters; TT "
+        "comes from a library of simulated lives. The rig's parameters are 2 to 5 % away from nominal.",
+        _ONE + "An interval of 80 % misses one value in five (docs/evidence/forecasting.md).",
     ),
     "thesis": (
         "The rig's parameters are 2 to 5 % away from the map's, and its floor is rough where the map's is smooth.",
-        _ONE + "On others the tracked V_eq is several times off (docs/how-the-thesis-tracks.md).",
+        _ONE + "On others the error of the tracked V_eq is a factor of several (docs/evidence/tracking.md).",
     ),
 }
 
 
 def demo_config(method: str = "library") -> Config:
-    """Return the configuration of the demo: the bench of the thesis, nothing tuned for.
+    """Return the configuration of the demo: the test bench of the thesis, without tuning.
 
-    Args:
-        method: what gives V_eq: "library", "thesis" or "filter"; TT comes from the thesis' forecast or the library.
+    ``method`` ("library", "thesis" or "filter") gives V_eq; TT comes from the library unless it is "thesis".
     """
     channel = {"source": "rig", "unit": "m/s2", "rms_band_hz": _RMS_BAND}
     return validate(
@@ -86,21 +85,21 @@ def demo_config(method: str = "library") -> Config:
     show_default=True,
     help="Folder for records and report; an earlier demo in it is replaced.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Which bearing life.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Number of the simulated life.")
 @click.option(
     "--method",
     type=click.Choice(["library", "filter", "thesis"]),
     default="library",
     show_default=True,
-    help="What gives V_eq; TT comes from the thesis' forecast with it, else from the library.",
+    help="Method for V_eq; TT comes from the library unless it is thesis.",
 )
 @option.output
 def command(out: Path, seed: int, method: str, as_json: bool, quiet: bool) -> None:
     """Simulate a bearing that wears out, monitor its blocks, and write records and a report.
 
     The rig simulates each block directly, on a rough floor and with parameters 2 to 5 % away from the nominal ones.
-    V_eq and TT come from a library of simulated lives of such rigs, none of which is the one monitored; --method thesis
-    and --method filter take V_eq from a map of a smooth floor and nominal parameters instead.
+    V_eq and TT come from a library of other simulated lives of such rigs; with --method thesis or filter, V_eq comes
+    from a map of a smooth floor and nominal parameters.
     """
     from monitor.commands.report import write_report
     from monitor.service.replay import replay
@@ -145,12 +144,12 @@ def demo_map(*, quiet: bool) -> RmsMap:
         rms_band=_RMS_BAND,
     )
     kept = default_map_path(plan).exists()
-    say("reading the RMS map" if kept else "building the RMS map (kept for the next time)", quiet=quiet)
+    say("reading the RMS map" if kept else "building the RMS map (kept for later runs)", quiet=quiet)
     return cached_map(plan, workers=0, progress=counter("map", quiet=quiet))
 
 
 def demo_library(config: Config, *, quiet: bool) -> Library:
-    """Return the library of the demo, built on first use: lives at its load and speed, of rigs like its own."""
+    """Return the library of the demo, built on first use: lives at its load and speed."""
     from models.lives.population import Population
     from monitor.service.library_cache import cached_library, library_path
 
@@ -169,23 +168,23 @@ def demo_library(config: Config, *, quiet: bool) -> Library:
     )
     thresholds = config.forecast.thresholds
     kept = library_path(population, _LIVES, thresholds).exists()
-    words = "reading the library of" if kept else "simulating a library (kept for the next time) of"
+    words = "reading the library of" if kept else "simulating a library (kept for later runs) of"
     say(f"{words} {_LIVES} lives", quiet=quiet)
     return cached_library(population, _LIVES, thresholds, progress=counter("lives", quiet=quiet))
 
 
 def _clear(out: Path) -> None:
-    """Remove what an earlier demo left, and nothing else.
+    """Remove the files of an earlier demo.
 
     Raises:
-        InputError: the folder holds files that no demo makes.
+        InputError: the folder holds other files.
     """
     if not out.exists():
         return
     ours = ("state.db", "state.db-wal", "state.db-shm", "state.db.lock", "report.html", "records")
     foreign = sorted(item.name for item in out.iterdir() if item.name not in ours)
     if foreign:
-        raise InputError(f"--out {out}: holds {foreign[0]!r}, which no demo made; give a folder of its own")
+        raise InputError(f"--out {out}: holds {foreign[0]!r}, which is not from a demo; give another folder")
     for item in out.iterdir():
         if item.is_dir():
             for file in item.glob("demo-*.nc"):
@@ -228,7 +227,7 @@ def _lines(summary: dict[str, Any]) -> Iterator[str]:
     yield from summary_lines(summary)
     yield ""
     level = "" if summary["method"] == "thesis" else ", intervals of 80 %"
-    yield f"truth and what was found (test bearing, threshold 0.05 mm3/mm{level})"
+    yield f"truth and estimates (test bearing, threshold 0.05 mm3/mm{level})"
     volume, forecast = f"{'V_eq true':>10} {'found':>24}", f"{'TT true':>9} {'found':>32}"
     yield f"{'life':>6} {'block':>6}   {volume}   {forecast}  status"
     for row in summary["truth"]:

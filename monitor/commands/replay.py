@@ -1,4 +1,4 @@
-"""``spallwatch replay``: the pipeline over a recording."""
+"""``spallwatch replay``: run the pipeline over a recording."""
 
 from __future__ import annotations
 
@@ -22,10 +22,8 @@ from monitor.commands.common import duration_words, emit, progress_bar, read_con
     show_default=True,
     help="Folder for the store, the records and the report.",
 )
-@click.option(
-    "--pace", type=click.FloatRange(min=0, min_open=True), help="Times real time; as fast as it goes if left out."
-)
-@click.option("--limit", type=click.IntRange(min=1), help="Take at most so many blocks.")
+@click.option("--pace", type=option.POSITIVE, help="Multiple of real time. Default: as fast as possible.")
+@click.option("--limit", type=click.IntRange(min=1), help="Maximum number of blocks.")
 @click.option("--resume", is_flag=True, help="Continue the store under --out after its last block.")
 @click.option("--report/--no-report", default=True, show_default=True, help="Write report.html under --out.")
 @option.output
@@ -62,7 +60,7 @@ def command(
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Say in words what a replay found."""
+    """Yield the result of a replay in words."""
     counts = ", ".join(f"{number} {status}" for status, number in {**summary["flagged"], **summary["rejected"]}.items())
     yield (
         f"{summary['blocks']} blocks in {summary['seconds']:.2f} s: {summary['accepted']} accepted, "
@@ -99,4 +97,4 @@ def _forecast_words(channel: Mapping[str, Any]) -> Iterator[str]:
     if channel["tt_lower_s"] is not None:
         yield f"interval {duration_words(channel['tt_lower_s'])} to {duration_words(channel['tt_upper_s'])}, "
     if channel["p_threshold"] is not None:
-        yield f"reached within the maintenance window with a probability of {channel['p_threshold']:.0%}, "
+        yield f"probability of reaching the threshold within the maintenance window {channel['p_threshold']:.0%}, "

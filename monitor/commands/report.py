@@ -1,4 +1,4 @@
-"""``spallwatch report``: one self-contained HTML page of one or several runs, or one a run and an index."""
+"""``spallwatch report``: one self-contained HTML page of one or several runs, or one per run and an index."""
 
 from __future__ import annotations
 
@@ -13,33 +13,34 @@ from monitor.commands import option
 from monitor.commands.common import InputError, counter, duration_words, emit, say
 
 if TYPE_CHECKING:
-    from monitor.commands.batch import Outcome
-    from monitor.report.options import Options
+    from monitor.commands.report_batch import BatchSettings, Outcome
     from monitor.service.replay import Replay
 
 
 @click.command("report")
-@click.argument("records", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("records", nargs=-1, type=option.FILE)
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=option.FILE,
     help="The page, .html or .pdf [report.html]; with --batch a folder [reports].",
 )
-@click.option("--title", help="Of the page.")
-@click.option("--timezone", help="In which dates are written, such as Europe/Rome. [UTC]")
+@click.option("--title", help="Title of the page.")
+@click.option("--timezone", help="Time zone of dates, such as Europe/Rome. [UTC]")
 @click.option(
-    "--map", "maps", multiple=True, metavar="FILE|CHANNEL=FILE", help="RMS map to draw the tracker's path on; many."
+    "--map",
+    "maps",
+    multiple=True,
+    metavar="FILE|CHANNEL=FILE",
+    help="RMS map under the path of the tracker; repeatable.",
 )
 @click.option(
-    "--include", type=click.Path(path_type=Path, dir_okay=False), help="TOML file whose [report] says what it holds."
+    "--include", type=click.Path(path_type=Path, dir_okay=False), help="TOML file whose [report] selects the content."
 )
 @click.option("--tables/--no-tables", default=None, help="Write every table as CSV and netCDF. [with --batch]")
 @click.option("--batch", type=click.Path(path_type=Path, file_okay=False), help="Report every run under this folder.")
-@click.option(
-    "--config", "config_path", type=click.Path(path_type=Path), help="With --batch: replay what is a recording."
-)
+@click.option("--config", "config_path", type=option.FILE, help="With --batch: replay recordings.")
 @click.option("--pdf", is_flag=True, help="Write every page as PDF too (needs the extra pdf and Pango).")
-@click.option("--workers", type=click.IntRange(min=0), default=0, help="With --batch: processes. [one a core]")
+@click.option("--workers", type=click.IntRange(min=0), default=0, help="With --batch: processes. [one per core]")
 @option.output
 def command(
     records: tuple[Path, ...],
@@ -58,11 +59,12 @@ def command(
 ) -> None:
     """Write one page, HTML or PDF, of RECORDS: netCDF files, folders of them, or state.db of one or several runs.
 
-    With --batch, write a page for each run under a folder and an index of them all. It goes on where it was stopped;
-    a run that fails is listed in the index and in failures.json, and the exit code is then 1.
+    With --batch, write a page for each run under a folder and an index of them all. An interrupted batch is resumed.
+    A run that fails is listed in the index and in failures.json, and the exit code is then 1.
     """
     from dataclasses import replace
 
+    from monitor.commands.report_batch import BatchSettings
     from monitor.report.options import Options, read_maps, read_options, zone_of
 
     options = read_options(include, Options())
@@ -72,18 +74,8 @@ def command(
     if batch is not None:
         if records or maps:
             raise InputError("--batch DIR takes no RECORDS and no --map; name maps in the [report.maps] of --include")
-        _batch(
-            batch,
-            out or Path("reports"),
-            options,
-            include,
-            config_path,
-            tables is not False,
-            pdf,
-            workers,
-            as_json,
-            quiet,
-        )
+        settings = BatchSettings(options, include, config_path, tables is not False, pdf)
+        _batch(batch, out or Path("reports"), settings, workers, as_json=as_json, quiet=quiet)
         return
     if not records:
         raise click.UsageError("Missing argument 'RECORDS...' (or --batch DIR).")
@@ -104,38 +96,17 @@ def command(
     emit(values, [], as_json=as_json)
 
 
-def _batch(
-    batch: Path,
-    out: Path,
-    options: Options,
-    include: Path | None,
-    config_path: Path | None,
-    tables: bool,
-    pdf: bool,
-    workers: int,
-    as_json: bool,
-    quiet: bool,
-) -> None:
-    from monitor.commands.batch import find_items, run_batch
+def _batch(folder: Path, out: Path, settings: BatchSettings, workers: int, *, as_json: bool, quiet: bool) -> None:
+    from monitor.commands.report_batch import find_runs, run_batch
 
     began = time.perf_counter()
-    items = find_items(batch, recordings=config_path is not None, leave_out=out)
-    outcomes = run_batch(
-        items,
-        out,
-        options=options,
-        options_path=include,
-        config_path=config_path,
-        tables=tables,
-        pdf=pdf,
-        workers=workers,
-        progress=counter("reports", quiet=quiet),
-    )
+    runs = find_runs(folder, recordings=settings.config_path is not None, leave_out=out)
+    outcomes = run_batch(runs, out, settings, workers=workers, progress=counter("reports", quiet=quiet))
     seconds = time.perf_counter() - began
     failed = sum(bool(outcome.error) for outcome in outcomes)
     values = {
         "index": str(out / "index.html"),
-        "runs": [_told(outcome, out) for outcome in outcomes],
+        "runs": [_run_values(outcome, out) for outcome in outcomes],
         "failed": failed,
         "reused": sum(outcome.reused for outcome in outcomes),
         "seconds": seconds,
@@ -145,13 +116,13 @@ def _batch(
         click.get_current_context().exit(1)
 
 
-def _told(outcome: Outcome, out: Path) -> dict[str, Any]:
+def _run_values(outcome: Outcome, out: Path) -> dict[str, Any]:
     from monitor.report.batch.comparison import state_of
 
     return {
-        "name": outcome.item.name,
-        "path": str(outcome.item.path),
-        "report": None if outcome.error else str(out / outcome.item.name / "report.html"),
+        "name": outcome.run.name,
+        "path": str(outcome.run.path),
+        "report": None if outcome.error else str(out / outcome.run.name / "report.html"),
         "states": [state_of(summary) for summary in outcome.summaries],
         "reused": outcome.reused,
         "error": outcome.error or None,
@@ -163,15 +134,15 @@ def _lines(outcomes: Sequence[Outcome], out: Path, seconds: float) -> Iterator[s
     reused = sum(outcome.reused for outcome in outcomes)
     yield (
         f"{len(outcomes) - len(failed)} of {len(outcomes)} runs reported in {duration_words(seconds)}"
-        + (f", {reused} of them as they were" if reused else "")
+        + (f", {reused} of them unchanged" if reused else "")
     )
     for outcome in failed:
-        yield f"failed: {outcome.item.name}: {outcome.error}"
+        yield f"failed: {outcome.run.name}: {outcome.error}"
     yield f"index: {out / 'index.html'}"
 
 
 def write_report(result: Replay, out: Path, title: str, notes: tuple[str, ...] = ()) -> Path:
-    """Write the page of a replay that has just ended, with the envelope spectra that only it still has."""
+    """Write the page of a replay that has just ended, with its envelope spectra that are not in the store."""
     from monitor.report.report import build_report
 
     return build_report(

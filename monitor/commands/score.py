@@ -1,4 +1,4 @@
-"""``spallwatch score``: how good the forecasts were as they were issued, once the end is known."""
+"""``spallwatch score``: scores of the forecasts as issued, once the end is known."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from monitor.commands.common import InputError, duration_words, emit
 if TYPE_CHECKING:
     from monitor.report.score.issued import Issued
 
-_LEAST_OTHERS = 2
-"""Other runs whose lifetimes make a population: of a single one, no spread is known."""
+_MIN_OTHERS = 2
+"""Minimum number of other runs whose lifetimes are used as a population."""
 
 
 class _Moment(click.ParamType):
-    """A moment, UTC unless it says otherwise."""
+    """A moment; UTC unless it has an offset."""
 
     name = "UTC"
 
@@ -31,27 +31,27 @@ class _Moment(click.ParamType):
         try:
             moment = datetime.fromisoformat(str(value))
         except ValueError:
-            self.fail(f"{value!r} is no moment such as 2026-03-01T12:00:00Z", param, ctx)
+            self.fail(f"{value!r} is not a moment such as 2026-03-01T12:00:00Z", param, ctx)
         return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
 @click.command("score")
-@click.argument("records", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--end-utc", type=_Moment(), multiple=True, help="When the run ended; one for each of RECORDS.")
-@click.option("--end-s", type=float, multiple=True, help="The same in undated records, s from the first block.")
+@click.argument("records", nargs=-1, required=True, type=option.FILE)
+@click.option("--end-utc", type=_Moment(), multiple=True, help="End of the run; one for each of RECORDS.")
+@click.option("--end-s", type=float, multiple=True, help="The same for undated records, s from the first block.")
 @click.option(
     "--threshold-mm2",
-    type=click.FloatRange(min=0, min_open=True),
-    help="Threshold whose forecasts are scored, mm3 per mm. Where no end is given and no simulated rig knows it, the "
-    "end is when the tracked V_eq reached it.",
+    type=option.POSITIVE,
+    help="Threshold whose forecasts are scored, mm3 per mm. Without a given or simulated end, the end is the moment at "
+    "which the tracked V_eq reached it.",
 )
-@click.option("--onset-utc", type=_Moment(), multiple=True, help="When damage truly began; one for each of RECORDS.")
-@click.option("--onset-s", type=float, multiple=True, help="The same in undated records, s from the first block.")
+@click.option("--onset-utc", type=_Moment(), multiple=True, help="True onset of damage; one for each of RECORDS.")
+@click.option("--onset-s", type=float, multiple=True, help="The same for undated records, s from the first block.")
 @click.option(
     "--lifetime-s",
-    type=click.FloatRange(min=0, min_open=True),
+    type=option.POSITIVE,
     multiple=True,
-    help="Final stage of another bearing of the same rig, s; may be given often. By default of the other RECORDS.",
+    help="Final stage of another bearing of the same rig, s; repeatable. Default: those of the other RECORDS.",
 )
 @option.output
 def command(
@@ -67,8 +67,8 @@ def command(
 ) -> None:
     """Score the forecasts in RECORDS: netCDF files, folders of them, or a state.db, one run each.
 
-    Each run is scored by itself, beside naive forecasts that were issued at the same moments; docs/scoring.md says how.
-    The end is given, or known to a simulated rig, or taken from the tracked V_eq with --threshold-mm2.
+    Each run is scored by itself, beside naive forecasts issued at the same moments. The end is given, or recorded by a
+    simulated rig, or taken from the tracked V_eq with --threshold-mm2.
     """
     from monitor.report.score import runs as score
     from monitor.report.score.issued import read_issued
@@ -90,7 +90,7 @@ def command(
             score.score_run(
                 issued,
                 end,
-                lifetimes=lifetime_s or (others if len(others) >= _LEAST_OTHERS else ()),
+                lifetimes=lifetime_s or (others if len(others) >= _MIN_OTHERS else ()),
                 onset=_on_axis("onset", issued, onsets[place]),
             )
         )
@@ -101,7 +101,7 @@ def command(
 def _moments(
     name: str, records: Sequence[Path], utc: Sequence[float], seconds: Sequence[float]
 ) -> list[tuple[str, float] | None]:
-    """Return for each of the records which option gives the moment, and its value.
+    """Return for each of the records the option that gives the moment, and its value.
 
     Raises:
         InputError: both options, or not one value for each of the records.
@@ -134,7 +134,7 @@ def _on_axis(name: str, issued: Issued, given: tuple[str, float] | None) -> floa
 
 
 def _refuse_no_end(found: Sequence[tuple[int, Issued, Any]], threshold_mm2: float | None) -> None:
-    """Refuse to score where no run has an end.
+    """Refuse to score if no run has an end.
 
     Raises:
         InputError: naming the records and what may be given.
@@ -196,8 +196,8 @@ def _run_lines(run: Mapping[str, Any]) -> Iterator[str]:
         yield f"  onset known after {duration_words(run['onset_delay_s'])}, {run['false_alarms']} false alarms"
     if not run["forecasts"]:
         return
-    said = {True: "passed", False: "failed", None: "not defined"}[run["alpha_lambda"]]
-    yield f"  alpha-lambda (20 %, half-way): {said}"
+    verdict = {True: "passed", False: "failed", None: "not defined"}[run["alpha_lambda"]]
+    yield f"  alpha-lambda (20 %, half-way): {verdict}"
     yield "  " + f"{'':<16}" + "".join(f"  {title:>{width}}" for title, _, width in _COLUMNS)
     for name, figures in {run["method"] or "as issued": run, **run["baselines"]}.items():
         label = name if figures is run else f"- {name}"
@@ -206,7 +206,7 @@ def _run_lines(run: Mapping[str, Any]) -> Iterator[str]:
 
 _END_WORDS = {
     "given": "as given",
-    "truth": "known to the simulated rig",
+    "truth": "from the simulated rig",
     "tracked": "when the tracked V_eq reached it",
     "none": "not known",
 }

@@ -1,4 +1,4 @@
-"""``spallwatch send``: any recording to a receiver over TCP or MQTT."""
+"""``spallwatch send``: send a recording to a receiver over TCP or MQTT."""
 
 from __future__ import annotations
 
@@ -33,19 +33,25 @@ class _Seconds(click.ParamType):
 @click.command("send")
 @click.argument("path")
 @click.option("--to", "url", required=True, help="tcp://HOST:PORT or mqtt://HOST[:PORT]/TOPIC.")
-@click.option("--stream", help="Stream id at a TCP receiver: the name of its [[source]]; the name of the recording.")
+@click.option(
+    "--stream", help="Stream id: the name of the [[source]] of a TCP receiver. Default: the name of the recording."
+)
 @option.config
 @click.option("--format", "kind", default="auto", show_default=True, help="Without --config: format or data set.")
-@click.option("--rate-hz", type=click.FloatRange(min=0, min_open=True), help="Without --config: sampling rate.")
+@click.option("--rate-hz", type=option.POSITIVE, help="Without --config: sampling rate.")
 @click.option("--block-s", type=_Seconds(), default=5.0, show_default=True, help="Without --config: block length.")
-@click.option("--pace", type=click.FloatRange(min=0, min_open=True), help="Times real time; as fast as it goes.")
-@click.option("--limit", type=click.IntRange(min=1), help="Send no block behind this number.")
+@click.option("--pace", type=option.POSITIVE, help="Multiple of real time. Default: as fast as possible.")
+@click.option("--limit", type=click.IntRange(min=1), help="Number of the last block to send.")
 @click.option(
-    "--patience-s", type=click.FloatRange(min=0), default=300.0, show_default=True, help="Give up after so long."
+    "--patience-s",
+    type=click.FloatRange(min=0),
+    default=300.0,
+    show_default=True,
+    help="Give up after this time without progress.",
 )
 @click.option("--username-file", type=_FILE, help="User name for the broker: the first line of this file.")
-@click.option("--password-file", type=_FILE, help="Password for the broker: likewise.")
-@click.option("--ca-file", type=_FILE, help="Certificates (PEM) that the broker's must descend from; switches TLS on.")
+@click.option("--password-file", type=_FILE, help="Password for the broker: the first line of this file.")
+@click.option("--ca-file", type=_FILE, help="Certificates (PEM) that sign the broker's; enables TLS.")
 @click.option("--cert-file", type=_FILE, help="Certificate of this machine (PEM).")
 @click.option("--key-file", type=_FILE, help="Its private key (PEM).")
 @option.output
@@ -66,8 +72,8 @@ def command(
 ) -> None:
     """Send a recording: PATH is a file, a folder, an archive or a source URL, as for replay.
 
-    It ends when the receiver has committed all of it. A receiver that is not there, or is restarted, is tried again; it
-    says what it has, and the recording goes on from there.
+    The command ends when the receiver has committed all blocks. If the receiver is unreachable or restarts, sending is
+    retried from the block after its last committed one.
     """
     from streams.link.sender import Link, Sender, TcpLink
     from streams.link.wire import WireError
@@ -116,7 +122,7 @@ def _recording(path: str, config_path: Path | None, kind: str, rate: float | Non
 
 
 def _bar(total: int, quiet: bool) -> Any:
-    """Return a callback that moves a progress bar to the number committed last."""
+    """Return a callback that moves a progress bar to the last committed block."""
     steps = iter(progress_bar("send", quiet=quiet)(range(total), total))
     done = 0
 
@@ -132,7 +138,7 @@ def _bar(total: int, quiet: bool) -> Any:
 def _lines(values: dict[str, Any]) -> Iterator[str]:
     yield (
         f"{values['sent']} blocks sent to {values['stream']}, committed up to block {values['acknowledged']}"
-        + (f"; {values['skipped']} were there already" if values["skipped"] else "")
-        + (f"; {values['rejected']} could not be made" if values["rejected"] else "")
+        + (f"; {values['skipped']} had been committed before" if values["skipped"] else "")
+        + (f"; {values['rejected']} could not be read" if values["rejected"] else "")
         + (f"; {values['reconnects']} reconnections" if values["reconnects"] else "")
     )

@@ -1,4 +1,4 @@
-"""``spallwatch warmup``: pay ahead what the first use would pay."""
+"""``spallwatch warmup``: compile kernels and plan transforms in advance."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 def command(config_path: Path | None, as_json: bool, quiet: bool) -> None:
     """Compile the bearing model and plan the transforms of a configuration.
 
-    What is compiled is kept for later runs on this machine, where the installation or the home of the user can be
-    written to; a second warmup then only loads it. Transforms are planned anew by every process, by estimate, so that
-    results do not depend on the day: planning them here says how long that takes and that it can be done.
+    Compiled code is kept for later runs on this machine if the installation or the home of the user is writable; a
+    second warmup only loads it. Every process plans its transforms again, by estimate, so that results are
+    reproducible; planning them here checks that it works and how long it takes.
 
-    compile_seconds are seconds of a core in the compiler, in total and by function; elapsed_seconds pass on the wall.
+    compile_seconds is processor time of the compiler, in total and by function; elapsed_seconds is wall time.
     """
     began = time.perf_counter()
     parts = _compile(quiet=quiet)
@@ -54,7 +54,7 @@ def command(config_path: Path | None, as_json: bool, quiet: bool) -> None:
         "transforms": planned,
     }
     lines = (
-        f"model: {len(kernels)} functions compiled in {values['compile_seconds']:.2f} s of the compiler, "
+        f"model: {len(kernels)} functions compiled in {values['compile_seconds']:.2f} s of processor time, "
         f"the rest loaded; {elapsed:.2f} s in all",
         f"transforms: {planned} planned in {values['plan_seconds']:.2f} s",
     )
@@ -62,7 +62,7 @@ def command(config_path: Path | None, as_json: bool, quiet: bool) -> None:
 
 
 def _compile(*, quiet: bool) -> list[CompiledPart]:
-    """Compile or load every kernel, saying what is done; return what each part took."""
+    """Compile or load every kernel; return the time of each part."""
     from models.warmup import PARTS, compile_parts
 
     say(f"compiling {len(PARTS)} parts of the model, or loading them", quiet=quiet)

@@ -16,9 +16,18 @@ from hypothesis import strategies as st
 
 from models.maps.data import MapPlan
 from models.maps.file import build_map, save_map
-from monitor.commands import batch
-from monitor.commands.batch import Item, Outcome, Task, find_items, report_one, reused, run_batch
+from monitor.commands import report_batch
 from monitor.commands.report import command
+from monitor.commands.report_batch import (
+    BatchRun,
+    BatchSettings,
+    Outcome,
+    Task,
+    find_runs,
+    report_one,
+    reused,
+    run_batch,
+)
 from monitor.health.record import Record, plain
 from monitor.records.store import Store
 from monitor.report.batch.summary import RunSummary
@@ -100,13 +109,13 @@ def test_a_batch_reports_what_it_can_and_lists_the_rest(fleet: Path, tmp_path: P
 
 
 def test_a_second_batch_makes_only_what_changed(fleet: Path, tmp_path: Path) -> None:
-    first = run_batch(find_items(fleet, recordings=False), tmp_path, options=Options(), workers=1)
+    first = run_batch(find_runs(fleet, recordings=False), tmp_path, BatchSettings(Options()), workers=1)
     before = (tmp_path / "hall_A-one" / "report.html").stat().st_mtime_ns
     seen: list[int] = []
     again = run_batch(
-        find_items(fleet, recordings=False),
+        find_runs(fleet, recordings=False),
         tmp_path,
-        options=Options(),
+        BatchSettings(Options()),
         workers=1,
         progress=lambda done, total: seen.append(done),
     )
@@ -116,10 +125,10 @@ def test_a_second_batch_makes_only_what_changed(fleet: Path, tmp_path: Path) -> 
     assert seen == [3, 4]
     (tmp_path / "hall_A-two" / "report.html").unlink()
     (tmp_path / "hall_B-one" / "run.json").write_text("{ cut off")
-    third = run_batch(find_items(fleet, recordings=False), tmp_path, options=Options(), workers=1)
+    third = run_batch(find_runs(fleet, recordings=False), tmp_path, BatchSettings(Options()), workers=1)
     assert [outcome.reused for outcome in third] == [False, True, False, False]
     smaller = Options(sections=frozenset({"trends"}))
-    fourth = run_batch(find_items(fleet, recordings=False), tmp_path, options=smaller, workers=1)
+    fourth = run_batch(find_runs(fleet, recordings=False), tmp_path, BatchSettings(smaller), workers=1)
     assert not any(outcome.reused for outcome in fourth)
 
 
@@ -128,27 +137,27 @@ def test_reading_a_store_for_the_first_time_is_no_change_of_it(tmp_path: Path, l
     store_at(tmp_path / "in" / "a", life(60, onset=100, learn=40))
     if loose:
         (tmp_path / "in" / "a" / "state.db").rename(tmp_path / "in" / "a" / "old.db")
-    (item,) = find_items(tmp_path / "in", recordings=False)
+    (item,) = find_runs(tmp_path / "in", recordings=False)
     for expected in (False, True):
-        (outcome,) = run_batch([item], tmp_path / "out", options=Options(), workers=1)
+        (outcome,) = run_batch([item], tmp_path / "out", BatchSettings(Options()), workers=1)
         assert outcome.error == ""
         assert outcome.reused is expected
     with Store.open(tmp_path / "in" / "a" / ("old.db" if loose else "state.db"), machine="press") as store:
         store.commit(life(61, onset=100, learn=40)[60], {})
-    assert not run_batch([item], tmp_path / "out", options=Options(), workers=1)[0].reused
+    assert not run_batch([item], tmp_path / "out", BatchSettings(Options()), workers=1)[0].reused
 
 
 def dies(task: Task) -> Outcome:
     """Take the place of a report whose process is killed."""
-    if task.item.name == "b":
+    if task.run.name == "b":
         os._exit(9)
-    return Outcome(task.item, ())
+    return Outcome(task.run, ())
 
 
 def test_a_process_that_dies_takes_no_other_run_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batch, "report_one", dies)
-    items = [Item(tmp_path, name) for name in ("b", "c")]
-    outcomes = run_batch(items, tmp_path, options=Options(), workers=2, tables=False)
+    monkeypatch.setattr(report_batch, "report_one", dies)
+    items = [BatchRun(tmp_path, name) for name in ("b", "c")]
+    outcomes = run_batch(items, tmp_path, BatchSettings(Options(), tables=False), workers=2)
     assert [outcome.error for outcome in outcomes] == ["the process that made its report died", ""]
 
 
@@ -161,26 +170,32 @@ def test_recordings_are_replayed_where_a_configuration_is_given(tmp_path: Path) 
         lines = [f"9,39,{number},{i},{value:.3f},{value:.3f}\n" for i, value in enumerate(rows)]
         (recordings / f"acc_{number:05d}.csv").write_text("".join(lines))
     config = Path(__file__).parents[3] / "examples" / "pronostia_1800rpm_4000n.toml"
-    task = Task(Item(recordings, "take_1", recording=True), tmp_path / "out", Options(), None, config, False)
+    task = Task(
+        BatchRun(recordings, "take_1", recording=True),
+        tmp_path / "out",
+        BatchSettings(Options(), config_path=config, tables=False),
+    )
     outcome = report_one(task)
     assert outcome.error == ""
     assert outcome.summaries[0].counts == {"ok": 3}
     again = reused(task)
     assert again is not None
     assert again.summaries == outcome.summaries
-    without = Task(Item(recordings, "other", recording=True), tmp_path / "out", Options(), None, None, False)
+    without = Task(
+        BatchRun(recordings, "other", recording=True), tmp_path / "out", BatchSettings(Options(), tables=False)
+    )
     assert "give --config FILE" in report_one(without).error
-    (item,) = find_items(tmp_path / "in", recordings=True)
-    assert item == Item(recordings, "take_1", recording=True)
+    (item,) = find_runs(tmp_path / "in", recordings=True)
+    assert item == BatchRun(recordings, "take_1", recording=True)
 
 
 def test_what_is_no_batch_is_said(tmp_path: Path, fleet: Path) -> None:
     with pytest.raises(ReportError, match=r"holds no state\.db"):
-        find_items(tmp_path, recordings=False)
+        find_runs(tmp_path, recordings=False)
     with pytest.raises(ReportError, match="is no folder"):
-        find_items(tmp_path / "none", recordings=False)
+        find_runs(tmp_path / "none", recordings=False)
     inside = fleet / "hall B"
-    assert {item.name for item in find_items(fleet, recordings=False, leave_out=inside)} == {
+    assert {item.name for item in find_runs(fleet, recordings=False, leave_out=inside)} == {
         *("broken", "hall_A-one", "hall_A-two")
     }
 
@@ -227,7 +242,7 @@ def test_stores_of_the_same_machine_are_runs_of_their_own(tmp_path: Path) -> Non
 
 def test_a_summary_comes_back_from_json_as_it_was(fleet: Path, tmp_path: Path) -> None:
     (outcome,) = run_batch(
-        find_items(fleet / "hall A" / "one", recordings=False), tmp_path, options=Options(), workers=1
+        find_runs(fleet / "hall A" / "one", recordings=False), tmp_path, BatchSettings(Options()), workers=1
     )
     summary = outcome.summaries[0]
     stored = json.loads(json.dumps(summary.to_dict(), allow_nan=False))

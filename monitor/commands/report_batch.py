@@ -1,4 +1,4 @@
-"""Reports of many runs: one page a run and an index, side by side over processes, taken up again where they stopped."""
+"""Reports of many runs: one page per run and an index, made in parallel; an interrupted batch is resumed."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import hashlib
 import json
 import multiprocessing
 import re
+import shutil
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -30,13 +31,10 @@ _NOT_A_NAME = re.compile(r"[^\w.+-]+")
 
 
 @dataclass(frozen=True)
-class Item:
-    """One run of a batch.
+class BatchRun:
+    """One run of a batch: a store, a file or folder of records, or a recording, which is replayed first.
 
-    Attributes:
-        path: a store, a file or folder of records, or a recording.
-        name: of its folder under the output, unlike any other.
-        recording: whether it has to be replayed first.
+    ``name`` is that of its folder under the output, unique in the batch.
     """
 
     path: Path
@@ -45,48 +43,63 @@ class Item:
 
 
 @dataclass(frozen=True)
-class Task:
-    """What a process is given: one run, where its page goes, and how it is made."""
+class BatchSettings:
+    """How the pages of a batch are made.
 
-    item: Item
-    out: Path
+    Attributes:
+        options: of the pages; maps must stand in ``options_path``, because processes read that file themselves.
+        options_path: TOML file with ``[report]``.
+        config_path: configuration with which recordings are replayed.
+        tables: write every table as CSV and netCDF too.
+        pdf: write every page, and the index, as PDF too.
+    """
+
     options: Options
-    options_path: Path | None
-    config_path: Path | None
-    tables: bool
+    options_path: Path | None = None
+    config_path: Path | None = None
+    tables: bool = True
     pdf: bool = False
 
 
 @dataclass(frozen=True)
+class Task:
+    """Input of a process: one run, the folder of all pages, and the settings."""
+
+    run: BatchRun
+    out: Path
+    settings: BatchSettings
+
+
+@dataclass(frozen=True)
 class Outcome:
-    """What became of a run.
+    """Result of a run.
 
     Attributes:
-        item: the run.
-        summaries: of the runs on its page; empty where it failed.
-        error: in one sentence, "" where it did not.
-        reused: whether its page was there already.
+        run: the run.
+        summaries: of the runs on its page; empty after a failure.
+        error: one sentence, "" without a failure.
+        reused: whether the page of an earlier batch is kept.
     """
 
-    item: Item
+    run: BatchRun
     summaries: tuple[RunSummary, ...]
     error: str = ""
     reused: bool = False
 
 
-def find_items(folder: Path, *, recordings: bool, leave_out: Path | None = None) -> list[Item]:
-    """Return the runs under a folder, however deep, in the order of their paths.
+def find_runs(folder: Path, *, recordings: bool, leave_out: Path | None = None) -> list[BatchRun]:
+    """Return the runs under a folder, at any depth, in the order of their paths.
 
-    A folder with a ``state.db`` is a run, so is one with ``.nc`` files of records (or a folder ``records`` of them), so
-    is any other ``.db`` file. What lies inside a run is not looked at.
+    A folder with a ``state.db`` is a run, as is one with ``.nc`` files of records (or a folder ``records`` of them) and
+    any other ``.db`` file. Folders inside a run are not searched.
 
     Args:
-        folder: to look in.
-        recordings: take what else lies in ``folder`` itself for recordings, one an entry.
-        leave_out: a folder in it that is not looked at, such as that of the pages.
+        folder: to search.
+        recordings: take every other entry of ``folder`` itself as a recording.
+        leave_out: a folder in it that is not searched, such as that of the pages.
 
     Raises:
-        ReportError: the folder does not exist, or holds nothing of the kind.
+        ReportError: the folder does not exist, or holds no runs.
     """
     if not folder.is_dir():
         raise ReportError(f"{folder}: is no folder")
@@ -103,15 +116,15 @@ def find_items(folder: Path, *, recordings: bool, leave_out: Path | None = None)
         more = "" if recordings else "; recordings are replayed with --config FILE"
         raise ReportError(f"{folder}: holds no state.db and no .nc files of records{more}")
     names: dict[str, int] = {}
-    items = []
+    runs = []
     for path, recording in sorted(paths):
         relative = path.relative_to(folder)
         parts = relative.parts if path.is_dir() else (*relative.parts[:-1], path.name.partition(".")[0])
         name = _NOT_A_NAME.sub("_", "-".join(parts)).strip("._") or "run"
         names[name.lower()] = names.get(name.lower(), 0) + 1
         number = names[name.lower()]
-        items.append(Item(path, name if number == 1 else f"{name}-{number}", recording))
-    return items
+        runs.append(BatchRun(path, name if number == 1 else f"{name}-{number}", recording))
+    return runs
 
 
 def _stores(folder: Path, apart: Path | None) -> Iterator[Path]:
@@ -129,64 +142,47 @@ def _stores(folder: Path, apart: Path | None) -> Iterator[Path]:
 
 
 def run_batch(
-    items: Sequence[Item],
+    runs: Sequence[BatchRun],
     out: Path,
+    settings: BatchSettings,
     *,
-    options: Options,
-    options_path: Path | None = None,
-    config_path: Path | None = None,
-    tables: bool = True,
-    pdf: bool = False,
     workers: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[Outcome]:
-    """Report every run, each into a folder of its own, then the index.
+    """Report every run, each into a folder of its own under ``out``, then write the index.
 
-    A page whose records, options and program are those of the last time stays as it is. A run that fails is listed in
-    the index and in ``failures.json``; the others go on.
-
-    Args:
-        items: the runs.
-        out: folder of the pages, made where it is missing.
-        options: of the pages; maps in it have to be in ``options_path``, as processes read that file themselves.
-        options_path: TOML file with ``[report]``.
-        config_path: configuration with which recordings are replayed.
-        tables: write every table as CSV and netCDF too.
-        pdf: write every page, and the index, as PDF too.
-        workers: processes; 0 means one a core.
-        progress: told how many of how many are done.
-
-    Returns:
-        What became of each run.
+    A page is kept if its records, settings and program are unchanged. A run that fails is listed in the index and in
+    ``failures.json``; the others go on. ``workers`` is the number of processes, 0 one per core; ``progress`` is called
+    with the number done and the total.
 
     Raises:
-        ReportError: the output folder or the index cannot be written, or what a PDF needs is missing.
+        ReportError: the output folder or the index cannot be written, or a requirement of PDF is missing.
     """
-    if pdf:
+    if settings.pdf:
         require_pdf()
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ReportError(f"{out}: cannot be made: {error.strerror or error}") from error
-    plain = replace(options, maps={})
-    tasks = [Task(item, out, plain, options_path, config_path, tables, pdf) for item in items]
-    found = {task.item.name: outcome for task in tasks if (outcome := reused(task)) is not None}
+    plain = replace(settings, options=replace(settings.options, maps={}))
+    tasks = [Task(run, out, plain) for run in runs]
+    found = {task.run.name: outcome for task in tasks if (outcome := reused(task)) is not None}
     if found:
         progress(len(found), len(tasks))
-    for outcome in _outcomes([task for task in tasks if task.item.name not in found], workers):
-        found[outcome.item.name] = outcome
+    for outcome in _outcomes([task for task in tasks if task.run.name not in found], workers):
+        found[outcome.run.name] = outcome
         progress(len(found), len(tasks))
-    outcomes = [found[item.name] for item in items]
+    outcomes = [found[run.name] for run in runs]
     from monitor.report.batch.index import write_index
 
-    runs = [summary for outcome in outcomes for summary in outcome.summaries]
-    failed = [(outcome.item.name, outcome.error) for outcome in outcomes if outcome.error]
-    write_index(runs, failed, out, options, tables=tables, pdf=pdf)
+    summaries = [summary for outcome in outcomes for summary in outcome.summaries]
+    failed = [(outcome.run.name, outcome.error) for outcome in outcomes if outcome.error]
+    write_index(summaries, failed, out, settings.options, tables=settings.tables, pdf=settings.pdf)
     return outcomes
 
 
 def _outcomes(tasks: Sequence[Task], workers: int) -> Iterator[Outcome]:
-    """Yield what becomes of each task in order; where a process dies, the rest go on in one of their own each."""
+    """Yield the outcome of each task in order; after a process has died, each further task has its own process."""
     done = 0
     try:
         for outcome in in_processes(report_one, tasks, workers):
@@ -200,28 +196,28 @@ def _outcomes(tasks: Sequence[Task], workers: int) -> Iterator[Outcome]:
             try:
                 yield pool.submit(report_one, task).result()
             except BrokenProcessPool:
-                yield Outcome(task.item, (), "the process that made its report died")
+                yield Outcome(task.run, (), "the process that made its report died")
 
 
 def reused(task: Task) -> Outcome | None:
-    """Return the outcome of a run whose page needs no making, else None."""
+    """Return the outcome of a run whose page can be kept, else None."""
     try:
-        kept = _kept(task.out / task.item.name, fingerprint(task), pdf=task.pdf)
+        kept = _kept(task.out / task.run.name, fingerprint(task), pdf=task.settings.pdf)
     except OSError:
         return None
-    return None if kept is None else Outcome(task.item, kept, reused=True)
+    return None if kept is None else Outcome(task.run, kept, reused=True)
 
 
 def report_one(task: Task) -> Outcome:
-    """Report one run of a batch; whatever goes wrong with it is its outcome."""
+    """Report one run of a batch; any error becomes its outcome."""
     try:
-        return Outcome(task.item, _report(task, task.out / task.item.name, fingerprint(task)))
+        return Outcome(task.run, _report(task, task.out / task.run.name, fingerprint(task)))
     except (ReportError, ConfigError, StoreError, OSError, ValueError) as error:
-        return Outcome(task.item, (), _one_line(error))
-    except Exception as error:  # One run that nobody thought of must not take the other thousands with it.
+        return Outcome(task.run, (), _one_line(error))
+    except Exception as error:  # An unforeseen error in one run must not end the batch.
         frames = traceback.extract_tb(error.__traceback__)
         where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-        return Outcome(task.item, (), f"{type(error).__name__}: {_one_line(error)}{where}")
+        return Outcome(task.run, (), f"{type(error).__name__}: {_one_line(error)}{where}")
 
 
 def _one_line(error: Exception) -> str:
@@ -233,18 +229,19 @@ def _report(task: Task, folder: Path, print_of: str) -> tuple[RunSummary, ...]:
     from monitor.report.report import report_runs
     from monitor.report.tables import write_whole
 
-    options = replace(read_options(task.options_path, task.options), title=None)
-    source = _replayed(task, folder) if task.item.recording else task.item.path
+    settings = task.settings
+    options = replace(read_options(settings.options_path, settings.options), title=None)
+    source = _replayed(task, folder) if task.run.recording else task.run.path
     runs = read_runs(source)
     if len(runs) == 1:
-        runs = [replace(runs[0], label=f"{runs[0].machine}, {task.item.name}")]
-    options = replace(options, title=f"Bearing health: {task.item.name}")
-    place = folder / "tables" if task.tables else None
-    page, summaries = report_runs(runs, folder / "report.html", options=options, tables=place, pdf=task.pdf)
-    link = f"{task.item.name}/{page.name}"
+        runs = [replace(runs[0], label=f"{runs[0].machine}, {task.run.name}")]
+    options = replace(options, title=f"Bearing health: {task.run.name}")
+    place = folder / "tables" if settings.tables else None
+    page, summaries = report_runs(runs, folder / "report.html", options=options, tables=place, pdf=settings.pdf)
+    link = f"{task.run.name}/{page.name}"
     linked = tuple(replace(item, link=link if len(runs) == 1 else f"{link}{item.link}") for item in summaries)
     stored = {"fingerprint": print_of, "runs": [item.to_dict() for item in linked]}
-    # The last file to be written: where it is, the page is whole.
+    # Written last: its presence means that the page is complete.
     write_whole(folder / _SUMMARY, json.dumps(stored, allow_nan=False, default=_no_nan))
     return linked
 
@@ -257,43 +254,32 @@ def _replayed(task: Task, folder: Path) -> Path:
     """Replay a recording into ``replay`` beside its page and return that folder."""
     from monitor.service.replay import replay
 
-    if task.config_path is None:
-        raise ReportError(f"{task.item.path}: is a recording; give --config FILE to replay it")
+    if task.settings.config_path is None:
+        raise ReportError(f"{task.run.path}: is a recording; give --config FILE to replay it")
     store = folder / "replay"
     if store.exists():
-        # Left by a run that was cut off; a replay is made again from the recording.
-        for path in sorted(store.rglob("*"), reverse=True):
-            path.rmdir() if path.is_dir() else path.unlink()
+        # Left by an interrupted batch; the recording is replayed again.
+        shutil.rmtree(store)
     folder.mkdir(parents=True, exist_ok=True)
-    replay(load_config(task.config_path), str(task.item.path), store)
+    replay(load_config(task.settings.config_path), str(task.run.path), store)
     return store
 
 
 def fingerprint(task: Task) -> str:
-    """Return a digest of all that makes a page: its records, options, configuration and the program's version."""
-    digest = hashlib.sha256()
-    options = task.options
-    said = (
-        __version__,
-        VERSION,
-        str(options.zone),
-        sorted(options.sections),
-        options.notes,
-        task.tables,
-        task.pdf,
-        task.item,
-    )
-    digest.update(repr(said).encode())
-    for path in (task.options_path, task.config_path if task.item.recording else None):
+    """Return a digest of the inputs of a page: records, settings, configuration and version of the program."""
+    settings, options = task.settings, task.settings.options
+    chosen = (str(options.zone), sorted(options.sections), options.notes, settings.tables, settings.pdf)
+    digest = hashlib.sha256(repr((__version__, VERSION, *chosen, task.run)).encode())
+    for path in (settings.options_path, settings.config_path if task.run.recording else None):
         digest.update(b"-" if path is None else path.read_bytes())
-    for path in _inputs(task.item.path):
+    for path in _inputs(task.run.path):
         found = path.stat()
         digest.update(repr((str(path), found.st_size, found.st_mtime_ns)).encode())
     return digest.hexdigest()
 
 
 def _inputs(path: Path) -> list[Path]:
-    """Return the files that a page is made of; a write-ahead log without anything in it comes and goes with readers."""
+    """Return the files that a page depends on, without empty write-ahead logs, which readers create and remove."""
     if path.is_file():
         found = [path, *path.parent.glob(f"{glob.escape(path.name)}-wal")]
     else:
@@ -303,7 +289,7 @@ def _inputs(path: Path) -> list[Path]:
 
 
 def _kept(folder: Path, print_of: str, *, pdf: bool) -> tuple[RunSummary, ...] | None:
-    """Return the summaries of a page that needs no making, else None."""
+    """Return the summaries of a page that can be kept, else None."""
     try:
         stored = json.loads((folder / _SUMMARY).read_text(encoding="utf-8"))
         pages = ("report.html", "report.pdf") if pdf else ("report.html",)
