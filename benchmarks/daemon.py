@@ -26,8 +26,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.maps.data import MapPlan
 from models.maps.file import cached_map, save_map
+from models.maps.plan import MapPlan
 from monitor.records.store import Store
 from monitor.service.status_file import read_status
 

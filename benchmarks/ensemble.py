@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from models.maps.build import build_map
-from models.maps.data import MapPlan
 from models.maps.ensemble import ensemble_nodes, ensemble_options, step_error
 from models.maps.nodes import scene_at, simulate_node_row, steps_of
+from models.maps.plan import MapPlan
 from models.scene import Floor, Slip
 
 FLOORS = 100

@@ -32,8 +32,9 @@ from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_population import FRACTIONS, LIBRARY, THRESHOLD
 from benchmarks.forecast_thesis import map_plan
 from models.lives.life import LifeHistory
-from models.maps.data import MapPlan, MapSlice, RmsMap
+from models.maps.data import MapSlice, RmsMap
 from models.maps.file import cached_map
+from models.maps.plan import MapPlan
 from models.scene import Floor
 from monitor.health.damage.filter.particle_filter import FilterInput, FilterSettings, FilterState, step
 

@@ -13,7 +13,8 @@ from platformdirs import user_cache_dir
 from tqdm import tqdm
 
 from models.lives.laws import PATH_STEP, GrowthPath
-from models.lives.life import LifeHistory, Population, simulate_lives
+from models.lives.life import LifeHistory, simulate_lives
+from models.lives.population import Population
 
 CHUNK = 50
 """Lives in one file."""

@@ -11,7 +11,7 @@ The amplitude that a sensor picks up beside the bearing at the lines of BPFO is 
 
 from __future__ import annotations
 
-from models.lives.life import Population
+from models.lives.population import Population
 
 THRESHOLD = 0.05e-6
 """V_eq to forecast, m2."""

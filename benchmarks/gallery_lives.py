@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from models.bearing import from_catalogue, kinematics
 from models.maps.build import build_map
-from models.maps.file import RmsMap
+from models.maps.data import RmsMap
 from models.maps.plan import MapPlan
 from models.path.defect import race_radius
 from models.scene import Defect, Floor, Scene

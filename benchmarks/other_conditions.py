@@ -17,8 +17,9 @@ import math
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.maps.data import MapPlan, RmsMap
-from models.maps.file import build_map
+from models.maps.build import build_map
+from models.maps.data import RmsMap
+from models.maps.plan import MapPlan
 from monitor.health.damage.thesis.prognosis import rms_from_map, rms_from_model, rms_history
 from streams.block import STANDARD_GRAVITY
 

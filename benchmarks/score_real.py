@@ -35,8 +35,9 @@ from numpy.typing import NDArray
 from benchmarks.common import arguments, print_table, write_json
 from benchmarks.forecast_lives import cached_lives
 from models.lives.population import Population
-from models.maps.data import MapPlan, RmsMap
+from models.maps.data import RmsMap
 from models.maps.file import cached_map
+from models.maps.plan import MapPlan
 from models.path.defect import race_radius
 from monitor.config.load import Config, validate
 from monitor.health.damage.library.calibrate import RecordedRun, calibrate

@@ -29,9 +29,11 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from models.dynamics.orbit import STATE_SCALE, find_orbit
 from models.dynamics.six_dof import GRADES, BallPeriod, prepare
-from models.maps.build import build_map, scene_at
+from models.maps.build import build_map
 from models.maps.check import check_map
-from models.maps.data import MapPlan, RmsMap
+from models.maps.data import RmsMap
+from models.maps.nodes import scene_at
+from models.maps.plan import MapPlan
 from models.response import Response
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate

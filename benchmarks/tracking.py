@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from benchmarks import edv as analytic
 from benchmarks.common import Row, arguments, print_table, write_json
 from models.bearing import kinematics
-from models.maps.data import MapPlan
 from models.maps.file import cached_map
+from models.maps.plan import MapPlan
 from models.scene import Floor
 from models.simulate import simulate
 from monitor.health.damage.thesis import edv, forecast

@@ -1,4 +1,4 @@
-"""Geometry and kinematics of rolling bearings, and the catalogue of known ones (bearings.toml)."""
+"""Geometry and kinematics of rolling bearings, and the catalogue (bearings.toml)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Bearing:
     """Geometry of a rolling bearing, SI units and radians.
 
     Attributes:
-        designation: the maker's name of it.
+        designation: name by the manufacturer.
         n_elements: rolling elements in one row.
         element_diameter: diameter of a rolling element, m.
         pitch_diameter: diameter of the circle through the element centres, m.
@@ -26,10 +26,10 @@ class Bearing:
         outer_race_radius: r_o, radius of the outer race at the contact, m, or None where unknown.
         inner_race_radius: r_i, radius of the inner race at the contact, m, or None where unknown.
         inner_groove_radius: radius of curvature of the inner race across the rolling direction, m, or None.
-        outer_groove_radius: the same of the outer race, m, or None (a self-aligning race: its sphere radius).
+        outer_groove_radius: the same of the outer race, m, or None; of a self-aligning race the sphere radius.
         effective_length: length of the line contact of a roller, m, or None.
         dynamic_load_rating: basic dynamic load rating C_r, N, or None.
-        source: where the figures come from.
+        source: origin of the figures.
     """
 
     designation: str
@@ -68,11 +68,9 @@ class Kinematics:
 def kinematics(bearing: Bearing, speed: float) -> Kinematics:
     """Return the kinematic frequencies of pure rolling.
 
-    Args:
-        bearing: its geometry.
-        speed: rotation speed of the turning ring, Hz, positive.
+    ``speed`` is the rotation speed of the turning ring, Hz, positive.
 
-    Source: thesis, Eqs. 33 and 81; Ceruti for BSF (with the misprint mended: 1 - (d/D cos a)^2). With the outer ring
+    Source: thesis, Eqs. 33 and 81; Ceruti for BSF (misprint corrected: 1 - (d/D cos a)^2). With the outer ring
     turning, the cage follows it: FTF = f/2 (1 + d/D cos a), while the passages over either race, which depend on the
     relative motion alone, keep their formulas.
 
@@ -124,7 +122,7 @@ def from_catalogue(designation: str) -> Bearing:
     """Return one bearing of the catalogue.
 
     Raises:
-        KeyError: if it is not there; the message lists what is.
+        KeyError: if it is not there; the message lists the known ones.
     """
     known = catalogue()
     if designation not in known:

@@ -183,7 +183,7 @@ def stiffness_over_passage(
         points: cage angles, evenly over one spacing of the elements of a row.
 
     Raises:
-        ValueError: if load or clearance is negative, or the defect is none that the bearing can have.
+        ValueError: if load or clearance is negative, or the defect does not fit the bearing.
     """
     if defect is not None:
         _check_defect(bearing, defect)

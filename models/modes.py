@@ -33,14 +33,14 @@ def natural_frequencies(rig: Rig, k_xx: float, k_yy: float) -> NDArray[np.float6
 
 
 def resonator_stiffness(rig: Rig, k_b: float, frequency: float) -> float:
-    """Return the k_r that puts a natural frequency of the rig where it is wanted, N/m (Eq. 62).
+    """Return the k_r that gives the rig a natural frequency, N/m (Eq. 62).
 
     Source: Eqs. 62-65. Eq. 63 as printed misses k_b m_i in its bracket, which is Lambda of Eq. 65.
 
     Args:
         rig: masses and k_i; its own k_r is not used.
         k_b: bearing stiffness in the direction of the mode, N/m.
-        frequency: the natural frequency wanted, Hz.
+        frequency: the natural frequency, Hz.
     """
     lam = (2.0 * math.pi * frequency) ** 2
     constant = lam**2 * rig.m_i * rig.m_o - lam * (rig.k_i * rig.m_o + k_b * rig.m_i + k_b * rig.m_o) + rig.k_i * k_b
@@ -55,11 +55,7 @@ def stiffness_damping(zeta: float, frequency: float, stiffness: float) -> float:
 def contact_damping(zeta_1: float, zeta_2: float, f_1: float, f_2: float) -> tuple[float, float]:
     """Return alpha_c (1/s) and beta_c (s) that give two damping ratios at two frequencies (Eqs. 70, 73 and 74).
 
-    Args:
-        zeta_1: damping ratio at f_1.
-        zeta_2: damping ratio at f_2.
-        f_1: lower frequency, Hz.
-        f_2: higher frequency, Hz.
+    ``zeta_1`` and ``zeta_2`` are the damping ratios at ``f_1`` < ``f_2``, Hz.
 
     Raises:
         ValueError: if the frequencies are not positive and ascending.

@@ -1,4 +1,4 @@
-"""What a simulated bearing sounds like: RMS, peak, lines, and the signal itself at any sampling rate."""
+"""The vibration of a simulated bearing: RMS, peak, lines, and the signal at any sampling rate."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Sensor = Literal["mo", "mr"]
 Status = Literal["converged", "not_periodic", "not_converged"]
 
 HARMONICS = 6
-# Share of the Nyquist frequency up to which a recorder passes the signal: anti-alias filters need the rest to fall.
+# Share of the Nyquist frequency below the transition band of a recorder's anti-alias filter.
 PASSBAND = 0.9
 _SENSORS: dict[str, int] = {"mo": 0, "mr": 1}
 _CHUNK = 8192
@@ -35,10 +35,10 @@ class Response:
         harmonics: single-sided amplitudes of the first six lines k * bpfo of a_o, m/s2, shape (6,).
         periods: ball periods that were simulated.
         period_change: relative change of the full-bandwidth RMS between the last two of them.
-        spread: standard deviation of that RMS from period to period, m/s2; zero where the motion repeats, not a number
-            where it left the finite numbers (then the status is "not_converged").
+        spread: standard deviation of that RMS from period to period, m/s2; zero if the motion repeats, NaN if it
+            diverged (then the status is "not_converged").
         model: name of the model.
-        status: "converged", "not_periodic" (a mean and a spread are given) or "not_converged" (do not use).
+        status: "converged", "not_periodic" (a mean and a spread are given) or "not_converged" (unusable).
         rms_band: the band (lo, hi), Hz, to which RMS and peak refer, or None for the full bandwidth.
         coefficients: complex Fourier coefficients c_k of exp(2 pi i k bpfo t), k = 0..K, of a_o and a_r, m/s2, shape
             (2, K + 1). The amplitude of line k is 2 |c_k|. Where the motion does not repeat, their amplitudes are
@@ -129,7 +129,7 @@ def _series(coefficients: NDArray[np.complex128], unit: NDArray[np.complex128]) 
 
 
 def check_band(band: tuple[float, float]) -> tuple[float, float]:
-    """Return the band if it is one.
+    """Return a valid band.
 
     Raises:
         ValueError: unless 0 <= lo < hi.

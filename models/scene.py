@@ -1,7 +1,6 @@
-"""Scene: the frozen description of what is modelled, and of nothing more.
+"""The description of a simulated bearing: rig, defect, floor, slip, operating point.
 
-All quantities are SI and radians. A field that is None or zero names an effect that the scene does not have, and which
-costs no arithmetic.
+All quantities are SI and radians. A field that is None or zero switches its effect off, at no cost of arithmetic.
 """
 
 from __future__ import annotations
@@ -110,10 +109,10 @@ class Waviness:
 
 @dataclass(frozen=True)
 class Slip:
-    """How balls stand off from their place in the cage (Eq. 82): sigma is uniform between -phi_slip and phi_slip.
+    """Deviation of balls from their place in the cage (Eq. 82): sigma is uniform between -phi_slip and phi_slip.
 
-    As printed, sigma is white noise and the result depends on how often it is redrawn, so the rule is a choice. Sigma
-    is never differentiated.
+    As printed, sigma is white noise and the result depends on how often it is redrawn; ``rule`` chooses. Sigma is not
+    differentiated.
 
     Attributes:
         phi_slip: largest angle, rad; the standard deviation is phi_slip / sqrt(3).
@@ -128,7 +127,7 @@ class Slip:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse what is no slip.
+        """Check the values.
 
         Raises:
             ValueError: naming the field.
@@ -140,7 +139,7 @@ class Slip:
 
     @property
     def redraws(self) -> bool:
-        """Whether it makes the motion random."""
+        """Whether the motion is random."""
         return self.rule == "per_passage" and self.phi_slip > 0.0
 
 
@@ -155,12 +154,12 @@ class Scene:
         rig: lumped parameters around it.
         defect: the damage, or None for a healthy bearing.
         clearance: radial clearance h of Eq. 34, m.
-        model: the model that answers for it.
+        model: name of the model.
         waviness: roundness errors of the races.
-        unbalance: unbalance of the shaft, kg m (mass times eccentricity), turning with it from the load direction.
+        unbalance: unbalance of the shaft (mass times eccentricity), kg m; at the load direction at time zero.
         gravity: acceleration of gravity that acts on the masses, m/s2.
-        gravity_angle: its direction from that in which the load pulls the outer ring, rad.
-        slip: how balls stand off from their place in the cage (Eq. 82), or None.
+        gravity_angle: angle of gravity from the direction of the load on the outer ring, rad.
+        slip: deviation of balls from their place in the cage (Eq. 82), or None.
     """
 
     speed: float

@@ -1,4 +1,4 @@
-"""simulate(scene): what a scene sounds like, by the model that it names."""
+"""Simulate the settled vibration of a scene with the model that it names."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 DEFAULT_TOLERANCE = 1e-5
 DEFAULT_MAX_PERIODS = 300
-# Lines are computed up to here; what the model does above 20 kHz is of no use to any recorder it stands for.
+# Lines are computed up to here, Hz; the model is meant for recorders of up to 20 kHz.
 LINES_TO = 30e3
 # Lines above this share of the step rate are not resolved by the quadrature (half would be the Nyquist limit).
 _RESOLVED = 0.4
-# The Jacobian only steers the search for the orbit, so few steps do for it.
+# The Jacobian only steers the search for the orbit, so few steps suffice.
 _JACOBIAN_STEPS = 96
 _WORST_CONDITION = 1e10
 
@@ -44,12 +44,12 @@ def simulate(
     """Return the settled vibration of a scene.
 
     Args:
-        scene: what is modelled.
-        tolerance: relative change of the RMS from period to period that counts as none.
-        accuracy: relative error of the RMS that the steps may leave (rms over scenes), at least 2e-4, which is the
-            default; coarser ones are faster. benchmarks/six_dof.py measures what they do leave.
-        steps_per_period: steps a ball period is to have at least, instead of ``accuracy``.
-        max_periods: periods to simulate at most.
+        scene: the scene.
+        tolerance: relative change of the RMS from period to period at which the motion counts as settled.
+        accuracy: target of the relative error of the RMS due to the steps (rms over scenes), at least 2e-4, the
+            default; coarser ones are faster. benchmarks/six_dof.py measures the actual error.
+        steps_per_period: minimum number of steps in a ball period, instead of ``accuracy``.
+        max_periods: limit of simulated periods.
         band: frequencies (lo, hi), Hz, in which RMS and peak are taken; None is the full bandwidth.
         lines_to: frequency up to which the lines of the spectrum are computed, Hz; raised to the end of the band,
             and lowered to 0.4 of the step rate, beyond which the steps do not resolve them.
@@ -129,10 +129,10 @@ def _levels_in_band(
 
 @lru_cache(maxsize=512)
 def steering(scene: Scene) -> NDArray[np.float64] | None:
-    """Return what steers the search for the orbits of scenes that differ from this healthy one in their defect only.
+    """Return the matrix that steers the orbit search of scenes that differ from this healthy one in the defect only.
 
-    It is the inverse of identity minus the scaled Jacobian of the healthy period map, shape (12, 12); None where that
-    steers nowhere.
+    It is the inverse of identity minus the scaled Jacobian of the healthy period map, shape (12, 12); None if that is
+    ill-conditioned or not finite.
     """
     period = prepare(scene, _JACOBIAN_STEPS)
     approach = float(period.parameter[P_U_1]) - scene.clearance

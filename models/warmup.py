@@ -1,4 +1,4 @@
-"""Compiling ahead what the first use of each model would compile (``spallwatch warmup``).
+"""Compile in advance the kernels of each model (``spallwatch warmup``).
 
 Each part runs a model for a moment. That compiles its kernels, or loads them where an earlier run has left them on
 disk. Parts go to two processes where there are two cores, because numba compiles one function at a time in a process.
@@ -20,13 +20,13 @@ _SCENE = Scene(40.0, 4000.0, defect=Defect(dphi_d=0.1, h_d=1e-5))
 
 @dataclass(frozen=True)
 class CompiledPart:
-    """What preparing one part took.
+    """Time to prepare one part.
 
     Attributes:
         name: see PARTS.
-        elapsed: time from beginning to end, imports and loading included, s.
-        kernels: seconds of a core in the compiler by function, without those of the functions that it calls; empty
-            where all of them were loaded.
+        elapsed: wall time, imports and loading included, s.
+        kernels: processor seconds of the compiler by function, without those of the functions that it calls; empty
+            if all were loaded.
     """
 
     name: str
@@ -42,7 +42,7 @@ def _one_scene() -> None:
 
 def _rows_of_a_map() -> None:
     from models.maps.build import build_map
-    from models.maps.data import MapPlan
+    from models.maps.plan import MapPlan
 
     build_map(MapPlan(load=(4000.0,), speed=(40.0,), h_d=(1e-5,), dphi_d=(0.1,)))
 
@@ -59,7 +59,7 @@ def _over_time() -> None:
     compile_kernels()
 
 
-# The last one uses what the first has compiled.
+# The last part reuses the kernels of the first.
 PARTS: dict[str, Callable[[], None]] = {
     "one settled scene": _one_scene,
     "many scenes at once": _many_scenes,
@@ -85,8 +85,7 @@ def compile_part(name: str) -> CompiledPart:
 def compile_parts(workers: int) -> Iterator[CompiledPart]:
     """Compile or load all of PARTS and yield each when it is done.
 
-    Args:
-        workers: processes; 1 is this one, and 0 means one a core. More than two are not of use.
+    ``workers`` is the number of processes: 1 is this one, 0 one per core; at most two are used.
 
     Raises:
         ValueError: if workers is negative.

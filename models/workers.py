@@ -1,4 +1,4 @@
-"""Tasks shared between threads or processes, results in order and independent of how many there are."""
+"""Tasks shared between threads or processes; results are in order and independent of the number of workers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _T = TypeVar("_T")
 _R = TypeVar("_R")
 
 
-def _counted(workers: int) -> int:
+def _worker_count(workers: int) -> int:
     workers = (os.cpu_count() or 1) if workers == 0 else workers
     if workers < 1:
         raise ValueError(f"workers must not be negative, got {workers!r}")
@@ -20,17 +20,14 @@ def _counted(workers: int) -> int:
 
 
 def in_threads(function: Callable[[_T], _R], tasks: Sequence[_T], workers: int) -> Iterator[_R]:
-    """Yield the results of tasks in their order, from one thread or several: the kernels let go of the interpreter.
+    """Yield ``function`` of each task in order, from one or several threads, for kernels that release the GIL.
 
-    Args:
-        function: of one task.
-        tasks: what it is called with.
-        workers: threads; 0 means one a core.
+    ``workers`` is the number of threads; 0 is one per core.
 
     Raises:
         ValueError: if workers is negative.
     """
-    workers = _counted(workers)
+    workers = _worker_count(workers)
     if workers == 1 or len(tasks) <= 1:
         yield from map(function, tasks)
         return
@@ -42,17 +39,14 @@ def in_threads(function: Callable[[_T], _R], tasks: Sequence[_T], workers: int) 
 
 
 def in_processes(function: Callable[[_T], _R], tasks: Sequence[_T], workers: int) -> Iterator[_R]:
-    """Yield the results of tasks in their order, from this process or from several.
+    """Yield ``function`` of each task in order, from this process or several; it must be picklable.
 
-    Args:
-        function: a module's function of one task.
-        tasks: what it is called with.
-        workers: processes; 0 means one a core.
+    ``workers`` is the number of processes; 0 is one per core.
 
     Raises:
         ValueError: if workers is negative.
     """
-    workers = _counted(workers)
+    workers = _worker_count(workers)
     if workers == 1 or len(tasks) <= 1:
         yield from map(function, tasks)
         return

@@ -1,4 +1,4 @@
-"""Many scenes at once, with or without slip: the six-degree-of-freedom model simulated in time, one scene a lane.
+"""Many scenes at once, with or without slip: the six-degree-of-freedom model simulated in time, one scene per lane.
 
 Scenes of one bearing, rig, clearance and speed that differ in load and damage are integrated side by side in groups
 of LANES (models/kernels/lanes.py). Time is cut into blocks of PERIODS ball periods, each of the same number of equal
@@ -37,17 +37,17 @@ DEFAULT_TOLERANCE = 1e-3
 STATUSES: tuple[Status, ...] = ("converged", "not_periodic", "not_converged")
 # With slip: blocks before the measurement begins.
 _SETTLING_BLOCKS = 2
-# A vibration below this is none (m/s2); relative changes of it mean nothing.
+# A smaller vibration counts as zero, m/s2.
 _SILENCE = 1e-9
 
 
 @dataclass(frozen=True)
 class LaneOptions:
-    """How a batch is simulated.
+    """Settings of the simulation of a batch.
 
     Attributes:
         steps_per_period: steps of a ball period at least; by default so many that a step is 20 us at most, and 256.
-        tolerance: relative change of the RMS from block to block that counts as none.
+        tolerance: relative change of the RMS from block to block at which the motion counts as settled.
         max_blocks: blocks to simulate at most where the motion repeats, at least 3.
         slip_blocks: blocks that are measured where it does not, at least 2.
         band: frequencies (lo, hi), Hz, in which the RMS is taken; None is the full bandwidth.
@@ -60,7 +60,7 @@ class LaneOptions:
     band: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse limits that make no sense.
+        """Check the values.
 
         Raises:
             ValueError: naming the field.
@@ -146,12 +146,12 @@ class LaneRunner:
             number: number of the group; with slip, groups of different numbers draw different angles.
 
         Raises:
-            ValueError: if there are none or too many, or they do not share what they must; the message names it.
+            ValueError: if there are none or too many, or they differ in a field that must be equal.
         """
         if not 1 <= len(scenes) <= LANES:
             raise ValueError(f"a group holds 1 to {LANES} scenes, got {len(scenes)}")
         grid = _shared_grid(scenes, self.options)
-        # Lanes that nobody needs repeat the last scene.
+        # Unused lanes repeat the last scene.
         padded = [*scenes, *[scenes[-1]] * (LANES - len(scenes))]
         slip = scenes[0].slip
         group = Group(grid, padded, slip, self._workspace)
@@ -256,11 +256,11 @@ def simulate_lanes(scenes: Sequence[Scene], options: LaneOptions | None = None, 
         scenes: at least one; they may differ in load and defect. Scenes of similar extent beside each other are
             fastest, because the kernel's tables span the widest defect of a group.
         options: how they are simulated.
-        workers: processes to share the groups of LANES scenes between; 0 means one a core. The result is the same
+        workers: processes for the groups of LANES scenes; 0 is one per core. The result is the same
             bit for bit.
 
     Raises:
-        ValueError: if a scene is outside the model or does not share what it must; the message names it.
+        ValueError: if a scene is outside the model or differs in a field that must be equal; the message names it.
     """
     options = LaneOptions() if options is None else options
     if len(scenes) == 0:

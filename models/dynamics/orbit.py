@@ -86,7 +86,7 @@ class Orbit:
 
 
 class _Watch:
-    """Counts periods and says when the RMS has settled: two successive changes below the tolerance."""
+    """Count periods; the RMS has settled after two successive changes below the tolerance."""
 
     def __init__(self, period: PeriodMap, tolerance: float) -> None:
         self.period, self.tolerance = period, tolerance

@@ -26,7 +26,7 @@ class Row:
     """Settled vibration of the casing for defects of several extents, SI units.
 
     Attributes:
-        rms: RMS in the asked band, m/s2, shape (extents,).
+        rms: RMS in the band, m/s2, shape (extents,).
         change: relative change of the full-bandwidth RMS between the last two periods, shape (extents,).
         settled: where the search for the settled motion ended; elsewhere the other fields mean nothing.
         periods: ball periods simulated, shape (extents,).

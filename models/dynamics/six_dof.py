@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from models.bearing import Bearing
     from models.scene import Defect, Scene
 
-# Longest step, s, and fewest steps a period that leave a relative error of the RMS of less than the key (rms over
-# scenes); benchmarks/six_dof.py prints what they do leave. The default is the finest.
+# Longest step, s, and fewest steps a period with a relative error of the RMS below the key (rms over
+# scenes); benchmarks/six_dof.py prints the actual error. The default is the finest.
 GRADES = {2e-3: (28e-6, 128), 1e-3: (20e-6, 128), 2e-4: (10e-6, 512)}
 
 # Read-only as the profiles of rough floors are: another type of array would be another kernel.
@@ -146,10 +146,10 @@ class BallPeriod:
 
 
 def check_scene(scene: Scene) -> None:
-    """Refuse what the model cannot describe.
+    """Check that the model describes a scene.
 
     Raises:
-        ValueError: naming the field, what it is and what is expected.
+        ValueError: naming the field, its value and the expected one.
     """
     if scene.effects:
         raise ValueError(f"{', '.join(scene.effects)}: only models.dynamics.time_domain.simulate_time models this")
@@ -183,11 +183,11 @@ def check_steps(steps_per_period: int) -> None:
 
 
 def steps_for(scene: Scene, accuracy: float | None = None) -> int:
-    """Return the steps per ball period with which a scene is simulated unless another number is asked for.
+    """Return the default number of steps per ball period of a scene.
 
     Args:
         scene: what is modelled.
-        accuracy: relative error of the RMS that is asked for (rms over scenes), at least 2e-4, which is the default.
+        accuracy: target of the relative error of the RMS (rms over scenes), at least 2e-4, the default.
 
     Raises:
         ValueError: if accuracy is finer than the finest grade, or not a number.

@@ -40,11 +40,11 @@ SETTLE_PERIODS = 40
 SETTLE_SECONDS = 0.2
 _LEAST_BLOCKS = 4.0
 _STOPBAND_DB = 80.0
-# A change of the RMS from the first to the second half that is none, whatever the standard error says.
+# A smaller change of the RMS from the first to the second half is ignored at any standard error.
 _SAME_LEVEL = 3e-3
-# A spread of the RMS from ball period to ball period that is none: steps fall differently in each.
+# A smaller spread of the RMS from ball period to ball period is due to the steps.
 _SAME_PERIOD = 2e-2
-# A vibration below this is none, m/s2.
+# A smaller vibration counts as zero, m/s2.
 SILENCE = 1e-9
 _SENSORS: dict[str, int] = {"mo": 0, "mr": 1}
 
@@ -187,7 +187,7 @@ def _block_rate(scene: Scene, lines: Kinematics) -> float:
 
 
 def _settling(settle: float | None, lines: Kinematics) -> float:
-    """Return the time to drop, s: the one asked for, or 40 ball periods and 0.2 s at least."""
+    """Return the time to drop, s: the given one, or the longer of 40 ball periods and 0.2 s."""
     if settle is None:
         return max(SETTLE_SECONDS, SETTLE_PERIODS / lines.bpfo)
     if not (math.isfinite(settle) and settle >= 0.0):
@@ -256,10 +256,10 @@ def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:
 
 
 def _check(scene: Scene) -> None:
-    """Refuse what the model cannot describe.
+    """Check that the model describes a scene.
 
     Raises:
-        ValueError: naming the field, what it is and what is expected.
+        ValueError: naming the field, its value and the expected one.
     """
     if scene.model != "six_dof":
         raise ValueError(f"unknown model {scene.model!r}; known are: six_dof")

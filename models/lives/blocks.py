@@ -1,4 +1,4 @@
-"""What the casing does in the blocks of one simulated life: settled scenes, or scenes whose balls slip."""
+"""Vibration of the casing in the blocks of one simulated life, with or without slip."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from models.scene import Scene
 
-# Relative error of the RMS that the steps leave (rms over scenes): a tenth of the scatter of a block.
+# Relative error of the RMS due to the steps (rms over scenes): a tenth of the scatter of a block.
 _ACCURACY = 2e-3
 # Blocks of seven ball periods that are measured where balls slip. Their shortness adds to the scatter of the RMS about
 # what a measured block has anyway (1 to 3 % at 2 to 10 mrad: benchmarks/lives.py).
@@ -31,7 +31,7 @@ def settled_levels(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the RMS in a band (n,) and the amplitudes of BPFO lines 1..6 (n, 6) of scenes, m/s2.
 
-    NaN where a scene did not settle to anything finite.
+    NaN for scenes that diverged.
 
     Args:
         scenes: without slip any; with slip those of one bearing, rig, clearance, speed and slip.
@@ -56,7 +56,7 @@ def _periodic(scene: Scene, band: tuple[float, float] | None) -> tuple[float, ND
     row = simulate_row(scene, np.array([defect.dphi_d]), steps_per_period=steps, band=band)
     if row.settled[0]:
         return float(row.rms[0]), row.harmonics[0]
-    # What does not settle at once is simulated on, and may not repeat at all.
+    # Scenes that have not settled are simulated further; some never repeat.
     response = simulate(scene, steps_per_period=steps, band=band)
     if response.status == "not_converged":
         return float("nan"), np.full(HARMONICS, np.nan)
@@ -66,7 +66,7 @@ def _periodic(scene: Scene, band: tuple[float, float] | None) -> tuple[float, ND
 def _slipping(
     scenes: Sequence[Scene], band: tuple[float, float] | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Simulate groups of lanes, each with draws of its own."""
+    """Simulate groups of lanes, each with its own draws."""
     runner = LaneRunner(LaneOptions(slip_blocks=_SLIP_BLOCKS, band=band))
     found = [runner.run(scenes[i : i + LANES], i // LANES) for i in range(0, len(scenes), LANES)]
     failed = np.concatenate([r.status for r in found]) == STATUSES.index("not_converged")

@@ -27,9 +27,9 @@ PATH_STEP = 60.0
 """Spacing of the points between which a path is straight, s."""
 ROUGHNESS_STEP = 300.0
 """Time to which the roughness of a path refers, s."""
-# Nominal lives within which every law is taken to reach what is asked for.
-_LONGEST = 8.0
-# A path goes on for so many times as long as its law takes: blocks are simulated beyond the crossing.
+# Length of a curve, in nominal lives.
+_MAX_LIVES = 8.0
+# Length of a path over the time that its law takes: blocks are simulated beyond the crossing.
 _BEYOND = 2.0
 # Share of the law's mean rate at which a stalled damage still grows.
 _STALLED = 0.03
@@ -90,7 +90,7 @@ def draw_law(law: str, rng: np.random.Generator, ratio: float) -> Curve:
 
     Args:
         law: one of ``LAWS``.
-        rng: what draws.
+        rng: draws the parameters.
         ratio: V_th / V_0, more than one.
 
     Raises:
@@ -118,7 +118,7 @@ class GrowthPath:
         return np.interp(t, self.t, self.v_eq)
 
     def crossing(self, threshold: float) -> float:
-        """Return when V_eq first reaches a threshold, s since the onset; infinity where it does not on this path."""
+        """Return when V_eq first reaches a threshold, s since the onset; infinity if it does not."""
         if threshold <= self.v_eq[0]:
             return 0.0
         i = int(np.searchsorted(self.v_eq, threshold, side="left"))
@@ -142,15 +142,15 @@ def grow(
 
     Args:
         curve: W(u) of ``draw_law``.
-        rng: what draws the increments.
+        rng: draws the increments.
         duration: nominal life T, s.
         v_0: V_eq at the onset, m2.
         threshold: V_eq at u = 1, m2.
-        until: V_eq up to which lives are wanted, m2; the path goes on for twice as long as its law takes to get there,
-            but for eight nominal lives at most.
+        until: V_eq that the path must reach, m2; it lasts twice as long as its law takes to get there, at most eight
+            nominal lives.
         roughness: standard deviation of the factor on the growth within ``ROUGHNESS_STEP``; 0 is a smooth path.
     """
-    steps = int(np.ceil(_LONGEST * duration / PATH_STEP))
+    steps = int(np.ceil(_MAX_LIVES * duration / PATH_STEP))
     t = PATH_STEP * np.arange(steps + 1, dtype=np.float64)
     growth = np.diff((threshold - v_0) * curve(t / duration))
     needed = int(_BEYOND * (np.searchsorted(np.cumsum(growth), until - v_0) + 1))

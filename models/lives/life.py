@@ -1,11 +1,11 @@
-"""Populations of simulated lives: how damage grows, and what a monitor would measure of it, block by block.
+"""Simulated lives of bearings: growth of damage, and the features of each block.
 
-A life is one bearing from the onset of its damage to beyond the largest V_eq of interest. Everything that a map does
-not know is drawn anew for each: growth law, depth at the threshold, floor, rig parameters, gains of the sensor against
-the model, load and speed. Each of its blocks is simulated directly at its own extent and depth of the defect; no map
-is read. The measured figures mean what ``monitor.health.spectrum.features`` gives of a sampled block.
+A life is one bearing from the onset of its damage to beyond the largest V_eq of interest. Drawn for each are growth
+law, depth at the threshold, floor, rig parameters, gains of the sensor against the model, load and speed. Each block is
+simulated directly at its own extent and depth of the defect, without a map. The features are defined as in
+``monitor.health.spectrum.features``.
 
-A life depends on the population and its number alone, so that lives can be had in any order, by any number of workers.
+A life depends on the population and its number alone, so lives can be simulated in any order by any number of workers.
 """
 
 from __future__ import annotations
@@ -30,15 +30,13 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 
-__all__ = ["LifeHistory", "LifePlan", "Population", "draw_life", "simulate_life", "simulate_lives"]
-
-# Blocks go on for so many times as long as it takes to reach the largest V_eq of interest.
+# Length of a life over the time to reach the largest V_eq of interest.
 _BEYOND = 1.35
 
 
 @dataclass(frozen=True, eq=False)
 class LifePlan:
-    """What is drawn for a life before any of its blocks is simulated.
+    """The draws of a life.
 
     Attributes:
         number: number of the life in its population.
@@ -51,9 +49,9 @@ class LifePlan:
         slip: largest slip angle, rad.
         h_threshold: depth where V_eq is the population's threshold, m.
         depth_share: share of ln V_eq that ln h_d takes.
-        gain: factor on everything heard of the bearing.
+        gain: gain of the sensor.
         harmonic_gain: further factor on each harmonic, shape (6,).
-        background_rms: RMS of what else the sensor picks up, m/s2.
+        background_rms: RMS of background vibration, m/s2.
         background_harmonic: the same at each harmonic, as an amplitude, m/s2.
     """
 
@@ -87,14 +85,14 @@ class LifePlan:
 
 @dataclass(frozen=True, eq=False)
 class LifeHistory:
-    """One life as a monitor meets it, and the truth. SI units; n blocks, missing ones are absent.
+    """Measured features of one life, and the truth. SI units; n blocks, missing ones are absent.
 
     Attributes:
         number: number of the life in its population.
         law: its growth law.
         t: time of each block since the onset, s, shape (n,).
-        load: radial load as the monitor knows it, N, shape (n,).
-        speed: shaft speed as the monitor knows it, Hz, shape (n,).
+        load: radial load known to the monitor, N, shape (n,).
+        speed: shaft speed known to the monitor, Hz, shape (n,).
         rms: measured RMS in the population's band, m/s2, shape (n,).
         harmonics: measured amplitudes of BPFO harmonics 1..6, m/s2, shape (n, 6); 0 where one is outside the band.
         v_eq: true volume per width, m2, shape (n,).
@@ -125,12 +123,7 @@ def _uniform_ln(rng: np.random.Generator, limits: Range) -> float:
 
 
 def draw_life(population: Population, number: int) -> LifePlan:
-    """Return the plan of a life: cheap, for nothing is simulated.
-
-    Args:
-        population: what it is drawn from.
-        number: its number, not negative; the same number is the same life.
-    """
+    """Return the draws of a life without simulating it; ``number`` is not negative."""
     rng = np.random.default_rng([population.seed, number, 0])
     weights = np.array([weight for _, weight in population.laws])
     law = population.laws[int(rng.choice(weights.size, p=weights / weights.sum()))][0]
@@ -200,19 +193,19 @@ def simulate_life(population: Population, number: int) -> LifeHistory:
     rms, harmonics = settled_levels(scenes, population.rms_band)
     rms = np.hypot(plan.gain * rms, plan.background_rms) * scatter[there, 0]
     harmonics = np.hypot(plan.gain * plan.harmonic_gain * harmonics, plan.background_harmonic) * scatter[there, 1:]
-    # A block whose motion does not stay finite is one that nobody recorded.
-    heard = np.isfinite(rms)
+    # A block whose motion diverges is treated as missing.
+    finite = np.isfinite(rms)
     return LifeHistory(
         number=number,
         law=plan.law,
-        t=t[heard],
-        load=conditions[heard, 0],
-        speed=conditions[heard, 1],
-        rms=rms[heard],
-        harmonics=np.where(_shown(population, conditions[heard, 1]), harmonics[heard], 0.0),
-        v_eq=plan.path.at(t[heard]),
-        dphi_d=np.array([d.dphi_d for d in defects])[heard],
-        h_d=np.array([d.h_d for d in defects])[heard],
+        t=t[finite],
+        load=conditions[finite, 0],
+        speed=conditions[finite, 1],
+        rms=rms[finite],
+        harmonics=np.where(_shown(population, conditions[finite, 1]), harmonics[finite], 0.0),
+        v_eq=plan.path.at(t[finite]),
+        dphi_d=np.array([d.dphi_d for d in defects])[finite],
+        h_d=np.array([d.h_d for d in defects])[finite],
         path=plan.path,
     )
 

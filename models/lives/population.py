@@ -1,4 +1,4 @@
-"""What a population of simulated lives is drawn from (models.lives.life): plain data, with a JSON form and a hash."""
+"""Settings of a population of simulated lives (models.lives.life): plain data with a JSON form and a hash."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any
 
 from models.bearing import Bearing, from_catalogue
 from models.lives.laws import LAWS
-from models.maps.data import MODEL_VERSION
+from models.maps.plan import MODEL_VERSION
 from models.scene import Rig
 
 Range = tuple[float, float]
 
-# Raise it whenever the same population would give other lives.
+# Increment when the same population would give other lives.
 LIVES_VERSION = 1
 _GRAVITY = 9.80665
 _RIG_SPREAD = (
@@ -53,27 +53,27 @@ _SHARES = (
 
 @dataclass(frozen=True)
 class Population:
-    """Everything that makes a population of lives, SI units and radians; two equal ones give the same lives.
+    """Settings of a population of lives, SI units and radians; equal settings give equal lives.
 
-    Ranges are (lo, hi) and drawn from uniformly, in the logarithm where said. Standard deviations of factors are those
-    of their logarithm.
+    Ranges are (lo, hi) of uniform draws, in the logarithm where stated. Standard deviations of factors are those of
+    their logarithm.
 
     Attributes:
         bearing: the bearing.
         rig: the nominal lumped parameters around it.
         rig_spread: (parameter, standard deviation of its factor) of each rig parameter that differs from life to life.
         clearance: radial clearance, m.
-        load: range of radial loads, N; one load to a life.
-        speed: range of shaft speeds, Hz; one speed to a life.
+        load: range of radial loads, N; one per life.
+        speed: range of shaft speeds, Hz; one per life.
         load_variation: known change of the load from block to block: each has a factor of 1 +- this.
         speed_variation: the same of the speed.
-        load_jitter: standard deviation of the factor on the load of a block of which the monitor does not know.
+        load_jitter: standard deviation of the factor on the load of a block, unknown to the monitor.
         speed_jitter: the same of the speed. (A few tenths of a per cent move the RMS by some per cent.) Blocks of
             lives with slip are simulated side by side at one speed, without it.
         laws: (growth law, weight) pairs; see ``models.lives.laws``.
         durations: range of nominal lives, s, drawn in the logarithm.
         threshold: V_eq at the end of a nominal life, m2.
-        until: largest V_eq that is of interest, m2: blocks go on to 1.35 times as long as it takes to reach it.
+        until: largest V_eq of interest, m2; blocks continue for 1.35 times the time to reach it.
         v_0: range of V_eq at the onset, m2, drawn in the logarithm.
         roughness: standard deviation of the factor on the growth within five minutes.
         h_threshold: range of the depth where V_eq is ``threshold``, m, drawn in the logarithm.
@@ -81,15 +81,15 @@ class Population:
         floor_sd: range of the standard deviation of the rough floor, m.
         slip: range of the largest slip angle of the balls, rad (a uniform angle for each passage); (0, 0) is none.
         rms_band: band in which RMS is taken, Hz, or None for the full bandwidth.
-        gain_sd: standard deviation of the factor on everything that a life's sensor hears of the bearing.
+        gain_sd: standard deviation of the gain of the sensor, one per life.
         harmonic_gain_sd: standard deviation of a further factor on each harmonic, constant over a life.
         scatter: standard deviation of the factor on each figure of each block.
-        background_rms: range of the RMS of what else the sensor picks up, m/s2, drawn in the logarithm, one to a life;
-            it adds as power.
+        background_rms: range of the RMS of background vibration, m/s2, drawn in the logarithm, one per life; it adds
+            as power.
         background_harmonic: the same at each harmonic, as an amplitude, m/s2.
         missing: probability that a block is missing.
         interval: time from block to block, s.
-        seed: of everything that is drawn.
+        seed: of all draws.
     """
 
     bearing: Bearing = field(default_factory=lambda: from_catalogue("1205 ETN9"))
@@ -123,10 +123,10 @@ class Population:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse what is no population.
+        """Check the values.
 
         Raises:
-            ValueError: naming the field, what it is and what is expected.
+            ValueError: naming the field, its value and the expected one.
         """
         for name in _RANGES:
             low, high = getattr(self, name)
@@ -166,7 +166,7 @@ class Population:
         """Return the population that ``as_json`` wrote.
 
         Raises:
-            ValueError: if it is not one; the message says what is wrong.
+            ValueError: if the text is not a population.
         """
         try:
             data: dict[str, Any] = json.loads(text)
@@ -181,5 +181,5 @@ class Population:
             raise ValueError(f"the parameters of the population are not those of this version: {error}") from error
 
     def hash(self) -> str:
-        """Return a hash of the population, the model and the way of drawing: equal hashes, equal lives."""
+        """Return a hash of the population, the model and the drawing: equal hashes, equal lives."""
         return hashlib.sha256(f"{MODEL_VERSION} {LIVES_VERSION} {self.as_json()}".encode()).hexdigest()

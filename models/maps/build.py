@@ -1,4 +1,4 @@
-"""Building RMS maps. The simulation, and numba with it, is imported only when points are computed."""
+"""Build RMS maps; the simulation, and numba with it, is imported when points are computed."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ import numpy as np
 
 from models.maps.check import condition_errors, interpolation_errors, rms_and_most, step_error
 from models.maps.data import RmsMap
-from models.maps.nodes import MAP_ACCURACY, Nodes, Progress, scene_at, simulate_node_row
-from models.maps.plan import HARMONICS, MODEL_VERSION, SCHEMA_VERSION, MapPlan
+from models.maps.nodes import Nodes, Progress, simulate_node_row
+from models.maps.plan import MODEL_VERSION, SCHEMA_VERSION, MapPlan
 from models.maps.rig_spread import rig_rows, rig_scenes
+from models.response import HARMONICS
 from models.workers import in_threads
 
 if TYPE_CHECKING:
@@ -24,19 +25,19 @@ Solver = Literal["rows", "lanes"]
 _T = TypeVar("_T")
 _R = TypeVar("_R")
 
-# Random points at which a build measures the error between its nodes; of maps of many floors fewer, for each point is
+# Random points at which a build measures the error between its nodes; fewer with several floors, because each point is
 # simulated on all of them.
 _POINTS = 200
 _POINTS_OF_FLOORS = 40
 _POINT_SEED = 1205
-# A node's share: everything that it contributes to the map, one row of numbers.
+# Numbers per node.
 _COLUMNS = 5 + 2 * HARMONICS
 
 
 def solver_of(plan: MapPlan) -> Solver:
-    """Return which solver a plan's floors are simulated with: rows that settle, or where balls slip lanes in time.
+    """Return the solver of a plan: rows that settle, or with slip lanes in time.
 
-    Without slip the lanes are neither quicker nor more accurate a scene (benchmarks/ensemble.py).
+    Without slip, lanes are neither faster nor more accurate (benchmarks/ensemble.py).
     """
     return "lanes" if plan.slip is not None and plan.slip.phi_slip > 0.0 else "rows"
 
@@ -47,13 +48,12 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
     Floors are solved row by row, scenes with slip by the lane kernels (``models.maps.ensemble``).
 
     Args:
-        plan: what to build.
-        workers: threads (rows) or processes (lanes) to share the scenes between; 0 means one a core. The result does
-            not depend on it.
+        plan: the plan.
+        workers: threads (rows) or processes (lanes); 0 is one per core. The result does not depend on it.
         progress: called with the scenes done and their total, from this process.
 
     Raises:
-        ValueError: if the plan is outside what the model describes; the message names the field.
+        ValueError: if the plan is outside the model; the message names the field.
     """
     floors = int(np.prod(plan.shape)) * plan.floors
     total = floors + int(np.prod(plan.shape)) * rig_scenes(plan)
@@ -92,7 +92,7 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
 
 
 def _measure(built: RmsMap, workers: int) -> None:
-    """Add to the attributes how wrong a map is between its nodes, and between loads and speeds if it has several."""
+    """Add to the attributes the error between the nodes, and between loads and speeds if there are several."""
     points = _POINTS if built.plan.floors == 1 else _POINTS_OF_FLOORS
     measures = {"interpolation": interpolation_errors}
     if len(built.load) > 1 or len(built.speed) > 1:
@@ -161,7 +161,7 @@ def _rig_nodes(plan: MapPlan, workers: int, progress: Progress) -> tuple[NDArray
 
 
 def software_version() -> str:
-    """Return the version of the installed distribution, or "unknown" where it is not installed."""
+    """Return the version of the installed distribution, or "unknown" without one."""
     try:
         return version("spallwatch")
     except PackageNotFoundError:
@@ -169,7 +169,7 @@ def software_version() -> str:
 
 
 def map_attributes(plan: MapPlan) -> dict[str, Any]:
-    """Return what a reader wants to know of a map, flat and in SI units, and the plan that recovers it exactly."""
+    """Return the attributes of a map file: parameters in SI units, and the plan as JSON."""
     flat: dict[str, Any] = {
         "title": "RMS and BPFO lines of a bearing over the extent and depth of an outer-race defect",
         "Conventions": "CF-1.11",
@@ -201,6 +201,3 @@ def map_attributes(plan: MapPlan) -> dict[str, Any]:
             if value is not None:
                 flat[f"{prefix}_{name}"] = value
     return flat
-
-
-__all__ = ["MAP_ACCURACY", "Progress", "build_map", "map_attributes", "scene_at", "solver_of"]

@@ -1,4 +1,4 @@
-"""How wrong a map is: of its steps, between its nodes, and between its loads and speeds."""
+"""Errors of a map: by its steps, between its nodes, and between its loads and speeds."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # Nodes on which a build measures the error of its own steps, against twice as many.
 _ERROR_NODES = 24
 _ERROR_SEED = 20220
-# Less than this is no vibration to be relative to, m/s2.
+# Smallest RMS that an error is divided by, m/s2.
 _SILENCE = 1e-12
 
 Point = tuple[float, float, float, float]
@@ -40,10 +40,10 @@ def mean_rms(plan: MapPlan, points: Sequence[Point], factor: int = 1, workers: i
     """Return the RMS at any points (load, speed, h_d, dphi_d), averaged over the plan's floors, m/s2.
 
     Args:
-        plan: what the map is made from.
+        plan: the plan of the map.
         points: inside or outside its axes.
-        factor: how many times the steps of the map's nodes.
-        workers: threads; 0 means one a core. With slip it is one.
+        factor: multiple of the steps of the nodes.
+        workers: threads without slip; 0 is one per core.
     """
     if plan.slip is not None and plan.slip.phi_slip > 0.0:
         from models.maps.ensemble import ensemble_rms
@@ -59,7 +59,7 @@ def mean_rms(plan: MapPlan, points: Sequence[Point], factor: int = 1, workers: i
 def _rms_at(plan: MapPlan, point: Point, seed: int, factor: int) -> float:
     if factor > 1:
         return simulate_point(plan, scene_at(plan, *point, seed), factor).rms
-    # With the steps of the nodes, the way that nodes are simulated is quicker.
+    # With the steps of the nodes, a row is faster.
     return float(simulate_node_row(plan, *point[:3], np.array([point[3]]), seed).rms[0])
 
 
@@ -74,7 +74,7 @@ def step_error(plan: MapPlan, workers: int = 1) -> StepError:
 def interpolation_errors(rms_map: RmsMap, points: int, seed: int, workers: int = 1) -> NDArray[np.float64]:
     """Return the errors of a map at random extents and depths, over the largest RMS of its slice, shape (points,).
 
-    Each point lies at one of the map's loads and speeds; those whose motion does not stay finite are left out.
+    Each point lies at one of the map's loads and speeds; diverging ones are left out.
     """
     rng = np.random.default_rng(seed)
     axes = (rms_map.load, rms_map.speed, rms_map.h_d, rms_map.dphi_d)
@@ -86,8 +86,8 @@ def interpolation_errors(rms_map: RmsMap, points: int, seed: int, workers: int =
 def condition_errors(rms_map: RmsMap, points: int, seed: int, workers: int = 1) -> NDArray[np.float64]:
     """Return the errors of a map at random nodes of its extents and depths, but loads and speeds between its own.
 
-    They are relative to the largest RMS of the map at that load and speed, shape (points,); points whose motion does
-    not stay finite are left out.
+    They are relative to the largest RMS of the map at that load and speed, shape (points,); diverging
+    points are left out.
     """
     rng = np.random.default_rng(seed)
     load, speed = (rng.uniform(axis[0], axis[-1], points) for axis in (rms_map.load, rms_map.speed))
@@ -105,7 +105,7 @@ def _errors_at(rms_map: RmsMap, points: NDArray[np.float64], workers: int) -> ND
 
 
 def rms_and_most(errors: Sequence[float] | NDArray[np.float64]) -> tuple[float, float]:
-    """Return the RMS and the largest absolute value of errors, NaN where there are none."""
+    """Return the RMS and the largest absolute value of errors, NaN without any."""
     if len(errors) == 0:
         return math.nan, math.nan
     return float(np.sqrt(np.mean(np.square(errors)))), float(np.max(np.abs(errors)))
@@ -113,7 +113,7 @@ def rms_and_most(errors: Sequence[float] | NDArray[np.float64]) -> tuple[float, 
 
 @dataclass(frozen=True)
 class MapCheck:
-    """How far a map is from the converged model; NaN where no point's motion stays finite.
+    """Errors of a map against the converged model; NaN if the motion diverges at all points.
 
     Attributes:
         points: number of random nodes, and of random points between nodes.
@@ -122,7 +122,7 @@ class MapCheck:
         interpolation_rms: RMS of the error between nodes, relative to the largest RMS of the map's slice.
         interpolation_max: largest absolute value of it.
         condition_rms: RMS of the error between loads and speeds at nodes of h_d and dphi_d, likewise relative; None
-            where the map has one load and one speed.
+            for a map with one load and one speed.
         condition_max: largest absolute value of it, or None.
     """
 
@@ -143,7 +143,7 @@ def check_map(rms_map: RmsMap, points: int, *, seed: int = 0, progress: Progress
 
     Args:
         rms_map: the map.
-        points: how many of each.
+        points: number of each.
         seed: seed of their choice.
         progress: called with the points done and their total.
 

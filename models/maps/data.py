@@ -1,4 +1,4 @@
-"""RMS maps as data: what a map holds, and how it is read between its nodes. No numba here."""
+"""RMS maps as data and their interpolation; imports no numba."""
 
 from __future__ import annotations
 
@@ -7,31 +7,18 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from models.maps.plan import AXES, HARMONICS, MODEL_VERSION, SCHEMA_VERSION, STATUSES, MapError, MapPlan
+from models.maps.plan import AXES, MapError, MapPlan
 from models.path.defect import race_radius
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
-
-__all__ = [
-    "AXES",
-    "HARMONICS",
-    "MODEL_VERSION",
-    "SCHEMA_VERSION",
-    "STATUSES",
-    "MapError",
-    "MapPlan",
-    "MapSlice",
-    "OutsideMapError",
-    "RmsMap",
-]
 
 # Loads and speeds this close to the end of their axis count as on it.
 _CONDITION_TOLERANCE = 0.01
 
 
 class OutsideMapError(MapError):
-    """A map was asked for a load or a speed outside its axes."""
+    """Load or speed lie outside the axes of a map."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +36,7 @@ class MapSlice:
         rms_band: band of the RMS, Hz, or None for the full bandwidth.
         rms_std: standard deviation of ``rms`` over floors, m/s2, shape (H, D); zero for one floor that repeats.
         harmonic_std: of ``harmonic_amplitude``, m/s2, shape (H, D, 6).
-        rms_rig_std: standard deviation of ``rms`` over rig parameters as uncertain as the plan says, m/s2, shape
+        rms_rig_std: standard deviation of ``rms`` over the uncertain rig parameters of the plan, m/s2, shape
             (H, D); zero where the plan draws no rigs.
         harmonic_rig_std: of ``harmonic_amplitude``, m/s2, shape (H, D, 6).
     """
@@ -68,12 +55,12 @@ class MapSlice:
     harmonic_rig_std: NDArray[np.float64]
 
     def inside(self, dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.bool_]:
-        """Say where points lie on the map."""
+        """Return whether points lie on the map."""
         x, y = np.asarray(dphi_d, dtype=float), np.asarray(h_d, dtype=float)
         return (x >= self.dphi_d[0]) & (x <= self.dphi_d[-1]) & (y >= self.h_d[0]) & (y <= self.h_d[-1])
 
     def interpolate(self, dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.float64]:
-        """Return the RMS between the nodes, bilinearly, m/s2; NaN exactly where ``inside`` says no.
+        """Return the RMS between the nodes, bilinearly, m/s2; NaN where ``inside`` is False.
 
         Args:
             dphi_d: extents, rad; broadcast against ``h_d``.
@@ -82,7 +69,7 @@ class MapSlice:
         return self._bilinear(self.rms, dphi_d, h_d)
 
     def interpolate_harmonics(self, dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.float64]:
-        """Return the six amplitudes between the nodes, m/s2, shape (..., 6); NaN exactly where ``inside`` says no."""
+        """Return the six amplitudes between the nodes, m/s2, shape (..., 6); NaN where ``inside`` is False."""
         return self._bilinear(self.harmonic_amplitude, dphi_d, h_d)
 
     def _bilinear(
@@ -132,7 +119,7 @@ class RmsMap:
         rms_rig_std: standard deviation of the RMS over the plan's draws of the rig, m/s2; zero where it has none.
         harmonic_rig_std: standard deviation of the lines over these draws, m/s2.
         status: index into STATUSES, int8, the worst of all floors.
-        attributes: everything that made it: flat parameters in SI units, software version, hash.
+        attributes: parameters in SI units, software version, hash.
     """
 
     load: NDArray[np.float64]
@@ -173,20 +160,20 @@ class RmsMap:
         return str(self.attributes["hash"])
 
     def falling(self, axis: Literal["h_d", "dphi_d"]) -> NDArray[np.bool_]:
-        """Say at which nodes the map is not monotone: the RMS falls to the next node along an axis of the damage.
+        """Return the nodes at which the RMS falls to the next node along an axis of the damage, shape (L, S, H, D).
 
-        A fall counts where it exceeds the numerical error of both nodes together and, of means over floors, twice the
-        standard error of the difference. The last node of the axis has no next one, shape (L, S, H, D).
+        A fall must exceed the sum of the numerical errors of both nodes and twice the standard error of the difference.
+        The last node of the axis is False.
         """
         place = AXES.index(axis)
         step = np.diff(self.rms, axis=place, append=np.take(self.rms, [-1], axis=place))
         here = (slice(None),) * place + (slice(None, -1),)
         there = (slice(None),) * place + (slice(1, None),)
-        doubt = np.zeros_like(step)
-        doubt[here] = (
+        error = np.zeros_like(step)
+        error[here] = (
             self.rms_error[here] + self.rms_error[there] + 2.0 * np.hypot(self.rms_se[here], self.rms_se[there])
         )
-        return step < -doubt
+        return step < -error
 
     def slice_at(self, load: float, speed: float) -> MapSlice:
         """Return the map at one load and speed, linear between the nodes of these axes.

@@ -22,14 +22,15 @@ from models.bearing import kinematics
 from models.dynamics.lane_group import block_steps
 from models.dynamics.lanes import LANES, PERIODS, LaneOptions, LaneRunner, simulate_lanes
 from models.maps.nodes import Nodes, Progress, StepError, compare_steps, scene_at
-from models.maps.plan import HARMONICS, MapPlan
+from models.maps.plan import MapPlan
+from models.response import HARMONICS
 from models.scene import Scene
 from models.workers import in_processes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# Groups of lanes in one task of a worker process: enough that starting it costs nothing beside it.
+# Groups of lanes in one task of a worker process; the cost of starting a task is small beside them.
 _GROUPS_PER_TASK = 24
 # Between blocks; what is left of the settling afterwards is a tenth of it or less.
 ENSEMBLE_TOLERANCE = 3e-3
@@ -55,7 +56,7 @@ class _Task:
 
 
 def ensemble_options(plan: MapPlan) -> LaneOptions:
-    """Return how the scenes of a plan are simulated."""
+    """Return the settings of the simulation of a plan."""
     bpfo = kinematics(plan.bearing, min(plan.speed)).bpfo
     return LaneOptions(
         steps_per_period=plan.steps_per_period or max(ENSEMBLE_MIN_STEPS, math.ceil(1.0 / (bpfo * ENSEMBLE_STEP))),
@@ -69,12 +70,12 @@ def ensemble_nodes(plan: MapPlan, *, workers: int = 1, progress: Progress | None
     """Return the nodes of a plan averaged over its floors.
 
     Args:
-        plan: what to build.
-        workers: processes to share the scenes between; 0 means one a core. The result is the same bit for bit.
+        plan: the plan.
+        workers: processes; 0 is one per core. The result does not depend on it.
         progress: called with the scenes done and their total, from this process.
 
     Raises:
-        ValueError: if a scene is outside what the model describes.
+        ValueError: if a scene is outside the model.
     """
     options = ensemble_options(plan)
     tasks = list(_tasks(plan, options))
@@ -94,10 +95,7 @@ def ensemble_rms(
 ) -> NDArray[np.float64]:
     """Return the RMS at any points (load, speed, h_d, dphi_d), averaged over the plan's floors, m/s2.
 
-    Args:
-        plan: what the map is made from.
-        points: inside or outside its axes.
-        factor: how many times the steps of the map's nodes.
+    ``factor`` multiplies the steps of the nodes.
     """
     options = ensemble_options(plan)
     assert options.steps_per_period is not None
@@ -185,13 +183,7 @@ def _statistics(plan: MapPlan, options: LaneOptions, values: NDArray[np.float64]
 
 
 def step_error(plan: MapPlan, options: LaneOptions, count: int = LANES) -> StepError:
-    """Return the error of the steps without slip, at random nodes and floors against twice as many steps.
-
-    Args:
-        plan: the map.
-        options: how it is simulated.
-        count: how many scenes are compared.
-    """
+    """Return the error of the steps without slip, at ``count`` random nodes and floors, against twice as many steps."""
     rng = np.random.default_rng(_ERROR_SEED)
     floors = 1 if plan.floor.kind == "smooth" else plan.floors
     depths = [h for h in plan.h_d if h > 0.0] or [plan.h_d[0]]

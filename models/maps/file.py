@@ -1,7 +1,7 @@
-"""RMS maps as files, and the way to one: load it, or build it on first use and keep it.
+"""RMS maps as files: load and save, or build on first use and keep.
 
 A map file is netCDF-4 with dimensions load, speed, h_d, dphi_d and bpfo_harmonic, SI units. Reading and interpolating
-maps needs no numba: the simulation is imported when nodes are computed.
+maps needs no numba; the simulation is imported to build one.
 """
 
 from __future__ import annotations
@@ -14,39 +14,15 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from platformdirs import user_cache_dir
 
-from models.maps.build import Progress, build_map
-from models.maps.check import MapCheck, check_map
-from models.maps.data import (
-    AXES,
-    HARMONICS,
-    SCHEMA_VERSION,
-    STATUSES,
-    MapError,
-    MapPlan,
-    MapSlice,
-    OutsideMapError,
-    RmsMap,
-)
+from models.maps.build import build_map
+from models.maps.data import RmsMap
+from models.maps.nodes import Progress
+from models.maps.plan import AXES, SCHEMA_VERSION, STATUSES, MapError, MapPlan
+from models.response import HARMONICS
 
 if TYPE_CHECKING:
     from netCDF4 import Dataset
     from numpy.typing import NDArray
-
-__all__ = [
-    "MapCheck",
-    "MapError",
-    "MapPlan",
-    "MapSlice",
-    "OutsideMapError",
-    "Progress",
-    "RmsMap",
-    "build_map",
-    "cached_map",
-    "check_map",
-    "default_map_path",
-    "load_map",
-    "save_map",
-]
 
 _HARMONIC = "bpfo_harmonic"
 _UNITS = {"load": "N", "speed": "Hz", "h_d": "m", "dphi_d": "rad"}
@@ -72,7 +48,7 @@ _LINES = ("harmonic_amplitude", "harmonic_std", "harmonic_se", "harmonic_error",
 
 
 def save_map(rms_map: RmsMap, path: Path | str) -> None:
-    """Write a map; whoever reads ``path`` meanwhile sees the old file or the whole new one.
+    """Write a map, replacing ``path`` atomically.
 
     Raises:
         OSError: if the folder cannot be written to.
@@ -115,7 +91,7 @@ def _write(dataset: Dataset, rms_map: RmsMap) -> None:
 
 
 def _write_marks(dataset: Dataset, rms_map: RmsMap) -> None:
-    """Write where the map is not monotone; readers of this package derive it anew."""
+    """Write where the map is not monotone, for other readers; ``load_map`` ignores it."""
     for axis in _MARKED:
         marks = dataset.createVariable(f"not_monotone_{axis}", "i1", AXES)
         marks.long_name = f"whether the RMS falls to the next node along {axis}, beyond its errors"
@@ -135,7 +111,7 @@ def load_map(path: Path | str) -> RmsMap:
     """Return the map in a file.
 
     Raises:
-        MapError: naming the file and what is wrong: missing, unreadable, not a map, of another schema, incomplete, or
+        MapError: naming the file and the problem: missing, unreadable, not a map, of another schema, incomplete, or
             changed since it was made.
     """
     from netCDF4 import Dataset
@@ -204,7 +180,7 @@ def default_map_path(plan: MapPlan, cache_dir: Path | str | None = None) -> Path
 def cached_map(
     plan: MapPlan, cache_dir: Path | str | None = None, *, workers: int = 1, progress: Progress | None = None
 ) -> RmsMap:
-    """Return the map of a plan, built on first use and read afterwards; one that is damaged is built anew.
+    """Return the map of a plan, built on first use and read afterwards; a damaged one is rebuilt.
 
     Args:
         plan: what the map is to be made from.

@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 
-# What the steps of a map may leave of error (see models.dynamics.six_dof.steps_for); the map says what they did leave.
+# Target of the relative error of the RMS due to the steps (models.dynamics.six_dof.steps_for).
 MAP_ACCURACY = 1e-3
-# A vibration below this is none, m/s2.
+# A smaller vibration counts as zero, m/s2.
 _SILENCE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """What the floors say of all nodes of a map; fields as in ``RmsMap``, and which solver they came from."""
+    """Results at all nodes of a map; fields as in ``RmsMap``, and the name of the solver."""
 
     rms: NDArray[np.float64]
     rms_std: NDArray[np.float64]
@@ -44,7 +44,7 @@ class Nodes:
 
 @dataclass(frozen=True, eq=False)
 class StepError:
-    """What the steps of a map leave of error, measured at some of its nodes, as shares of the RMS there.
+    """Relative error of the RMS and the lines due to the steps, measured at some nodes of a map.
 
     Attributes:
         rms: of the RMS.
@@ -58,7 +58,7 @@ class StepError:
 def compare_steps(
     coarse: tuple[NDArray[np.float64], NDArray[np.float64]], fine: tuple[NDArray[np.float64], NDArray[np.float64]]
 ) -> StepError:
-    """Return the RMS over nodes of what finer steps change in RMS, shape (n,), and lines, shape (n, 6)."""
+    """Return the change by finer steps in RMS, shape (n,), and lines, shape (n, 6), as RMS over the nodes."""
     level = np.maximum(fine[0], _SILENCE)
     rms = np.where(fine[0] > _SILENCE, coarse[0] / level - 1.0, 0.0)
     lines = np.where(fine[0][:, None] > _SILENCE, (coarse[1] - fine[1]) / level[:, None], 0.0)
@@ -72,7 +72,7 @@ class NodeRow:
     Attributes:
         rms: m/s2, shape (D,).
         harmonics: lines 1..6 of BPFO, m/s2, shape (D, 6).
-        settling: relative error of the RMS that the search for the settled motion leaves, shape (D,).
+        settling: relative error of the RMS due to the search for the settled motion, shape (D,).
         spread: standard deviation of the RMS from period to period where it does not settle, m/s2, shape (D,).
         status: index into STATUSES, shape (D,).
     """
@@ -92,7 +92,7 @@ def scene_at(plan: MapPlan, load: float, speed: float, h_d: float, dphi_d: float
 
 
 def steps_of(plan: MapPlan, scene: Scene) -> int:
-    """Return the steps per period that a scene of the plan is simulated with: finer where its band asks for it."""
+    """Return the steps per period of a scene of the plan; a high band needs more."""
     from models.dynamics.six_dof import steps_for
     from models.simulate import steps_to_resolve
 
@@ -118,7 +118,7 @@ def simulate_node_row(
     """Return a row of a plan without slip; ``seed`` counts its floors from zero.
 
     Raises:
-        ValueError: if a scene is outside what the model describes.
+        ValueError: if a scene is outside the model.
     """
     from models.dynamics.rows import simulate_row
 
@@ -126,7 +126,7 @@ def simulate_node_row(
     row = simulate_row(scene, extents, steps_per_period=steps_of(plan, scene), band=plan.rms_band)
     rms, settling, harmonics = row.rms.copy(), row.change.copy(), row.harmonics.copy()
     spread, status = np.zeros(len(extents)), np.zeros(len(extents), dtype=np.int64)
-    # What does not settle at once is simulated on, and may not repeat at all.
+    # Scenes that have not settled are simulated further; some never repeat.
     for d in np.flatnonzero(~row.settled):
         response = simulate_point(plan, scene_at(plan, load, speed, h_d, float(extents[d]), seed))
         rms[d], settling[d], harmonics[d] = response.rms, _settling(response), response.harmonics
@@ -135,32 +135,17 @@ def simulate_node_row(
 
 
 def _settling(response: Response) -> float:
-    """Return the relative error of the RMS that the search for the settled motion leaves."""
+    """Return the relative error of the RMS due to the search for the settled motion."""
     if response.status == "converged":
         return response.period_change
     return response.spread / response.rms if response.status == "not_periodic" else 1.0
 
 
 def nodes_at_random(plan: MapPlan, count: int, seed: int) -> list[tuple[float, float, float, float]]:
-    """Return load, speed, h_d and dphi_d of random nodes, the healthy edges left out where there are others."""
+    """Return load, speed, h_d and dphi_d of random nodes, without the healthy edges if there are others."""
     rng = np.random.default_rng(seed)
     depths = [h for h in plan.h_d if h > 0.0] or [plan.h_d[0]]
     extents = [x for x in plan.dphi_d if x > 0.0] or [plan.dphi_d[0]]
     axes = (plan.load, plan.speed, depths, extents)
     picks = [rng.integers(0, len(axis), count) for axis in axes]
     return [tuple(axis[pick[n]] for axis, pick in zip(axes, picks, strict=True)) for n in range(count)]
-
-
-__all__ = [
-    "MAP_ACCURACY",
-    "NodeRow",
-    "Nodes",
-    "Progress",
-    "StepError",
-    "compare_steps",
-    "nodes_at_random",
-    "scene_at",
-    "simulate_node_row",
-    "simulate_point",
-    "steps_of",
-]

@@ -1,4 +1,4 @@
-"""What an RMS map is made from. No numba here."""
+"""Settings of an RMS map; imports no numba."""
 
 from __future__ import annotations
 
@@ -13,21 +13,20 @@ from models.bearing import Bearing, from_catalogue
 from models.errors import WrongInputError
 from models.scene import Floor, Rig, Slip
 
-# Raise it whenever the model's figures change: maps made before are then built anew.
+# Increment when the results of the model change: older maps are then rebuilt.
 MODEL_VERSION = 3
 SCHEMA_VERSION = 2
-HARMONICS = 6
 STATUSES = ("converged", "not_periodic", "not_converged")
 AXES = ("load", "speed", "h_d", "dphi_d")
 
 
 class MapError(WrongInputError, ValueError):
-    """A map or a plan of one is unusable; the message names the file or field and what is wrong."""
+    """A map or a plan of one is unusable; the message names the file or field and the problem."""
 
 
 @dataclass(frozen=True)
 class MapPlan:
-    """Everything that makes a map, SI units and radians; two equal plans give the same map.
+    """Settings of a map, SI units and radians; equal plans give equal maps.
 
     Attributes:
         load: axis of radial loads, N, ascending.
@@ -38,17 +37,17 @@ class MapPlan:
         rig: lumped parameters around it.
         clearance: radial clearance, m.
         floor: the bottom of the defect; of several floors, the first.
-        floors: how many floors are averaged (seeds floor.seed, floor.seed + 1, ...); with slip that is redrawn, each is
-            a record of its own too, so that a smooth floor can have several.
-        rows: how many rows the defect spans.
+        floors: number of floors averaged (seeds floor.seed, floor.seed + 1, ...); with slip that is redrawn, each has
+            its own draws, so that a smooth floor can have several.
+        rows: number of rows that the defect spans.
         position: angle of the defect's centre from the load direction, rad.
         rms_band: band in which RMS is taken, Hz, or None for the full bandwidth.
         steps_per_period: steps of the integration per ball period, or None for the model's choice.
         model: the model.
-        slip: how balls stand off from their place in the cage, or None.
-        rig_draws: how many rigs are drawn around ``rig``, for the spread over its uncertain parameters; 0 for none.
+        slip: deviation of balls from their place in the cage, or None.
+        rig_draws: number of rigs drawn around ``rig`` for the spread over its uncertain parameters, or 0.
         rig_spread: relative standard deviation of m_r, k_c, c_i, c_r, alpha_c and beta_c between draws.
-        rig_spread_k_r: relative standard deviation of k_r, which a resonance peak tells better than the others.
+        rig_spread_k_r: relative standard deviation of k_r, which a resonance peak determines best.
         rig_seed: seed of the draws.
     """
 
@@ -73,10 +72,10 @@ class MapPlan:
     rig_seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse axes that are none.
+        """Check the values.
 
         Raises:
-            MapError: naming the axis and what is wrong with it.
+            MapError: naming the field and the problem.
         """
         for name in AXES:
             values = getattr(self, name)
@@ -114,7 +113,7 @@ class MapPlan:
         """Return the plan that ``as_json`` wrote.
 
         Raises:
-            MapError: if it is not one.
+            MapError: if the text is not a plan.
         """
         try:
             data: dict[str, Any] = json.loads(text)

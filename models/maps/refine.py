@@ -1,8 +1,8 @@
-"""Axes of extent and depth as fine as an interpolation error asks for.
+"""Refinement of the axes of extent and depth to a given interpolation error.
 
 RMS has stripes along dphi_d that belong to the model (about 4 degrees and 0.8 degrees apart for the 1205 ETN9 at 40 Hz:
-the resonator swings a whole number of times while a ball crosses the defect), so that a coarse axis shows stripes that
-are not there. An axis is refined by halving the intervals whose middle, simulated, is off the line between its ends.
+the resonator swings a whole number of times while a ball crosses the defect), so that a coarse axis aliases
+them. An axis is refined by halving the intervals whose middle, simulated, is off the line between its ends.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     from models.maps.data import RmsMap
 
-# Nodes that a refined map has at most, unless asked otherwise.
-MOST_NODES = 200_000
+# Default limit of the nodes of a refined map.
+MAX_NODES = 200_000
 # How the tolerance is shared between the axes; their squares add up to one.
 _SHARE_DPHI_D, _SHARE_H_D = 0.9, 0.43
 # RMS over an interval of the error of a chord of a parabola, over its error in the middle.
@@ -34,7 +34,7 @@ _FLOORS = 8
 _CONDITIONS, _DEPTHS, _EXTENTS = 4, 9, 24
 _ROUNDS = 3
 
-# A vibration below this is none, m/s2.
+# Smallest RMS that an error is divided by, m/s2.
 _SILENCE = 1e-12
 
 Sample = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
@@ -42,24 +42,24 @@ _T = TypeVar("_T")
 
 
 def build_refined_map(
-    plan: MapPlan, tolerance: float, *, most_nodes: int = MOST_NODES, workers: int = 1, progress: Progress | None = None
+    plan: MapPlan, tolerance: float, *, most_nodes: int = MAX_NODES, workers: int = 1, progress: Progress | None = None
 ) -> RmsMap:
     """Return the map of a plan with its axes of extent and depth refined until the error between nodes is small enough.
 
     The axes are refined at some of the plan's depths, loads and speeds, without slip and on its first floors; the error
-    is then measured on the whole map, as every build does (attribute ``interpolation_error``). It is larger than the
-    tolerance only where the nodes ran out. The tolerance stands in the attributes; the plan has the refined axes.
+    is then measured on the whole map, as every build does (attribute ``interpolation_error``). It exceeds
+    the tolerance only if the limit of nodes is reached. The tolerance is kept in the attributes.
 
     Args:
-        plan: what to build; its axes are where refining begins, and their nodes are kept.
+        plan: its axes are refined; their nodes are kept.
         tolerance: RMS of the error between nodes over the largest RMS of the map at that load and speed.
-        most_nodes: nodes of the map at most; an axis is refined no further where they would be exceeded.
+        most_nodes: limit of the nodes of the map.
         workers: as in ``build_map``.
         progress: as in ``build_map``.
 
     Raises:
         MapError: if the tolerance is not positive or the plan has too many nodes to begin with.
-        ValueError: if the plan is outside what the model describes.
+        ValueError: if the plan is outside the model.
     """
     aim, rounds = tolerance, 1
     plan = refine_plan(plan, aim, most_nodes=most_nodes)
@@ -75,13 +75,13 @@ def build_refined_map(
     return built
 
 
-def refine_plan(plan: MapPlan, tolerance: float, *, most_nodes: int = MOST_NODES) -> MapPlan:
-    """Return a plan whose axes of extent and depth are fine enough for a tolerance, or have as many nodes as may be.
+def refine_plan(plan: MapPlan, tolerance: float, *, most_nodes: int = MAX_NODES) -> MapPlan:
+    """Return a plan with its axes of extent and depth refined to a tolerance, or to the limit of nodes.
 
     Args:
-        plan: where to begin; its nodes are kept.
+        plan: its axes are refined; their nodes are kept.
         tolerance: as in ``build_refined_map``.
-        most_nodes: nodes of the map at most.
+        most_nodes: limit of the nodes of the map.
 
     Raises:
         MapError: if the tolerance is not positive or the plan has too many nodes to begin with.

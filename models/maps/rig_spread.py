@@ -1,8 +1,8 @@
-"""How far the RMS of a map moves when the rig's parameters are not what they were taken for.
+"""Spread of a map over uncertain parameters of the rig.
 
-Rigs are drawn around the plan's, and each is compared with the plan's own rig on the same floor, so that what floors
-do (``rms_std``) and what parameters do (``rms_rig_std``) stay apart. The map's mean stays that of the plan's rig. Draws
-are simulated without slip: the shortness of slipping records would hide what they are drawn for.
+Rigs are drawn around the plan's, and each is compared with the plan's own rig on the same floor, which separates the
+spread over parameters (``rms_rig_std``) from that over floors (``rms_std``). The mean is that of the plan's rig. Draws
+are simulated without slip, whose random error would hide the spread.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def drawn_rig(plan: MapPlan, number: int) -> Rig:
 
 
 def rig_scenes(plan: MapPlan) -> int:
-    """Return how many scenes a row's spread takes for each extent."""
+    """Return the number of scenes per extent that the spread needs."""
     return plan.rig_draws + min(plan.rig_draws, _floors(plan))
 
 

@@ -77,7 +77,7 @@ def race_profile(sd: float, pitch: float, cutoff: float, seed: int, race_radius:
     """Return the rough profile of a race: white Gaussian noise, low-passed around the circle, cubic between samples.
 
     The filter is the squared magnitude of a Butterworth filter of order 4 (as a forward and backward pass has), without
-    the mean; the result is scaled to the asked standard deviation after filtering.
+    the mean; the result is scaled to the standard deviation ``sd``.
 
     Args:
         sd: standard deviation after filtering, m.
@@ -162,7 +162,7 @@ class BallPath:
     def __call__(self, angle: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return d (m) and its derivative by the angle (m/rad) at angles of any shape, rad.
 
-        At a kink the derivative is one of both one-sided ones; ask a little beside it to choose.
+        At a kink the derivative is one of the two one-sided ones; a small offset of the angle selects it.
         """
         x = _wrap(angle - self.position)
         delta = self.half_width - np.abs(x)
@@ -238,7 +238,7 @@ class BallPath:
 
 
 def floor_angle(h_d: float, r_o: float, r_b: float) -> float | None:
-    """Return how far beyond an edge a ball touches a floor of depth h_d, rad, or None where it never does.
+    """Return how far beyond an edge a ball touches a floor of depth h_d, rad, or None if it never does.
 
     The closed form of Eqs. 84 and 85, written so that shallow floors lose no digits.
     """
@@ -256,7 +256,7 @@ def race_radius(bearing: Bearing) -> float:
 
 
 def ball_path(bearing: Bearing, defect: Defect | None) -> BallPath | None:
-    """Return the path over a defect, or None where there is nothing that a ball could feel.
+    """Return the path over a defect, or None without extent or depth.
 
     Raises:
         ValueError: if extent or depth is negative, not a number, or the extent is more than the race.

@@ -117,7 +117,7 @@ def _damping() -> list[Figure]:
 
 
 def _dates() -> list[Figure]:
-    """Return what Tables 3 and 20 say of the same tests."""
+    """Return the figures of Tables 3 and 20 for the same tests."""
     minutes = {
         "E1": (24255, 24580, "325", "17"),
         "E2": (9505, 9920, "415", "6.9"),

@@ -16,7 +16,7 @@ from monitor.commands.replay import summary_lines
 from monitor.config.load import Config, validate
 
 if TYPE_CHECKING:
-    from models.maps.file import RmsMap
+    from models.maps.data import RmsMap
     from monitor.health.damage.library.model import Library
 
 _RMS_BAND = (0.0, 9500.0)
@@ -133,8 +133,8 @@ def command(out: Path, seed: int, method: str, as_json: bool, quiet: bool) -> No
 
 def demo_map(*, quiet: bool) -> RmsMap:
     """Return the RMS map of the demo, built on first use."""
-    from models.maps.data import MapPlan
     from models.maps.file import cached_map, default_map_path
+    from models.maps.plan import MapPlan
 
     plan = MapPlan(
         load=(4000.0,),

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from models.lives.life import Population
+from models.lives.population import Population
 from monitor.commands import option
 from monitor.commands.common import (
     InputError,

@@ -12,9 +12,12 @@ from typing import Any
 import click
 import numpy as np
 
-from models.maps.data import STATUSES, MapPlan
-from models.maps.file import RmsMap, build_map, check_map, load_map, save_map
-from models.maps.refine import MOST_NODES, build_refined_map
+from models.maps.build import build_map
+from models.maps.check import check_map
+from models.maps.data import RmsMap
+from models.maps.file import load_map, save_map
+from models.maps.plan import STATUSES, MapPlan
+from models.maps.refine import MAX_NODES, build_refined_map
 from models.scene import Floor, Slip
 from monitor.commands import option
 from monitor.commands.common import (
@@ -73,7 +76,7 @@ def command() -> None:
 @click.option(
     "--most-nodes",
     type=click.IntRange(min=1),
-    default=MOST_NODES,
+    default=MAX_NODES,
     show_default=True,
     help="Limit of the refinement.",
 )

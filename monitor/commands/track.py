@@ -11,7 +11,8 @@ from typing import Any
 import click
 import numpy as np
 
-from models.maps.file import RmsMap, load_map
+from models.maps.data import RmsMap
+from models.maps.file import load_map
 from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
 from monitor.commands.history_files import SUFFIXES, library_settings, prior_of, read_readings, write_out

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from models.maps.data import STATUSES, MapPlan
-from models.maps.file import RmsMap
+from models.maps.data import RmsMap
+from models.maps.plan import STATUSES, MapPlan
 from monitor.words.numbers import count, figure
 from streams.block import STANDARD_GRAVITY
 

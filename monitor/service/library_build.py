@@ -6,7 +6,8 @@ import json
 import math
 from collections.abc import Callable, Sequence
 
-from models.lives.life import Population, simulate_lives
+from models.lives.life import simulate_lives
+from models.lives.population import Population
 from monitor.health.damage.library.fit import FitSettings, fit_library
 from monitor.health.damage.library.model import Library
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from platformdirs import user_cache_dir
 
-from models.lives.life import Population
+from models.lives.population import Population
 from monitor.health.damage.library import fit as library_fit
 from monitor.health.damage.library import model as library_model
 from monitor.health.damage.library import summaries

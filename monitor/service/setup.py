@@ -11,7 +11,9 @@ from typing import Generic, TypeVar
 
 from models.bearing import Bearing
 from models.lives.population import Population
-from models.maps.file import MapError, OutsideMapError, RmsMap, load_map
+from models.maps.data import OutsideMapError, RmsMap
+from models.maps.file import load_map
+from models.maps.plan import MapError
 from models.scene import Rig
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import ChannelSection, SourceSection

@@ -58,8 +58,8 @@ def _load(path: Path) -> RmsMap:
     Raises:
         RequestError: 404, it cannot be read.
     """
-    from models.maps.data import MapError
     from models.maps.file import load_map
+    from models.maps.plan import MapError
 
     try:
         found = path.stat()

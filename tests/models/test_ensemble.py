@@ -11,10 +11,10 @@ import pytest
 
 from models.dynamics.lanes import simulate_lanes
 from models.maps.build import build_map, solver_of
-from models.maps.data import STATUSES, MapError, MapPlan
 from models.maps.ensemble import ensemble_nodes, ensemble_options, ensemble_rms, step_error
 from models.maps.file import load_map, save_map
 from models.maps.nodes import scene_at
+from models.maps.plan import STATUSES, MapError, MapPlan
 from models.scene import Floor, Slip
 from models.simulate import simulate
 

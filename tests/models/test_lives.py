@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from models.bearing import kinematics
 from models.dynamics.time_domain import simulate_time
 from models.lives.laws import LAWS, PATH_STEP, GrowthPath, draw_law, grow
-from models.lives.life import LifeHistory, LifePlan, Population, draw_life, simulate_life, simulate_lives
-from models.lives.population import Range
+from models.lives.life import LifeHistory, LifePlan, draw_life, simulate_life, simulate_lives
+from models.lives.population import Population, Range
 from models.path.defect import race_radius
 from models.scene import Scene, Slip
 from models.simulate import simulate

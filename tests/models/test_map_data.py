@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from models.maps.build import build_map
-from models.maps.data import MapPlan, MapSlice, OutsideMapError, RmsMap
+from models.maps.data import MapSlice, OutsideMapError, RmsMap
+from models.maps.plan import MapPlan
 
 PLAN = MapPlan(
     load=(3000.0, 5000.0),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from models.maps.check import interpolation_errors
-from models.maps.data import MapError, MapPlan
+from models.maps.plan import MapError, MapPlan
 from models.maps.refine import _refined, build_refined_map, refine_plan
 from models.scene import Slip
 

@@ -12,21 +12,14 @@ import numpy as np
 import pytest
 from netCDF4 import Dataset
 
-from models.maps.check import rms_and_most
-from models.maps.data import HARMONICS, STATUSES
-from models.maps.file import (
-    MapError,
-    MapPlan,
-    RmsMap,
-    build_map,
-    cached_map,
-    check_map,
-    default_map_path,
-    load_map,
-    save_map,
-)
+from models.maps.build import build_map
+from models.maps.check import check_map, rms_and_most
+from models.maps.data import RmsMap
+from models.maps.file import cached_map, default_map_path, load_map, save_map
 from models.maps.nodes import MAP_ACCURACY, scene_at
+from models.maps.plan import STATUSES, MapError, MapPlan
 from models.maps.rig_spread import drawn_rig
+from models.response import HARMONICS
 from models.scene import Floor, Slip
 from models.simulate import simulate
 

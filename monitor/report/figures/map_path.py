@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_dir
 
 from models.maps.data import MapSlice, OutsideMapError, RmsMap
-from models.maps.file import MapError, load_map
+from models.maps.file import load_map
+from models.maps.plan import MapError
 from monitor.health.damage.filter.particles import Particles
 from monitor.report.figures.drawing import (
     GREY,

@@ -14,8 +14,7 @@ from matplotlib.figure import FigureBase
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from models.maps.data import MapSlice
-from models.maps.file import RmsMap
+from models.maps.data import MapSlice, RmsMap
 from monitor.report.figures.drawing import BLUE, GREEN, INK, PURPLE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet, write_sheet
 from monitor.report.map_facts import facts_of, lead_of, span_of

@@ -149,12 +149,12 @@ def test_check_says_what_would_be_monitored(machine):
     assert "channel" in schema["properties"]
 
 
-def test_check_says_which_levels_raise_alarms_and_who_is_told(machine):
+def test_check_lists_alarm_levels_and_notification_channels(machine):
     more = '[[alarms.level]]\nfeature = "rms"\nalert_sd = 6\ndanger_g = 3\n[notify.webhook]\nurl = "http://127.0.0.1:9/x"\n'
     (machine / "machine.toml").write_text(CONFIG + more)
     said = run("check", "--config", "machine.toml", cwd=machine).stdout
     assert "alarm rms: rms, alert 6 sd, danger 3 g\n" in said
-    assert "told of events: webhook, at most 20 messages an hour\n" in said
+    assert "notifications: webhook, at most 20 messages an hour\n" in said
 
 
 def test_simulate_has_the_keys_of_the_interface():

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from models.lives.life import LifeHistory, Population, simulate_life
+from models.lives.life import LifeHistory, simulate_life
+from models.lives.population import Population
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
 from monitor.health.damage.library.forecaster import LibraryInput, LibraryState, step

@@ -14,8 +14,9 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.maps.data import MapPlan
-from models.maps.file import build_map, save_map
+from models.maps.build import build_map
+from models.maps.file import save_map
+from models.maps.plan import MapPlan
 from monitor.commands import report_batch
 from monitor.commands.report import command
 from monitor.commands.report_batch import (

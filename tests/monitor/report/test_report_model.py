@@ -18,7 +18,8 @@ from models.bearing import from_catalogue, kinematics
 from models.dynamics.six_dof import prepare
 from models.hertz import element_angles
 from models.maps.build import build_map
-from models.maps.file import RmsMap, save_map
+from models.maps.data import RmsMap
+from models.maps.file import save_map
 from models.maps.plan import MapPlan
 from models.path.defect import ball_path
 from models.scene import Defect, Floor, Scene, Slip

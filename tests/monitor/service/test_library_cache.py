@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from unittest import mock
 
-from models.lives.life import Population
+from models.lives.population import Population
 from monitor.service import library_cache
 from monitor.service.library_cache import cached_library, library_path
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from models.lives.population import Population
-from models.maps.data import MapPlan
-from models.maps.file import build_map, save_map
+from models.maps.build import build_map
+from models.maps.file import save_map
+from models.maps.plan import MapPlan
 from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError, validate
 from monitor.health.damage.thesis.edv import EdvStatus

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from models.maps.data import MapPlan
-from models.maps.file import build_map, save_map
+from models.maps.build import build_map
+from models.maps.file import save_map
+from models.maps.plan import MapPlan
 from monitor.config.load import load_config
 from monitor.records.events import EventLog
 from monitor.records.spectra import read_spectra
