@@ -7,13 +7,14 @@ from pathlib import Path
 
 import click
 
-from monitor.commands.common import config_option, read_config
+from monitor.commands import option
+from monitor.commands.common import read_config
 from monitor.config.fleet import load_fleet
 from monitor.service.logs import set_up_log
 
 
 @click.command("page")
-@config_option()
+@option.config
 @click.option("--port", type=click.IntRange(0, 65535), help="In place of the configured one; 0: any free port.")
 @click.option("--quiet", is_flag=True, help="Log errors only.")
 def command(config_path: Path | None, port: int | None, quiet: bool) -> None:
