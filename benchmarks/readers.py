@@ -1,4 +1,4 @@
-"""Reading recordings: milliseconds a file beside the error of the numbers, and whole archives.
+"""Samples recordings: milliseconds a file beside the error of the numbers, and whole archives.
 
 Run as ``python -m benchmarks.readers [--quick] [--json FILE]``. Three tables:
 
@@ -40,12 +40,12 @@ from streams.readers.mat import read_mat
 from streams.readers.memory_file import memory_file
 from streams.readers.netcdf import read_netcdf
 from streams.readers.npy import read_npy
-from streams.readers.reading import Reading
 from streams.readers.tdms import read_tdms
 from streams.readers.text import read_text
 from streams.readers.uff import read_uff
 from streams.readers.wav import read_wav
 from streams.recognise import DATA_SETS
+from streams.samples import Samples
 from streams.spec import SourceSpec
 from tests.oracles.text_oracle import parse_slowly
 from tests.streams.format_makers import MAKERS
@@ -55,7 +55,7 @@ SAMPLES = 128_000
 
 Floats = NDArray[np.floating]
 Row = dict[str, float | str | None]
-Reader = Callable[[bytes, str], Reading]
+Reader = Callable[[bytes, str], Samples]
 Way = tuple[str, str, Callable[[], Floats], Floats]
 """What is read, in which way, how, and the exact samples."""
 
@@ -67,7 +67,7 @@ def text_ways() -> list[Way]:
     plain = "\n".join(f"{a!r},{b!r}" for a, b in rng.normal(size=(SAMPLES // 2, 2)).tolist()).encode() + b"\n"
     exact = parse_slowly(pronostia, ",")[4:], parse_slowly(ims, "\t"), parse_slowly(plain, ",")
     return [
-        ("PRONOSTIA csv, 2560 x 6", "reader", lambda: DATA_SETS["pronostia"].read(pronostia, "x").samples, exact[0]),
+        ("PRONOSTIA csv, 2560 x 6", "reader", lambda: DATA_SETS["pronostia"].read(pronostia, "x").values, exact[0]),
         (
             "PRONOSTIA csv, 2560 x 6",
             "numpy.loadtxt",
@@ -75,9 +75,9 @@ def text_ways() -> list[Way]:
             exact[0],
         ),
         ("PRONOSTIA csv, 2560 x 6", "split lines", lambda: parse_slowly(pronostia, ",")[4:], exact[0]),
-        ("IMS text, 20480 x 4", "reader", lambda: DATA_SETS["ims"].read(ims, "x").samples, exact[1]),
+        ("IMS text, 20480 x 4", "reader", lambda: DATA_SETS["ims"].read(ims, "x").values, exact[1]),
         ("IMS text, 20480 x 4", "numpy.loadtxt", lambda: np.loadtxt(io.BytesIO(ims), dtype=np.float32).T, exact[1]),
-        ("csv of 17 digits, 64000 x 2", "reader", lambda: read_text(plain, "x").samples, exact[2]),
+        ("csv of 17 digits, 64000 x 2", "reader", lambda: read_text(plain, "x").values, exact[2]),
         (
             "csv of 17 digits, 64000 x 2",
             "numpy.loadtxt",
@@ -96,10 +96,10 @@ def binary_ways() -> list[Way]:
     scipy.io.savemat(mat, {"x": exact})
     scipy.io.savemat(packed, {"x": exact}, do_compression=True)
     return [
-        ("npy float64, 128000", "reader", lambda: read_npy(npy.getvalue(), "x").samples, exact),
-        ("wav 24 bit, 128000", "reader", lambda: read_wav(wav.getvalue(), "x").samples, exact),
-        ("mat, 128000", "reader", lambda: read_mat(mat.getvalue(), "x").samples, exact),
-        ("mat compressed, 128000", "reader", lambda: read_mat(packed.getvalue(), "x").samples, exact),
+        ("npy float64, 128000", "reader", lambda: read_npy(npy.getvalue(), "x").values, exact),
+        ("wav 24 bit, 128000", "reader", lambda: read_wav(wav.getvalue(), "x").values, exact),
+        ("mat, 128000", "reader", lambda: read_mat(mat.getvalue(), "x").values, exact),
+        ("mat compressed, 128000", "reader", lambda: read_mat(packed.getvalue(), "x").values, exact),
     ]
 
 
@@ -190,7 +190,7 @@ def formats_table(rounds: int) -> list[Row]:
         count = max(3, rounds // 4) if name.endswith((".uff", ".csv")) else rounds
         times = wall_ms(ways, count)
         times.setdefault("as_used_ms", times["in_process_ms"])
-        error = float(np.max(np.abs(used(data[name], name).samples - exact)))
+        error = float(np.max(np.abs(used(data[name], name).values - exact)))
         cpu = cpu_ms(lambda used=used, name=name: used(data[name], name), count)
         over = times["as_used_ms"] - times["library_ms"]
         rows.append({**row, **times, "over_library_ms": over, "cpu_ms": cpu, "first_ms": first, "error": error})
@@ -244,7 +244,7 @@ def archives_table(folder: Path, names: list[str]) -> list[Row]:
 
 def main() -> None:
     """Print both tables and write them where asked."""
-    options = arguments("Reading recordings: speed and error.")
+    options = arguments("Samples recordings: speed and error.")
     rounds = 7 if options.quick else 31
     calibration = interleaved_ms({"kernel": calibration_kernel()}, 101)["kernel"]
     print(f"calibration: one planned float32 real FFT of 128,000 samples takes {calibration:.3f} ms")

@@ -30,6 +30,7 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from monitor.records.store import Store
 from streams.link.sender import LinkError, TcpLink
 from streams.link.wire import Frame, encode_frame
+from streams.samples import Samples
 from streams.spec import Address
 
 BLOCKS, QUICK_BLOCKS = 100_000, 2_000
@@ -134,9 +135,9 @@ def prepare(folder: Path) -> tuple[Path, int]:
 
 def frame(sequence: int) -> bytes:
     """Return a block: noise, each another one."""
-    samples = np.random.default_rng(sequence).standard_normal((1, SAMPLES), dtype=np.float32)
+    values = np.random.default_rng(sequence).standard_normal((1, SAMPLES), dtype=np.float32)
     start = (FIRST + SECONDS_APART * sequence) * 1_000_000_000
-    return encode_frame(Frame(sequence, RATE, samples, ("x",), ("g",), start))
+    return encode_frame(Frame(sequence, Samples(values, ("x",), units=("g",), rate=RATE), start))
 
 
 def connect(port: int, daemon: subprocess.Popen[bytes]) -> TcpLink:

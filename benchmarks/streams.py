@@ -39,6 +39,7 @@ from streams.link.sender import TcpLink
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import Frame, encode_frame
 from streams.reblock import samples_hash
+from streams.samples import Samples
 from streams.spec import Address, SourceSpec
 from tests.memory_ledger import MemoryLedger
 
@@ -81,9 +82,9 @@ def config(port: int) -> Config:
 
 def _frame(sequence: int, seed: int) -> bytes:
     rng = np.random.default_rng([seed, sequence])
-    samples = rng.standard_normal((CHANNELS, _SAMPLES), dtype=np.float32)
+    values = rng.standard_normal((CHANNELS, _SAMPLES), dtype=np.float32)
     start = 1_700_000_000_000_000_000 + round(sequence * SECONDS * 1e9)
-    return encode_frame(Frame(sequence, RATE, samples, _NAMES, ("g",) * CHANNELS, start))
+    return encode_frame(Frame(sequence, Samples(values, _NAMES, units=("g",) * CHANNELS, rate=RATE), start))
 
 
 def send(port: int, blocks: int, pace: bool) -> None:

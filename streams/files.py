@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Literal, Protocol
 
-from streams.readers.reading import MAX_BYTES, ReaderError
+from streams.samples import MAX_BYTES, ReaderError
 from streams.spec import SourceError
 
 _Mode = Literal["r:", "r:gz", "r:bz2", "r:xz"]

@@ -18,11 +18,11 @@ from streams.readers.layout import read_layout
 from streams.readers.mat import mat_variables, read_mat
 from streams.readers.netcdf import read_netcdf
 from streams.readers.npy import read_npy
-from streams.readers.reading import ReaderError, Reading
 from streams.readers.sidecar import FOLDER_NAMES, apply_sidecar, find_sidecar
 from streams.readers.tdms import read_tdms
 from streams.readers.uff import read_uff
 from streams.readers.wav import read_wav
+from streams.samples import ReaderError, Samples
 from streams.spec import SourceError, SourceSpec
 
 FORMATS = {
@@ -77,7 +77,7 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
         # A channel that is found by its column or name may be any of them.
         keys = []
     zone = spec.timezone
-    readers: dict[str, Callable[[bytes, str], Reading]] = {
+    readers: dict[str, Callable[[bytes, str], Samples]] = {
         "csv": lambda data, path: read_layout(data, path, zone),
         "npy": read_npy,
         "wav": read_wav,
@@ -126,7 +126,7 @@ def _with_sidecars(data_set: DataSet, spec: SourceSpec, files: Files) -> DataSet
     """Let a reader look for the side-car of each file that it reads."""
     root, bare = files.root, data_set.read
 
-    def read(data: bytes, path: str) -> Reading:
+    def read(data: bytes, path: str) -> Samples:
         sidecar = find_sidecar(root, path, spec.timezone)
         reading = bare(data, path)
         return reading if sidecar is None else apply_sidecar(reading, sidecar, path)

@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 from zoneinfo import ZoneInfo
 
 from streams.files import unpacked_name
-from streams.readers.reading import Reading
+from streams.samples import Samples
 
 POUND_FORCE = 4.4482216152605
 """N in one pound-force."""
@@ -58,7 +58,7 @@ class DataSet:
     name: str
     files: str
     facts: Callable[[str, str, ZoneInfo], FileFacts | None]
-    read: Callable[[bytes, str], Reading]
+    read: Callable[[bytes, str], Samples]
     unit: str | None = "g"
     snapshot: bool = False
     samples: int | None = None

@@ -13,7 +13,7 @@ from streams.datasets.description import POUND_FORCE, DataSet, FileFacts, file_n
 from streams.files import natural_key
 from streams.readers.child import isolated
 from streams.readers.mat import load_mat, mat_variables, read_mat, scalar, text
-from streams.readers.reading import ReaderError, Reading, plain_reading
+from streams.samples import ReaderError, Samples
 
 # CWRU: the pages of the Bearing Data Center list the files of each rate by number; the files do not state it. The
 # normal files, 97 to 100, were sampled at 48 kHz, as were the second set of drive-end files.
@@ -45,7 +45,7 @@ def _cwru_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
     return FileFacts(natural_key(path), rate=rate)
 
 
-def cwru_read(data: bytes, path: str) -> Reading:
+def cwru_read(data: bytes, path: str) -> Samples:
     """Read a file of the Bearing Data Center: the recording of its own number, and its RPM."""
     found = [match for match in map(_CWRU_VARIABLE.fullmatch, mat_variables(data, path)) if match]
     # Some files hold the variables of a second file too (99 has X098 and X099): the file's own number decides.
@@ -71,7 +71,7 @@ def _mat_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
     return FileFacts(natural_key(path)) if path.lower().endswith(".mat") else None
 
 
-def mfpt_read(data: bytes, path: str) -> Reading:
+def mfpt_read(data: bytes, path: str) -> Samples:
     """Read a file of the MFPT set."""
     reading = read_mat(data, path, ["bearing.gs"])
     values = load_mat(data, path, ["bearing.sr", "bearing.rate", "bearing.load"])
@@ -96,7 +96,7 @@ def _hit_sm_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
     return FileFacts(natural_key(path), rate=51200.0, speed=int(match[1]) / 60) if match else None
 
 
-def one_vector(data: bytes, path: str) -> Reading:
+def one_vector(data: bytes, path: str) -> Samples:
     """Read a file that holds a single vector."""
     reading = read_mat(data, path)
     if len(reading.names) != 1:
@@ -105,7 +105,7 @@ def one_vector(data: bytes, path: str) -> Reading:
 
 
 # UESTC: Data and its SampleFrequency in Hz; the shaft speed is nominal only, and not in the file.
-def uestc_read(data: bytes, path: str) -> Reading:
+def uestc_read(data: bytes, path: str) -> Samples:
     """Read a file of the UESTC set."""
     reading = read_mat(data, path, ["Data"])
     rate = scalar(load_mat(data, path, ["SampleFrequency"]), "SampleFrequency")
@@ -129,7 +129,7 @@ def _paderborn_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
     )
 
 
-def paderborn_read(data: bytes, path: str) -> Reading:
+def paderborn_read(data: bytes, path: str) -> Samples:
     """Read the vibration of a file of the Paderborn set; the slower channels and the currents are passed over."""
     values = load_mat(data, path, ["*.Y", "*.Y(*).Name", "*.Y(*).Data", "*.Y.Name", "*.Y.Data"])
     names = {key: text(values, key) for key in values if key.endswith(".Name")}
@@ -142,7 +142,7 @@ def paderborn_read(data: bytes, path: str) -> Reading:
         raise ReaderError("wrong_shape", f"{path}: the vibration is no vector of numbers")
     if not rows[0].size:
         raise ReaderError("empty", f"{path}: holds no samples")
-    return plain_reading(np.stack(rows).astype(np.float64), tuple(names[key] or "" for key in found))
+    return Samples(np.stack(rows).astype(np.float64), tuple(names[key] or "" for key in found))
 
 
 SETS = (

@@ -12,8 +12,8 @@ import numpy as np
 from streams.datasets.description import POUND_FORCE, DataSet, FileFacts, file_name
 from streams.files import natural_key
 from streams.readers.layout import read_layout
-from streams.readers.reading import Reading
 from streams.readers.text import read_text
+from streams.samples import Samples
 
 # PRONOSTIA (IEEE PHM 2012): the challenge's description gives 25.6 kHz, a record of 0.1 s every 10 s, the conditions.
 _PRONOSTIA_CONDITIONS = {"1": (1800 / 60, 4000.0), "2": (1650 / 60, 4200.0), "3": (1500 / 60, 5000.0)}
@@ -31,7 +31,7 @@ def _pronostia_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
     return FileFacts((number,), number, elapsed, None, _PRONOSTIA_RATE, speed, load)
 
 
-def _pronostia_read(data: bytes, path: str) -> Reading:
+def _pronostia_read(data: bytes, path: str) -> Samples:
     # 16-bit samples printed with three decimals; the clock of the first four columns is not a sample clock.
     reading = read_text(data, path, separators=";,", header=False, n_columns=6, columns=(5, 6), precision=np.float32)
     return replace(reading, channels=("horizontal", "vertical"))
@@ -50,7 +50,7 @@ def _ims_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
     return FileFacts((start,), start=start, rate=20000.0, speed=2000 / 60, load=6000 * POUND_FORCE)
 
 
-def _ims_read(data: bytes, path: str) -> Reading:
+def _ims_read(data: bytes, path: str) -> Samples:
     reading = read_text(data, path, separators="\t ", header=False, n_columns=(4, 8), precision=np.float32)
     return replace(reading, channels=tuple(f"channel_{column}" for column in reading.columns))
 
@@ -66,7 +66,7 @@ def _xjtu_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
     return FileFacts((number,), number, (number - 1) * 60.0, None, 25600.0, speed, load)
 
 
-def _xjtu_read(data: bytes, path: str) -> Reading:
+def _xjtu_read(data: bytes, path: str) -> Samples:
     reading = read_text(data, path, separators=",", n_columns=2)
     return replace(reading, channels=("horizontal", "vertical"))
 
@@ -93,7 +93,7 @@ def _ferrara_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
     )
 
 
-def _ferrara_read(data: bytes, path: str) -> Reading:
+def _ferrara_read(data: bytes, path: str) -> Samples:
     reading = read_layout(data, path)
     return replace(reading, channels=("acceleration",)) if len(reading.names) == 1 else reading
 

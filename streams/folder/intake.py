@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from pathlib import Path
-from zoneinfo import ZoneInfo
 
 import numpy as np
 
 from streams.block import Block, Rejected
-from streams.blocks import TAIL
-from streams.datasets.description import DataSet, FileFacts
+from streams.datasets.description import FileFacts
 from streams.files import unpacked_name
 from streams.folder.listing import look_at, unshown
-from streams.folder.loading import GROWS, Parsed, Raw, UnfinishedError, is_more_of, parse, read_raw
+from streams.folder.raw import GROWS, Raw, UnfinishedError, is_more_of, read_raw
 from streams.folder.register import ARCHIVED, INCOMPLETE_AFTER, Entry, Order, Register
 from streams.ledger import ACCEPTED, PENDING, FileProgress, Ledger
-from streams.readers.reading import ReaderError
-from streams.reblock import Chunk, Cut, Reblocker, began_at, cut_item, elapsed_at
+from streams.load import Loader
+from streams.reblock import Cut, Reblocker, began_at, cut_item
+from streams.samples import ReaderError, Samples
 from streams.source import Delivery
 from streams.spec import SourceSpec
 
@@ -31,7 +29,7 @@ _RETRIED = ("unreadable", "short", "wrong_shape", "wrong_rate", "wrong_unit")
 _RETRY = 10.0
 _REFUSED = ("duplicate", "changed")
 
-Loaded = tuple[Entry, Raw, FileFacts, Parsed]
+Loaded = tuple[Entry, Raw, FileFacts, Samples]
 
 
 class Intake:
@@ -41,24 +39,21 @@ class Intake:
         ready: deliveries that nobody has asked for yet.
     """
 
-    def __init__(self, spec: SourceSpec, root: Path, data_set: DataSet, ledger: Ledger, register: Register) -> None:
+    def __init__(self, spec: SourceSpec, loader: Loader, ledger: Ledger, register: Register) -> None:
         """Begin where the ledger ends.
 
         Args:
             spec: configuration of the source.
-            root: the resolved folder.
-            data_set: what its files are.
+            loader: of the files of the folder.
             ledger: what was committed.
             register: the files that wait.
         """
-        self.root = root
         self.ready: deque[Delivery] = deque()
         self.name = spec.name
-        self._spec, self._set, self._ledger, self._register = spec, data_set, ledger, register
-        self._zone = ZoneInfo(spec.timezone)
-        one_a_file = data_set.snapshot or spec.block_s == "file"
+        self._spec, self._loader, self._ledger, self._register = spec, loader, ledger, register
+        one_a_file = loader.data_set.snapshot or spec.block_s == "file"
         self._reblocker = None if one_a_file or spec.block_s == "file" else Reblocker(spec.block_s)
-        self._grows = self._reblocker is not None and data_set.name in GROWS
+        self._grows = self._reblocker is not None and loader.data_set.name in GROWS
         self._period = spec.block_s if self._grows and spec.block_s != "file" else None
         self._on_the_way: dict[int, str] = {}
         self._highest = ledger.committed(spec.name)
@@ -80,7 +75,7 @@ class Intake:
             loaded = self._load(entry, now)
             if loaded is not None:
                 self._batch.append(loaded)
-                size += loaded[3].samples.nbytes
+                size += loaded[3].values.nbytes
             elif self.ready:
                 break
         self._emit_batch()
@@ -106,12 +101,9 @@ class Intake:
             if not entry.outstanding and entry.phase == "delivered" and progress.verdict != PENDING:
                 self._register.settle(entry, progress)
 
-    def _facts(self, path: str) -> FileFacts | None:
-        return self._set.facts(path, str(self.root), self._zone)
-
     def _load(self, entry: Entry, now: float) -> Loaded | None:
         """Read a file whose turn it is; whatever is wrong with it becomes a status."""
-        facts = self._facts(entry.path)
+        facts = self._loader.facts(entry.path)
         if facts is None:
             self._register.leave(entry, entry.counted)
             return None
@@ -121,11 +113,10 @@ class Intake:
             if entry.absent is not None:
                 raise ReaderError("unreadable", f"{entry.key}: is gone, before all of it could be read")
             entry.read_at = now
-            raw = read_raw(self.root, entry, self._set.name if growing else None)
+            raw = read_raw(self._loader.root, entry, self._loader.data_set.name if growing else None)
             if self._is_known(entry, raw, facts):
                 return None
-            parsed = parse(raw, entry, facts, self._set, self._spec)
-            self._check_length(parsed, entry)
+            samples = self._loader.load(raw.data, entry.path, facts, entry.key)
         except UnfinishedError as error:
             self._wait_again(entry, error, now)
             return None
@@ -140,7 +131,7 @@ class Intake:
             # The ledger failed; the file keeps its turn.
             self._register.queue(entry)
             raise
-        return entry, raw, facts, parsed
+        return entry, raw, facts, samples
 
     def _is_passed(self, entry: Entry) -> bool:
         """Tell whether files that come after a file were taken while it waited: what they gave is not cut for it."""
@@ -209,7 +200,7 @@ class Intake:
             if (
                 not archived
                 and known.inode == entry.stat.inode
-                and look_at(str(self.root), unshown(known.path)) is None
+                and look_at(str(self._loader.root), unshown(known.path)) is None
             ):
                 self._register.adopt(entry, known)
                 return True
@@ -225,10 +216,10 @@ class Intake:
     def _is_flat(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
         """Tell whether all samples of a file are alike: a dead sensor gives the same bytes every time."""
         try:
-            samples = parse(raw, entry, facts, self._set, self._spec).samples
+            values = self._loader.load(raw.data, entry.path, facts, entry.key).values
         except ReaderError:
             return False
-        return bool(np.all(samples == samples[:, :1]))
+        return bool(np.all(values == values[:, :1]))
 
     def _is_taken(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
         """Refuse a file whose own number another block has already."""
@@ -249,16 +240,9 @@ class Intake:
     def _free(self, number: int) -> bool:
         return number not in self._on_the_way and self._ledger.content_of(self.name, number) is None
 
-    def _check_length(self, parsed: Parsed, entry: Entry) -> None:
-        expected, found = self._set.samples, parsed.samples.shape[1]
-        if expected is not None and found < TAIL * expected:
-            raise ReaderError("short", f"{entry.key}: {found} samples, {expected} were expected")
-        if expected is not None and found > expected:
-            raise ReaderError("wrong_shape", f"{entry.key}: {found} samples, {expected} were expected")
-
-    def _emit(self, entry: Entry, raw: Raw, facts: FileFacts, parsed: Parsed) -> None:
+    def _emit(self, entry: Entry, raw: Raw, facts: FileFacts, samples: Samples) -> None:
         """Give the blocks of a file."""
-        entry.read, entry.total = raw.progress, parsed.samples.shape[1]
+        entry.read, entry.total = raw.progress, samples.values.shape[1]
         self._passed = entry.order if self._passed is None else max(self._passed, entry.order)
         if self._reblocker is None:
             number = self._number_of(facts)
@@ -267,26 +251,16 @@ class Intake:
             elif self._is_taken(entry, raw, facts):
                 return
             progress = replace(raw.progress, samples=entry.total, verdict=ACCEPTED)
-            block = _block(self.name, parsed, number, entry.key, raw.progress.content_hash, self._began)
+            elapsed = samples.elapsed_since(self._began)
+            block = samples.block(self.name, number, entry.key, raw.progress.content_hash, elapsed)
             self._deliver(block, [(entry, progress)])
             return
         begin = min(entry.fed, entry.total)
-        chunk = Chunk(
-            samples=parsed.samples[:, begin:],
-            rate=parsed.rate,
-            channels=parsed.channels,
-            units=parsed.units,
-            start=parsed.start,
-            origin=entry,
-            offset=begin,
-            elapsed=parsed.elapsed,
-            speed=parsed.speed,
-            load=parsed.load,
-        )
         entry.fed = entry.total
         entry.phase = "held"
-        self._give(self._reblocker.feed(chunk))
-        if parsed.start is None and not self._grows:
+        rest = replace(samples, values=samples.values[:, begin:], origin=entry, offset=begin)
+        self._give(self._reblocker.feed(rest))
+        if samples.start is None and not self._grows:
             # Nothing says when the next file begins, so nothing can be joined to this one.
             self._give(self._reblocker.flush())
         if raw.progress.is_part:
@@ -317,9 +291,7 @@ class Intake:
     def _give(self, cuts: Iterable[Cut]) -> None:
         for cut in cuts:
             pairs = list(self._progress_of(cut))
-            first = cut.first[0]
-            path, total = (first.key, first.total) if isinstance(first, Entry) else ("", 0)
-            item = cut_item(cut, self.name, self._next_number(), path, total, self._began)
+            item = cut_item(cut, self.name, self._next_number(), self._began)
             self._deliver(item, pairs)
             for entry, _ in pairs:
                 self._let_go(entry)
@@ -352,20 +324,3 @@ class Intake:
 def _printable(text: str) -> str:
     """Replace what no terminal and no database should be given."""
     return "".join(character if character.isprintable() else "?" for character in text)
-
-
-def _block(source: str, parsed: Parsed, number: int, name: str, digest: str, began: float | None) -> Block:
-    return Block(
-        samples=parsed.samples,
-        rate=parsed.rate,
-        channels=parsed.channels,
-        units=parsed.units,
-        source=source,
-        sequence=number,
-        name=name,
-        start=parsed.start,
-        elapsed=elapsed_at(parsed.start, parsed.elapsed, began),
-        speed=parsed.speed,
-        load=parsed.load,
-        content_hash=digest,
-    )

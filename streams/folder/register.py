@@ -12,6 +12,7 @@ from typing import Literal
 
 from streams.folder.listing import Stat, shown, unshown
 from streams.ledger import ACCEPTED, PENDING, FileProgress, Ledger
+from streams.samples import Origin
 from streams.source import Backlog
 
 INCOMPLETE_AFTER = 600.0
@@ -27,13 +28,12 @@ Order = tuple[object, ...]
 Phase = Literal["queued", "aside", "held", "delivered"]
 
 
-@dataclass(eq=False)
-class Entry:
+@dataclass(eq=False, kw_only=True)
+class Entry(Origin):
     """A file that waits.
 
     Attributes:
-        path: below the folder, as the file system has it.
-        key: the same as it is shown and stored.
+        path: below the folder, as the file system gives it; ``key`` is the same in printable characters.
         stat: as last seen.
         order: sorts the files by acquisition.
         seen: when it was first seen waiting, by the monotonic clock, s; likewise the other times.
@@ -46,7 +46,6 @@ class Entry:
         base: what the ledger has of it.
         counted: the verdict under which it is counted already, None for a file not counted before.
         read: its progress as of the last reading, without samples.
-        total: number of samples it had then.
         fed: number of samples of it that were taken.
         read_at: when it was last read.
         absent: since when it is not in the folder any more.
@@ -55,7 +54,6 @@ class Entry:
     """
 
     path: str
-    key: str
     stat: Stat
     order: Order
     seen: float
@@ -67,7 +65,6 @@ class Entry:
     base: FileProgress | None = None
     counted: str | None = None
     read: FileProgress | None = None
-    total: int = 0
     fed: int = 0
     read_at: float = -math.inf
     absent: float | None = None
@@ -181,7 +178,8 @@ class Register:
                 self.queue(entry)
 
     def _enter(self, path: str, stat: Stat, now: float, known: FileProgress | None) -> Entry:
-        entry = Entry(path, shown(path), stat, self._order_of(path) or (), now, now, base=known)
+        order = self._order_of(path) or ()
+        entry = Entry(shown(path), path=path, stat=stat, order=order, seen=now, changed=now, base=known)
         if known is not None and known.verdict != PENDING:
             entry.counted = known.verdict
         with self._lock:

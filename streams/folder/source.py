@@ -13,15 +13,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
-from zoneinfo import ZoneInfo
 
-from streams.datasets.description import DataSet, FileFacts
+from streams.datasets.description import DataSet
 from streams.files import Item, check_readable, natural_key, read_guarded
 from streams.folder.intake import Intake
 from streams.folder.listing import left_alone, list_files, look_at
 from streams.folder.register import INCOMPLETE_AFTER, Order, Register
 from streams.folder.watch import Watch
 from streams.ledger import Ledger
+from streams.load import Loader
 from streams.recognise import data_set_of
 from streams.source import Backlog, Delivery
 from streams.spec import SourceError, SourceSpec
@@ -78,8 +78,7 @@ class FolderSource:
         self._root = Path(root).expanduser()
         self._real = self._root
         self._clock = clock or SystemClock()
-        self._zone = ZoneInfo(spec.timezone)
-        self._set: DataSet | None = None
+        self._loader: Loader | None = None
         self._intake: Intake | None = None
         self._wake = threading.Event()
         self._watch = Watch(self._wake.set)
@@ -111,7 +110,7 @@ class FolderSource:
             # The scan says so, for as long as it lasts.
             self._real = self._root.absolute()
         if self._spec.format.strip().lower() != "auto":
-            self._set = data_set_of(self._spec, _Some(self._real, ()), self._spec.format)
+            self._load_as(data_set_of(self._spec, _Some(self._real, ()), self._spec.format))
         self._ledger = ledger
         self._intake = None
         now = self._clock.monotonic()
@@ -195,6 +194,8 @@ class FolderSource:
                         "source %s: %s was made anew or is no longer heard; watched again", self.name, self._root
                     )
                 self._real = self._root.resolve()
+                if self._loader is not None:
+                    self._loader.root = self._real
                 self._watch.start(self._real)
                 self._identity = (status.st_dev, status.st_ino)
             closed: list[str] = []
@@ -218,14 +219,14 @@ class FolderSource:
             _LOG.warning("source %s: %s", self.name, problem or f"{self._root} can be read again")
         self._problem = problem
 
-    def _order_of(self, path: str) -> Order | None:
-        if self._set is None:
-            return natural_key(path)
-        facts = self._facts(path)
-        return None if facts is None else facts.order
+    def _load_as(self, data_set: DataSet) -> None:
+        self._loader = Loader(self._spec, data_set, self._real, live=True)
 
-    def _facts(self, path: str) -> FileFacts | None:
-        return None if self._set is None else self._set.facts(path, str(self._real), self._zone)
+    def _order_of(self, path: str) -> Order | None:
+        if self._loader is None:
+            return natural_key(path)
+        facts = self._loader.facts(path)
+        return None if facts is None else facts.order
 
     def _recognise(self, now: float) -> bool:
         """Find out by the first files what kind they are."""
@@ -243,7 +244,7 @@ class FolderSource:
         if not tried:
             return False
         try:
-            self._set = data_set_of(self._spec, _Some(self._real, tuple(tried)), "auto")
+            self._load_as(data_set_of(self._spec, _Some(self._real, tuple(tried)), "auto"))
         except SourceError as error:
             self._unknown = str(error)
             return False
@@ -253,14 +254,11 @@ class FolderSource:
 
     def _advance(self, now: float) -> bool:
         """Take the next files; return whether anything happened."""
-        if self._set is None and not self._recognise(now):
+        if self._loader is None and not self._recognise(now):
             return False
-        if self._intake is None and self._set is not None and self._ledger is not None:
-            self._intake = Intake(self._spec, self._real, self._set, self._ledger, self._register)
-        if self._intake is None:
-            return False
-        self._intake.root = self._real
-        return self._intake.advance(now)
+        if self._intake is None and self._loader is not None and self._ledger is not None:
+            self._intake = Intake(self._spec, self._loader, self._ledger, self._register)
+        return self._intake is not None and self._intake.advance(now)
 
 
 class _Some:

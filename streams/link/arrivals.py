@@ -6,15 +6,15 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from streams.block import Block, Rejected
-from streams.blocks import agreed_rate, choose_rows, content_hash
 from streams.ledger import Ledger
-from streams.link.wire import Frame, WireError, decode_frame
-from streams.readers.reading import ReaderError, Reading
+from streams.link.wire import WireError, decode_frame
+from streams.load import agreed_rate, choose_channels, content_hash
 from streams.reblock import samples_hash
+from streams.samples import ReaderError, Samples
 from streams.source import Backlog, Delivery
 from streams.spec import MAX_FRAME, SourceSpec
 
@@ -229,45 +229,27 @@ def _item(spec: SourceSpec, stream: str, data: bytes | bytearray, limit: int) ->
         return Rejected(spec.name, error.sequence, name, error.status, reason, content_hash(bytes(data))), None
     name = f"{stream}[{frame.sequence}]"
     samples = frame.scaled()
-    digest = samples_hash(samples, frame.rate, frame.channels)
+    digest = samples_hash(samples.values, samples.known_rate, samples.channels)
     try:
-        rows, units = _rows(spec, frame, name)
-        rate = agreed_rate((frame.rate,), spec.rate, name)
+        chosen = _chosen(spec, samples, name)
     except ReaderError as error:
         return Rejected(spec.name, frame.sequence, name, error.status, str(error), digest), frame.after
-    everything = rows == list(range(len(frame.channels)))
-    names = [channel.name for channel in spec.channels] or list(frame.channels)
-    block = Block(
-        samples=samples if everything else samples[rows],
-        rate=rate,
-        channels=tuple(names),
-        units=units,
-        source=spec.name,
-        sequence=frame.sequence,
-        name=name,
-        start=None if frame.start is None else frame.start * 1e-9,
-        elapsed=frame.elapsed,
-        speed=frame.speed,
-        load=frame.load,
-        content_hash=digest,
-    )
-    return block, frame.after
+    return chosen.block(spec.name, frame.sequence, name, digest, chosen.elapsed), frame.after
 
 
-def _rows(spec: SourceSpec, frame: Frame, name: str) -> tuple[list[int], tuple[str, ...]]:
-    """Return the rows of the configured channels and their units; a frame may hold more than is allowed in."""
-    columns = tuple(range(1, len(frame.channels) + 1))
-    reading = Reading(frame.samples, frame.channels, columns, frame.channels)
-    rows = choose_rows(reading, spec.channels, "unknown", name)
-    units = []
-    for row in rows:
-        stated = frame.units[row.index]
-        wanted = row.unit if spec.channels and row.unit != "unknown" else stated
+def _chosen(spec: SourceSpec, samples: Samples, name: str) -> Samples:
+    """Return the samples of the configured channels; a frame may hold more channels than are configured."""
+    unstated = replace(samples, units=("unknown",) * len(samples.units))
+    chosen = choose_channels(unstated, spec.channels, None, name)
+    units: list[str | None] = []
+    for channel, column, unit in zip(chosen.channels, chosen.columns, chosen.units, strict=True):
+        stated = samples.units[column - 1]
+        wanted = unit if spec.channels and unit != "unknown" else stated
         if stated not in ("unknown", wanted):
-            reason = f"{name}: channel {row.channel}: the frame is in {stated}, unit = {wanted!r}"
+            reason = f"{name}: channel {channel}: the frame is in {stated}, unit = {wanted!r}"
             raise ReaderError("wrong_unit", reason)
         units.append(wanted)
-    return [row.index for row in rows], tuple(units)
+    return replace(chosen, units=tuple(units), rate=agreed_rate((samples.rate,), spec.rate, name))
 
 
 def by_stream(specs: Sequence[SourceSpec]) -> dict[str, SourceSpec]:

@@ -10,15 +10,15 @@ import json
 import math
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from google_crc32c import value as crc32c
-from numpy.typing import NDArray
 
 from models.errors import SpallwatchError
 from streams.block import Block
+from streams.samples import Samples
 from streams.spec import UNITS
 
 VERSION = 1
@@ -70,41 +70,29 @@ class Frame:
 
     Attributes:
         sequence: number of the block in its stream, from 1.
-        rate: sampling rate, Hz.
-        samples: shape (channel, sample), int16, int32, float32 or float64, as sampled.
-        channels: name of each row.
-        units: of each row, after scaling: "g", "m/s2", "V" or "unknown".
+        samples: with rate and units stated, int16, int32, float32 or float64 values before scaling; without start.
         start: ns since 1970 UTC of the first sample, or None.
-        scale: factor from the samples to the unit, by row.
-        speed: shaft speed, Hz, or None.
-        load: radial load, N, or None.
-        elapsed: seconds from the first sample of the stream, or None.
+        scale: factor from the values to the unit, by row; empty: 1.
         after: number of the frame that the sender sent before this one (or knows to be committed), or None where it
-            does not say; numbers between the two never come, but a missing ``after`` was lost on the way.
+            is not stated; numbers between the two never come, but a missing ``after`` was lost on the way.
     """
 
     sequence: int
-    rate: float
-    samples: NDArray[Any]
-    channels: tuple[str, ...]
-    units: tuple[str, ...]
+    samples: Samples
     start: int | None = None
     scale: tuple[float, ...] = ()
-    speed: float | None = None
-    load: float | None = None
-    elapsed: float | None = None
     after: int | None = None
 
-    def scaled(self) -> NDArray[np.floating]:
-        """Return the samples in their units: float32 where 24 bits hold the sample type, else float64."""
-        exact = self.samples.dtype.itemsize == 2 or self.samples.dtype == np.float32
-        kind = np.float32 if exact else np.float64
-        values = self.samples.astype(kind)
-        if all(factor == 1.0 for factor in self.scale):
-            return values
-        # What leaves the range becomes inf, which the quality stage names.
-        with np.errstate(over="ignore", invalid="ignore"):
-            return (values * np.asarray(self.scale, dtype=np.float64)[:, np.newaxis]).astype(kind)
+    def scaled(self) -> Samples:
+        """Return the samples in their units, dated: float32 where 24 bits hold the sample type, else float64."""
+        values = self.samples.values
+        kind = np.float32 if values.dtype.itemsize == 2 or values.dtype == np.float32 else np.float64
+        scaled = values.astype(kind)
+        if any(factor != 1.0 for factor in self.scale):
+            # A value out of range becomes inf, which the quality stage names.
+            with np.errstate(over="ignore", invalid="ignore"):
+                scaled = (scaled * np.asarray(self.scale, dtype=np.float64)[:, np.newaxis]).astype(kind)
+        return replace(self.samples, values=scaled, start=None if self.start is None else self.start * 1e-9)
 
 
 def hello(stream: str) -> bytes:
@@ -203,20 +191,29 @@ def decode_frame(data: bytes | bytearray | memoryview, limit: int = MAX_FRAME) -
             raise WireError(f"the rate must be positive, got {rate} Hz", "wrong_rate")
         if not channels or not count:
             raise WireError(f"no samples: {channels} channels of {count} samples", "empty")
-        stated_of = _json_header(bytes(view[HEAD.size : HEAD.size + json_length]), channels)
+        header = _json_header(bytes(view[HEAD.size : HEAD.size + json_length]), channels)
     except WireError as error:
         raise WireError(str(error), error.status, sequence) from None
-    samples = np.frombuffer(view, SAMPLE_TYPES[kind], channels * count, HEAD.size + json_length)
-    shaped = samples.reshape(channels, count)
-    return Frame(sequence, rate, shaped, start=None if start == UNDATED else start, **stated_of)
+    values = np.frombuffer(view, SAMPLE_TYPES[kind], channels * count, HEAD.size + json_length)
+    samples = Samples(values.reshape(channels, count), rate=rate, **header.rows)
+    return Frame(sequence, samples, None if start == UNDATED else start, header.scale, header.after)
 
 
 def _refuse_constant(word: str) -> None:
     raise ValueError(f"{word} is not JSON")
 
 
-def _json_header(text: bytes, channels: int) -> dict[str, Any]:
-    """Return the fields of a frame that its JSON header states; keys that are not known are ignored."""
+@dataclass(frozen=True)
+class _Header:
+    """The JSON header of a frame: fields of its samples, its scale, and the number of the frame before it."""
+
+    rows: dict[str, Any]
+    scale: tuple[float, ...]
+    after: int | None
+
+
+def _json_header(text: bytes, channels: int) -> _Header:
+    """Check the JSON header of a frame; unknown keys are ignored."""
     try:
         header = json.loads(text.decode(), parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
@@ -230,15 +227,14 @@ def _json_header(text: bytes, channels: int) -> dict[str, Any]:
     unknown = [unit for unit in units if unit not in UNITS]
     if unknown:
         raise WireError(f"units must be of {', '.join(UNITS)}, got {unknown[0]!a}", "wrong_unit")
-    return {
+    rows: dict[str, Any] = {
         "channels": names,
         "units": units,
-        "scale": _scale(header, channels),
         "speed": _number(header, "speed_hz", positive=True),
         "load": _number(header, "load_newton"),
         "elapsed": _number(header, "elapsed_s"),
-        "after": _whole(header, "after"),
     }
+    return _Header(rows, _scale(header, channels), _whole(header, "after"))
 
 
 def _words(header: Mapping[str, Any], key: str, channels: int) -> tuple[str, ...]:
@@ -292,51 +288,45 @@ def encode_frame(frame: Frame) -> bytes:
     Raises:
         WireError: it breaks a limit of the protocol; what is encoded can be decoded.
     """
-    n_channels, count = frame.samples.shape
-    kind = next((key for key, kind in SAMPLE_TYPES.items() if kind == frame.samples.dtype.newbyteorder("<")), None)
+    samples, values = frame.samples, frame.samples.values
+    n_channels, count = values.shape
+    kind = next((key for key, kind in SAMPLE_TYPES.items() if kind == values.dtype.newbyteorder("<")), None)
     if kind is None:
-        raise WireError(f"samples must be int16, int32, float32 or float64, got {frame.samples.dtype}")
-    header: dict[str, Any] = {"channels": list(frame.channels), "units": list(frame.units)}
+        raise WireError(f"samples must be int16, int32, float32 or float64, got {values.dtype}")
+    header: dict[str, Any] = {"channels": list(samples.channels), "units": list(samples.units)}
     if any(factor != 1.0 for factor in frame.scale):
         header["scale"] = list(frame.scale)
-    known: dict[str, float | None] = {"speed_hz": frame.speed, "load_newton": frame.load, "elapsed_s": frame.elapsed}
-    known["after"] = frame.after
+    known = {"speed_hz": samples.speed, "load_newton": samples.load, "elapsed_s": samples.elapsed, "after": frame.after}
     header |= {key: value for key, value in known.items() if value is not None}
+    rate = samples.known_rate
     try:
         text = json.dumps(header, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
         start = UNDATED if frame.start is None else frame.start
-        head = HEAD.pack(*(FRAME_MAGIC, VERSION, n_channels, frame.sequence, frame.rate, count, kind, start, len(text)))
+        head = HEAD.pack(*(FRAME_MAGIC, VERSION, n_channels, frame.sequence, rate, count, kind, start, len(text)))
     except (struct.error, ValueError) as error:
         raise WireError(f"the frame cannot be written: {error}") from None
     frame_length(head)
-    _check_content(frame, text, n_channels, count)
-    samples = np.ascontiguousarray(frame.samples, dtype=SAMPLE_TYPES[kind])
-    body = b"".join((head, text, samples.data))
-    return body + _CRC.pack(crc32c(body))
-
-
-def _check_content(frame: Frame, text: bytes, n_channels: int, count: int) -> None:
-    if not (1 <= frame.sequence <= MAX_SEQUENCE and math.isfinite(frame.rate) and frame.rate > 0.0 and count):
-        raise WireError(f"frame {frame.sequence}: {count} samples at {frame.rate} Hz")
+    if not (1 <= frame.sequence <= MAX_SEQUENCE and math.isfinite(rate) and rate > 0.0 and count):
+        raise WireError(f"frame {frame.sequence}: {count} samples at {rate} Hz")
     if frame.scale and len(frame.scale) != n_channels:
         raise WireError(f"frame {frame.sequence}: {len(frame.scale)} scales for {n_channels} channels")
     _json_header(text, n_channels)
+    body = b"".join((head, text, np.ascontiguousarray(values, dtype=SAMPLE_TYPES[kind]).data))
+    return body + _CRC.pack(crc32c(body))
 
 
 def block_frame(block: Block, after: int | None = None) -> Frame:
     """Return the frame that carries a block; ``after`` is the number of the one before it, see :class:`Frame`."""
-    return Frame(
-        sequence=block.sequence,
-        rate=block.rate,
-        samples=block.samples,
-        channels=block.channels,
+    samples = Samples(
+        block.samples,
+        block.channels,
         units=block.units,
-        start=None if block.start is None else _nanoseconds(block.start),
+        rate=block.rate,
+        elapsed=block.elapsed,
         speed=block.speed,
         load=block.load,
-        elapsed=block.elapsed,
-        after=after,
     )
+    return Frame(block.sequence, samples, None if block.start is None else _nanoseconds(block.start), after=after)
 
 
 def _nanoseconds(seconds: float) -> int:

@@ -24,7 +24,7 @@ import numpy as np
 
 from models.errors import SpallwatchError
 from streams.readers.memory_file import read_into, write_all
-from streams.readers.reading import MAX_BYTES, ReaderError, Reading
+from streams.samples import MAX_BYTES, ReaderError, Samples
 
 _ANSWER_BYTES = 1 << 22
 _KEPT_BYTES = 64 << 20
@@ -101,7 +101,7 @@ class ReaderProcess:
             arguments: whatever JSON can carry.
 
         Returns:
-            What the function returns: a Reading, or a value as JSON would bring it back.
+            What the function returns: Samples, or a value as JSON would bring it back.
 
         Raises:
             ReaderError: whatever the reader raises; ``unreadable`` for its other exceptions; ``reader_crashed`` where
@@ -208,9 +208,9 @@ class ReaderProcess:
             raise ValueError("the samples do not fit their shape")
         samples = np.empty((rows, length), dtype=dtype)
         read_into(output, samples.reshape(-1).data)
-        fields = answer["reading"]
+        fields = answer["stated"]
         lists = {key: tuple(value) for key, value in fields.items() if isinstance(value, list)}
-        return Reading(samples, **{**fields, **lists})
+        return Samples(samples, **{**fields, **lists})
 
     def _shrink(self) -> None:
         """Give back the memory of a large file; that of a usual one is kept for the next."""

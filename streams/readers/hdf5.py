@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.readers.reading import MAX_BYTES, ReaderError, Reading, rows_of, stack_rows
 from streams.readers.stated import Facts, known_unit, plain_key, stated_rate, stated_start, stated_unit
+from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of, stack_rows
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _DEEPEST = 16
@@ -42,7 +42,7 @@ class Found:
     own: Facts = field(default_factory=dict)
 
 
-def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Reading:
+def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
     """Read the numeric data sets of an HDF5 file.
 
     Rate, unit and time of the first sample are taken from the attributes of the data set, else of the groups that hold
@@ -78,13 +78,13 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
             if len(rows) > _MOST_OBJECTS or sum(row.nbytes for row in rows) > MAX_BYTES:
                 raise ReaderError("refused", f"{name}: claims more than {MAX_BYTES} bytes when loaded")
         held = ", ".join(f"{item.path}{list(item.dataset.shape or ())}"[:60] for item in found[:12]) or "no data set"
-        return rows_reading(rows, names, facts, name, zone, f"no vector matches {', '.join(patterns) or '*'}; {held}")
+        return join_rows(rows, names, facts, name, zone, f"no vector matches {', '.join(patterns) or '*'}; {held}")
 
 
-def rows_reading(
+def join_rows(
     rows: Sequence[NDArray[np.floating]], names: Sequence[str], facts: Sequence[Facts], name: str, zone: str, none: str
-) -> Reading:
-    """Join rows to a reading.
+) -> Samples:
+    """Join rows to samples.
 
     Args:
         rows: one-dimensional arrays.
@@ -93,9 +93,6 @@ def rows_reading(
         name: of the file, for messages.
         zone: of stamps that name none.
         none: what to say where there is no row.
-
-    Returns:
-        The reading.
 
     Raises:
         ReaderError: ``wrong_shape`` without rows or for different lengths, ``wrong_rate`` for different rates.
@@ -111,10 +108,9 @@ def rows_reading(
         raise ReaderError("wrong_rate", f"{name}: rows of different rates: {', '.join(f'{r:g}' for r in stated)} Hz")
     starts = (stated_start(item, zone) for item in facts)
     short = tuple(key.rpartition("/")[2] for key in names)
-    return Reading(
-        samples=stack_rows(rows),
+    return Samples(
+        stack_rows(rows),
         names=tuple(names),
-        columns=tuple(range(1, len(names) + 1)),
         channels=short if len(set(short)) == len(short) else tuple(names),
         rate=stated[0] if stated else None,
         start=next((start for start in starts if start is not None), None),

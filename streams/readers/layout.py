@@ -5,9 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
-from streams.readers.reading import ReaderError, Reading
 from streams.readers.stated import (
     Facts,
     known_unit,
@@ -18,6 +15,7 @@ from streams.readers.stated import (
     stated_unit,
 )
 from streams.readers.text import clean_text, first_line_of, is_number, read_text
+from streams.samples import ReaderError, Samples
 
 _MOST_LINES = 200
 _TIMES = {"time", "times", "timesec", "timeseconds", "timems", "zeit", "zeits", "t", "ts", "tempo", "temps", "xvalue"}
@@ -37,7 +35,7 @@ class _Head:
     lines: int = 0
 
 
-def read_layout(data: bytes, name: str, zone: str = "UTC") -> Reading:
+def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
     """Read a text file of any layout that can be told without guessing.
 
     Above the numbers there may be lines ``KEY: VALUE`` (also with "=", ";", "," or a tab; "#" or "%" before them), a
@@ -59,17 +57,17 @@ def read_layout(data: bytes, name: str, zone: str = "UTC") -> Reading:
     body, skipped = _numbers(clean_text(data, name), name)
     head = _head(skipped)
     try:
-        reading = read_text(body, name, header=False)
+        samples = read_text(body, name, header=False)
     except ReaderError as error:
         raise _moved(error, name, head.lines) from error
-    width = len(reading.names)
+    width = len(samples.names)
     if head.names is not None and len(head.names) == width + 1 and plain_key(head.names[-1]) == "comment":
         head.names = head.names[:-1]
     if head.names is not None and len(head.names) != width:
         raise ReaderError(
             "wrong_shape", f"{name}: {len(head.names)} names in the header, {width} columns in line {head.lines + 1}"
         )
-    return _reading(reading, head, name, zone)
+    return _described(samples, head, name, zone)
 
 
 def _numbers(body: bytes, name: str) -> tuple[bytes, list[str]]:
@@ -138,43 +136,32 @@ def _is_fact(line: str) -> bool:
     return ":" in line or "=" in line or stated_start(facts, "UTC") is not None or is_number(value.split(" ")[0])
 
 
-def _reading(reading: Reading, head: _Head, name: str, zone: str) -> Reading:
-    names, units = _names_and_units(reading, head)
+def _described(samples: Samples, head: _Head, name: str, zone: str) -> Samples:
+    """Add what the head states; a column of times gives the rate and is removed."""
+    names, units = _names_and_units(samples, head)
     times = [i for i, title in enumerate(names) if plain_key(title) in _TIMES] if head.names is not None else []
     rate = stated_rate(head.facts, name)
     start = stated_start(head.facts, zone)
+    overall = stated_unit(head.facts)
+    stated = tuple(unit or overall for unit in units)
+    samples = replace(samples, channels=names, names=names, units=stated)
     if len(times) == 1 and len(names) > 1:
         place = times[0]
         millis = plain_key(names[place]) in _IN_MS or (units[place] or "").lower() == "ms"
-        seconds = reading.samples[place] * (1e-3 if millis else 1.0)
+        seconds = samples.values[place] * (1e-3 if millis else 1.0)
         by_times = rate_of_times(seconds, name)
         if by_times is not None and rate is not None and abs(by_times - rate) > 1e-4 * rate:
             raise ReaderError("wrong_rate", f"{name}: the header states {rate:g} Hz, the times {by_times:g} Hz")
         rate = rate if rate is not None else by_times
         if start is None and seconds[0] > 1e8:
             start = float(seconds[0])
-        keep = [i for i in range(len(names)) if i != place]
-        reading = replace(reading, samples=np.ascontiguousarray(reading.samples[keep]))
-        names, units = tuple(names[i] for i in keep), tuple(units[i] for i in keep)
-        columns = tuple(i + 1 for i in keep)
-    else:
-        columns = reading.columns
-    overall = stated_unit(head.facts)
-    stated = tuple(unit or overall for unit in units)
-    return replace(
-        reading,
-        names=names,
-        channels=names,
-        columns=columns,
-        rate=rate,
-        start=start,
-        units=stated if any(stated) else (),
-    )
+        samples = samples.select([row for row in range(len(names)) if row != place])
+    return replace(samples, rate=rate, start=start)
 
 
-def _names_and_units(reading: Reading, head: _Head) -> tuple[tuple[str, ...], tuple[str | None, ...]]:
+def _names_and_units(samples: Samples, head: _Head) -> tuple[tuple[str, ...], tuple[str | None, ...]]:
     if head.names is None:
-        return reading.names, (None,) * len(reading.names)
+        return samples.names, (None,) * len(samples.names)
     names: list[str] = []
     units: list[str | None] = list(head.units) if head.units is not None else [None] * len(head.names)
     for index, title in enumerate(head.names):

@@ -15,7 +15,7 @@ import scipy.io
 from numpy.typing import NDArray
 
 from streams.readers.hdf5 import SIGNATURE, attributes, load, open_hdf5, walk
-from streams.readers.reading import MAX_BYTES, ReaderError, Reading, plain_reading, rows_of, stack_rows
+from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of, stack_rows
 
 _COMPRESSED = 15
 _MOST_RECORDS = 256
@@ -191,7 +191,7 @@ def text(values: MatValues, key: str) -> str | None:
     return str(array.reshape(-1)[0])
 
 
-def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Reading:
+def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Samples:
     """Read the numeric vectors of a MAT file that match some patterns.
 
     Args:
@@ -220,7 +220,7 @@ def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Readin
     if len(lengths) > 1:
         sizes = ", ".join(f"{key} {row.size}" for key, row in zip(names, rows, strict=True))
         raise ReaderError("wrong_shape", f"{name}: vectors of different lengths: {sizes}")
-    return plain_reading(stack_rows(rows), tuple(names))
+    return Samples(stack_rows(rows), tuple(names))
 
 
 def _held(data: bytes, name: str) -> str:

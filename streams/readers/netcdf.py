@@ -12,14 +12,14 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from streams.readers.hdf5 import Found, load, open_hdf5, rows_reading, walk
-from streams.readers.reading import MAX_BYTES, ReaderError, Reading, rows_of
+from streams.readers.hdf5 import Found, join_rows, load, open_hdf5, walk
 from streams.readers.stated import Facts, plain_key, rate_of_times, seconds_utc, stated_rate
+from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of
 
 _TIMES = ("time", "t")
 
 
-def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Reading:
+def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
     """Read the numeric variables of a netCDF file.
 
     Rate, unit and time of the first sample are taken from the attributes as in :func:`streams.readers.hdf5.read_hdf5`,
@@ -58,7 +58,7 @@ def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str 
         names.extend([key] if len(block) == 1 else [f"{key}_{i}" for i in range(1, len(block) + 1)])
         stated.extend([both] * len(block))
     held = ", ".join(f"{key}{list(array.shape)}" for key, (array, _) in list(arrays.items())[:12]) or "no variable"
-    return rows_reading(
+    return join_rows(
         rows, names, stated, name, zone, f"no vector matches {', '.join(patterns) or '*'}; it holds {held}"
     )
 

@@ -7,10 +7,10 @@ from math import prod
 
 import numpy as np
 
-from streams.readers.reading import MAX_BYTES, ReaderError, Reading, plain_reading, rows_of
+from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of
 
 
-def read_npy(data: bytes, name: str) -> Reading:
+def read_npy(data: bytes, name: str) -> Samples:
     """Read an array of one or two dimensions, the longer axis being time.
 
     Args:
@@ -44,4 +44,4 @@ def read_npy(data: bytes, name: str) -> Reading:
     if declared < present:
         raise ReaderError("unreadable", f"{name}: the header promises {declared} bytes, {present} follow it")
     array = np.load(io.BytesIO(data), allow_pickle=False)
-    return plain_reading(rows_of(array, name))
+    return Samples(rows_of(array, name))

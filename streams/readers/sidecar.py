@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from streams.files import read_guarded
-from streams.readers.reading import ReaderError, Reading
 from streams.readers.stated import seconds_utc
+from streams.samples import ReaderError, Samples
 
 FOLDER_NAMES = ("spallwatch.json", "spallwatch.toml")
 _UNITS = ("g", "m/s2", "V", "unknown")
@@ -140,31 +140,26 @@ def _channels(values: dict[str, Any], path: str) -> tuple[str, ...] | None:
     return tuple(value)
 
 
-def apply_sidecar(reading: Reading, sidecar: SideCar, name: str) -> Reading:
-    """Add what a side-car says to a reading.
-
-    Args:
-        reading: of the file.
-        sidecar: its side-car.
-        name: of the file, for messages.
+def apply_sidecar(samples: Samples, sidecar: SideCar, name: str) -> Samples:
+    """Add what the side-car of a file states to its samples; ``name`` is for messages.
 
     Returns:
-        The reading with what both say; samples scaled, volts with a sensitivity turned to g.
+        The samples with what both state; scaled, volts with a sensitivity converted to g.
 
     Raises:
         ReaderError: ``wrong_rate``, ``wrong_unit`` or ``wrong_shape`` where file and side-car contradict.
     """
     where = f"{name}: {sidecar.path}"
-    if sidecar.rate is not None and reading.rate is not None and abs(sidecar.rate - reading.rate) > 1e-4 * reading.rate:
-        raise ReaderError("wrong_rate", f"{where} states {sidecar.rate:g} Hz, the file {reading.rate:g} Hz")
-    own = {unit for unit in (reading.unit, *reading.units) if unit is not None}
+    if sidecar.rate is not None and samples.rate is not None and abs(sidecar.rate - samples.rate) > 1e-4 * samples.rate:
+        raise ReaderError("wrong_rate", f"{where} states {sidecar.rate:g} Hz, the file {samples.rate:g} Hz")
+    own = {unit for unit in samples.units if unit is not None}
     if sidecar.unit is not None and own - {"unknown", sidecar.unit}:
         raise ReaderError("wrong_unit", f"{where} states {sidecar.unit}, the file {', '.join(sorted(own))}")
-    if sidecar.channels is not None and len(sidecar.channels) != len(reading.names):
+    if sidecar.channels is not None and len(sidecar.channels) != len(samples.names):
         count = len(sidecar.channels)
-        raise ReaderError("wrong_shape", f"{where} names {count} channels, the file has {len(reading.names)} rows")
-    units = tuple(sidecar.unit or unit or reading.unit for unit in reading.units or (None,) * len(reading.names))
-    samples, factor = reading.samples, sidecar.scale or 1.0
+        raise ReaderError("wrong_shape", f"{where} names {count} channels, the file has {len(samples.names)} rows")
+    units = tuple(sidecar.unit or unit for unit in samples.units)
+    values, factor = samples.values, sidecar.scale or 1.0
     if sidecar.sensitivity_mv_per_g is not None:
         if set(units) != {"V"}:
             raise ReaderError("wrong_unit", f"{where}: sensitivity_mv_per_g is for rows in V, these are in {units[0]}")
@@ -173,16 +168,15 @@ def apply_sidecar(reading: Reading, sidecar: SideCar, name: str) -> Reading:
     if factor != 1.0:
         # What leaves the range of the numbers becomes inf or nan, which the quality stage names.
         with np.errstate(over="ignore", invalid="ignore"):
-            samples = samples * factor
+            values = values * factor
     return replace(
-        reading,
-        samples=samples,
-        channels=sidecar.channels or reading.channels,
-        rate=reading.rate if reading.rate is not None else sidecar.rate,
-        start=reading.start if reading.start is not None else sidecar.start,
-        speed=reading.speed if reading.speed is not None else sidecar.speed,
-        load=reading.load if reading.load is not None else sidecar.load,
+        samples,
+        values=values,
+        channels=sidecar.channels or samples.channels,
+        rate=samples.rate if samples.rate is not None else sidecar.rate,
+        start=samples.start if samples.start is not None else sidecar.start,
+        speed=samples.speed if samples.speed is not None else sidecar.speed,
+        load=samples.load if samples.load is not None else sidecar.load,
         units=units,
-        unit=None,
-        scaled=reading.scaled or sidecar.scale is not None or sidecar.sensitivity_mv_per_g is not None,
+        scaled=samples.scaled or sidecar.scale is not None or sidecar.sensitivity_mv_per_g is not None,
     )

@@ -11,7 +11,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.readers.reading import ReaderError
+from streams.samples import ReaderError
 
 _UNITS = {
     "g": "g", "gn": "g", "g_n": "g", "g0": "g", "gravity": "g",

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.readers.reading import MAX_BYTES, ReaderError, Reading, stack_rows
 from streams.readers.stated import Facts, known_unit, nice_rate, plain_key, seconds_utc, stated_rate, stated_unit
+from streams.samples import MAX_BYTES, ReaderError, Samples, stack_rows
 
 _LEAD_IN = 28
 _OPEN_END = 0xFFFFFFFFFFFFFFFF
@@ -21,7 +21,7 @@ _LABVIEW_ZERO = -2082844800.0
 """Seconds from 1970 to 1904-01-01, the stamp of a waveform whose time was never set."""
 
 
-def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Reading:
+def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
     """Read the numeric channels of a TDMS file.
 
     Rate (``wf_increment``), time of the first sample (``wf_start_time`` and ``wf_start_offset``) and unit
@@ -132,8 +132,8 @@ def _stacked(rows: list[NDArray[Any]]) -> NDArray[np.floating]:
 
 
 def _reading(
-    samples: NDArray[np.floating], titles: list[tuple[str, str]], properties: list[Facts], name: str, zone: str
-) -> Reading:
+    values: NDArray[np.floating], titles: list[tuple[str, str]], properties: list[Facts], name: str, zone: str
+) -> Samples:
     rates = [stated_rate(facts, f"{name}: {title[1]}") for facts, title in zip(properties, titles, strict=True)]
     stated = sorted({rate for rate in rates if rate is not None})
     if stated and stated[-1] - stated[0] > 1e-4 * stated[0]:
@@ -142,10 +142,9 @@ def _reading(
         )
     short = [channel for _, channel in titles]
     names = tuple(f"{group}/{channel}" for group, channel in titles)
-    return Reading(
-        samples=samples,
+    return Samples(
+        values,
         names=names,
-        columns=tuple(range(1, len(names) + 1)),
         channels=tuple(short) if len(set(short)) == len(short) else names,
         rate=nice_rate(stated[0], 1e-9) if stated else None,
         start=_start(properties, zone),

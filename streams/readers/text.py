@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.readers.reading import ReaderError, Reading, plain_reading
+from streams.samples import ReaderError, Samples
 
 _NOT_A_NUMBER = ["nan", "NaN", "NAN", "-nan"]
 _BOM = b"\xef\xbb\xbf"
@@ -52,7 +52,7 @@ def read_text(
     n_columns: int | tuple[int, ...] | None = None,
     columns: tuple[int, ...] | None = None,
     precision: type[np.float32] | type[np.float64] = np.float64,
-) -> Reading:
+) -> Samples:
     """Read lines of numbers, one line a sample and one column a channel.
 
     The separator is the first of ``separators`` that the first line holds; a blank stands for any run of them. Where it
@@ -93,9 +93,9 @@ def read_text(
         raise ReaderError("wrong_shape", f"{name}: expected at least {max(columns)} columns, found {width}")
     values = _parse(body, name, dialect, width, columns, precision, first_line)
     if columns is None:
-        return plain_reading(values, names)
+        return Samples(values, names or ())
     chosen = tuple(names[i - 1] if names else f"column_{i}" for i in columns)
-    return Reading(values, chosen, columns, chosen)
+    return Samples(values, chosen, columns=columns)
 
 
 def first_line_of(body: bytes, begin: int = 0) -> bytes:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from streams.readers.memory_file import memory_file
-from streams.readers.reading import ReaderError, Reading, stack_rows
 from streams.readers.stated import known_unit, nice_rate, seconds_utc
+from streams.samples import ReaderError, Samples, stack_rows
 
 _TIME_RESPONSES = (0, 1)
 _REAL = (2, 4)
@@ -20,7 +20,7 @@ Function = dict[str, Any]
 _TAG = b"    -1"
 
 
-def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Reading:
+def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
     """Read the time responses of a universal file.
 
     The rate is that of the abscissa (which must be even), the unit that of the ordinate's label, else m/s2 for
@@ -111,7 +111,7 @@ def _is_si(file: Any) -> bool:
     return False
 
 
-def _reading(functions: list[Function], si: bool, name: str, zone: str) -> Reading:
+def _reading(functions: list[Function], si: bool, name: str, zone: str) -> Samples:
     rows, rates, units, titles, nodes = [], [], [], [], []
     for function in functions:
         promised, values = int(function["num_pts"]), np.asarray(function["data"], dtype=np.float64)
@@ -140,10 +140,9 @@ def _reading(functions: list[Function], si: bool, name: str, zone: str) -> Readi
         raise ReaderError("wrong_rate", f"{name}: functions of different rates: {min(rates):g} to {max(rates):g} Hz")
     names = tuple(title if title and title != "NONE" and titles.count(title) == 1 else node
                   for title, node in zip(titles, nodes, strict=True))  # fmt: skip
-    return Reading(
-        samples=stack_rows(rows),
+    return Samples(
+        stack_rows(rows),
         names=names,
-        columns=tuple(range(1, len(names) + 1)),
         channels=tuple(nodes) if len(set(nodes)) == len(nodes) else names,
         # The header holds six digits of the step.
         rate=nice_rate(rates[0], 1e-5),

@@ -7,12 +7,12 @@ import io
 import numpy as np
 import soundfile
 
-from streams.readers.reading import MAX_BYTES, ReaderError, Reading, plain_reading
+from streams.samples import MAX_BYTES, ReaderError, Samples
 
 _EXACT_IN_FLOAT32 = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "FLOAT", "ALAW", "ULAW")
 
 
-def read_wav(data: bytes, name: str) -> Reading:
+def read_wav(data: bytes, name: str) -> Samples:
     """Read a WAV or FLAC file.
 
     Integer samples are given as fractions of full scale, -1 to 1: what full scale means is for the configuration to
@@ -46,7 +46,7 @@ def read_wav(data: bytes, name: str) -> Reading:
         raise ReaderError("incomplete", f"{name}: the header promises {frames} frames, {len(samples)} are there")
     if not len(samples):
         raise ReaderError("empty", f"{name}: holds no samples")
-    return plain_reading(np.ascontiguousarray(samples.T, dtype=dtype), rate=rate)
+    return Samples(np.ascontiguousarray(samples.T, dtype=dtype), rate=rate)
 
 
 def _check_riff(data: bytes, name: str) -> None:

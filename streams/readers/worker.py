@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from streams.readers.memory_file import read_all, write_all
-from streams.readers.reading import MAX_BYTES, ReaderError, Reading
+from streams.samples import MAX_BYTES, ReaderError, Samples
 
-_FIELDS = ("names", "columns", "channels", "rate", "unit", "speed", "load", "start", "units", "scaled")
+_FIELDS = ("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled")
 
 
 def main() -> None:
@@ -54,7 +54,7 @@ def _answer(request: dict[str, Any], input_fd: int, output_fd: int) -> dict[str,
         data = read_all(input_fd, request["size"])
         function = getattr(importlib.import_module(request["module"]), request["function"])
         found = function(data, name, *request["arguments"])
-        return _reading(found, output_fd) if isinstance(found, Reading) else {"value": found}
+        return _written(found, output_fd) if isinstance(found, Samples) else {"value": found}
     except ReaderError as error:
         return {"status": error.status, "reason": str(error)}
     except MemoryError:
@@ -66,11 +66,11 @@ def _answer(request: dict[str, Any], input_fd: int, output_fd: int) -> dict[str,
         return {"status": "unreadable", "reason": f"{name}: the reader failed ({type(error).__name__})"}
 
 
-def _reading(reading: Reading, output_fd: int) -> dict[str, Any]:
-    samples = reading.samples
-    if samples.dtype.kind != "f" or samples.dtype.itemsize not in (4, 8) or samples.ndim != 2:
-        raise TypeError(f"a reader gave {samples.dtype} of {samples.ndim} dimensions")
-    array = np.ascontiguousarray(samples, dtype=samples.dtype.newbyteorder("="))
+def _written(found: Samples, output_fd: int) -> dict[str, Any]:
+    values = found.values
+    if values.dtype.kind != "f" or values.dtype.itemsize not in (4, 8):
+        raise TypeError(f"a reader gave {values.dtype}")
+    array = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
     write_all(output_fd, array.reshape(-1).data)
-    fields = {field: getattr(reading, field) for field in _FIELDS}
-    return {"shape": array.shape, "itemsize": array.dtype.itemsize, "reading": fields}
+    fields = {field: getattr(found, field) for field in _FIELDS}
+    return {"shape": array.shape, "itemsize": array.dtype.itemsize, "stated": fields}

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from streams.readers.reading import Reading, plain_reading
+from streams.samples import Samples
 
 
 def pid(data: bytes, name: str) -> int:
@@ -20,8 +20,8 @@ def answer_name(data: bytes, name: str) -> str:
     return name
 
 
-def single(data: bytes, name: str) -> Reading:
-    return plain_reading(np.array([[1.0, np.inf, -np.inf]], dtype=np.float32))
+def single(data: bytes, name: str) -> Samples:
+    return Samples(np.array([[1.0, np.inf, -np.inf]], dtype=np.float32))
 
 
 def segfault(data: bytes, name: str) -> None:
@@ -55,8 +55,8 @@ def write_much(data: bytes, name: str) -> None:
     os.ftruncate(handle, 8 << 30)
 
 
-def nonsense(data: bytes, name: str) -> Reading:
-    return plain_reading(np.array([["a", "b"]]))  # pyright: ignore[reportArgumentType]
+def nonsense(data: bytes, name: str) -> Samples:
+    return Samples(np.array([["a", "b"]]))
 
 
 def fail(data: bytes, name: str) -> float:

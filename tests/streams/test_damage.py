@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from streams.readers.child import isolated
 from streams.readers.mat import read_mat
 from streams.readers.npy import read_npy
-from streams.readers.reading import ReaderError, Reading
 from streams.readers.text import read_text
 from streams.readers.wav import read_wav
+from streams.samples import ReaderError, Samples
 from tests.effort import effort_count
 
 STATUSES = {"empty", "short", "unreadable", "wrong_shape", "incomplete", "refused", "reader_crashed"}
@@ -34,7 +34,7 @@ def _good() -> dict[str, bytes]:
 
 
 GOOD = _good()
-READERS: dict[str, Callable[[bytes, str], Reading]] = {
+READERS: dict[str, Callable[[bytes, str], Samples]] = {
     "text": read_text,
     "npy": read_npy,
     "wav": read_wav,
@@ -48,8 +48,8 @@ def answer(kind: str, data: bytes) -> str:
         reading = READERS[kind](data, "x")
     except ReaderError as error:
         return error.status
-    assert reading.samples.ndim == 2
-    assert reading.samples.shape[0] == len(reading.names) == len(reading.channels) == len(reading.columns)
+    assert reading.values.ndim == 2
+    assert reading.values.shape[0] == len(reading.names) == len(reading.channels) == len(reading.columns)
     return "read"
 
 

@@ -15,7 +15,7 @@ from streams import files
 from streams.block import Block, Rejected
 from streams.files import natural_key, read_guarded, unpack, unpacked_name
 from streams.open import open_source
-from streams.readers.reading import ReaderError
+from streams.samples import ReaderError
 from streams.spec import SourceError, SourceSpec
 from tests.streams.makers import fifo, pronostia_csv
 

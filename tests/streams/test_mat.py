@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 
 from streams.readers import mat
 from streams.readers.mat import load_mat, mat_variables, read_mat, scalar
-from streams.readers.reading import ReaderError
+from streams.samples import ReaderError
 
 
 def mat_bytes(values: dict[str, Any], compressed: bool = False) -> bytes:
@@ -29,10 +29,10 @@ def test_vectors_matrices_and_fields_of_structures(compressed: bool) -> None:
         compressed,
     )
     assert mat_variables(data, "x.mat")["m"] == ((50, 2), "double")
-    assert_array_equal(read_mat(data, "x.mat", ["a"]).samples, [vector])
+    assert_array_equal(read_mat(data, "x.mat", ["a"]).values, [vector])
     reading = read_mat(data, "x.mat", ["m", "s.gs"])
     assert reading.names == ("m_1", "m_2", "s.gs")
-    assert_array_equal(reading.samples, [np.arange(0, 100, 2), np.arange(1, 100, 2), vector])
+    assert_array_equal(reading.values, [np.arange(0, 100, 2), np.arange(1, 100, 2), vector])
     values = load_mat(data, "x.mat", ["s.*"])
     assert scalar(values, "s.sr") == 48828
     assert scalar(values, "s.load") == 200

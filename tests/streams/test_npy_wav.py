@@ -8,8 +8,8 @@ import soundfile
 from numpy.testing import assert_array_equal
 
 from streams.readers.npy import read_npy
-from streams.readers.reading import ReaderError
 from streams.readers.wav import read_wav
+from streams.samples import ReaderError
 
 
 def npy_bytes(array: np.ndarray, pickled: bool = False) -> bytes:
@@ -28,19 +28,19 @@ def wav_bytes(samples: np.ndarray, subtype: str, rate: int = 25600, kind: str = 
 def test_npy_versions(version: tuple[int, int]) -> None:
     stream = io.BytesIO()
     np.lib.format.write_array(stream, np.arange(6.0), version=version)
-    assert_array_equal(read_npy(stream.getvalue(), "x.npy").samples, [np.arange(6.0)])
+    assert_array_equal(read_npy(stream.getvalue(), "x.npy").values, [np.arange(6.0)])
 
 
 @pytest.mark.parametrize("dtype", ["f4", "f8", ">f8", "i2", "i4", "u1"])
 def test_npy_longer_axis_is_time(dtype: str) -> None:
     array = np.arange(30).reshape(3, 10).astype(dtype)
     wide, tall = read_npy(npy_bytes(array), "x.npy"), read_npy(npy_bytes(array.T), "x.npy")
-    assert_array_equal(wide.samples, array)
-    assert_array_equal(tall.samples, array)
-    assert tall.samples.flags.c_contiguous
-    assert wide.samples.dtype == (np.float64 if dtype in ("f8", ">f8", "i4") else np.float32)
+    assert_array_equal(wide.values, array)
+    assert_array_equal(tall.values, array)
+    assert tall.values.flags.c_contiguous
+    assert wide.values.dtype == (np.float64 if dtype in ("f8", ">f8", "i4") else np.float32)
     assert wide.rate is None
-    assert wide.unit is None
+    assert wide.units == (None,) * 3
 
 
 def test_npy_pickles_are_never_loaded() -> None:
@@ -82,14 +82,14 @@ def test_wav_integers_are_fractions_of_full_scale(subtype: str, exact: int) -> N
     counts = np.array([[-exact, 1], [exact - 1, -1], [exact // 2, 0]])
     reading = read_wav(wav_bytes(counts / exact, subtype), "x.wav")
     assert reading.rate == 25600
-    assert_array_equal(reading.samples * exact, counts.T)
-    assert reading.samples.dtype == (np.float64 if subtype == "PCM_32" else np.float32)
+    assert_array_equal(reading.values * exact, counts.T)
+    assert reading.values.dtype == (np.float64 if subtype == "PCM_32" else np.float32)
 
 
 def test_wav_floats_stand_as_they_are_and_flac_is_read() -> None:
     samples = np.array([0.5, -30.0, 17.25])
-    assert_array_equal(read_wav(wav_bytes(samples, "FLOAT"), "x.wav").samples, [samples])
-    assert_array_equal(read_wav(wav_bytes(samples / 64, "PCM_24", kind="FLAC"), "x.flac").samples, [samples / 64])
+    assert_array_equal(read_wav(wav_bytes(samples, "FLOAT"), "x.wav").values, [samples])
+    assert_array_equal(read_wav(wav_bytes(samples / 64, "PCM_24", kind="FLAC"), "x.flac").values, [samples / 64])
 
 
 @pytest.mark.parametrize("claimed", [4_000_000_000, 0xFFFFFFFF, 402])

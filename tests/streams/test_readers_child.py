@@ -20,7 +20,7 @@ from numpy.testing import assert_array_equal
 
 from streams.readers.child import Limits, ReaderProcess, isolated, shared_process
 from streams.readers.mat import mat_variables, read_mat
-from streams.readers.reading import ReaderError, Reading
+from streams.samples import ReaderError, Samples
 from tests.streams import misbehave
 from tests.streams.format_makers import mat_bytes, signal
 
@@ -52,10 +52,10 @@ def test_readings_values_and_errors_come_back_as_they_are(child: ReaderProcess) 
     samples = signal()
     data = mat_bytes(samples)
     here, there = read_mat(data, "x.mat"), child.call(read_mat, data, "x.mat")
-    assert isinstance(there, Reading)
-    assert_array_equal(there.samples, here.samples)
-    assert there.samples.dtype == here.samples.dtype
-    for field in ("names", "columns", "channels", "rate", "unit", "speed", "load", "start", "units", "scaled"):
+    assert isinstance(there, Samples)
+    assert_array_equal(there.values, here.values)
+    assert there.values.dtype == here.values.dtype
+    for field in ("names", "columns", "channels", "rate", "speed", "load", "start", "units", "scaled"):
         assert getattr(there, field) == getattr(here, field)
     assert child.call(mat_variables, data, "x.mat") == {"acc_1": [[1, 1000], "double"], "acc_2": [[1, 1000], "double"]}
     with pytest.raises(ReaderError, match=r"ü\n<b>: not a MAT file") as caught:
@@ -66,8 +66,8 @@ def test_readings_values_and_errors_come_back_as_they_are(child: ReaderProcess) 
 
 def test_float32_and_empty_arrays(child: ReaderProcess) -> None:
     reading = child.call(misbehave.single, b"", "x")
-    assert reading.samples.dtype == np.float32
-    assert_array_equal(reading.samples, [[1.0, np.inf, -np.inf]])
+    assert reading.values.dtype == np.float32
+    assert_array_equal(reading.values, [[1.0, np.inf, -np.inf]])
 
 
 def test_the_child_is_kept_and_then_replaced(child: ReaderProcess) -> None:
@@ -97,7 +97,7 @@ def test_whatever_a_reader_does_the_parent_goes_on(child: ReaderProcess, how: ob
     answer = crash(child, how)
     assert re.match(words, answer), answer
     assert "x.bin" in answer
-    assert_array_equal(child.call(read_mat, mat_bytes(signal()), "x").samples, signal())
+    assert_array_equal(child.call(read_mat, mat_bytes(signal()), "x").values, signal())
 
 
 def test_a_child_that_is_killed_between_files_is_replaced(child: ReaderProcess) -> None:
@@ -116,7 +116,7 @@ def test_many_threads_take_turns() -> None:
     def work(seed: int) -> None:
         for _ in range(5):
             reading = isolated(read_mat)(data[seed], f"{seed}")
-            if not np.array_equal(reading.samples, signal(seed=seed)):
+            if not np.array_equal(reading.values, signal(seed=seed)):
                 wrong.append(seed)
 
     threads = [threading.Thread(target=work, args=(seed,), daemon=True) for seed in data]

@@ -18,9 +18,9 @@ from streams.open import open_source
 from streams.readers.hdf5 import read_hdf5
 from streams.readers.mat import load_mat, mat_variables, read_mat, scalar, text
 from streams.readers.netcdf import read_netcdf
-from streams.readers.reading import ReaderError
 from streams.readers.tdms import read_tdms
 from streams.readers.uff import read_uff
+from streams.samples import ReaderError
 from streams.spec import ChannelSpec, SourceError, SourceSpec
 from tests.streams.format_makers import (
     MAKERS,
@@ -98,11 +98,11 @@ def test_a_unit_that_is_no_acceleration_is_refused(unit: str, tmp_path: Path) ->
 
 def test_channels_are_chosen_by_pattern() -> None:
     samples = signal(3)
-    assert_array_equal(read_tdms(tdms_bytes(samples), "x", ["run/acc_2"]).samples, samples[1:2])
+    assert_array_equal(read_tdms(tdms_bytes(samples), "x", ["run/acc_2"]).values, samples[1:2])
     assert read_tdms(tdms_bytes(samples), "x", ["acc_[13]"]).names == ("run/acc_1", "run/acc_3")
-    assert_array_equal(read_hdf5(hdf5_bytes(samples), "x", ["run/*_2"]).samples, samples[1:2])
-    assert_array_equal(read_uff(uff_bytes(samples), "x", ["2:+Z"]).samples, samples[1:2])
-    assert_allclose(read_netcdf(netcdf_bytes(samples), "x", ["acc_3"]).samples, samples[2:3])
+    assert_array_equal(read_hdf5(hdf5_bytes(samples), "x", ["run/*_2"]).values, samples[1:2])
+    assert_array_equal(read_uff(uff_bytes(samples), "x", ["2:+Z"]).values, samples[1:2])
+    assert_allclose(read_netcdf(netcdf_bytes(samples), "x", ["acc_3"]).values, samples[2:3])
     for read, data in (
         (read_tdms, tdms_bytes(samples)),
         (read_hdf5, hdf5_bytes(samples)),
@@ -136,7 +136,7 @@ def test_uff_in_single_and_double_precision(binary: bool, double: bool) -> None:
     samples = signal()
     reading = read_uff(uff_bytes(samples, binary=binary, double=double), "x")
     assert reading.channels == ("1:+Z", "2:+Z")
-    assert_allclose(reading.samples, samples, atol=1e-5, rtol=0)
+    assert_allclose(reading.values, samples, atol=1e-5, rtol=0)
 
 
 def test_hdf5_links_and_foreign_storage_are_refused(tmp_path: Path) -> None:
@@ -197,7 +197,7 @@ def test_matlab_7_3() -> None:
     samples = signal()
     data = mat73_bytes({"a": samples[0], "s.gs": samples[1], "s.sr": np.array([48828.0])}, {"who": "bearing"})
     assert mat_variables(data, "x") == {"a": ((1, 1000), "double"), "s": ((1, 1), "struct"), "who": ((1, 7), "char")}
-    assert_array_equal(read_mat(data, "x", ["s.gs"]).samples, samples[1:])
+    assert_array_equal(read_mat(data, "x", ["s.gs"]).values, samples[1:])
     values = load_mat(data, "x", ["s.sr", "who"])
     assert scalar(values, "s.sr") == 48828.0
     assert text(values, "who") == "bearing"
@@ -214,7 +214,7 @@ def test_netcdf_scale_and_fill_values(tmp_path: Path) -> None:
         variable[:] = [0, 2, -999, 4]
         file.setncattr("sampling_frequency", 100.0)
     reading = read_netcdf((tmp_path / "x.nc").read_bytes(), "x")
-    assert_array_equal(reading.samples[0], [1.0, 2.0, np.nan, 3.0])
+    assert_array_equal(reading.values[0], [1.0, 2.0, np.nan, 3.0])
     assert reading.units == ("m/s2",)
     assert reading.rate == 100.0
 
@@ -266,5 +266,5 @@ def test_uff_as_another_program_writes_it(binary: int, tmp_path: Path) -> None:
     reading = read_uff(Path(path).read_bytes(), "x.uff")
     assert (reading.names, reading.channels) == (("acc 1", "acc 2"), ("1:-X", "2:-X"))
     assert (reading.rate, reading.units, reading.start) == (RATE, ("m/s2", "m/s2"), START)
-    assert_allclose(reading.samples, samples, atol=1e-12, rtol=0)
+    assert_allclose(reading.values, samples, atol=1e-12, rtol=0)
     gc.collect()

@@ -13,6 +13,7 @@ from streams.block import Block, Rejected
 from streams.link.sender import Sender, SendError, TcpLink
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import Frame, block_frame, encode_frame
+from streams.samples import Samples
 from streams.source import Delivery, LiveSource
 from streams.spec import ChannelSpec, SourceSpec, parse_address
 from tests.committing import committing
@@ -86,7 +87,7 @@ def test_what_comes_again_after_the_commit_is_a_duplicate_and_acknowledged() -> 
     ledger = MemoryLedger()
     with receiving(ledger) as receiver, raw(receiver) as connection:
         answer(connection)
-        other = encode_frame(Frame(1, 100.0, np.zeros((1, 4), dtype="<i2"), ("x",), ("g",)))
+        other = encode_frame(Frame(1, Samples(np.zeros((1, 4), dtype="<i2"), ("x",), units=("g",), rate=100.0)))
         connection.sendall(frame(1))
         commit(receiver, ledger)
         assert answer(connection) == 1
@@ -136,12 +137,12 @@ def test_a_frame_whose_predecessor_was_lost_on_the_way_is_not_taken() -> None:
 def test_what_is_right_by_its_checksum_but_wrong_inside_takes_its_place_and_is_forgotten_by_the_sender() -> None:
     ledger = MemoryLedger()
     spec = SourceSpec("press", URL, rate=100.0, channels=(ChannelSpec("x", unit="g"),))
-    samples = np.zeros((1, 4), dtype="<f4")
+    values = np.zeros((1, 4), dtype="<f4")
     frames = [
-        Frame(1, 50.0, samples, ("x",), ("g",)),
-        Frame(2, 100.0, samples, ("z1",), ("m/s2",)),
-        Frame(3, 100.0, np.zeros((2, 4), dtype="<f4"), ("z", "w"), ("g", "g")),
-        Frame(4, 100.0, np.array([[1, 2], [3, 4]], dtype="<f4"), ("w", "x"), ("V", "g")),
+        Frame(1, Samples(values, ("x",), units=("g",), rate=50.0)),
+        Frame(2, Samples(values, ("z1",), units=("m/s2",), rate=100.0)),
+        Frame(3, Samples(np.zeros((2, 4), dtype="<f4"), ("z", "w"), units=("g", "g"), rate=100.0)),
+        Frame(4, Samples(np.array([[1, 2], [3, 4]], dtype="<f4"), ("w", "x"), units=("V", "g"), rate=100.0)),
     ]
     with receiving(ledger, specs=[spec]) as receiver, raw(receiver) as connection:
         answer(connection)

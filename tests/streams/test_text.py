@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streams.readers.reading import ReaderError
 from streams.readers.text import read_text
+from streams.samples import ReaderError
 from tests.oracles.text_oracle import parse_slowly
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False, width=64)
@@ -29,43 +29,43 @@ def test_reads_what_the_slow_way_reads(
     text = ending.join(separator.join(form.format(value) for value in row) for row in rows) + (ending if last else "")
     expected = parse_slowly(text.encode(), None if separator.isspace() else separator)
     reading = read_text(text.encode(), "x.csv")
-    assert reading.samples.shape == expected.shape
-    assert reading.samples.flags.c_contiguous
-    np.testing.assert_allclose(reading.samples, expected, rtol=4e-16, atol=1e-307)
+    assert reading.values.shape == expected.shape
+    assert reading.values.flags.c_contiguous
+    np.testing.assert_allclose(reading.values, expected, rtol=4e-16, atol=1e-307)
 
 
 def test_header_names_the_columns() -> None:
     reading = read_text(b'"time",acc h,acc v\n0,1.5,2\n1,2.5,3\n', "x.csv")
     assert reading.names == ("time", "acc h", "acc v")
-    assert reading.samples.tolist() == [[0, 1], [1.5, 2.5], [2, 3]]
+    assert reading.values.tolist() == [[0, 1], [1.5, 2.5], [2, 3]]
 
 
 def test_byte_order_mark_comments_and_no_final_newline() -> None:
     reading = read_text(b"\xef\xbb\xbf# from a logger\n% second\n1;2\n3;4", "x.csv")
-    assert reading.samples.tolist() == [[1, 3], [2, 4]]
+    assert reading.values.tolist() == [[1, 3], [2, 4]]
     assert reading.names == ("column_1", "column_2")
 
 
 @pytest.mark.parametrize(("separator"), [";", "\t"])
 def test_decimal_commas_where_they_are_unambiguous(separator: str) -> None:
     text = f"0,552{separator}-1,5e-1\n2{separator}3,25\n"
-    assert read_text(text.encode(), "x.csv").samples.tolist() == [[0.552, 2], [-0.15, 3.25]]
+    assert read_text(text.encode(), "x.csv").values.tolist() == [[0.552, 2], [-0.15, 3.25]]
 
 
 def test_not_a_number_and_infinity_are_samples() -> None:
-    samples = read_text(b"1,nan\ninf,-inf\n", "x.csv").samples
+    samples = read_text(b"1,nan\ninf,-inf\n", "x.csv").values
     np.testing.assert_array_equal(samples, [[1, np.inf], [np.nan, -np.inf]])
 
 
 def test_number_beyond_single_precision_becomes_infinite() -> None:
-    samples = read_text(b"1,1e308\n2,3\n", "x.csv", precision=np.float32).samples
+    samples = read_text(b"1,1e308\n2,3\n", "x.csv", precision=np.float32).values
     assert samples.dtype == np.float32
     np.testing.assert_array_equal(samples, [[1, 2], [np.inf, 3]])
 
 
 def test_some_columns_only() -> None:
     reading = read_text(b"8;40;1.5;2\n8;41;2.5;3\n", "x.csv", columns=(3, 4), n_columns=4)
-    assert reading.samples.tolist() == [[1.5, 2.5], [2, 3]]
+    assert reading.values.tolist() == [[1.5, 2.5], [2, 3]]
     assert reading.columns == (3, 4)
 
 

@@ -25,6 +25,7 @@ from streams.link.wire import (
     hello_length,
     hello_stream,
 )
+from streams.samples import Samples
 from streams.spec import MAX_FRAME
 from tests.effort import effort_count
 from tests.oracles.crc32c_oracle import crc32c_bitwise
@@ -32,16 +33,20 @@ from tests.oracles.crc32c_oracle import crc32c_bitwise
 KINDS = ("<i2", "<i4", "<f4", "<f8")
 
 
+OF_FRAME = ("sequence", "start", "scale", "after")
+OF_SAMPLES = ("rate", "channels", "units", "speed", "load", "elapsed")
+
+
 def make(kind: str = "<f4", **changes: Any) -> Frame:
-    samples = (np.arange(20).reshape(2, 10) - 7).astype(kind)
-    values: dict[str, Any] = {
-        "sequence": 3,
+    of_samples: dict[str, Any] = {
         "rate": 25600.0,
-        "samples": samples,
+        "values": (np.arange(20).reshape(2, 10) - 7).astype(kind),
         "channels": ("a", "b"),
         "units": ("g", "V"),
     }
-    return Frame(**(values | changes))
+    of_samples |= {key: value for key, value in changes.items() if key not in OF_FRAME}
+    of_frame: dict[str, Any] = {"sequence": 3} | {key: value for key, value in changes.items() if key in OF_FRAME}
+    return Frame(samples=Samples(**of_samples), **of_frame)
 
 
 def sealed(body: bytes) -> bytes:
@@ -102,17 +107,19 @@ def test_round_trip(
     seed: int,
 ) -> None:
     size = shape[0] * shape[1] * np.dtype(kind).itemsize
-    samples = np.frombuffer(np.random.default_rng(seed).bytes(size), dtype=kind).reshape(shape)
+    values = np.frombuffer(np.random.default_rng(seed).bytes(size), dtype=kind).reshape(shape)
     names = tuple(f"\N{LATIN SMALL LETTER U WITH DIAERESIS}{i}" for i in range(shape[0]))
-    frame = Frame(
-        sequence, rate, samples, names, (unit,) * shape[0], start, (scale,) * shape[0], speed, load, 0.5, sequence - 1
-    )
+    units = (unit,) * shape[0]
+    samples = Samples(values, names, units=units, rate=rate, speed=speed, load=load, elapsed=0.5)
+    frame = Frame(sequence, samples, start, (scale,) * shape[0], sequence - 1)
     back = decode_frame(encode_frame(frame))
-    assert back.samples.dtype == np.dtype(kind)
-    assert back.samples.tobytes() == samples.tobytes()
-    assert back.samples.shape == shape
-    for name in ("sequence", "rate", "channels", "units", "start", "scale", "speed", "load", "elapsed", "after"):
+    assert back.samples.values.dtype == np.dtype(kind)
+    assert back.samples.values.tobytes() == values.tobytes()
+    assert back.samples.values.shape == shape
+    for name in OF_FRAME:
         assert getattr(back, name) == getattr(frame, name)
+    for name in OF_SAMPLES:
+        assert getattr(back.samples, name) == getattr(samples, name)
 
 
 def test_layout_is_that_of_the_interface() -> None:
@@ -129,13 +136,13 @@ def test_layout_is_that_of_the_interface() -> None:
 @pytest.mark.parametrize(("kind", "result"), [("<i2", "f4"), ("<i4", "f8"), ("<f4", "f4"), ("<f8", "f8")])
 def test_scaling_keeps_all_bits_that_were_sampled(kind: str, result: str) -> None:
     frame = make(kind, scale=(0.5, 2.0))
-    scaled = frame.scaled()
+    scaled = frame.scaled().values
     assert scaled.dtype == np.dtype(result)
-    np.testing.assert_array_equal(scaled, frame.samples * np.array([[0.5], [2.0]]))
+    np.testing.assert_array_equal(scaled, frame.samples.values * np.array([[0.5], [2.0]]))
 
 
 def test_scale_that_overflows_is_no_error() -> None:
-    assert np.isinf(decode_frame(encode_frame(make("<f4", scale=(1e300, 1.0)))).scaled()[0, 0])
+    assert np.isinf(decode_frame(encode_frame(make("<f4", scale=(1e300, 1.0)))).scaled().values[0, 0])
 
 
 @given(st.binary(max_size=120))
@@ -229,7 +236,7 @@ def test_lying_lengths_are_refused_before_anything_is_allocated() -> None:
     with pytest.raises(WireError, match="version 2"):
         frame_length(HEAD.pack(b"SPW1", 2, 1, 1, 1.0, 1, 1, 0, 0))
     with pytest.raises(WireError, match="at most"):
-        encode_frame(make(samples=np.zeros((2, 1 << 21), dtype="<f8")))
+        encode_frame(make(values=np.zeros((2, 1 << 21), dtype="<f8")))
 
 
 def test_hello_is_checked() -> None:
@@ -250,15 +257,14 @@ def test_hello_is_checked() -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"samples": np.zeros((2, 3), dtype=np.uint8)},
-        {"samples": np.zeros((2, 0), dtype=np.float32)},
+        {"values": np.zeros((2, 3), dtype=np.uint8)},
+        {"values": np.zeros((2, 0), dtype=np.float32)},
         {"sequence": 0},
         {"sequence": 2**70},
         {"rate": float("inf")},
         {"units": ("g", "parsec")},
         {"scale": (1.0,)},
         {"scale": (float("nan"), 1.0)},
-        {"channels": ("a",)},
         {"channels": ("a" * 40000, "b" * 40000)},
         {"speed": float("nan")},
     ],
@@ -268,7 +274,13 @@ def test_what_could_not_be_read_is_not_written(changes: dict[str, Any]) -> None:
         encode_frame(make(**changes))
 
 
+def test_rows_that_do_not_fit_make_no_frame() -> None:
+    with pytest.raises(ValueError, match="2 rows of samples"):
+        make(channels=("a",))
+
+
 def test_a_block_keeps_what_it_knows() -> None:
     block = Block(np.ones((1, 8)), 100.0, ("x",), ("g",), "s", 4, "n", start=1.5e9 + 0.25, elapsed=2.0, speed=30.0)
     frame = decode_frame(encode_frame(block_frame(block)))
-    assert (frame.start, frame.elapsed, frame.speed, frame.load) == (1_500_000_000_250_000_000, 2.0, 30.0, None)
+    samples = frame.samples
+    assert (frame.start, samples.elapsed, samples.speed, samples.load) == (1_500_000_000_250_000_000, 2.0, 30.0, None)

@@ -1,3 +1,5 @@
+"""Loading: rates that agree, channels that are found, units that are converted."""
+
 from __future__ import annotations
 
 import math
@@ -7,8 +9,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from streams.block import STANDARD_GRAVITY, to_si
-from streams.blocks import agreed_rate, choose_rows, content_hash
-from streams.readers.reading import ReaderError, plain_reading
+from streams.load import agreed_rate, choose_channels, content_hash
+from streams.samples import ReaderError, Samples
 from streams.spec import ChannelSpec
 
 
@@ -27,7 +29,7 @@ def test_rate_is_what_all_agree_on() -> None:
         assert caught.value.status == "wrong_rate"
 
 
-READING = plain_reading(np.zeros((3, 4)), ("X1_DE_time", "X1_FE_time", "rpm"))
+SAMPLES = Samples(np.zeros((3, 4)), ("X1_DE_time", "X1_FE_time", "rpm"))
 
 
 @pytest.mark.parametrize(
@@ -43,14 +45,14 @@ READING = plain_reading(np.zeros((3, 4)), ("X1_DE_time", "X1_FE_time", "rpm"))
 )
 def test_channel_that_does_not_fit(channel: ChannelSpec, words: str) -> None:
     with pytest.raises(ReaderError) as caught:
-        choose_rows(READING, (channel,), None, "x.mat")
+        choose_channels(SAMPLES, (channel,), None, "x.mat")
     assert words in str(caught.value)
     assert caught.value.status in ("wrong_shape", "wrong_unit")
 
 
 def test_unit_that_contradicts_the_recording() -> None:
     with pytest.raises(ReaderError, match="the recording is in g, unit = 'm/s2'") as caught:
-        choose_rows(READING, (ChannelSpec("rpm", unit="m/s2"),), "g", "x.mat")
+        choose_channels(SAMPLES, (ChannelSpec("rpm", unit="m/s2"),), "g", "x.mat")
     assert caught.value.status == "wrong_unit"
 
 

@@ -1,0 +1,217 @@
+"""From the bytes of a file to the samples of the configured channels: one way for followed folders and recordings."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from zoneinfo import ZoneInfo
+
+from streams.datasets.description import DataSet, FileFacts
+from streams.files import unpack
+from streams.readers.complete import declared_size
+from streams.reblock import MIN_BLOCK_SHARE
+from streams.samples import RATE_TOLERANCE, ReaderError, Samples
+from streams.spec import UNITS, ChannelSpec, SourceSpec
+
+_LOG = logging.getLogger(__name__)
+
+
+def content_hash(data: bytes) -> str:
+    """Return the BLAKE2b-128 digest of the bytes of a file, in hexadecimal."""
+    return hashlib.blake2b(data, digest_size=16).hexdigest()
+
+
+class Loader:
+    """Loads the files of one source.
+
+    Attributes:
+        root: the resolved folder or archive that holds them; its name may state run and condition.
+        data_set: what the files are.
+    """
+
+    def __init__(
+        self, spec: SourceSpec, data_set: DataSet, root: Path, *, several: bool = True, live: bool = False
+    ) -> None:
+        """Prepare.
+
+        Args:
+            spec: configuration of the source.
+            data_set: what its files are.
+            root: the resolved folder or archive.
+            several: whether there may be more than one file: undated ones have no known distance in time then.
+            live: whether files may still be written: what is missing in them is then ``incomplete``.
+        """
+        self.root, self.data_set = root, data_set
+        self._spec, self._several, self._live = spec, several, live
+        self._zone = ZoneInfo(spec.timezone)
+
+    def facts(self, path: str) -> FileFacts | None:
+        """Return what the path of a file below the root states; None for a file of another kind."""
+        return self.data_set.facts(path, str(self.root), self._zone)
+
+    def load(self, raw: bytes, path: str, facts: FileFacts, name: str | None = None) -> Samples:
+        """Return the samples of the configured channels, with rate, units and times settled.
+
+        Args:
+            raw: the bytes of the file as stored.
+            path: of the file below the root.
+            facts: what its path states.
+            name: of the file in messages, where it is not the path.
+
+        Raises:
+            ReaderError: with the rejection status and a sentence that names the file.
+        """
+        name = name or path
+        samples = self.read(raw, path, name)
+        self._check_length(samples, name)
+        samples = choose_channels(samples, self._spec.channels, self.data_set.unit, name)
+        start, elapsed = self._times(samples, facts)
+        return replace(
+            samples,
+            rate=agreed_rate((samples.rate, facts.rate), self._spec.rate, name),
+            start=start,
+            elapsed=elapsed,
+            speed=samples.speed if samples.speed is not None else facts.speed,
+            load=samples.load if samples.load is not None else facts.load,
+        )
+
+    def read(self, raw: bytes, path: str, name: str) -> Samples:
+        """Return all rows of a file and what the file itself states.
+
+        Raises:
+            ReaderError: as :meth:`load`; ``unreadable`` for any exception of a parser.
+        """
+        promised = declared_size(raw, path) if self._live else None
+        if promised is not None and promised > len(raw):
+            raise ReaderError("incomplete", f"{name}: {len(raw)} bytes are there, its header promises {promised}")
+        try:
+            data = unpack(raw, path)
+            if not data:
+                if self._live:
+                    raise ReaderError("incomplete", f"{name}: nothing of it is there yet")
+                raise ReaderError("empty", f"{name}: the file has 0 bytes")
+            return self.data_set.read(data, path)
+        except ReaderError:
+            raise
+        except Exception as error:
+            # Third-party parsers raise any exception on damaged files; one file must not stop the others.
+            _LOG.warning("%s: the reader failed", name, exc_info=True)
+            raise ReaderError("unreadable", f"{name}: the reader failed ({type(error).__name__})") from error
+
+    def _check_length(self, samples: Samples, name: str) -> None:
+        expected, found = self.data_set.samples, samples.values.shape[1]
+        if expected is None:
+            return
+        if found < MIN_BLOCK_SHARE * expected:
+            raise ReaderError("short", f"{name}: {found} samples, {expected} were expected")
+        if found > expected:
+            raise ReaderError("wrong_shape", f"{name}: {found} samples, {expected} were expected")
+
+    def _times(self, samples: Samples, facts: FileFacts) -> tuple[float | None, float | None]:
+        """Return (start, elapsed) of the first sample of a file; elapsed is None where a stamp dates the file.
+
+        The stamp of a file precedes the configured start. Without stamps and without numbers in known intervals
+        nothing states how much time lies between two files, so only a recording of one file has times then.
+        """
+        stamp = facts.start if facts.start is not None else samples.start
+        if stamp is not None:
+            return stamp, None
+        if facts.elapsed is None and self._several:
+            return None, None
+        elapsed = facts.elapsed or 0.0
+        return None if self._spec.start is None else self._spec.start + elapsed, elapsed
+
+
+def choose_channels(samples: Samples, channels: Sequence[ChannelSpec], unit: str | None, where: str) -> Samples:
+    """Select the rows of the configured channels, under their names and in their units.
+
+    Args:
+        samples: all rows of a file.
+        channels: the configured channels; none: every row, by the data set's names.
+        unit: of every row by the data set, or None.
+        where: name of the file, for messages.
+
+    Raises:
+        ReaderError: ``wrong_shape`` where a channel matches no row or several; ``wrong_unit`` where the file states
+            another unit than the configuration, or neither states one.
+    """
+    samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
+    if not channels:
+        for name, stated in zip(samples.names, samples.units, strict=True):
+            _check_unit(stated, name, where)
+        return samples
+    rows = [_row_of(samples, channel, where) for channel in channels]
+    units = tuple(_unit_of(samples, row, channel, where) for row, channel in zip(rows, channels, strict=True))
+    return replace(samples.select(rows), channels=tuple(channel.name for channel in channels), units=units)
+
+
+def _check_unit(stated: str | None, name: str, where: str) -> None:
+    if stated is None:
+        raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
+    if stated not in UNITS:
+        raise ReaderError("wrong_unit", f"{where}: {name} is in {stated!r}; expected one of {', '.join(UNITS)}")
+    if stated == "V":
+        raise ReaderError("wrong_unit", f"{where}: in V; give [[channel]] sensitivity_mv_per_g or a side-car")
+
+
+def _row_of(samples: Samples, channel: ChannelSpec, where: str) -> int:
+    both = list(zip(samples.names, samples.channels, strict=True))
+    if channel.key is not None:
+        wanted = f"key {channel.key!r}"
+        found = [i for i, names in enumerate(both) if any(fnmatchcase(name, channel.key) for name in names)]
+    elif isinstance(channel.column, int):
+        wanted = f"column {channel.column}"
+        found = [i for i, column in enumerate(samples.columns) if column == channel.column]
+    elif channel.column is not None:
+        wanted = f"column {channel.column!r}"
+        found = [i for i, names in enumerate(both) if channel.column in names]
+    else:
+        wanted = "its name"
+        found = [i for i, names in enumerate(both) if channel.name in names]
+        if not found and len(both) == 1:
+            found = [0]
+    if len(found) != 1:
+        count = "no column" if not found else f"{len(found)} columns"
+        pairs = (f"{title} ({name})" for name, title in both)
+        held = ", ".join(samples.names if samples.names == samples.channels else pairs)
+        raise ReaderError("wrong_shape", f"{where}: channel {channel.name}: {count} by {wanted}; the file has {held}")
+    return found[0]
+
+
+def _unit_of(samples: Samples, row: int, channel: ChannelSpec, where: str) -> str:
+    stated, configured = samples.units[row], channel.unit
+    where = f"{where}: channel {channel.name}"
+    if samples.scaled and channel.scale != 1.0:
+        reason = f"the side-car scales it already, and so does scale = {channel.scale:g}"
+        raise ReaderError("wrong_unit", f"{where}: {reason}")
+    if stated is None and configured is None:
+        raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
+    if configured is not None and stated not in (None, "unknown", configured):
+        raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}, unit = {configured!r}")
+    if configured is None and (stated not in UNITS or stated == "V"):
+        raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}; give [[channel]] unit")
+    return configured or stated or "unknown"
+
+
+def agreed_rate(stated: Sequence[float | None], configured: float | None, where: str) -> float:
+    """Return the one rate in Hz on which file, data set and configuration agree.
+
+    Args:
+        stated: what the file and the data set state; the first one is returned.
+        configured: what the configuration states, or None.
+        where: name of the file, for messages.
+
+    Raises:
+        ReaderError: ``wrong_rate`` where they differ by more than 1e-4 of it or none is stated.
+    """
+    rates = [rate for rate in (*stated, configured) if rate is not None]
+    if not rates:
+        raise ReaderError("wrong_rate", f"{where}: no sampling rate is stated; give [[source]] rate_hz")
+    if any(abs(rate - rates[0]) > RATE_TOLERANCE * rates[0] for rate in rates):
+        said = " and ".join(f"{rate:g} Hz" for rate in dict.fromkeys(rates))
+        raise ReaderError("wrong_rate", f"{where}: the recording and rate_hz do not agree: {said}")
+    return rates[0]

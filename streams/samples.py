@@ -1,0 +1,189 @@
+"""Samples: numbers on their way from a file or frame to a block, with their provenance; and the error of readers."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import SpallwatchError
+from streams.block import Block
+
+MAX_BYTES = 1 << 30
+"""Limit of the size of a file, unpacked or loaded: 1 GiB, about 45 min of eight float64 channels at 48 kHz."""
+
+RATE_TOLERANCE = 1e-4
+"""Rates that differ by no more than this part are the same rate, written or measured differently."""
+
+
+class ReaderError(SpallwatchError):
+    """A file cannot be read.
+
+    Attributes:
+        status: the rejection status of the interface (``unreadable``, ``wrong_shape``, ...).
+    """
+
+    def __init__(self, status: str, reason: str) -> None:
+        """Keep the status beside the sentence for people."""
+        super().__init__(reason)
+        self.status = status
+
+
+@dataclass(eq=False)
+class Origin:
+    """The file that samples come from.
+
+    Attributes:
+        key: its path as blocks and messages show it.
+        total: number of its samples, as last read.
+    """
+
+    key: str
+    total: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Consecutive samples of one or several rows, and what is known about them.
+
+    A reader gives all rows of a file and what the file states. :mod:`streams.load` selects the configured channels and
+    settles unit, rate and times. The re-blocker joins and cuts them. Fields that are left out get the defaults named
+    below.
+
+    Attributes:
+        values: shape (row, sample), float32 or float64, each row contiguous; in a frame of the wire as it was sampled.
+        channels: name of each row by the data set or the configuration; default ``column_1`` and so on.
+        names: name of each row in the file (header, variable); default the channels.
+        columns: 1-based number of each row in the file; default from 1 on.
+        units: of each row: "g", "m/s2", "V", "unknown", None where not stated (the default), or as the file spells it.
+        rate: sampling rate in Hz, or None where not stated; likewise None in what follows.
+        start: seconds since 1970 UTC of the first sample of the origin.
+        elapsed: seconds from the first sample of the source to that of the origin.
+        speed: shaft speed in Hz.
+        load: radial load in N.
+        scaled: whether a side-car has scaled the values, so that the configuration must not scale them again.
+        origin: what the values were read from; blocks state how much of each origin they used.
+        offset: index of the first value in its origin.
+        number: place of the origin in a stream without gaps; undated origins are joined where these are consecutive.
+    """
+
+    values: NDArray[Any]
+    channels: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    columns: tuple[int, ...] = ()
+    units: tuple[str | None, ...] = ()
+    rate: float | None = None
+    start: float | None = None
+    elapsed: float | None = None
+    speed: float | None = None
+    load: float | None = None
+    scaled: bool = False
+    origin: Hashable = None
+    offset: int = 0
+    number: int | None = None
+
+    def __post_init__(self) -> None:
+        """Fill in the defaults of the rows; ValueError where the parts do not fit together."""
+        if self.values.ndim != 2:
+            raise ValueError(f"samples must have shape (row, sample), got {self.values.shape}")
+        rows = self.values.shape[0]
+        object.__setattr__(self, "columns", self.columns or tuple(range(1, rows + 1)))
+        object.__setattr__(self, "channels", self.channels or tuple(f"column_{column}" for column in self.columns))
+        object.__setattr__(self, "names", self.names or self.channels)
+        object.__setattr__(self, "units", self.units or (None,) * rows)
+        counts = {len(part) for part in (self.columns, self.channels, self.names, self.units)}
+        if counts != {rows}:
+            raise ValueError(f"{rows} rows of samples, but {sorted(counts)} columns, channels, names and units")
+
+    @property
+    def known_rate(self) -> float:
+        """The sampling rate in Hz; ValueError before it is settled."""
+        if self.rate is None:
+            raise ValueError(f"the sampling rate of {self.origin} is not known")
+        return self.rate
+
+    @property
+    def end(self) -> int:
+        """Index behind the last sample in the origin."""
+        return self.offset + self.values.shape[1]
+
+    def time_of(self, index: int) -> float | None:
+        """Return the time of a sample of the origin; it does not depend on how the origin was divided."""
+        return None if self.start is None else self.start + index / self.known_rate
+
+    def elapsed_since(self, began: float | None) -> float | None:
+        """Return the seconds from the first sample of the source to the first of these, None where undated.
+
+        Args:
+            began: start of the first dated block of the source, seconds since 1970 UTC; None where this is the first.
+        """
+        if self.elapsed is not None:
+            return self.elapsed + self.offset / self.known_rate
+        start = self.time_of(self.offset)
+        if start is None:
+            return None
+        return 0.0 if began is None else start - began
+
+    def select(self, rows: Sequence[int]) -> Samples:
+        """Return some rows in the order given; the values are copied unless these are all rows in their order."""
+        whole = list(rows) == list(range(len(self.columns)))
+        return replace(
+            self,
+            values=np.ascontiguousarray(self.values if whole else self.values[list(rows)]),
+            channels=tuple(self.channels[row] for row in rows),
+            names=tuple(self.names[row] for row in rows),
+            columns=tuple(self.columns[row] for row in rows),
+            units=tuple(self.units[row] for row in rows),
+        )
+
+    def block(self, source: str, sequence: int, name: str, content_hash: str, elapsed: float | None) -> Block:
+        """Return the block of all these samples; its start is that of the first one."""
+        return Block(
+            samples=self.values,
+            rate=self.known_rate,
+            channels=self.channels,
+            units=tuple(unit or "unknown" for unit in self.units),
+            source=source,
+            sequence=sequence,
+            name=name,
+            start=self.time_of(self.offset),
+            elapsed=elapsed,
+            speed=self.speed,
+            load=self.load,
+            content_hash=content_hash,
+        )
+
+
+def stack_rows(rows: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
+    """Join rows of equal length to shape (row, sample); a single one is not copied."""
+    return np.ascontiguousarray(rows[0])[np.newaxis] if len(rows) == 1 else np.stack(rows)
+
+
+def rows_of(array: NDArray[np.generic], where: str) -> NDArray[np.floating]:
+    """Turn a stored array into rows of samples: the longer axis is time.
+
+    Args:
+        array: one or two dimensions, real numbers.
+        where: name of what is read, for the message.
+
+    Returns:
+        Shape (row, sample); float32 for float32 and for integers of at most 16 bits, else float64.
+
+    Raises:
+        ReaderError: ``wrong_shape`` for other dimensions or a square array, ``empty``, ``unreadable`` for other types.
+    """
+    if array.dtype.kind not in "fiu":
+        raise ReaderError("unreadable", f"{where}: expected real numbers, got type {array.dtype}")
+    squeezed = array[np.newaxis, :] if array.ndim == 1 else array
+    if squeezed.ndim != 2:
+        raise ReaderError("wrong_shape", f"{where}: expected one or two dimensions, got shape {array.shape}")
+    if squeezed.size == 0:
+        raise ReaderError("empty", f"{where}: holds no samples (shape {array.shape})")
+    if squeezed.shape[0] == squeezed.shape[1] > 1:
+        raise ReaderError("wrong_shape", f"{where}: cannot tell samples from channels in shape {array.shape}")
+    rows = squeezed.T if squeezed.shape[0] > squeezed.shape[1] else squeezed
+    exact = array.dtype.itemsize <= (4 if array.dtype.kind == "f" else 2)
+    return np.ascontiguousarray(rows, dtype=np.float32 if exact else np.float64)
