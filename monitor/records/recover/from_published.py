@@ -1,8 +1,8 @@
 """Records that only the published files still hold, proven by their digests.
 
-A published file has all values of a record, but not which of them stood where in the store. The digest of the ledger
-entry says which block a row of the file is, and the digest of the content whether the record made of it is the one that
-was committed. Files are read in a process of its own: whoever salvages need not load netCDF.
+A published file has all values of a record, but not their layout in the store. The digest of the ledger entry
+identifies the block of a row, and the digest of the content proves the record made of it. Files are read in a process
+of its own, so that the daemon does not load netCDF.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from monitor.records.filing import SECONDS_PER_DAY
 from monitor.records.packing import channels_of, entries_of
 
 _LOG = logging.getLogger(__name__)
-_PATIENCE = 600.0
+_TIMEOUT_S = 600.0
 _START = """
 import json, sys
 sys.path[:] = json.loads(sys.argv.pop())
@@ -38,13 +38,13 @@ _TIME_STATUSES = ("given", "carried", "unknown")
 
 
 class Piece(NamedTuple):
-    """A row of a published file that is a block whose record is looked for.
+    """A row of a published file that is a lost block.
 
     Attributes:
-        ledger: digest of its ledger entry, which it has been proven to have.
+        ledger: digest of its ledger entry.
         entry: the ledger entry, see :func:`monitor.records.digests.ledger_digest`.
-        rows: what its record is as each of the layouts that have place for its values, by number of the layout.
-        events: their JSON.
+        rows: number of each layout that its values fit, and the packed row.
+        events: JSON.
     """
 
     ledger: bytes
@@ -54,11 +54,11 @@ class Piece(NamedTuple):
 
 
 Restore = Callable[[Sequence[bytes], Sequence[tuple[int, str]]], Iterator[Piece]]
-"""Gives pieces for the digests of ledger entries and the numbered layouts that there are."""
+"""Yields pieces for digests of ledger entries and numbered layouts."""
 
 
 def from_published(records_dir: Path, machine: str) -> Restore:
-    """Return what looks for records in the published files of a machine; a file that cannot be read has none."""
+    """Return a search in the published files of a machine; unreadable files are skipped."""
 
     def restore(wanted: Sequence[bytes], layouts: Sequence[tuple[int, str]]) -> Iterator[Piece]:
         files = sorted(str(path) for path in records_dir.glob(f"{machine}-*.nc"))
@@ -68,7 +68,7 @@ def from_published(records_dir: Path, machine: str) -> Restore:
         command = [sys.executable, "-c", _START, json.dumps(sys.path)]
         try:
             answer = subprocess.run(
-                command, input=json.dumps(request), capture_output=True, text=True, check=True, timeout=_PATIENCE
+                command, input=json.dumps(request), capture_output=True, text=True, check=True, timeout=_TIMEOUT_S
             )
         except (OSError, subprocess.SubprocessError) as error:
             _LOG.error("nothing is taken from the published files: %s", error)
@@ -82,7 +82,7 @@ def from_published(records_dir: Path, machine: str) -> Restore:
 
 
 def main() -> None:
-    """Answer the request on standard input with one JSON object a line for each row that is looked for."""
+    """Answer the request on standard input with one JSON object a line for each row found."""
     request = json.load(sys.stdin)
     wanted = set(request["wanted"])
     layouts = [(number, text) for number, text in request["layouts"]]
@@ -120,7 +120,7 @@ def _matching(path: Path, wanted: set[str], layouts: Sequence[tuple[int, str]]) 
 def _entry(
     ledger: Mapping[str, NDArray[Any]], place: int, wanted: set[str], *, dated: bool
 ) -> tuple[str, list[Any]] | None:
-    """Return the digest and the ledger entry of a row that is looked for; a rejected block may have had no time."""
+    """Return digest and ledger entry of a wanted row; a rejected block may have had no time."""
     source, content_hash, name, status, flags, reason = (str(ledger[key][place]) for key in _TEXTS[:-1])
     axis = float(ledger["time"][place])
     elapsed = float(ledger["elapsed"][place])
@@ -136,7 +136,7 @@ def _entry(
 
 
 def _packed(layout: str, channels: Sequence[str], values: Mapping[str, NDArray[Any]]) -> bytes | None:
-    """Return the values of a row as the store packs them, or None where the layout has no place for them."""
+    """Return the packed values of a row, or None where they do not fit the layout."""
     if not set(channels_of(layout)) <= set(channels):
         return None
     parts: list[NDArray[np.float64]] = []
@@ -149,7 +149,7 @@ def _packed(layout: str, channels: Sequence[str], values: Mapping[str, NDArray[A
             return None
         value = np.asarray(column[channels.index(entry.channel)], dtype=np.float64)
         if variable.kind != "float":
-            # Where there is no word it is 0 in a set of words, and -1 otherwise.
+            # Absent is 0 in a mask, and -1 otherwise.
             value = np.where(value == (0.0 if variable.kind == "mask" else -1.0), np.nan, value)
         while value.ndim < len(entry.shape):
             value = value[np.newaxis]

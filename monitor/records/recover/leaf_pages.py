@@ -1,10 +1,9 @@
-"""Rows from the pages of an SQLite database, whatever the pages above them look like.
+"""Rows from the leaf pages of an SQLite database, independent of the pages above them.
 
-SQLite finds a page through those above it; where one of these is damaged, all below is out of reach. But the leaves
-that hold the rows say by themselves what they are. Read here are all leaves of a database file and of its write-ahead
-log, without SQLite, as its documentation of the file format says (database file format, sections 1.3 to 1.6, 2.1, 4.1;
-pages without reserved bytes). The log is believed up to its last commit; what a page says is checked by whoever knows
-its digest.
+SQLite reaches a page through those above it; where one of these is damaged, all below is lost to it. Here all leaves of
+a database file and of its write-ahead log are read without SQLite, as its documentation of the file format says
+(sections 1.3 to 1.6, 2.1, 4.1; pages without reserved bytes). The log is read up to its last commit; the caller checks
+the rows by their digests.
 """
 
 from __future__ import annotations
@@ -29,22 +28,17 @@ _INTEGER_BYTES = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8}
 
 
 class Row(NamedTuple):
-    """A row as it lies on a page.
-
-    Attributes:
-        rowid: its number, or None in an index and in a table without rowid.
-        values: its columns in the order in which they are stored.
-    """
+    """A stored row; ``rowid`` is None in an index and in a table without rowid."""
 
     rowid: int | None
     values: tuple[Value, ...]
 
 
 def leaf_rows(database: Path) -> Iterator[Row]:
-    """Yield each row of each leaf page that can be made out, of all tables and indices; old versions of pages too.
+    """Yield each readable row of each leaf page, of all tables and indices, also of old versions of pages.
 
     Args:
-        database: the file; its write-ahead log is looked for beside it.
+        database: the file; its write-ahead log is expected beside it.
 
     Raises:
         OSError: the file cannot be read.
@@ -65,14 +59,14 @@ def leaf_rows(database: Path) -> Iterator[Row]:
 
 
 class _Bytes:
-    """A file of which some sectors may not be readable: these are missing."""
+    """A file with unreadable sectors, which read as empty."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
         self.length = file.seek(0, os.SEEK_END)
 
     def read(self, start: int, length: int) -> bytes:
-        """Return bytes, fewer where the file ends, none where they cannot be read."""
+        """Return bytes: fewer at the end of the file, none where they are unreadable."""
         try:
             self._file.seek(start)
             return self._file.read(length)
@@ -81,7 +75,7 @@ class _Bytes:
 
 
 def _page_size(main: _Bytes, log: _Bytes | None) -> int:
-    """Return the size of a page as the log or the header says, or the usual one where both make no sense."""
+    """Return the page size of the log or the header, or the usual one where both are invalid."""
     candidates = []
     head = b"" if log is None else log.read(0, 12)
     if len(head) == 12 and struct.unpack(">I", head[:4])[0] in _WAL_MAGIC:
@@ -95,7 +89,7 @@ def _page_size(main: _Bytes, log: _Bytes | None) -> int:
 
 
 def _logged_pages(log: _Bytes, size: int) -> list[tuple[int, int]]:
-    """Return number and place of each page in the log that belongs to a committed transaction."""
+    """Return number and offset of each page in the log that belongs to a committed transaction."""
     head = log.read(0, _WAL_HEAD)
     if len(head) < _WAL_HEAD or struct.unpack(">I", head[:4])[0] not in _WAL_MAGIC:
         return []
@@ -104,7 +98,7 @@ def _logged_pages(log: _Bytes, size: int) -> list[tuple[int, int]]:
     for start in range(_WAL_HEAD, log.length - _FRAME_HEAD - size + 1, _FRAME_HEAD + size):
         frame = log.read(start, _FRAME_HEAD)
         if len(frame) < _FRAME_HEAD or frame[8:16] != head[16:24]:
-            # Either from before the log was begun anew, or damaged: what comes after it may still be good.
+            # From before a restart of the log, or damaged: later frames may be valid.
             continue
         number, pages = struct.unpack(">II", frame[:8])
         found.append((number, start + _FRAME_HEAD))
@@ -114,13 +108,13 @@ def _logged_pages(log: _Bytes, size: int) -> list[tuple[int, int]]:
 
 
 class _Pages:
-    """Pages by number, the newest version of each, and rows made of them."""
+    """The newest version of each page by number, and the rows of pages."""
 
     def __init__(self, main: _Bytes, log: _Bytes | None, size: int, latest: dict[int, int]) -> None:
         self._main, self._log, self._size, self._latest = main, log, size, latest
 
     def rows(self, page: bytes, *, first: bool) -> Iterator[Row]:
-        """Yield the rows of a leaf; none of a page that is something else, or damaged."""
+        """Yield the rows of a leaf; none of other or damaged pages."""
         head = 100 if first else 0
         if len(page) < self._size:
             return
@@ -178,7 +172,7 @@ class _Pages:
 
 
 class _DamagedError(SpallwatchError):
-    """Bytes are not what they should be."""
+    """Bytes do not follow the file format."""
 
 
 def _varint(data: bytes, place: int) -> tuple[int, int]:

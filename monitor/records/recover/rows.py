@@ -1,4 +1,4 @@
-"""What can still be read of a damaged store, table by table, put into a new one."""
+"""Copies the readable rows of a damaged store into a new one, table by table."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ _DAMAGE = (sqlite3.DatabaseError, UnicodeDecodeError)
 
 @dataclass
 class Found:
-    """What was carried over.
+    """Rows that need a decision before they are written.
 
     Attributes:
-        layouts: texts by number, all that were found: only the digest of a record tells which is right.
-        states: by name, number of the block and JSON; where several were found, that of the latest block first.
-        rows: number of rows by table.
+        layouts: all texts found, by number; the digests of records decide which is right.
+        states: block numbers and JSON by name, that of the latest block first.
+        rows: number of copied rows by table.
     """
 
     layouts: dict[int, list[str]] = field(default_factory=dict)
@@ -42,13 +42,13 @@ class Found:
     rows: dict[str, int] = field(default_factory=dict)
 
     def add_layout(self, number: int, text: str) -> None:
-        """Take note of a layout."""
+        """Add a candidate of a layout."""
         texts = self.layouts.setdefault(number, [])
         if text not in texts:
             texts.append(text)
 
     def add_state(self, name: str, block: int, text: str) -> None:
-        """Take note of a state."""
+        """Add a candidate of a state."""
         found = self.states.setdefault(name, [])
         if (block, text) not in found:
             found.append((block, text))
@@ -56,9 +56,9 @@ class Found:
 
 
 def carry_over(damaged: Path, fresh: sqlite3.Connection) -> Found:
-    """Put every row that can be read into a new store; blocks whose ledger entry is not as committed stay behind.
+    """Copy every readable row into a new store, but for blocks whose ledger entry is not as committed.
 
-    First as SQLite finds the rows, around what it cannot read, then from the leaves themselves what it did not find.
+    First through SQLite, around unreadable places, then from the leaf pages those that it did not find.
 
     Args:
         damaged: the database file, with its write-ahead log beside it.
@@ -68,7 +68,7 @@ def carry_over(damaged: Path, fresh: sqlite3.Connection) -> Found:
     old = _open(damaged)
     if old is not None:
         with closing(old):
-            # Digests come first: they say which of the rows of blocks are to be believed.
+            # Digests come first: they decide which rows of blocks are copied.
             for table in (*_BY_ROWID, *_others(old, fresh)):
                 _copy(old, fresh, table)
             _collect(old, found)
@@ -86,7 +86,6 @@ def carry_over(damaged: Path, fresh: sqlite3.Connection) -> Found:
 def _open(path: Path) -> sqlite3.Connection | None:
     old = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None, timeout=5.0)
     try:
-        # Pages are looked at more closely as they are read.
         old.execute("PRAGMA cell_size_check = ON")
         old.execute("SELECT count(*) FROM sqlite_master").fetchall()
     except _DAMAGE:
@@ -96,7 +95,7 @@ def _open(path: Path) -> sqlite3.Connection | None:
 
 
 def _others(old: sqlite3.Connection, fresh: sqlite3.Connection) -> list[str]:
-    """Return the other tables that the damaged store has, which the new one gets where it lacks them."""
+    """Return the other tables of the damaged store; those missing in the new one are made."""
     names: list[str] = []
     known = {row[0] for row in fresh.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     try:
@@ -116,14 +115,14 @@ def _others(old: sqlite3.Connection, fresh: sqlite3.Connection) -> list[str]:
 
 
 def _copy(old: sqlite3.Connection, fresh: sqlite3.Connection, table: str) -> None:
-    """Put the rows of a table that SQLite can read into the new store."""
+    """Copy the rows of a table that SQLite can read."""
     try:
         columns = _columns(old, fresh, table)
     except _DAMAGE:
         return
     if not columns:
         return
-    wanted = _believed(fresh, columns) if table == "blocks" else None
+    wanted = _as_committed(fresh, columns) if table == "blocks" else None
     marks = ", ".join("?" for _ in columns)
     statement = f"INSERT OR IGNORE INTO {table} ({', '.join(columns)}) VALUES ({marks})"
     fresh.execute("BEGIN")
@@ -135,13 +134,13 @@ def _copy(old: sqlite3.Connection, fresh: sqlite3.Connection, table: str) -> Non
 
 
 def _columns(old: sqlite3.Connection, fresh: sqlite3.Connection, table: str) -> list[str]:
-    """Return the columns that both have; of tables whose rows have a number of their own, that too."""
+    """Return the common columns, and the rowid of tables that are ordered by it."""
     had = {row[1] for row in old.execute(f"PRAGMA table_info({table})")}
     columns = [row[1] for row in fresh.execute(f"PRAGMA table_info({table})") if row[1] in had]
     return ["rowid", *columns] if columns and table in ("spectra", "refusals") else columns
 
 
-def _believed(fresh: sqlite3.Connection, columns: list[str]) -> Callable[[tuple[Any, ...]], bool]:
+def _as_committed(fresh: sqlite3.Connection, columns: list[str]) -> Callable[[tuple[Any, ...]], bool]:
     places = [columns.index(name) for name in ("id", *LEDGER.split(", "))]
 
     def wanted(values: tuple[Any, ...]) -> bool:
@@ -152,7 +151,7 @@ def _believed(fresh: sqlite3.Connection, columns: list[str]) -> Callable[[tuple[
 
 
 def _is_as_committed(fresh: sqlite3.Connection, number: int, entry: list[Any]) -> bool:
-    """Return whether a ledger entry has the digest that was committed with it; older ones have none."""
+    """Return whether a ledger entry has its committed digest, or none, as older ones."""
     found = fresh.execute("SELECT ledger FROM digests WHERE block = ?", (number,)).fetchone()
     return found is None or found[0] == ledger_digest(entry)
 
@@ -181,7 +180,7 @@ def _readable(old: sqlite3.Connection, table: str, columns: list[str]) -> Iterat
 
 
 def _behind(old: sqlite3.Connection, query: str, start: int) -> int | None:
-    """Return the lowest number behind an unreadable place from which rows can be read again, or None."""
+    """Return the lowest rowid after an unreadable place from which rows can be read, or None."""
 
     def reads(place: int) -> bool:
         try:
@@ -207,7 +206,7 @@ def _key(old: sqlite3.Connection, table: str) -> list[str]:
 
 
 def _from_both_ends(old: sqlite3.Connection, query: str, key: str) -> Iterator[tuple[Any, ...]]:
-    """Yield the rows of a table without rowid, up to and down to what cannot be read; some come twice."""
+    """Yield the rows of a table without rowid, up and down to the unreadable place; some twice."""
     for order in (key, ", ".join(f"{name} DESC" for name in key.split(", "))):
         with suppress(*_DAMAGE):
             yield from old.execute(f"{query} ORDER BY {order}")
@@ -215,9 +214,9 @@ def _from_both_ends(old: sqlite3.Connection, query: str, key: str) -> Iterator[t
 
 
 def _collect(old: sqlite3.Connection, found: Found) -> None:
-    """Take note of layouts and states as SQLite finds them."""
+    """Add the layouts and states that SQLite can read."""
     for order in ("id", "layout"):
-        # The layouts stand in the table and, once more, in the index that keeps them apart.
+        # The layouts are in the table and in its index.
         with suppress(*_DAMAGE):
             for number, text in old.execute(f"SELECT id, layout FROM layouts ORDER BY {order}"):
                 found.add_layout(number, text)
@@ -226,10 +225,10 @@ def _collect(old: sqlite3.Connection, found: Found) -> None:
 
 
 class _Raw:
-    """Rows as they lie on the leaves, put into the tables whose shape they have.
+    """Rows of leaf pages, inserted into the table whose column types they have.
 
-    Taken are tables whose rows are never changed, so that an old version of a page says nothing else than a new one;
-    and states, of which the block that they belong to says which is the latest.
+    Only tables whose rows never change are read, so that old versions of pages do no harm, and states, of which the
+    block number decides which is the latest.
     """
 
     def __init__(self, fresh: sqlite3.Connection, found: Found) -> None:
@@ -237,7 +236,7 @@ class _Raw:
         self._forecasts = len(list(fresh.execute("PRAGMA table_info(forecasts)")))
 
     def take(self, row: Row, wanted: str | None) -> None:
-        """Take a row; ``wanted``: of this table only, or of all but the digests."""
+        """Insert a row, if it is of the table ``wanted``, or where that is None, of any table but the digests."""
         if row.rowid is None:
             if wanted is None:
                 self._take_keyed(row.values)
@@ -248,12 +247,12 @@ class _Raw:
         if table == "layouts":
             self._found.add_layout(row.rowid, str(row.values[1]))
             return
-        # The column that is the rowid lies there as NULL.
+        # The column of the rowid is stored as NULL.
         values = (row.rowid, *row.values[1:])
         if table == "blocks" and not _is_as_committed(self._fresh, row.rowid, _entry(values)):
             return
         marks = ", ".join("?" for _ in values)
-        # What a block committed comes with the digest of its states a moment later.
+        # The digest of the states is added by an update.
         newer = " ON CONFLICT (block) DO UPDATE SET states = excluded.states WHERE states IS NULL"
         statement = f"INSERT OR IGNORE INTO {table} VALUES ({marks}){newer if table == 'digests' else ''}"
         with suppress(sqlite3.IntegrityError, sqlite3.DataError, OverflowError):
@@ -277,7 +276,7 @@ class _Raw:
         if kinds == "0t":
             return "layouts" if values[1].startswith("[") else "runs" if _is_json(values[1]) else None
         if kinds in ("0rt", "0it"):
-            # A whole number of seconds lies there like the number of a block, which is smaller.
+            # Whole seconds are stored as integers, as block numbers are, which are smaller.
             if not _is_json(values[2]):
                 return None
             return "notices" if values[1] > _FIRST_UTC else "events"
@@ -285,7 +284,7 @@ class _Raw:
 
 
 def _entry(values: tuple[Any, ...]) -> list[Any]:
-    """Return the ledger entry of a row of ``blocks``; whole numbers of seconds lie there as integers."""
+    """Return the ledger entry of a row of ``blocks``; whole seconds are stored as integers."""
     entry = list(values[1:13])
     for place in _SECONDS:
         if isinstance(entry[place], int):

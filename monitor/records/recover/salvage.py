@@ -1,8 +1,7 @@
-"""Open a store; where it is damaged, save what can be read of it into a new one and keep the damaged one aside.
+"""Open a store; where it is damaged, copy its readable rows into a new one and keep the damaged one aside.
 
-Only who commits does this: readers refuse a damaged store. The new store is made beside the old one and put in its
-place at once, so that a process killed at any moment finds either of them, and the damaged database is never written
-to.
+Only the writer does this; readers refuse a damaged store. The new store is made beside the old one and replaces it
+atomically. The damaged database is never written to.
 """
 
 from __future__ import annotations
@@ -32,18 +31,18 @@ from monitor.records.store import Store, StoreError
 
 _LOG = logging.getLogger(__name__)
 CHECKED_BYTES = 64 << 20
-"""A store up to this size is read as a whole whenever it is opened here; a larger one at its end only."""
+"""A store up to this size is checked as a whole whenever it is opened; of a larger one, the newest blocks."""
 _NEWEST = 2000
 _BEAT_EVERY = 200_000
-"""Steps of the database's machine, some hundredths of a second of them."""
+"""Instructions of SQLite's virtual machine, some hundredths of a second."""
 _CORRUPT = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
 _MAGIC = b"SQLite format 3\x00"
 _TABLES = {"meta", "runs", "blocks", "records", "layouts", "stage_states", "forecasts", "events"}
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """Consecutive blocks of a source: numbers of the first and the last of them."""
+class BlockRange:
+    """Consecutive blocks of a source: numbers of the first and the last."""
 
     source: str
     first: int
@@ -56,18 +55,18 @@ class Stretch:
 
 @dataclass(frozen=True)
 class SalvageReport:
-    """What was saved of a damaged store.
+    """Result of a salvage.
 
     Attributes:
-        aside: the damaged database, with its write-ahead log under the same name and ``-wal``.
-        reason: what was wrong with it, in the words of who found it.
-        saved: records that are as they were committed.
-        unchecked: how many of them have no digest that proves it: of an older version, or the digest itself is gone.
-        restored: how many of them come from the published files, and are proven by their digests.
-        emptied: blocks whose record is gone, and of which the ledger entry was kept as ``unreadable``.
-        missing: blocks of which nothing is left.
-        unplaced: further blocks that are gone, of sources that nobody knows any more.
-        relearning: names of the states of stages that are gone or older than the last block: these begin anew.
+        aside: the damaged database; its write-ahead log has the same name and ``-wal``.
+        reason: the damage that was found.
+        saved: number of records that are as they were committed.
+        unchecked: those of them without a digest: of an older version, or the digest is lost.
+        restored: those of them from the published files, proven by their digests.
+        emptied: blocks whose record is lost; the ledger entry is kept as ``unreadable``.
+        missing: blocks without a ledger entry.
+        unplaced: number of further lost blocks, of unknown sources.
+        relearning: names of states that are lost or older than the last block; their stages start anew.
         rows: number of rows saved, by table.
     """
 
@@ -76,15 +75,15 @@ class SalvageReport:
     saved: int
     unchecked: int = 0
     restored: int = 0
-    emptied: tuple[Stretch, ...] = ()
-    missing: tuple[Stretch, ...] = ()
+    emptied: tuple[BlockRange, ...] = ()
+    missing: tuple[BlockRange, ...] = ()
     unplaced: int = 0
     relearning: tuple[str, ...] = ()
     rows: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def lost(self) -> int:
-        """Number of records that are known to have been there and are lost."""
+        """Number of records that are known to be lost."""
         return self.unplaced + sum(part.last - part.first + 1 for part in (*self.emptied, *self.missing))
 
     @property
@@ -95,7 +94,7 @@ class SalvageReport:
 
     @property
     def text(self) -> str:
-        """What happened, in sentences."""
+        """The report in sentences."""
         parts = [f"the store was damaged ({self.reason}) and is kept as {self.aside.name}"]
         parts.append(f"{self.saved} records were saved")
         if self.restored:
@@ -111,7 +110,7 @@ class SalvageReport:
         return "; ".join(parts)
 
     def notice(self) -> dict[str, Any]:
-        """Return the event that no block led to, for the log of events."""
+        """Return the notice for the event log."""
         return {
             "kind": "store_salvaged",
             "channel": None,
@@ -134,25 +133,24 @@ def open_or_salvage(
     clock: Callable[[], float] = time.time,
     beat: Callable[[], object] = lambda: None,
 ) -> tuple[Store, SalvageReport | None]:
-    """Open a store for writing, and save what can be saved first where it is damaged.
+    """Open a store for writing; salvage it first where it is damaged.
 
-    The report is in the new store's log of events already; whoever opens says it aloud, and takes the stages that
-    begin anew from the store as from any other. The damaged database is kept beside it as
-    ``state.db.corrupt-<UTC>``; where records are lost, the published files that may hold them are kept in a folder of
-    that name and ``-records``.
+    The report is a notice in the event log of the new store. The damaged database is kept beside it as
+    ``state.db.corrupt-<UTC>``; where records are lost, the published files are kept in a folder of that name and
+    ``-records``.
 
     Args:
         path: the database file, made where there is none.
         machine: name of the machine.
-        records_dir: folder of the published files, or None to leave them alone.
+        records_dir: folder of the published files, or None to ignore them.
         clock: UTC seconds since 1970.
-        beat: called now and then while something is saved, which may take minutes.
+        beat: called repeatedly during a salvage, which may take minutes.
 
     Returns:
-        The store, and what was saved, or None where nothing was wrong.
+        The store, and the report of a salvage or None.
 
     Raises:
-        StoreError: as :meth:`Store.open` does, and where there is no room for the new store; the old one is as it was.
+        StoreError: as :meth:`Store.open` does, and where there is no room for the new store; the old one is unchanged.
     """
     path = Path(path)
     try:
@@ -165,7 +163,7 @@ def open_or_salvage(
 
 
 def _damage(path: Path, machine: str) -> str | None:
-    """Return what is wrong with a store, or None; one that is not ours is for :meth:`Store.open` to refuse."""
+    """Return the damage of a store, or None; :meth:`Store.open` refuses the database of another program."""
     try:
         with path.open("rb") as file:
             head = file.read(len(_MAGIC))
@@ -176,7 +174,7 @@ def _damage(path: Path, machine: str) -> str | None:
         return "the file is empty" if log.exists() and log.stat().st_size else None
     if head != _MAGIC:
         return "it does not begin as a database does" if _looks_like_a_store(path) else None
-    # A store that was killed while its tables were made has a journal, which only a writer can take back.
+    # A process killed while it made the tables leaves a journal, which only a writer can roll back.
     mode = "rw" if path.with_name(f"{path.name}-journal").exists() else "ro"
     uri = f"{path.absolute().as_uri()}?mode={mode}"
     with closing(sqlite3.connect(uri, uri=True, isolation_level=None)) as connection:
@@ -185,14 +183,14 @@ def _damage(path: Path, machine: str) -> str | None:
         except UnicodeDecodeError as error:
             return str(error)
         except sqlite3.DatabaseError as error:
-            # Text that is no text is python's own complaint; a table that is missing is SQLITE_ERROR.
+            # A UnicodeDecodeError has no code; a missing table is SQLITE_ERROR.
             if getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR) & 0xFF in _CORRUPT:
                 return str(error)
             raise StoreError(f"{path}: {error}") from error
 
 
 def _looks_like_a_store(path: Path) -> bool:
-    """Return whether a file that is no database has blocks of ours in it, or is the beginning of one."""
+    """Return whether a file without the header of a database has rows of ``blocks``, or is a truncated header."""
     if path.stat().st_size < len(_MAGIC):
         return _MAGIC.startswith(path.read_bytes())
     return any(len(row.values) == 14 and row.rowid is not None for row in leaf_rows(path))
@@ -224,7 +222,7 @@ def _found_wrong(connection: sqlite3.Connection, path: Path, machine: str) -> st
 def _salvage(
     path: Path, machine: str, reason: str, records_dir: Path | None, now: float, beat: Callable[[], object]
 ) -> SalvageReport:
-    """Make a new store of what can be read, put it in the place of the damaged one, and log what happened.
+    """Make a new store of the readable rows, replace the damaged one by it, and log the report.
 
     Raises:
         StoreError: another process writes to the store, or the damaged one belongs to another machine.
@@ -268,19 +266,19 @@ def _fill(
 
     def still_there() -> bool:
         beat()
-        # Anything else would end the statement.
+        # True would interrupt the statement.
         return False
 
     with Store.open(fresh, machine=machine) as store, StoreLedger(store), EventLog(fresh):
         pass
     with closing(sqlite3.connect(fresh, isolation_level=None)) as connection:
-        # What is lost by a power cut is made again: the damaged store is still in its place.
+        # After a power cut the salvage is repeated: the damaged store is still in its place.
         connection.execute("PRAGMA synchronous = OFF")
         connection.set_progress_handler(still_there, _BEAT_EVERY)
         found = carry_over(path, connection)
         restore = None if records_dir is None else from_published(records_dir, machine)
         account = settle(connection, found, restore)
-        # What is known of files may be gone with the damage: blocks up to here may come once more.
+        # The progress of files may be lost: blocks up to here may be offered again.
         connection.execute(f"INSERT INTO meta SELECT '{SALVAGED_UP_TO}', coalesce(max(id), 0) FROM blocks")
     return SalvageReport(
         aside=aside,
@@ -288,33 +286,33 @@ def _fill(
         saved=account.saved,
         unchecked=account.unchecked,
         restored=account.restored,
-        emptied=_stretches(account.emptied),
-        missing=tuple(Stretch(*part) for part in account.missing),
+        emptied=_ranges(account.emptied),
+        missing=tuple(BlockRange(*part) for part in account.missing),
         unplaced=account.unplaced,
         relearning=tuple(account.relearning),
         rows=found.rows,
     )
 
 
-def _stretches(blocks: Iterable[tuple[str, int]]) -> tuple[Stretch, ...]:
+def _ranges(blocks: Iterable[tuple[str, int]]) -> tuple[BlockRange, ...]:
     """Join consecutive numbers."""
-    parts: list[Stretch] = []
+    parts: list[BlockRange] = []
     for source, numbers in groupby(sorted(blocks), key=lambda item: item[0]):
         for _, run in groupby(enumerate(number for _, number in numbers), key=lambda item: item[1] - item[0]):
             members = [number for _, number in run]
-            parts.append(Stretch(source, members[0], members[-1]))
+            parts.append(BlockRange(source, members[0], members[-1]))
     return tuple(parts)
 
 
 def _close_for_good(fresh: Path) -> None:
-    """Leave one durable file, without a log beside it."""
+    """Move the write-ahead log into the database, and make it durable."""
     with closing(sqlite3.connect(fresh, isolation_level=None)) as connection:
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     sync_file(fresh)
 
 
 def _free_name(path: Path, now: float) -> Path:
-    """Return under which name the damaged database is kept."""
+    """Return the name under which the damaged database is kept."""
     stamp = datetime.fromtimestamp(now, UTC).strftime("%Y%m%dT%H%M%SZ")
     name = f"{path.name}.corrupt-{stamp}"
     number = 1
@@ -325,7 +323,7 @@ def _free_name(path: Path, now: float) -> Path:
 
 
 def _keep_published(records_dir: Path, aside: Path) -> None:
-    """Keep the published files, which may hold records that the new store does not, from being written over."""
+    """Keep a link of each published file: they may hold records that the new store does not."""
     files = sorted(records_dir.glob("*.nc")) if records_dir.is_dir() else []
     if files:
         folder = aside.with_name(f"{aside.name}-records")
@@ -335,7 +333,7 @@ def _keep_published(records_dir: Path, aside: Path) -> None:
 
 
 def _finish(path: Path, now: float) -> None:
-    """Put a finished new store in its place, where a process that made it was killed just then."""
+    """Complete the replacement of a store by a salvage that was killed."""
     if not path.with_name(f"{path.name}.salvaged").exists():
         return
     lock = take_lock(path)
@@ -348,7 +346,7 @@ def _finish(path: Path, now: float) -> None:
 
 
 def _swap(path: Path, aside: Path) -> None:
-    """Keep the damaged database under its new name and put the new one in its place; goes on from wherever it ended."""
+    """Rename the damaged database and put the new one in its place; may be repeated after any interruption."""
     same = [other for other in path.parent.glob(f"{path.name}.corrupt-*") if _same(path, other)]
     aside = same[0] if same else aside
     for suffix in ("", "-wal"):
@@ -356,7 +354,7 @@ def _swap(path: Path, aside: Path) -> None:
         if source.exists() and not target.exists():
             _link(source, target)
     sync_folder(path.parent)
-    # A log that is left beside another database would be taken for its own.
+    # SQLite would apply a remaining log to the new database.
     for suffix in ("-wal", "-shm"):
         path.with_name(path.name + suffix).unlink(missing_ok=True)
     sync_folder(path.parent)

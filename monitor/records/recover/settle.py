@@ -1,4 +1,4 @@
-"""A store made of what could be read: every record checked, what cannot be believed taken out, and an account of it."""
+"""Checks every record of a salvaged store, removes those that fail, and counts the results."""
 
 from __future__ import annotations
 
@@ -27,16 +27,9 @@ _PARTS = ("forecasts", "events", "records", "digests")
 
 @dataclass
 class Account:
-    """What became of the blocks.
+    """Counts of a salvage; see :class:`monitor.records.recover.salvage.SalvageReport`.
 
-    Attributes:
-        saved: records that are as they were committed.
-        unchecked: those among them that have no digest to prove it.
-        restored: how many of them were taken from the published files.
-        emptied: source and number of the blocks of which only the ledger entry is left.
-        missing: source, first and last number of blocks of which nothing is left.
-        unplaced: how many more blocks are gone, the newest ones, of which not even the source is known.
-        relearning: stages whose state is gone or not that of the last block.
+    ``emptied`` has source and number of blocks; ``missing`` has source, first and last number.
     """
 
     saved: int = 0
@@ -49,15 +42,15 @@ class Account:
 
 
 def settle(fresh: sqlite3.Connection, found: Found, restore: Restore | None = None) -> Account:
-    """Check every record that was carried over, and keep what can be believed.
+    """Check every copied record, and keep those that are as committed.
 
-    A block whose ledger entry is whole but whose record is not stays in the ledger as ``unreadable``, so that it is
-    not counted twice. A state stays where it is the state after the last block of its source.
+    A block with an intact ledger entry but a damaged record stays in the ledger as ``unreadable``. A state stays where
+    it is the state after the last block of its source.
 
     Args:
         fresh: the new store, in autocommit and without foreign keys.
-        found: what :func:`monitor.records.recover.rows.carry_over` found.
-        restore: looks for what is lost among the published files.
+        found: result of :func:`monitor.records.recover.rows.carry_over`.
+        restore: searches lost records in the published files.
     """
     account = Account()
     known = _highest(fresh)
@@ -105,7 +98,7 @@ def _restore(
     account: Account,
     emptied: dict[int, tuple[Any, ...]],
 ) -> None:
-    """Take from the published files what their digests prove, with the record where that is proven, too."""
+    """Restore ledger entries from the published files, and records, where digests prove them."""
     lost = {
         row[1]: row[0]
         for row in fresh.execute("SELECT block, ledger FROM digests WHERE block NOT IN (SELECT id FROM blocks)")
@@ -135,12 +128,7 @@ def _restore(
 
 
 def first_change(store: sqlite3.Connection, most: int) -> str | None:
-    """Return which of the newest blocks, or of the states after them, is not as it was committed, or None.
-
-    Args:
-        store: a connection to a store with digests.
-        most: number of blocks that are looked at.
-    """
+    """Return which of the newest ``most`` blocks, or of the states after them, is not as committed, or None."""
     layouts = {number: [text] for number, text in store.execute("SELECT id, layout FROM layouts")}
     checker = _Checker(store, Found(layouts=layouts))
     (highest,) = store.execute("SELECT coalesce(max(id), 0) FROM blocks").fetchone()
@@ -161,7 +149,7 @@ def first_change(store: sqlite3.Connection, most: int) -> str | None:
 
 
 class _Checker:
-    """Says of a block whether it is as it was committed, and finds out which layout is right."""
+    """Compares blocks with their digests, and finds the layout that fits."""
 
     def __init__(self, fresh: sqlite3.Connection, found: Found) -> None:
         self._fresh = fresh
@@ -195,7 +183,7 @@ class _Checker:
         return [self._proven[layout]] if layout in self._proven else self._candidates.get(layout, ())
 
     def write_layouts(self) -> None:
-        """Put the layouts that are used into their table."""
+        """Insert the layouts that are used."""
         rows = (self._plausible | self._proven).items()
         self._fresh.executemany("INSERT OR IGNORE INTO layouts VALUES (?, ?)", rows)
 
@@ -205,7 +193,7 @@ def _bodies(fresh: sqlite3.Connection, table: str, block: int) -> list[str]:
 
 
 def _makes_a_record(entry: tuple[Any, ...], layout: str, values: bytes, bodies: list[list[str]]) -> bool:
-    """Return whether parts without a digest make a record of the schema."""
+    """Return whether parts without a digest form a valid record."""
     source, sequence, content_hash, name, status, flags, reason, time, elapsed, *filing = entry
     forecasts, events = (f"[{','.join(texts)}]" for texts in bodies)
     identity = (source, sequence, name, content_hash, status, flags, reason, time, elapsed)
@@ -217,7 +205,7 @@ def _makes_a_record(entry: tuple[Any, ...], layout: str, values: bytes, bodies: 
 
 
 def _empty(fresh: sqlite3.Connection, row: tuple[Any, ...]) -> None:
-    """Leave only the ledger entry of a block."""
+    """Keep only the ledger entry of a block."""
     block, entry = row[0], list(row[1:13])
     entry[4:7] = "unreadable", "", LOST
     layout, values = pack({})
@@ -236,7 +224,7 @@ def _empty(fresh: sqlite3.Connection, row: tuple[Any, ...]) -> None:
 
 
 def _settle_states(fresh: sqlite3.Connection, states: Mapping[str, list[tuple[int, str]]]) -> list[str]:
-    """Write the states that are those after the last block of their source; return the names of the others."""
+    """Write the states after the last block of their source; return the names of the others."""
     newest = {row[0] for row in fresh.execute("SELECT max(id) FROM blocks GROUP BY source")}
     by_block: dict[int, dict[str, str]] = {}
     for name, found in states.items():
@@ -263,17 +251,17 @@ def _is_object(text: str) -> bool:
 
 
 def _highest(fresh: sqlite3.Connection) -> int:
-    """Return the highest block number of which two tables know: one alone may be the damage itself."""
+    """Return the highest block number in at least two tables: a single one may be damaged."""
     union = "SELECT id FROM blocks UNION ALL SELECT block FROM records UNION ALL SELECT block FROM digests"
     query = f"SELECT coalesce(max(id), 0) FROM (SELECT id FROM ({union}) GROUP BY id HAVING count(*) > 1)"
     return fresh.execute(query).fetchone()[0]
 
 
 def _find_missing(fresh: sqlite3.Connection, account: Account, known: int) -> None:
-    """Say of which source the blocks are whose numbers in the ledger nobody has.
+    """Attribute the missing ledger numbers to sources.
 
-    A gap in the numbers of a source is believed to be them where the ledger has a gap of that size at this place:
-    senders leave gaps, too.
+    A gap in the numbers of a source counts as missing where the ledger has a gap of that size at this place: senders
+    leave gaps, too.
     """
     gone = known - _between(fresh, 0, known + 1)
     before: dict[str, tuple[int, int]] = {}
@@ -297,7 +285,7 @@ def _between(fresh: sqlite3.Connection, lower: int, upper: int) -> int:
 
 
 def _never_again(fresh: sqlite3.Connection, known: int) -> None:
-    """Let no block get the ledger number of one that is gone."""
+    """Reserve the ledger numbers of lost blocks."""
     (highest,) = fresh.execute("SELECT max(coalesce(max(id), 0), ?) FROM blocks", (known,)).fetchone()
     fresh.execute("DELETE FROM sqlite_sequence WHERE name = 'blocks'")
     fresh.execute("INSERT INTO sqlite_sequence VALUES ('blocks', ?)", (highest,))

@@ -25,6 +25,7 @@ from monitor.health.schema import VARIABLES
 from monitor.records import rollup, trends
 from monitor.records.packing import columns_of, numbers_of, pack, places_of, unpack
 from monitor.records.points import FEATURES, Points, SeriesKey
+from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.rollup import LEVELS_S, Buckets, joined, rolled_up_to
 from monitor.records.store import Store
 from monitor.records.trends import TrendTable, read_trends
@@ -349,6 +350,19 @@ def test_the_rollup_of_other_features_is_built_anew(folder: Path) -> None:
     with Store.open(folder / "state.db", machine="m") as store:
         said = said_of(store, "s", "x", True)
         assert_is(query(folder, "s", "x", 1.0, 2400.0, 45), said, 1.0, 2400.0)
+
+
+def test_a_salvaged_store_has_the_rollup_of_the_records_that_are_left(folder: Path) -> None:
+    filled(folder, [block(number, 5.0 * number) for number in range(1, 301)]).close()
+    with closing(sqlite3.connect(folder / "state.db", isolation_level=None)) as connection:
+        connection.execute("UPDATE records SET row = x'0000000000000000' WHERE block = 150")
+        connection.execute("UPDATE rollup SET extremes = x'00'")
+    store, report = open_or_salvage(folder / "state.db", machine="m")
+    assert report is not None
+    assert report.lost == 1
+    with store:
+        assert rolled_up(folder) > 236
+        assert_is(query(folder, "s", "x", 0.0, 1500.0, 20), said_of(store, "s", "x", True), 0.0, 1500.0)
 
 
 _COMMITTING = """
