@@ -3,7 +3,7 @@
 A figure is "reproduced" where the obtained value lies within half a unit of its last printed digit (or keeps the bound
 that the text gives), "close" within 3 %, and "not reproduced" beyond. The rule is the same for all; what is known of a
 difference is said in the note. Figures that are read off pictures, finite-element results and measurements are not here
-(docs/published-figures.md lists them).
+(docs/evidence/published-figures.md lists them).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""``[alarms]``: levels with their units, and when data count as bad; docs/alarms.md explains them."""
+"""``[alarms]``: levels with their units, and when data count as bad; docs/how-to/alarms.md explains them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``[notify]``: notification channels for events; docs/alarms.md explains them."""
+"""``[notify]``: notification channels for events; docs/how-to/alarms.md explains them."""
 
 from __future__ import annotations
 

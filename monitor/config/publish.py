@@ -1,4 +1,4 @@
-"""``[publish]``: how records leave the store, as files and over MQTT; docs/records.md and docs/wire.md explain it."""
+"""``[publish]``: how records leave the store, as files and over MQTT (docs/reference/wire.md)."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ _FILE_KEYS = ("ca_file", "cert_file", "key_file", "username_file", "password_fil
 
 
 class SourceSection(Section):
-    """Where blocks come from; docs/wire.md explains the keys of TCP and MQTT."""
+    """Where blocks come from; docs/reference/wire.md explains the keys of TCP and MQTT."""
 
     name: Name
     url: str | None = None

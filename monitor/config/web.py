@@ -1,4 +1,4 @@
-"""``[web]``: where the page listens, and who may read it; docs/page.md explains it."""
+"""``[web]``: where the page listens, and who may read it; docs/how-to/page.md explains it."""
 
 from __future__ import annotations
 

@@ -153,7 +153,7 @@ def _value(name: str, value: Any, where: str) -> Any:
     """
     variable = VARIABLES.get(name)
     if variable is None:
-        raise RecordError(f"{where}: unknown variable {name!r}; docs/records.md lists those there are")
+        raise RecordError(f"{where}: unknown variable {name!r}; docs/reference/records.md lists those there are")
     if value is None:
         return None
     where = f"{where}: {name}"

@@ -1,4 +1,4 @@
-"""A record, and how a machine stands, as the JSON that is published over MQTT; docs/wire.md has the keys."""
+"""A record, and how a machine stands, as the JSON that is published over MQTT; docs/reference/wire.md has the keys."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Records over MQTT: what the store has is published in order, at least once, from a place that a file keeps.
 
 A thread of its own follows the store on a connection for reading. A broker that is away delays nothing; what was
-missed is published when it is back, at a bounded rate. docs/wire.md has topics and keys.
+missed is published when it is back, at a bounded rate. docs/reference/wire.md has topics and keys.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The payload is the frame of TCP. The number committed last is published, retained, under ``TOPIC/committed``: what the
 broker has taken is not committed yet, and a sender that wants to be sure keeps its blocks until it reads their number
-there. docs/wire.md has the protocol.
+there. docs/reference/wire.md has the protocol.
 """
 
 from __future__ import annotations

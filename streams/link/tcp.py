@@ -1,4 +1,4 @@
-"""Frames over TCP: one thread reads all senders; what is committed is acknowledged. docs/wire.md has the protocol."""
+"""Frames over TCP: one thread reads all senders; what is committed is acknowledged. See docs/reference/wire.md."""
 
 from __future__ import annotations
 

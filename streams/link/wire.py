@@ -1,4 +1,4 @@
-"""The frames of TCP and MQTT: bytes to checked values and back. Layout and rules stand in docs/wire.md.
+"""The frames of TCP and MQTT: bytes to checked values and back. Layout and rules stand in docs/reference/wire.md.
 
 Nothing here trusts a number before it is checked: a length is compared with its limit before anything is allocated, and
 whatever the bytes are, the only error is :class:`WireError`.

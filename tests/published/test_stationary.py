@@ -29,7 +29,7 @@ def test_a_star_is_part_of_the_rms(found: list[Condition]) -> None:
 
 
 def test_statements_of_the_text(found: list[Condition]) -> None:
-    """All but one hold; the RMS of the model does not rise with the width (docs/published-figures.md)."""
+    """All but one hold; the RMS of the model does not rise with the width (docs/evidence/published-figures.md)."""
     assert {str(row["text"]): row["here"] for row in statement_rows(found)} == {
         "measured: RMS rises with the load": "9 of 9",
         "measured: RMS rises with the speed": "10 of 12",
@@ -47,7 +47,7 @@ def test_lines_gather_at_the_printed_resonances(found: list[Condition]) -> None:
 
 
 def test_the_mean_force_limit_does_what_the_text_says_of_slip(found: list[Condition]) -> None:
-    """Section 4.4.5 on Fig. 51; one sigma for each passage does not lower the RMS (docs/published-figures.md)."""
+    """Section 4.4.5 on Fig. 51; one sigma for each passage does not lower the RMS."""
     scenes = {(c.defect, c.load, c.speed): scene(c.defect, c.load, c.speed) for c in found}
     levels = slip_levels(scenes, BAND, (0.005, 0.02))
     for c in found:

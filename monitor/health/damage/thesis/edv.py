@@ -5,7 +5,7 @@ as loud, the one with the least volume V_eq = r_o dphi_d h_d (Eqs. 90 and 91) is
 shrink in neither size, unless nothing is left, when the search goes back by one grid step at a time.
 
 The method leans on one number a block, and RMS hardly sees the extent of a defect: what it gives is the least volume
-that explains the RMS, kept by a ratchet, and not a measurement. ``docs/how-the-thesis-tracks.md`` says what follows.
+that explains the RMS, kept by a ratchet, and not a measurement. ``docs/explanation/tracking.md`` says what follows.
 """
 
 from __future__ import annotations

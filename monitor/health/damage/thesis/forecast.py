@@ -2,7 +2,7 @@
 
 After each block the curve v = a tau^2 + b tau + c, held to the first point of the final stage, is refitted to all V_eq
 up to now, and the time at which it reaches the threshold is the forecast: TT = t_th - t_c (Eq. 92). It is one number
-without an interval, and wild while the points are few; ``docs/how-the-thesis-tracks.md`` says more.
+without an interval, and wild while the points are few; ``docs/explanation/tracking.md`` says more.
 
 Time here is damage time: hours in which the machine stands still are not to be counted by the caller's clock.
 """

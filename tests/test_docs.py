@@ -1,0 +1,82 @@
+"""The documents: links resolve, keys, commands and options exist in the program, user pages stay short."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+
+from monitor.cli import spallwatch
+from monitor.config.load import Config
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+MAX_WORDS_FOR_USERS = 20_000
+FOR_USERS = ("tutorials", "how-to", "reference", "explanation")
+PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
+
+
+def read(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page: those of its headings, and explicit ones."""
+    titles = re.findall(r"^#+ (.*)$", read(page), re.MULTILINE)
+    from_titles = {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+    return from_titles | set(re.findall(r'<a id="([^"]+)">', read(page)))
+
+
+def commands(group: click.Group = spallwatch) -> Iterator[click.Command]:
+    """Yield all commands, those of groups too."""
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
+        yield command
+        if isinstance(command, click.Group):
+            yield from commands(command)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)]*))?\)", read(page)):
+        if "://" in target:
+            continue
+        found = page if not target else (page.parent / target).resolve()
+        assert found.exists(), target
+        assert not anchor or anchor in anchors(found), f"{target}#{anchor}"
+
+
+def test_pages_for_users_are_short_and_listed() -> None:
+    index = DOCS / "README.md"
+    pages = [index, *(page for folder in FOR_USERS for page in (DOCS / folder).glob("*.md"))]
+    assert sum(len(read(page).split()) for page in pages) <= MAX_WORDS_FOR_USERS
+    listed = set(re.findall(r"\]\(([^)#]+)\)", read(index)))
+    folders = (*FOR_USERS, "evidence")
+    assert {f"{folder}/{page.name}" for folder in folders for page in (DOCS / folder).glob("*.md")} <= listed
+
+
+def test_every_key_of_the_configuration_is_described() -> None:
+    named = set(re.findall(r"[a-z0-9_]+", read(DOCS / "reference" / "configuration.md")))
+    keys = {key for section in Config.model_json_schema()["$defs"].values() for key in section["properties"]}
+    assert sorted(keys - named) == []
+
+
+def test_every_command_is_described() -> None:
+    text = read(DOCS / "reference" / "commands.md")
+    top = spallwatch.list_commands(click.Context(spallwatch))
+    assert [name for name in top if not re.search(rf"\| `{name}\b", text)] == []
+
+
+def test_options_in_examples_exist() -> None:
+    known = {
+        option for command in commands() for item in command.params for option in (*item.opts, *item.secondary_opts)
+    }
+    for page in PAGES:
+        for line in re.findall(r"spallwatch [a-z]+ .*", read(page)):
+            for option in re.findall(r"(?<!\S)--[a-z][a-z0-9-]+", line.partition("`")[0]):
+                assert option in known, f"{page.name}: {option}"
