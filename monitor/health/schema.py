@@ -1,7 +1,7 @@
 """The variables of a health record: those of the table of features, lines of spectra, marks and statuses.
 
-netCDF attributes, the report and docs/reference/records.md come from here. The integers that stand for words in netCDF files
-follow from the order of the words: append to a tuple of words, never reorder it.
+netCDF attributes, the report and docs/reference/records.md come from here. The integers that stand for words in netCDF
+files follow from the order of the words: append to a tuple of words, never reorder it.
 """
 
 from __future__ import annotations
