@@ -47,7 +47,7 @@ from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.report.score.issued import Issued, read_issued
 from monitor.report.score.runs import End, mean_of_runs, score_run
-from monitor.service.library_build import prior_words
+from monitor.service.libraries import prior_words
 from monitor.service.setup import channel_setups, open_configured
 from monitor.service.watcher import Watcher
 from streams.block import Block, Rejected

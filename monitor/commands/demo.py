@@ -151,7 +151,7 @@ def demo_map(*, quiet: bool) -> RmsMap:
 def demo_library(config: Config, *, quiet: bool) -> Library:
     """Return the library of the demo, built on first use: lives at its load and speed."""
     from models.lives.population import Population
-    from monitor.service.library_cache import cached_library, library_path
+    from monitor.service.libraries import cached_library, library_path
 
     tested = next(channel for channel in config.channel if channel.name == _TESTED)
 

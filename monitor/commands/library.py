@@ -28,7 +28,7 @@ from monitor.config.load import Config
 from monitor.health.damage.library.calibrate import RecordedRun, calibrate
 from monitor.health.damage.library.model import Library
 from monitor.records.library_file import save_library
-from monitor.service.library_build import build_library
+from monitor.service.libraries import build_library
 
 _SENSED = ("rms", "rms+harmonics")
 _AROUND = 0.1

@@ -1,10 +1,11 @@
-"""What handlers give back: an answer in bytes, or the refusal that stands in its place."""
+"""What handlers receive and return: numbers of a query, an answer in bytes, or a refusal."""
 
 from __future__ import annotations
 
 import gzip
 import hashlib
 import json
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from models.errors import SpallwatchError
 
 _WORTH_COMPRESSING = 1000
 JSON_TYPE = "application/json"
+Query = Mapping[str, str]
 _FOLDERS = re.compile(r"(?<![\w/.])(?:/[^\s/:;,'\"]+)+/([^\s/:;,'\"]*)")
 
 
@@ -90,3 +92,35 @@ def numbers(values: NDArray[np.floating], digits: int = 7) -> list[float | None]
 def times(values: NDArray[np.floating]) -> list[float]:
     """Return times for JSON, s, to the millisecond."""
     return np.round(values, 3).tolist()
+
+
+def optional_number(query: Query, key: str) -> float | None:
+    """Return a number, or None where there is none.
+
+    Raises:
+        RequestError: 400, it is not one.
+    """
+    text = query.get(key, "")
+    if text == "":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RequestError(400, f"{key} must be a number")
+    return value
+
+
+def whole_number(query: Query, key: str, default: int, low: int, high: int) -> int:
+    """Return a whole number, limited to ``low`` to ``high``.
+
+    Raises:
+        RequestError: 400, it is not one.
+    """
+    value = optional_number(query, key)
+    if value is None:
+        return default
+    if value != math.floor(value):
+        raise RequestError(400, f"{key} must be a whole number")
+    return int(min(max(value, low), high))

@@ -15,9 +15,8 @@ from monitor.health.spectrum.features import fundamentals
 from monitor.records.packing import columns_of, numbers_of, places_of
 from monitor.records.points import SeriesKey
 from monitor.records.trends import TrendTable, read_trends
-from monitor.web.answers import numbers, times
+from monitor.web.answers import Query, numbers, optional_number, times, whole_number
 from monitor.web.machines import Machine, Machines
-from monitor.web.queries import Query, optional_number, whole_number
 from monitor.words.features import FEATURES, TRENDS
 
 MOST_POINTS = 5000

@@ -20,16 +20,15 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Send
 
 from monitor.records.database import StoreError
-from monitor.web import api, event_view, files_view, map_view, spectra_view
-from monitor.web.answers import Answer, RequestError, answer_of, json_answer, without_folders
+from monitor.web import api, event_view, map_view, spectra_view
+from monitor.web.answers import Answer, Query, RequestError, answer_of, json_answer, without_folders
 from monitor.web.auth import Doorkeeper
+from monitor.web.files import open_published, published_files, static_file
 from monitor.web.health import health, ready
 from monitor.web.login import login_routes
 from monitor.web.machines import Machine, Machines
 from monitor.web.metrics import METRICS_TYPE, Measures, metrics
-from monitor.web.queries import Query
-from monitor.web.security import MOST_BODY, Doors, Guard
-from monitor.web.static_files import static_file
+from monitor.web.security import MAX_BODY_BYTES, Doors, Guard
 from monitor.web.stream import Hub
 from monitor.web.upkeep import keep_up
 
@@ -137,7 +136,7 @@ def _page_routes(site: Site) -> list[Route]:
 
     async def download(request: Request) -> Response:
         try:
-            file, size = await site.run(files_view.open_file, site.machines, request.path_params["file"])
+            file, size = await site.run(open_published, site.machines, request.path_params["file"])
         except RequestError as error:
             return _response(request, _failed(error))
         name = request.path_params["file"]
@@ -220,7 +219,7 @@ def _api_routes(site: Site) -> list[Route]:
         of_channel(f"{channel}/waterfall", spectra_view.waterfall),
         of_channel(f"{channel}/map", lambda machine, name, _: map_view.map_of(machine, name)),
         of_all("/api/events", event_view.events),
-        of_all("/api/records", lambda machines, _: files_view.files(machines)),
+        of_all("/api/records", lambda machines, _: published_files(machines)),
         Route("/api/events/{event}/acknowledge", partial(_acknowledge, site), methods=["POST"]),
         Route("/api/stream", partial(_stream, site), methods=["GET"]),
     ]
@@ -239,7 +238,7 @@ def _begun(machine: Machine) -> Machine:
 
 async def _acknowledge(site: Site, request: Request) -> Response:
     body = await request.body()
-    if len(body) > MOST_BODY:
+    if len(body) > MAX_BODY_BYTES:
         return _response(request, json_answer({"error": "the body is too long"}, 413))
     name = request.path_params["event"]
     found = await site.answer(request, lambda: json_answer(event_view.acknowledge(site.machines, name, body)))

@@ -1,4 +1,4 @@
-"""Who may do what: the token of the page, and the sessions of browsers that have shown it."""
+"""The token of the page, and the sessions of browsers that have sent it."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from pathlib import Path
 
 from models.errors import SpallwatchError
 
-_SHORTEST = 16
-_MOST_SESSIONS = 1000
-_LIFETIME = 12 * 3600.0
-_PENALTY = 1.0
-_MOST_WAITING = 8
+_MIN_TOKEN_CHARACTERS = 16
+_MAX_SESSIONS = 1000
+_SESSION_S = 12 * 3600.0
+_WRONG_TOKEN_S = 1.0
+_MAX_WAITING = 8
 
 
 class TokenError(SpallwatchError):
@@ -29,15 +29,14 @@ class TokenError(SpallwatchError):
 def load_token(path: Path, *, make: bool) -> str:
     """Return the token in a file: its first line.
 
-    A file that everybody on the computer can read is refused, not warned of: whoever has read it may acknowledge, and
-    nobody reads the warnings of a service. Its group may read it, as that is how service managers hand out secrets.
+    A file that others can read or write is refused. Its group may read it, as service managers hand out secrets so.
 
     Args:
         path: of the file.
-        make: whether one is made where there is none, of 32 random bytes and for its owner alone.
+        make: create a missing one, of 32 random bytes and readable by its owner only.
 
     Raises:
-        TokenError: there is none, it cannot be read, it is open to others, or what it holds is too short.
+        TokenError: the file is missing, unreadable, open to others, or its token is too short.
     """
     try:
         if make and not path.exists():
@@ -52,8 +51,8 @@ def load_token(path: Path, *, make: bool) -> str:
         raise TokenError(f"{path}: there is no such file; its first line is to be the token of the page") from None
     except (OSError, UnicodeDecodeError) as error:
         raise TokenError(f"{path}: cannot be read ({error})") from None
-    if len(token) < _SHORTEST or not token.isascii() or not token.isprintable():
-        raise TokenError(f"{path}: the token must have at least {_SHORTEST} printable ASCII characters")
+    if len(token) < _MIN_TOKEN_CHARACTERS or not token.isascii() or not token.isprintable():
+        raise TokenError(f"{path}: the token must have at least {_MIN_TOKEN_CHARACTERS} printable ASCII characters")
     return token
 
 
@@ -65,7 +64,7 @@ def _check_mode(path: Path, mode: int) -> None:
 
 
 def _make(path: Path) -> None:
-    """Make a token file; it is whole from the first moment on, and never takes the place of another."""
+    """Create a token file atomically; an existing one is kept."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     with suppress(FileNotFoundError):
@@ -83,15 +82,10 @@ def _make(path: Path) -> None:
 
 
 class Doorkeeper:
-    """Knows the token, by its digest, and the sessions; used in the event loop only."""
+    """The token, by its digest, and the open sessions; used in the event loop only."""
 
     def __init__(self, token: str, monotonic: Callable[[], float] = time.monotonic) -> None:
-        """Take the token.
-
-        Args:
-            token: which opens.
-            monotonic: seconds that never go back.
-        """
+        """Keep the digest of the token."""
         self._digest = _digest(token)
         self._monotonic = monotonic
         self._sessions: dict[bytes, float] = {}
@@ -103,12 +97,12 @@ class Doorkeeper:
         return hmac.compare_digest(_digest(token), self._digest)
 
     def open_session(self) -> str:
-        """Return the secret of a new session; of too many, the oldest ends."""
+        """Return the secret of a new session; beyond the limit, the oldest session ends."""
         self._forget_old()
-        while len(self._sessions) >= _MOST_SESSIONS:
+        while len(self._sessions) >= _MAX_SESSIONS:
             self._sessions.pop(next(iter(self._sessions)))
         secret = secrets.token_urlsafe(32)
-        self._sessions[_digest(secret)] = self._monotonic() + _LIFETIME
+        self._sessions[_digest(secret)] = self._monotonic() + _SESSION_S
         return secret
 
     def has_session(self, secret: str) -> bool:
@@ -117,17 +111,17 @@ class Doorkeeper:
         return _digest(secret) in self._sessions
 
     def close_session(self, secret: str) -> None:
-        """End a session; ending one that there is not does nothing."""
+        """End a session; an unknown one is ignored."""
         self._sessions.pop(_digest(secret), None)
 
-    async def punish(self) -> bool:
-        """Let a wrong token wait, one after the other; return False where too many wait already."""
-        if self._waiting >= _MOST_WAITING:
+    async def delay_wrong_token(self) -> bool:
+        """Delay the answer to a wrong token, one at a time; return False at once if too many wait already."""
+        if self._waiting >= _MAX_WAITING:
             return False
         self._waiting += 1
         try:
             async with self._penalty:
-                await asyncio.sleep(_PENALTY)
+                await asyncio.sleep(_WRONG_TOKEN_S)
         finally:
             self._waiting -= 1
         return True

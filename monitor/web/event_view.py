@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 
 from monitor.records.database import StoreError
 from monitor.records.events import WITHOUT_ACKNOWLEDGEMENT, Acknowledgement, EventLog, LoggedEvent
-from monitor.web.answers import RequestError, without_folders
+from monitor.web.answers import Query, RequestError, whole_number, without_folders
 from monitor.web.machines import Machine, Machines
-from monitor.web.queries import Query, whole_number
 from monitor.words.events import event_text
 
 _SHOWN_APART = ("kind", "channel", "severity", "block")

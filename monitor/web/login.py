@@ -1,4 +1,4 @@
-"""Logging in and out: the token is shown once, and a cookie that scripts cannot read stands for it."""
+"""Routes to log in and out: a cookie that scripts cannot read replaces the token."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from monitor.web.auth import Doorkeeper
-from monitor.web.security import MOST_BODY, Doors
+from monitor.web.security import MAX_BODY_BYTES, Doors
 
 _NOT_KEPT = {"cache-control": "no-store"}
 
@@ -20,14 +20,14 @@ def login_routes(doors: Doors, keeper: Doorkeeper) -> list[Route]:
     async def login(request: Request) -> Response:
         body = await request.body()
         try:
-            token = json.loads(body[:MOST_BODY])["token"]
+            token = json.loads(body[:MAX_BODY_BYTES])["token"]
         except (ValueError, KeyError, TypeError):
             token = None
         if not isinstance(token, str):
             return _error(400, "the body must be a JSON object with the token")
         if not keeper.knows(token.strip()):
-            patient = await keeper.punish()
-            return _error(401, "the token is wrong") if patient else _error(429, "too many wrong tokens; try later")
+            waited = await keeper.delay_wrong_token()
+            return _error(401, "the token is wrong") if waited else _error(429, "too many wrong tokens; try later")
         response = Response(status_code=204, headers=_NOT_KEPT)
         response.set_cookie(
             doors.cookie, keeper.open_session(), httponly=True, samesite="strict", secure=doors.secure, path="/"

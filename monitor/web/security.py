@@ -1,30 +1,29 @@
-"""What every request must pass before it is answered, and what every answer says to browsers."""
+"""Checks on every request and headers of every answer, as ASGI middleware."""
 
 from __future__ import annotations
 
 import asyncio
 import ipaddress
-import json
-import logging
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from http.cookies import CookieError, SimpleCookie
+from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import HTTPConnection
+from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from monitor.config.web import WebSection
 from monitor.web.auth import Doorkeeper
 
-_LOG = logging.getLogger(__name__)
-MOST_BODY = 8192
-_MOST_HEAD, _MOST_TARGET = 8192, 2048
-_LONGEST_ANSWER, _LONGEST_SEND = 30.0, 20.0
+MAX_BODY_BYTES = 8192
+_MAX_HEAD_BYTES, _MAX_TARGET_BYTES = 8192, 2048
+_MAX_ANSWER_S, _MAX_SEND_S = 30.0, 20.0
 _OPEN = ("/", "/login", "/logout", "/api/session", "/readyz")
-"""What is answered without a token: the bare page, which asks for one, and whether there is anybody."""
+"""Answered without a token: the empty page, which asks for one, and whether the page is served."""
 _UNBOUNDED = ("/api/stream", "/records/")
-"""Answers that may take long as a whole; each part of them must be taken in time."""
+"""Answers without a limit on their whole duration; the client must take each part in time."""
 _HEADERS = {
     "content-security-policy": "default-src 'self'; img-src 'self' data:; object-src 'none'; base-uri 'none'; "
     "form-action 'self'; frame-ancestors 'none'",
@@ -40,7 +39,7 @@ _HEADERS = {
 
 @dataclass(frozen=True)
 class Doors:
-    """Under which names the page is reached, and for what it asks for a token.
+    """Names under which the page is reached, and what needs a token.
 
     Attributes:
         hosts: values of the Host header, in lower case.
@@ -58,12 +57,7 @@ class Doors:
 
     @classmethod
     def of(cls, web: WebSection, port: int) -> Doors:
-        """Return those of a configuration.
-
-        Args:
-            web: the configuration.
-            port: that it listens on.
-        """
+        """Return those of a configuration that listens on ``port``."""
         secure = web.cert_file is not None
         host = f"[{web.host}]" if ":" in web.host else web.host
         hosts: set[str] = set()
@@ -80,8 +74,7 @@ class Doors:
 
         Args:
             host: the header.
-            server: the address that the connection came to; a name that somebody else's server resolves to it is not
-                that address.
+            server: the address that the connection came to; a foreign name that resolves to it is not admitted.
         """
         host = host.lower()
         if host in self.hosts:
@@ -100,14 +93,18 @@ def _spelt(name: str, port: int) -> set[str]:
 
 
 @dataclass(frozen=True)
-class _No:
+class _Refusal:
     status: int
     sentence: str
-    headers: tuple[tuple[bytes, bytes], ...] = ()
+    headers: Mapping[str, str] = field(default_factory=dict)
 
 
 class Guard:
-    """ASGI middleware: refuses, sets the headers of all answers, ends what takes too long, and measures."""
+    """ASGI middleware: refuse requests, set headers, end slow answers, measure.
+
+    It stands in place of Starlette's TrustedHostMiddleware (which ignores the port and the address of the connection),
+    SessionMiddleware (whose sessions cannot be ended) and GZipMiddleware (which packs in the event loop).
+    """
 
     def __init__(
         self,
@@ -121,144 +118,127 @@ class Guard:
         Args:
             app: the application.
             doors: how it is reached.
-            keeper: who knows the token.
-            measured: is told the path, the status and the seconds of each answer.
+            keeper: of token and sessions.
+            measured: called with the path, the status and the seconds of each answer.
         """
         self._app, self._doors, self._keeper, self._measured = app, doors, keeper, measured
+        self._headers = dict(_HEADERS)
+        if doors.secure:
+            self._headers["strict-transport-security"] = "max-age=31536000"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or refuse it."""
         if scope["type"] != "http":
-            raise RuntimeError(f"nothing but HTTP is spoken here, not {scope['type']}")
+            raise RuntimeError(f"expected a request over HTTP, found {scope['type']}")
         began, status = time.monotonic(), 0
 
         async def guarded_send(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                message["headers"] = [*message.get("headers", ()), *self._headers()]
-            # A client that does not take its answer is given up.
-            async with asyncio.timeout(_LONGEST_SEND):
+                MutableHeaders(scope=message).update(self._headers)
+            # The connection of a client that does not take its answer is ended.
+            async with asyncio.timeout(_MAX_SEND_S):
                 await send(message)
 
         try:
             await self._answer(scope, receive, guarded_send)
         except TimeoutError:
             if status == 0:
-                await _refuse(guarded_send, _No(503, "the answer takes too long"))
+                await _refuse(scope, receive, guarded_send, _Refusal(503, "the answer takes too long"))
         finally:
             self._measured(scope["path"], status, time.monotonic() - began)
 
     async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
-        headers = _headers_of(scope)
-        no = self._check(scope, headers)
-        if no is not None:
-            await _refuse(send, no)
+        request = HTTPConnection(scope)
+        refusal = self._check(scope, request.headers)
+        if refusal is not None:
+            await _refuse(scope, receive, send, refusal)
             return
-        bearer, session = self._credentials(headers)
+        secret = request.cookies.get(self._doors.cookie)
+        session = secret is not None and self._keeper.has_session(secret)
+        bearer = self._bearer(request.headers)
         scope["state"]["authorized"] = bearer is True or session
-        scope["state"]["session"] = _cookie(headers, self._doors.cookie) if session else None
-        no = self._check_rights(scope, headers, by_cookie=session and bearer is not True)
+        scope["state"]["session"] = secret if session else None
+        refusal = self._check_rights(scope, request.headers, by_cookie=session and bearer is not True)
         if bearer is False:
-            patient = await self._keeper.punish()
-            no = _No(401, "the token is wrong") if patient else _No(429, "too many wrong tokens; try again later")
-        if no is not None:
-            await _refuse(send, no)
+            waited = await self._keeper.delay_wrong_token()
+            refusal = (
+                _Refusal(401, "the token is wrong")
+                if waited
+                else _Refusal(429, "too many wrong tokens; try again later")
+            )
+        if refusal is not None:
+            await _refuse(scope, receive, send, refusal)
         elif scope["path"].startswith(_UNBOUNDED):
             await self._app(scope, receive, send)
         else:
-            async with asyncio.timeout(_LONGEST_ANSWER):
+            async with asyncio.timeout(_MAX_ANSWER_S):
                 await self._app(scope, receive, send)
 
-    def _check(self, scope: Scope, headers: Mapping[str, list[str]]) -> _No | None:
-        """Return why a request is refused, whoever sent it."""
-        if len(scope["raw_path"]) + len(scope["query_string"]) > _MOST_TARGET:
+    def _check(self, scope: Scope, headers: Headers) -> _Refusal | None:
+        """Return why a request is refused whatever its credentials."""
+        if len(scope["raw_path"]) + len(scope["query_string"]) > _MAX_TARGET_BYTES:
             return _closing(414, "the address is too long")
-        if sum(len(key) + len(value) + 4 for key, value in scope["headers"]) > _MOST_HEAD:
+        if sum(len(key) + len(value) + 4 for key, value in scope["headers"]) > _MAX_HEAD_BYTES:
             return _closing(431, "the headers are too long")
-        host = headers.get("host", [])
+        host = headers.getlist("host")
         server = scope.get("server") or (None, None)
         if len(host) != 1 or not self._doors.admits_host(host[0], server[0]):
             return _closing(421, "this is not a name of the page; names are listed in [web] allowed_hosts")
         if not self._same_origin(headers, host[0]):
             return _closing(403, "requests of other pages are not answered")
         if scope["method"] not in ("GET", "HEAD", "POST"):
-            return _No(405, "only GET and POST are answered", ((b"allow", b"GET, HEAD, POST"),))
+            return _Refusal(405, "only GET and POST are answered", {"allow": "GET, HEAD, POST"})
         return _check_body(scope["method"], headers)
 
-    def _same_origin(self, headers: Mapping[str, list[str]], host: str) -> bool:
-        origins = headers.get("origin", [])
+    def _same_origin(self, headers: Headers, host: str) -> bool:
+        origins = headers.getlist("origin")
         if not origins:
             return True
         found = urlsplit(origins[0])
         schemes = ("https",) if self._doors.secure else ("http", "https")
         return len(origins) == 1 and found.scheme in schemes and found.netloc.lower() == host.lower()
 
-    def _credentials(self, headers: Mapping[str, list[str]]) -> tuple[bool | None, bool]:
-        """Return whether the token that was given is right (None: none was), and whether a session is open."""
-        secret = _cookie(headers, self._doors.cookie)
-        session = secret is not None and self._keeper.has_session(secret)
-        given = headers.get("authorization", [])
+    def _bearer(self, headers: Headers) -> bool | None:
+        """Return whether the token that was given is right; None where none was."""
+        given = headers.getlist("authorization")
         if not given:
-            return None, session
+            return None
         kind, _, token = given[0].partition(" ")
-        return len(given) == 1 and kind.lower() == "bearer" and self._keeper.knows(token.strip()), session
+        return len(given) == 1 and kind.lower() == "bearer" and self._keeper.knows(token.strip())
 
-    def _check_rights(self, scope: Scope, headers: Mapping[str, list[str]], *, by_cookie: bool) -> _No | None:
+    def _check_rights(self, scope: Scope, headers: Headers, *, by_cookie: bool) -> _Refusal | None:
         path, posting = scope["path"], scope["method"] == "POST"
         free = path in _OPEN or path.startswith("/static/")
         if not scope["state"]["authorized"] and not free and (posting or self._doors.reading):
-            return _No(401, "this needs the token of the page", ((b"www-authenticate", b"Bearer"),))
+            return _Refusal(401, "this needs the token of the page", {"www-authenticate": "Bearer"})
         if not posting:
             return None
-        kind = headers.get("content-type", [""])[0].partition(";")[0].strip().lower()
+        kind = headers.get("content-type", "").partition(";")[0].strip().lower()
         if kind != "application/json":
             return _closing(415, "the body must be JSON (Content-Type: application/json)")
         if by_cookie and "origin" not in headers:
             return _closing(403, "a request with a cookie must say where it comes from (Origin)")
         return None
 
-    def _headers(self) -> list[tuple[bytes, bytes]]:
-        headers = [(key.encode(), value.encode()) for key, value in _HEADERS.items()]
-        if self._doors.secure:
-            headers.append((b"strict-transport-security", b"max-age=31536000"))
-        return headers
 
-
-def _check_body(method: str, headers: Mapping[str, list[str]]) -> _No | None:
-    length = headers.get("content-length", ["0"])
+def _check_body(method: str, headers: Headers) -> _Refusal | None:
+    length = headers.getlist("content-length") or ["0"]
     if "transfer-encoding" in headers:
         return _closing(411, "the length of the body must be given (Content-Length)")
-    if len(length) != 1 or not length[0].isdigit() or int(length[0]) > MOST_BODY:
-        return _closing(413, f"a body may have {MOST_BODY} bytes")
+    if len(length) != 1 or not length[0].isdigit() or int(length[0]) > MAX_BODY_BYTES:
+        return _closing(413, f"a body may have {MAX_BODY_BYTES} bytes")
     if method != "POST" and int(length[0]):
         return _closing(400, "a request for reading has no body")
     return None
 
 
-def _closing(status: int, sentence: str) -> _No:
-    """Return a refusal after which the connection ends, as its rest is not read."""
-    return _No(status, sentence, ((b"connection", b"close"),))
+def _closing(status: int, sentence: str) -> _Refusal:
+    """Return a refusal after which the connection ends, as the rest of the request is not read."""
+    return _Refusal(status, sentence, {"connection": "close"})
 
 
-async def _refuse(send: Send, no: _No) -> None:
-    body = json.dumps({"error": no.sentence}).encode()
-    headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
-    cache = (b"cache-control", b"no-store")
-    await send({"type": "http.response.start", "status": no.status, "headers": [*headers, cache, *no.headers]})
-    await send({"type": "http.response.body", "body": body})
-
-
-def _headers_of(scope: Scope) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {}
-    for key, value in scope["headers"]:
-        found.setdefault(key.decode("latin-1"), []).append(value.decode("latin-1"))
-    return found
-
-
-def _cookie(headers: Mapping[str, list[str]], name: str) -> str | None:
-    try:
-        found = SimpleCookie("; ".join(headers.get("cookie", ()))).get(name)
-    except CookieError:
-        return None
-    return None if found is None else found.value
+async def _refuse(scope: Scope, receive: Receive, send: Send, refusal: _Refusal) -> None:
+    headers = {"cache-control": "no-store", **refusal.headers}
+    await JSONResponse({"error": refusal.sentence}, refusal.status, headers)(scope, receive, send)

@@ -8,9 +8,8 @@ import numpy as np
 
 from monitor.health.waterfall import SpectrumRow
 from monitor.records.spectra import binned, kept_blocks, read_spectra
-from monitor.web.answers import RequestError, numbers
+from monitor.web.answers import Query, RequestError, numbers, optional_number, whole_number
 from monitor.web.machines import Machine
-from monitor.web.queries import Query, optional_number, whole_number
 from monitor.words.features import FEATURES
 
 _BINS = 300

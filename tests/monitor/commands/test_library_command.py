@@ -16,7 +16,7 @@ from monitor.commands.common import InputError
 from monitor.health.damage.library.forecaster import LibraryInput, LibraryState, step
 from monitor.records.histories import History
 from monitor.records.library_file import load_library
-from monitor.service.library_build import build_library, prior_words
+from monitor.service.libraries import build_library, prior_words
 
 
 def build(*arguments: str) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from monitor.health.record import Record
 from monitor.records.dataset import words
 from monitor.records.library_file import save_library
 from monitor.records.store import Store
-from monitor.service.library_build import build_library
+from monitor.service.libraries import build_library
 from monitor.service.replay import Replay, replay
 from streams.block import Block
 from streams.rig import CHANNELS, SimulatedRig, open_rig

@@ -15,7 +15,7 @@ from models.maps.plan import MapPlan
 from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError, validate
 from monitor.health.damage.thesis.edv import EdvStatus
-from monitor.service.library_build import build_library
+from monitor.service.libraries import build_library
 from monitor.service.setup import channel_setups, source_spec
 
 BAND = (0.0, 9500.0)

@@ -246,7 +246,7 @@ def ended(connection: object) -> bool:
 
 def test_whoever_sends_slowly_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(PatientProtocol, "head_within", 0.3)
-    monkeypatch.setattr("monitor.web.security._LONGEST_ANSWER", 0.5)
+    monkeypatch.setattr("monitor.web.security._MAX_ANSWER_S", 0.5)
     with page_of(machine_with_event(tmp_path)) as page:
         with page.dial() as silent, page.dial() as slow, page.dial() as again:
             slow.sendall(b"GET /api/session HTTP/1.1\r\nHost: loc")

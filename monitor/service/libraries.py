@@ -1,15 +1,26 @@
-"""A library of simulated lives for a rig: the population that is simulated, the fit, and in words what it leans on."""
+"""Libraries of simulated lives for a rig: simulate the population, fit the forecaster, keep the result.
+
+A kept library stands in the user's cache folder, under a name that depends on everything that made it.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from platformdirs import user_cache_dir
 
 from models.lives.life import simulate_lives
 from models.lives.population import Population
+from monitor.health.damage.library import fit as library_fit
+from monitor.health.damage.library import model as library_model
+from monitor.health.damage.library import summaries
 from monitor.health.damage.library.fit import FitSettings, fit_library
 from monitor.health.damage.library.model import Library
+from monitor.records.library_file import SCHEMA_VERSION, LibraryError, load_library, save_library
 
 Progress = Callable[[int, int], None]
 
@@ -53,7 +64,7 @@ def build_library(
 
 
 def prior_words(population: Population, runs: int) -> str:
-    """Return in one sentence what every answer of a library of this population leans on."""
+    """Return the assumptions behind every answer of a library of this population, in one sentence."""
     laws = ", ".join(law.replace("_", " ") for law, _ in population.laws)
     depth = " to ".join(f"{value * 1e6:g}" for value in population.h_threshold)
     extent = " to ".join(f"{_extent_deg(population, value):.0f}" for value in reversed(population.h_threshold))
@@ -71,3 +82,47 @@ def _extent_deg(population: Population, depth: float) -> float:
     from models.path.defect import race_radius
 
     return math.degrees(population.threshold / (race_radius(population.bearing) * depth))
+
+
+def library_path(
+    population: Population, runs: int, thresholds: Sequence[float], cache_dir: Path | str | None = None
+) -> Path:
+    """Return where a library is kept: in ``cache_dir`` or the user's cache folder.
+
+    The source of the modules that fit it is a part of its name: another version of the fit builds a library anew.
+    """
+    folder = Path(cache_dir) if cache_dir is not None else Path(user_cache_dir("spallwatch")) / "libraries"
+    made_by = json.dumps([SCHEMA_VERSION, population.hash(), runs, list(thresholds)])
+    digest = hashlib.sha256(made_by.encode())
+    for module in (library_fit, library_model, summaries):
+        digest.update(Path(str(module.__file__)).read_bytes())
+    return folder / f"library-{digest.hexdigest()[:16]}.npz"
+
+
+def cached_library(
+    population: Population,
+    runs: int,
+    thresholds: Sequence[float],
+    cache_dir: Path | str | None = None,
+    *,
+    workers: int = 0,
+    progress: Progress | None = None,
+) -> Library:
+    """Return a library, built on first use and read afterwards; a damaged one is built anew.
+
+    Args:
+        population: what the lives are drawn from.
+        runs: how many.
+        thresholds: V_th to forecast, m2.
+        cache_dir: folder of the kept libraries; by default the user's cache folder.
+        workers: threads that simulate; 0 means one a core.
+        progress: called with the lives done and their total; not called where nothing is built.
+    """
+    path = library_path(population, runs, thresholds, cache_dir)
+    try:
+        return load_library(path)
+    except LibraryError:
+        pass
+    built = build_library(population, runs=runs, thresholds=thresholds, workers=workers, progress=progress)
+    save_library(built, path)
+    return built

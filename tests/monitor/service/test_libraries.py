@@ -7,8 +7,8 @@ from pathlib import Path
 from unittest import mock
 
 from models.lives.population import Population
-from monitor.service import library_cache
-from monitor.service.library_cache import cached_library, library_path
+from monitor.service import libraries
+from monitor.service.libraries import cached_library, library_path
 
 POPULATION = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0))
 THRESHOLDS = (0.05e-6,)
@@ -20,7 +20,7 @@ def test_a_library_is_built_once_and_read_afterwards(tmp_path: Path) -> None:
         POPULATION, 20, THRESHOLDS, tmp_path, progress=lambda done, total: counted.append((done, total))
     )
     assert counted[-1] == (20, 20)
-    with mock.patch.object(library_cache, "build_library", side_effect=AssertionError("built again")):
+    with mock.patch.object(libraries, "build_library", side_effect=AssertionError("built again")):
         assert cached_library(POPULATION, 20, THRESHOLDS, tmp_path).hash == built.hash
     path = library_path(POPULATION, 20, THRESHOLDS, tmp_path)
     path.write_bytes(path.read_bytes()[:1000])
