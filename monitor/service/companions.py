@@ -1,4 +1,4 @@
-"""What goes on beside the thread that commits: files, page, notifications, records over MQTT; none is waited for."""
+"""What runs beside the thread that commits: files, page, notifications, records over MQTT."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from monitor.service.record_mqtt import RecordMqtt
 
 _LOG = logging.getLogger(__name__)
 _LAST_PUBLICATION_S = 3.0
-_LAST_MESSAGE = 0.5
+_LAST_MESSAGE_S = 0.5
 
 
 class Companions:
-    """All that tells the world of the store; whatever fails there is a problem, never an exception.
+    """Outputs of the store; a failure of one is a problem in the status, never an exception.
 
     All methods are called from the thread that owns the store.
     """
@@ -35,7 +35,7 @@ class Companions:
         path: Path | None = None,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin what begins at once.
+        """Start notifications and records over MQTT.
 
         Args:
             config: the machine.
@@ -44,7 +44,7 @@ class Companions:
             monotonic: seconds that never go back.
 
         Raises:
-            ConfigError: a way of telling cannot be set up as configured.
+            ConfigError: a notification channel cannot be set up as configured.
             StoreError: the store cannot be read.
         """
         with ExitStack() as opened:
@@ -52,10 +52,10 @@ class Companions:
             self._publisher = Publisher(store, machine.records_dir, config.publish.interval_s, monotonic)
             opened.callback(self._publisher.close)
             self._events = Notifier.from_settings(config, store.path)
-            self._ending: list[Callable[[], None]] = [partial(self._events.close, _LAST_MESSAGE)]
+            self._ending: list[Callable[[], None]] = [partial(self._events.close, _LAST_MESSAGE_S)]
             opened.callback(self._ending[0])
             self._records = RecordMqtt.open(config)
-            self._ending.append(partial(self._records.close, _LAST_MESSAGE))
+            self._ending.append(partial(self._records.close, _LAST_MESSAGE_S))
             self._page: PageProcess | None = None
             if path is not None and config.web.enabled:
                 self._page = PageProcess(path, config.web, machine.state_dir, monotonic)
@@ -68,15 +68,15 @@ class Companions:
         return None if self._page is None else self._page.url
 
     def committed(self, *, events: bool) -> None:
-        """Take note that a block was committed, and whether the log of events has something new."""
+        """Note that a block was committed, and whether the event log has something new."""
         self._publisher.changed()
         self._records.changed()
         if events:
-            self.tell()
+            self.notify()
 
-    def tell(self) -> None:
-        """Take note that the log of events has something new."""
-        self._events.tell()
+    def notify(self) -> None:
+        """Note that the event log has something new."""
+        self._events.wake()
 
     def tick(self, *, room: bool) -> None:
         """Do what is due; files are written where there is room on the disk."""
@@ -95,7 +95,7 @@ class Companions:
         return self._events.problems() | {name: problem for name, problem in found.items() if problem is not None}
 
     def end(self, *, room: bool) -> None:
-        """Publish and tell a last time, and end all within a second more than that.
+        """Publish and notify a last time, and end all; takes at most four seconds.
 
         Args:
             room: whether there is room on the disk for files.

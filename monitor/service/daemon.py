@@ -178,7 +178,7 @@ class Daemon:
             self._log_problem = None
         self._status.unacknowledged = self._acknowledgements.unacknowledged
         if self._silences.look(self._status.heard()):
-            self._companions.tell()
+            self._companions.notify()
 
     def _write_status(self, status: str) -> None:
         try:

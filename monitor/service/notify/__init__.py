@@ -1,1 +1,1 @@
-"""Telling people and programs of events: e-mail, webhook, MQTT."""
+"""Notifications of events: e-mail, webhook, MQTT."""

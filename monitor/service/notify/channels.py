@@ -1,4 +1,4 @@
-"""What a way of telling must do, and the message that it is given."""
+"""The interface of a notification channel, and the message that it delivers."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from models.errors import SpallwatchError
 
 TIMEOUT = 10.0
 """Seconds that any connection may take."""
-_LONGEST_SECRET = 4096
+_MAX_SECRET_CHARACTERS = 4096
 
 
 class NotifyError(SpallwatchError):
-    """A message could not be delivered, this time; no secret is in the text."""
+    """A message could not be delivered; the text holds no secret."""
 
 
 @dataclass(frozen=True)
 class Message:
-    """What is told; :func:`monitor.service.notify.message.compose` makes it.
+    """A notification, made by :func:`monitor.service.notify.message.compose`.
 
     Attributes:
         title: one line.
@@ -39,26 +39,26 @@ class Message:
         return json.dumps({"title": self.title, "text": self.text, **self.values}, allow_nan=False)
 
 
-class Way(Protocol):
-    """A way of telling."""
+class NotificationChannel(Protocol):
+    """One channel of delivery, such as e-mail."""
 
     name: str
 
     def check(self) -> None:
-        """Look whether the files that it needs can be read; :class:`NotifyError` where not."""
+        """Check that the files that it needs can be read; raise :class:`NotifyError` otherwise."""
         ...
 
     def send(self, message: Message) -> str | None:
-        """Deliver one message; :class:`NotifyError` where that fails.
+        """Deliver one message; raise :class:`NotifyError` if that fails.
 
         Returns:
-            What is wrong although it is delivered, in one sentence, or None.
+            A problem in spite of the delivery, in one sentence, or None.
         """
         ...
 
 
 def tls_context(ca_file: Path | None) -> ssl.SSLContext:
-    """Return what verifies a server's certificate and name: by the public authorities, or by those in a file.
+    """Return a context that verifies certificate and name of a server, by public authorities or those in a file.
 
     Raises:
         NotifyError: the file cannot be used.
@@ -70,10 +70,10 @@ def tls_context(ca_file: Path | None) -> ssl.SSLContext:
 
 
 def check_files(ca_file: Path | None, *secrets: Path | None) -> None:
-    """Read what a way needs, to know early that it is not there.
+    """Read the files of a channel, so that a missing one is found before the first alarm.
 
     Raises:
-        NotifyError: a file cannot be read, or is none of certificates.
+        NotifyError: a file cannot be read, or holds no certificates.
     """
     for path in secrets:
         if path is not None:
@@ -83,14 +83,14 @@ def check_files(ca_file: Path | None, *secrets: Path | None) -> None:
 
 
 def read_secret(path: Path) -> str:
-    """Return the first line of a file, read each time, so that a secret can be changed without a restart.
+    """Return the first line of a file; it is read for each message, so that a secret can change without a restart.
 
     Raises:
         NotifyError: it cannot be read or is empty.
     """
     try:
         with path.open(encoding="utf-8") as file:
-            line = file.readline(_LONGEST_SECRET).strip()
+            line = file.readline(_MAX_SECRET_CHARACTERS).strip()
     except (OSError, UnicodeDecodeError) as error:
         raise NotifyError(f"{path} cannot be read: {type(error).__name__}") from None
     if not line:

@@ -1,4 +1,4 @@
-"""One way of telling, in a thread of its own: it follows the event log from its place, which the store keeps."""
+"""The worker thread of one notification channel: it follows the event log from a position kept in the store."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from monitor.records.database import StoreError
 from monitor.records.deliveries import Delivered, Deliveries
 from monitor.records.events import EventLog, LoggedEvent
 from monitor.records.store import Store
-from monitor.service.notify.channels import NotifyError, Way
-from monitor.service.notify.message import MOST_LISTED, Item, Machine, compose
+from monitor.service.notify.channels import NotificationChannel, NotifyError
+from monitor.service.notify.message import MAX_LISTED, Item, Sender, compose
 from monitor.words.events import badness
 from monitor.words.numbers import count
 
 _LOG = logging.getLogger(__name__)
-_LONGEST_PAUSE = 900.0
-_LOOK_ANYWAY = 60.0
+_MAX_PAUSE_S = 900.0
+_POLL_S = 60.0
 _HOUR = 3600.0
-_EARLIEST = 315532800.0
-"""1980: a clock that said less was not set."""
-_NOT_TOLD = ("alarm_released",)
+_MIN_UTC_S = 315532800.0
+"""1980; an earlier time comes from a clock that was not set."""
+_NOT_DELIVERED = ("alarm_released",)
 
 
 @dataclass(frozen=True)
@@ -38,21 +38,21 @@ class Clocks:
     utc: Callable[[], float]
 
 
-class Book:
-    """The event log of a store and the places of all ways in it; opened when it can be, closed once."""
+class LogReader:
+    """The event log of a store and the positions of all channels in it; opened on first use, closed once."""
 
-    def __init__(self, path: Path, ways: tuple[str, ...], clock: Callable[[], float]) -> None:
-        """Take the store and the names of all ways; nothing is opened yet."""
-        self.path, self._ways, self._clock = path, ways, clock
+    def __init__(self, path: Path, channels: tuple[str, ...], clock: Callable[[], float]) -> None:
+        """Keep the store and the names of all channels; nothing is opened yet."""
+        self.path, self._channels, self._clock = path, channels, clock
         self._lock = threading.Lock()
         self._opened: tuple[EventLog, Deliveries] | None = None
         self._closed = False
 
     def open(self) -> tuple[EventLog, Deliveries]:
-        """Return log and places; what is new begins at the present end.
+        """Return log and positions; a new channel begins at the present end.
 
         Raises:
-            StoreError: the database cannot be read or written, or the book is closed.
+            StoreError: the database cannot be read or written, or this is closed.
         """
         with self._lock:
             if self._closed:
@@ -60,7 +60,7 @@ class Book:
             if self._opened is None:
                 with contextlib.ExitStack() as opened:
                     log, told = opened.enter_context(EventLog(self.path)), opened.enter_context(Deliveries(self.path))
-                    told.begin(self._ways, self._clock())
+                    told.begin(self._channels, self._clock())
                     opened.pop_all()
                 self._opened = log, told
             return self._opened
@@ -74,16 +74,22 @@ class Book:
 
 
 class Follower:
-    """Tells what the log has after its place, retried with back-off and rate-limited."""
+    """Delivers what the log has after its position, with back-off and a rate limit."""
 
     def __init__(
-        self, machine: Machine, way: Way, settings: NotifySection, book: Book, first_pause: float, clocks: Clocks
+        self,
+        machine: Sender,
+        channel: NotificationChannel,
+        settings: NotifySection,
+        reader: LogReader,
+        first_pause: float,
+        clocks: Clocks,
     ) -> None:
-        """Take what others have opened; :meth:`start` begins."""
-        self.name = way.name
+        """Keep what is given; :meth:`start` begins."""
+        self.name = channel.name
         self.problem: str | None = None
         """Why the latest attempt failed, or None."""
-        self._machine, self._way, self._settings, self._book = machine, way, settings, book
+        self._machine, self._channel, self._settings, self._reader = machine, channel, settings, reader
         self._first_pause, self._clocks = first_pause, clocks
         self._pause = first_pause
         self._complaint: str | None = None
@@ -93,20 +99,20 @@ class Follower:
         self._sent: deque[float] = deque()
         self._wake = threading.Condition()
         self._news, self._ending = True, False
-        self._thread = threading.Thread(target=self._work, name=f"notify-{way.name}", daemon=True)
+        self._thread = threading.Thread(target=self._work, name=f"notify-{channel.name}", daemon=True)
 
     def start(self) -> None:
         """Begin to follow."""
         self._thread.start()
 
     def wake(self) -> None:
-        """Say that the log has something new."""
+        """Note that the log has something new."""
         with self._wake:
             self._news = True
             self._wake.notify()
 
     def end(self) -> None:
-        """Ask for an end; what waits and was not tried yet is tried once."""
+        """Ask the thread to end; what was not tried yet is tried once."""
         with self._wake:
             self._ending = True
             self._wake.notify()
@@ -126,32 +132,32 @@ class Follower:
             healthy = not wait
             with self._wake:
                 if wait is None:
-                    self._wake.wait_for(lambda: self._news or self._ending, _LOOK_ANYWAY)
+                    self._wake.wait_for(lambda: self._news or self._ending, _POLL_S)
                 elif wait > 0.0:
                     self._wake.wait_for(lambda: self._ending, wait)
                 else:
                     self._news = True
 
     def _turn(self) -> float | None:
-        """Tell what waits; return the seconds until the next attempt, None where nothing waits."""
+        """Deliver what waits; return the seconds until the next attempt, None if nothing waits."""
         try:
-            return self._tell()
+            return self._deliver()
         except (NotifyError, StoreError) as error:
             if self.problem is None and not self._ending:
                 _LOG.error("notification by %s fails, it is tried again: %s", self.name, error)
             self.problem = str(error)
-        except Exception as error:  # A fault of one way must not end its thread in silence.
+        except Exception as error:  # A fault of one channel must not end its thread unnoticed.
             _LOG.exception("notification by %s fails", self.name)
             self.problem = f"{self.name}: {type(error).__name__}"
-        wait, self._pause = self._pause, min(2.0 * self._pause, _LONGEST_PAUSE)
+        wait, self._pause = self._pause, min(2.0 * self._pause, _MAX_PAUSE_S)
         return wait
 
-    def _tell(self) -> float | None:
-        log, told = self._book.open()
+    def _deliver(self) -> float | None:
+        log, told = self._reader.open()
         place = self._current(told)
-        # On a full disk what waits is told all the same.
+        # What waits is delivered on a full disk, too.
         with contextlib.suppress(StoreError):
-            told.mark_found(self._clocks.utc())
+            told.mark(self._clocks.utc())
         most = self._settings.queue_events
         events = log.after(place.event, limit=most)
         notices = log.notices_after(place.notice, limit=most)
@@ -161,12 +167,14 @@ class Follower:
             notice=notices[-1][0] if notices else place.notice,
         )
         more = 0.0 if most in (len(events), len(notices)) else None
-        waiting = [(number, event) for number, event in (*events, *notices) if event.body.get("kind") not in _NOT_TOLD]
+        waiting = [
+            (number, event) for number, event in (*events, *notices) if event.body.get("kind") not in _NOT_DELIVERED
+        ]
         self._age(told, waiting)
         if not waiting and not place.left_out:
             self._keep(told, after)
-            # A password that is not there is known before the first alarm.
-            self._way.check()
+            # A missing password is found before the first alarm.
+            self._channel.check()
             self.problem, self._pause = self._complaint, self._first_pause
             return more
         wait = self._until_allowed()
@@ -185,9 +193,9 @@ class Follower:
         return more
 
     def _current(self, told: Deliveries) -> Delivered:
-        """Return the present place, from the store at the start; what could not be written is written."""
+        """Return the present position, from the store at the start; write it if that failed before."""
         if self._place is None:
-            self._place = told.progress(self.name) or Delivered()
+            self._place = told.place(self.name) or Delivered()
             now, utc = self._clocks.monotonic(), self._clocks.utc()
             self._sent.extend(now - (utc - item) for item in sorted(self._place.sent) if 0.0 <= utc - item < _HOUR)
         if not self._saved:
@@ -195,46 +203,46 @@ class Follower:
         return self._place
 
     def _keep(self, told: Deliveries, place: Delivered) -> None:
-        """Take a place, and write it if the disk lets it: otherwise what was told is told again after a restart."""
+        """Move to a position and write it; if the disk is full, messages are delivered again after a restart."""
         changed, self._place = place != self._place, place
         if changed or not self._saved:
             self._saved = False
             with contextlib.suppress(StoreError):
-                told.save(self.name, place)
+                told.move(self.name, place)
                 self._saved = True
 
     def _age(self, told: Deliveries, waiting: list[tuple[int, LoggedEvent]]) -> None:
-        """Note since when each event waits (s, monotonic), and bring them into the order in which they were found."""
+        """Note since when each event waits (s, monotonic), and sort them by that."""
         now, utc = self._clocks.monotonic(), self._clocks.utc()
         known, self._since = self._since, {}
         for number, event in waiting:
             since = known.get(event.id)
             if since is None:
                 found = event.utc if event.id.startswith("n") else told.found(number)
-                age = 0.0 if found is None or found < _EARLIEST else max(0.0, utc - found)
+                age = 0.0 if found is None or found < _MIN_UTC_S else max(0.0, utc - found)
                 since = now - age
             self._since[event.id] = since
         waiting.sort(key=lambda item: self._since[item[1].id])
 
     def _send(self, waiting: list[tuple[int, LoggedEvent]], left_out: int) -> str | None:
         events = [event for _, event in waiting]
-        # Of two that are equally bad the later one is news.
+        # Of two that are equally bad the later one is listed.
         ranked = sorted(range(len(events)), key=lambda index: (-badness(events[index].body), -index))
-        listed = [events[index] for index in sorted(ranked[:MOST_LISTED])]
+        listed = [events[index] for index in sorted(ranked[:MAX_LISTED])]
         later = self._clocks.utc() - self._clocks.monotonic()
         items = [Item(event, found=self._since[event.id] + later) for event in listed]
-        # A record that cannot be read takes nothing from the news.
-        with contextlib.suppress(StoreError, ValueError), Store.open(self._book.path, read_only=True) as store:
+        # Without a readable record the message lacks its values only.
+        with contextlib.suppress(StoreError, ValueError), Store.open(self._reader.path, read_only=True) as store:
             items = [replace(item, values=_values(store, item.event)) for item in items]
         message = compose(self._machine, items, left_out + len(events) - len(items))
-        complaint = self._way.send(message)
-        _LOG.info("told by %s: %s", self.name, message.title)
+        complaint = self._channel.send(message)
+        _LOG.info("delivered by %s: %s", self.name, message.title)
         if complaint is not None:
-            _LOG.error("told by %s, but %s", self.name, complaint)
+            _LOG.error("delivered by %s, but %s", self.name, complaint)
         return complaint
 
     def _give_up(self, told: Deliveries, place: Delivered, waiting: list[tuple[int, LoggedEvent]]) -> None:
-        """Pass over what has been waiting for too long; the next message counts it."""
+        """Skip what has been waiting for too long; the next message counts it."""
         oldest = self._clocks.monotonic() - self._settings.give_up_hours * _HOUR
         old = [(number, event) for number, event in waiting if self._since[event.id] < oldest]
         if not old:
@@ -262,7 +270,7 @@ class Follower:
 
 
 def _values(store: Store, event: LoggedEvent) -> Mapping[str, Any]:
-    """Return what the record of the block of an event says of its channel."""
+    """Return the values of an event's channel in the record of its block."""
     channel = event.body.get("channel")
     if event.source is None or event.block is None or channel is None:
         return {}

@@ -1,4 +1,4 @@
-"""The message: what a maintenance engineer wants to read on a phone, and the same for programs."""
+"""The text of a notification, for a maintenance engineer on a phone, and the same for programs."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from monitor.words.events import badness, event_text, local_moment, utc_text
 from monitor.words.features import FEATURES
 from monitor.words.numbers import duration, fault_words, moment, volume
 
-MOST_LISTED = 20
-"""Events that a message lists; of more it has the worst, and says how many there were."""
+MAX_LISTED = 20
+"""Events that a message lists; of more, the worst are listed and all are counted."""
 _LONGEST_TITLE = 180
 _STAGES = {
     "learning": "the baseline is being learned",
@@ -27,15 +27,15 @@ _VALUES = ("rms", "rms_smoothed", "peak", "v_eq", "v_eq_lower", "v_eq_upper", "t
 
 
 @dataclass(frozen=True)
-class Machine:
-    """Who tells: the name of the machine, its time zone, and the address of its page, or None."""
+class Sender:
+    """Name of the machine, its time zone, and the address of its page, or None."""
 
     name: str
     zone: str = "UTC"
     page: str | None = None
 
     @classmethod
-    def of_config(cls, config: Config) -> Machine:
+    def of_config(cls, config: Config) -> Sender:
         """Return that of a configuration; the page's address is known where its port is."""
         web, page = config.web, config.notify.page_url
         if page is None and web.enabled and web.port:
@@ -59,7 +59,7 @@ class Item:
     found: float | None = None
 
     def when(self, zone: str) -> str:
-        """Return its moment in a time zone and in UTC; when it was found where its block has no date."""
+        """Return its time in a time zone and in UTC; the time of detection if its block has no date."""
         known = local_moment(self.event.utc, zone)
         if known is not None:
             return known
@@ -77,12 +77,12 @@ class Item:
         return clean(event_text(self.event.body, absolute=self.values.get("absolute_level") != "no"))
 
 
-def compose(machine: Machine, items: Sequence[Item], left_out: int = 0) -> Message:
+def compose(machine: Sender, items: Sequence[Item], left_out: int = 0) -> Message:
     """Return the message of some events.
 
     Args:
-        machine: who tells.
-        items: in the order in which they were found, at most :data:`MOST_LISTED`.
+        machine: the sender.
+        items: in the order in which they were found, at most :data:`MAX_LISTED`.
         left_out: how many more there were.
     """
     worst = max(items, key=lambda item: badness(item.event.body), default=None)
@@ -116,7 +116,7 @@ def compose(machine: Machine, items: Sequence[Item], left_out: int = 0) -> Messa
 
 
 def clean(text: object) -> str:
-    """Return a text on one line and without control characters: a name must become neither a header nor a command."""
+    """Return a text on one line without control characters, safe in a header."""
     return " ".join("".join(mark if mark.isprintable() else " " for mark in str(text)).split())
 
 
@@ -124,12 +124,12 @@ def _number(events: int) -> str:
     return f"{events} event{'' if events == 1 else 's'}"
 
 
-def _line(machine: Machine, item: Item) -> str:
+def _line(machine: Sender, item: Item) -> str:
     return "- " + ", ".join(part for part in (item.when(machine.zone), item.where, item.text) if part)
 
 
-def _details(machine: Machine, item: Item) -> list[str]:
-    """Return the lines of a single event: what, where, since when, and how its bearing stands."""
+def _details(machine: Sender, item: Item) -> list[str]:
+    """Return the lines of a single event: what, where, since when, and the state of its bearing."""
     event, values = item.event, item.values
     block = None if event.block is None else f"block {event.block}"
     rows = [("What", item.text), ("Machine", clean(machine.name))]
@@ -142,7 +142,7 @@ def _details(machine: Machine, item: Item) -> list[str]:
     return [f"{key:8} {text}" for key, text in rows if text]
 
 
-def _stage(machine: Machine, event: LoggedEvent, values: Mapping[str, Any]) -> str:
+def _stage(machine: Sender, event: LoggedEvent, values: Mapping[str, Any]) -> str:
     stage = values.get("stage")
     if stage is None:
         return ""
@@ -174,7 +174,7 @@ def _remaining(values: Mapping[str, Any]) -> str:
 
 
 def _plain(item: Item) -> dict[str, Any]:
-    """Return an event for programs: what the log has of it, its sentence, and the state of its channel."""
+    """Return an event for programs: its log entry, its sentence, and the state of its channel."""
     event, values = item.event, item.values
     absolute = values.get("absolute_level") != "no"
     state: dict[str, Any] = {name: values.get(name) for name in ("stage", "fault", "t_fs_block")}

@@ -7,22 +7,22 @@ from monitor.service.broker import TIMEOUT, BrokerError, BrokerLink
 from monitor.service.notify.channels import Message, NotifyError, check_files, read_secret
 
 
-class MqttWay:
-    """Connects, publishes, waits for the broker's receipt, and disconnects: alarms are too rare to stay connected."""
+class MqttChannel:
+    """One connection a message: alarms are too rare to stay connected."""
 
     name = "mqtt"
 
     def __init__(self, section: MqttSection) -> None:
-        """Take the configured broker and topic."""
+        """Keep the configured broker and topic."""
         self._section = section
 
     def check(self) -> None:
-        """Look whether the files that it needs can be read; :class:`NotifyError` where not."""
+        """Check that the files that it needs can be read; raise :class:`NotifyError` otherwise."""
         section = self._section
         check_files(section.ca_file, section.username_file, section.password_file)
 
     def send(self, message: Message) -> None:
-        """Publish it; :class:`NotifyError` where the broker does not confirm."""
+        """Publish a message; raise :class:`NotifyError` if the broker does not confirm it."""
         try:
             link = BrokerLink(self._section, read_secret)
             try:

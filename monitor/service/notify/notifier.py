@@ -1,4 +1,4 @@
-"""Telling of what the event log has: a thread a way, at least once each event, in nobody's way."""
+"""Notifications of the event log: one worker thread per channel; each event is delivered at least once."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from pathlib import Path
 from monitor.config.load import Config
 from monitor.config.notify import NotifySection
 from monitor.records.database import StoreError
-from monitor.service.notify.channels import Way
-from monitor.service.notify.follower import Book, Clocks, Follower
-from monitor.service.notify.message import Machine
+from monitor.service.notify.channels import NotificationChannel
+from monitor.service.notify.follower import Clocks, Follower, LogReader
+from monitor.service.notify.message import Sender
 
 _FIRST_PAUSE = 5.0
 
 
 class Notifier:
-    """Tells of events and notices over all configured ways; one that fails delays no other, and never who commits.
+    """Delivers events and notices over all configured channels; a failing channel delays nothing else.
 
-    Each way keeps its place in the store: what was committed and not told when the process ended, however it ended, is
-    told after the next start. A way that is new begins at the present end of the log.
+    The position of each channel in the log is kept in the store: what was committed and not delivered when the process
+    ended is delivered after the next start. A new channel begins at the present end of the log.
     """
 
     def __init__(
         self,
-        machine: Machine,
-        ways: Sequence[Way],
+        machine: Sender,
+        channels: Sequence[NotificationChannel],
         settings: NotifySection,
         store: Path,
         *,
@@ -35,62 +35,64 @@ class Notifier:
         monotonic: Callable[[], float] = time.monotonic,
         clock: Callable[[], float] = time.time,
     ) -> None:
-        """Start a thread for each way.
+        """Start a thread for each channel.
 
         Args:
-            machine: who tells.
-            ways: to tell over.
+            machine: sender of the messages.
+            channels: to deliver over.
             settings: limits.
             store: the database with the event log.
-            first_pause: seconds before the second attempt; each further one waits twice as long, up to 15 minutes.
+            first_pause: seconds before the second attempt; the pauses double, up to 15 minutes.
             monotonic: seconds that never go back.
             clock: UTC seconds since 1970.
         """
-        self._book = Book(store, tuple(way.name for way in ways), clock)
+        self._reader = LogReader(store, tuple(channel.name for channel in channels), clock)
         clocks = Clocks(monotonic, clock)
-        self._followers = [Follower(machine, way, settings, self._book, first_pause, clocks) for way in ways]
-        # At once, so that whatever is committed from here on is told; on a full disk the threads try it again.
+        self._followers = [
+            Follower(machine, channel, settings, self._reader, first_pause, clocks) for channel in channels
+        ]
+        # All that is committed from now on is delivered; on a full disk the threads repeat this.
         with contextlib.suppress(StoreError):
-            self._book.open()
+            self._reader.open()
         if not self._followers:
-            self._book.close()
+            self._reader.close()
         for follower in self._followers:
             follower.start()
 
     @classmethod
     def from_settings(cls, config: Config, store: Path) -> Notifier:
-        """Return one with the ways of a configuration, for the store at a path."""
+        """Return one with the channels of a configuration, for the store at a path."""
         settings = config.notify
-        ways: list[Way] = []
+        channels: list[NotificationChannel] = []
         if settings.smtp is not None:
-            from monitor.service.notify.smtp import SmtpWay
+            from monitor.service.notify.smtp import SmtpChannel
 
-            ways.append(SmtpWay(settings.smtp))
+            channels.append(SmtpChannel(settings.smtp))
         if settings.webhook is not None:
-            from monitor.service.notify.webhook import WebhookWay
+            from monitor.service.notify.webhook import WebhookChannel
 
-            ways.append(WebhookWay(settings.webhook))
+            channels.append(WebhookChannel(settings.webhook))
         if settings.mqtt is not None:
-            from monitor.service.notify.mqtt import MqttWay
+            from monitor.service.notify.mqtt import MqttChannel
 
-            ways.append(MqttWay(settings.mqtt))
-        return cls(Machine.of_config(config), ways, settings, store)
+            channels.append(MqttChannel(settings.mqtt))
+        return cls(Sender.of_config(config), channels, settings, store)
 
-    def tell(self) -> None:
-        """Say that the log has something new; returns at once."""
+    def wake(self) -> None:
+        """Note that the log has something new; returns at once."""
         for follower in self._followers:
             follower.wake()
 
     def problems(self) -> dict[str, str]:
-        """Return what is wrong with each way that is failing, by its name."""
+        """Return the problems of the failing channels, by name."""
         found = {f"notify.{follower.name}": follower.problem for follower in self._followers}
         return {name: problem for name, problem in found.items() if problem is not None}
 
     def close(self, timeout: float = 2.0) -> None:
-        """Let the ways try once more what is new, then end; what is not told by then is told after the next start."""
+        """Try new events once more, then end; what is not delivered is delivered after the next start."""
         until = time.monotonic() + timeout
         for follower in self._followers:
             follower.end()
         for follower in self._followers:
             follower.join(max(0.0, until - time.monotonic()))
-        self._book.close()
+        self._reader.close()

@@ -10,7 +10,7 @@ from monitor.config.notify import SmtpSection
 from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, check_files, read_secret, tls_context
 
 
-class SmtpWay:
+class SmtpChannel:
     """Sends one e-mail a message."""
 
     name = "smtp"
@@ -20,24 +20,24 @@ class SmtpWay:
         self._section = section
 
     def check(self) -> None:
-        """Look whether the files that it needs can be read; :class:`NotifyError` where not."""
+        """Check that the files that it needs can be read; raise :class:`NotifyError` otherwise."""
         section = self._section
         check_files(section.ca_file, section.username_file, section.password_file)
 
     def send(self, message: Message) -> str | None:
-        """Send it; :class:`NotifyError` where the server takes it for nobody.
+        """Send a message; raise :class:`NotifyError` if the server rejects all recipients.
 
         Returns:
-            For whom it was not taken, or None: whoever got it must not get it again with each attempt for the others.
+            The rejected recipients, or None. They are not tried again, as the others have the message.
         """
         section = self._section
         mail = EmailMessage()
         mail["Subject"] = message.title
         mail["From"], mail["To"] = section.sender, ", ".join(section.to)
         mail["Date"], mail["Message-ID"] = formatdate(), make_msgid(domain=section.sender.partition("@")[2])
-        # Nobody's absence should be answered to it.
+        # Prevents automatic replies, such as absence notes.
         mail["Auto-Submitted"] = "auto-generated"
-        # Seven bits: every server takes that.
+        # Seven bits, which every server accepts.
         mail.set_content(message.text, cte="quoted-printable")
         try:
             with self._connect() as server:
@@ -47,7 +47,7 @@ class SmtpWay:
         except smtplib.SMTPRecipientsRefused as error:
             raise NotifyError(f"smtp {section.host}: refused for {', '.join(error.recipients)}") from None
         except smtplib.SMTPAuthenticationError as error:
-            # The server's own words may repeat what was sent.
+            # The text of the server may repeat the credentials.
             raise NotifyError(f"smtp {section.host}: the server refuses the login ({error.smtp_code})") from None
         except (OSError, smtplib.SMTPException, ValueError) as error:
             raise NotifyError(f"smtp {section.host}: {error}") from None

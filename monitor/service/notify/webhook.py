@@ -1,4 +1,4 @@
-"""A webhook: the message as JSON, posted."""
+"""Webhook: the message as JSON in a POST request."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from monitor.config.notify import WebhookSection
 from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, check_files, read_secret, tls_context
 
 
-class WebhookWay:
-    """Posts one request a message; redirections are not followed, for they would take the token elsewhere."""
+class WebhookChannel:
+    """One request a message; redirections are not followed, as they would send the token elsewhere."""
 
     name = "webhook"
 
@@ -20,11 +20,11 @@ class WebhookWay:
         self._url = urlsplit(section.url)
 
     def check(self) -> None:
-        """Look whether the files that it needs can be read; :class:`NotifyError` where not."""
+        """Check that the files that it needs can be read; raise :class:`NotifyError` otherwise."""
         check_files(self._section.ca_file, self._section.token_file)
 
     def send(self, message: Message) -> None:
-        """Post it; :class:`NotifyError` where the answer is none of success."""
+        """Post a message; raise :class:`NotifyError` if the answer is not 2xx."""
         headers = {"Content-Type": "application/json"}
         if self._section.token_file is not None:
             headers["Authorization"] = f"Bearer {read_secret(self._section.token_file)}"

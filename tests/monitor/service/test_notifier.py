@@ -21,10 +21,10 @@ from monitor.records.deliveries import Delivered, Deliveries
 from monitor.records.events import EventLog
 from monitor.records.store import Store
 from monitor.service.notify.channels import Message, NotifyError
-from monitor.service.notify.message import Machine
+from monitor.service.notify.message import Sender
 from monitor.service.notify.notifier import Notifier
 
-PRESS = Machine("press")
+PRESS = Sender("press")
 NOW = 1.79e9
 
 
@@ -122,10 +122,10 @@ def test_a_new_way_begins_at_the_present_end(log: Log) -> None:
     way = Recorder()
     with Telling(log, way) as notifier:
         log.add("alarm_raised")
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: way.messages)
         log.notice()
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: len(way.messages) == 2)
     assert way.numbers == [3, 4]
 
@@ -135,7 +135,7 @@ def test_what_waited_at_the_end_is_told_after_the_next_start(log: Log) -> None:
     way.failing = True
     with Telling(log, way) as notifier:
         log.add("alarm_raised", "final_stage")
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: notifier.problems())
     assert way.messages == []
     log.add("end_of_life")
@@ -145,7 +145,7 @@ def test_what_waited_at_the_end_is_told_after_the_next_start(log: Log) -> None:
         wait_until(lambda: again.messages)
     assert again.numbers == [1, 2, 3, 4]
     with Telling(log, Recorder()) as notifier:
-        notifier.tell()
+        notifier.wake()
     assert again.numbers == [1, 2, 3, 4]
 
 
@@ -156,7 +156,7 @@ def test_what_was_sent_but_not_noted_is_sent_once_more(log: Log, monkeypatch: py
         wait_until(lambda: places(log, "way") == [(0, 0)])
         patched.setattr(Deliveries, "save", lambda *_: None)
         log.add("alarm_raised")
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: way.numbers == [1])
     with Telling(log, way):
         wait_until(lambda: way.numbers == [1, 1])
@@ -175,12 +175,12 @@ def test_each_way_has_its_own_place_and_one_that_fails_delays_no_other(
     bad.failing = True
     with Telling(log, bad, good) as notifier, caplog.at_level(logging.ERROR):
         log.add("alarm_raised")
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: good.numbers == [1])
         wait_until(lambda: bad.attempts > 2)
         assert notifier.problems() == {"notify.bad": "nobody answers"}
         log.add("alarm_cleared")
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: good.numbers == [1, 2])
         bad.failing = False
         wait_until(lambda: bad.numbers == [1, 2] and not notifier.problems())
@@ -198,7 +198,7 @@ def test_a_way_that_was_taken_out_begins_anew(log: Log) -> None:
         wait_until(lambda: first.numbers == [1])
     with Telling(log, first, second) as notifier:
         log.add("alarm_cleared")
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: first.numbers == [1, 2] and second.numbers == [2])
     with Telling(log):
         pass
@@ -211,12 +211,12 @@ def test_the_rate_limit_holds_across_restarts_and_leads_to_one_summary(log: Log)
     with Telling(log, way, **more) as notifier:
         for number in (1, 2):
             log.add("alarm_raised", severity="alert")
-            notifier.tell()
+            notifier.wake()
             wait_until(lambda number=number: len(way.messages) == number)
         for number in range(3, 43):
             kind, severity = ("alarm_cleared", "alert") if number % 4 else ("alarm_raised", "danger")
             log.add(kind, severity=severity)
-        notifier.tell()
+        notifier.wake()
     now[0] += 3000.0
     with Telling(log, way, **more):
         pass
@@ -243,7 +243,7 @@ def test_what_cannot_be_told_for_too_long_is_given_up_and_counted(log: Log, capl
         log.add("alarm_raised", time=NOW - 1e8)
         log.add("alarm_raised", time=None)
         log.notice(utc=NOW)
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: way.attempts > 1)
         assert places(log, "way") == [(0, 0)]
     now[0] = 3700.0
@@ -273,7 +273,7 @@ def test_a_clock_that_was_never_set_makes_nothing_old(log: Log) -> None:
     way.failing = True
     with Telling(log, way, clock=lambda: utc[0]) as notifier:
         log.add("alarm_raised")
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: way.attempts > 1)
         utc[0] = NOW
         wait_until(lambda: way.attempts > 3)
@@ -294,7 +294,7 @@ def test_a_store_made_anew_goes_on_from_its_end_and_a_salvage_is_told(tmp_path: 
     with Telling(log, way, new, clock=lambda: NOW + 60.0) as notifier:
         wait_until(lambda: new.numbers == [2])
         log.add("alarm_cleared")
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: way.numbers == [3] and new.numbers == [2, 3])
     log.close()
 
@@ -310,7 +310,7 @@ def test_a_way_that_is_broken_does_not_end_its_thread(log: Log, caplog: pytest.L
     way = Broken()
     with Telling(log, way) as notifier:
         log.add("alarm_raised")
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: way.numbers == [1])
     assert "notification by way fails" in caplog.text
 
@@ -331,12 +331,12 @@ def test_what_was_delivered_with_a_complaint_is_not_delivered_again(log: Log) ->
     with Telling(log, way) as notifier:
         for number in (1, 2):
             log.add("alarm_raised")
-            notifier.tell()
+            notifier.wake()
             wait_until(lambda number=number: len(way.messages) == number)
             wait_until(lambda: notifier.problems() == {"notify.way": "refused for ben"})
         way.complaint = None
         log.add("alarm_raised")
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: not notifier.problems())
     assert way.numbers == [1, 2, 3]
 
@@ -348,7 +348,7 @@ def test_telling_holds_up_no_commit_and_no_commit_holds_up_telling(log: Log) -> 
     with Telling(log, way, limits={"most_per_hour": 3600}) as notifier:
         way.go.clear()
         log.add("alarm_raised")
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: way.attempts == 1)
         for _ in range(50):
             log.add("condition")
@@ -357,7 +357,7 @@ def test_telling_holds_up_no_commit_and_no_commit_holds_up_telling(log: Log) -> 
             connection.execute("INSERT OR REPLACE INTO meta VALUES ('x', 'y')")
             way.go.set()
             wait_until(lambda: way.numbers == [1])
-        notifier.tell()
+        notifier.wake()
         wait_until(lambda: len(way.messages) == 2)
     assert (len(way.messages[1].values["events"]), way.messages[1].values["left_out"]) == (20, 30)
 
@@ -424,7 +424,7 @@ def test_whatever_happens_each_event_is_told_in_order_at_least_once(
                     kind = generator.choice(kinds)
                     log.add(kind)
                     expected += [log.last] if kind != "alarm_released" else []
-                notifier.tell()
+                notifier.wake()
                 if generator.random() < 0.5:
                     time.sleep(0.002)
     way.failing = False

@@ -14,9 +14,9 @@ from pydantic import ValidationError
 from monitor.config.notify import MqttSection, NotifySection, SmtpSection, WebhookSection
 from monitor.config.publish import RecordMqttSection
 from monitor.service.notify.channels import Message, NotifyError, read_secret
-from monitor.service.notify.mqtt import MqttWay
-from monitor.service.notify.smtp import SmtpWay
-from monitor.service.notify.webhook import WebhookWay
+from monitor.service.notify.mqtt import MqttChannel
+from monitor.service.notify.smtp import SmtpChannel
+from monitor.service.notify.webhook import WebhookChannel
 from tests.broker import Broker
 from tests.receivers import Certificate, Hook, Mail, make_certificate, subscribed
 
@@ -51,14 +51,14 @@ def secrets(tmp_path: Path) -> tuple[Path, Path]:
     return user, password
 
 
-def smtp(port: int, **more: Any) -> SmtpWay:
+def smtp(port: int, **more: Any) -> SmtpChannel:
     to = ("anna@plant.example", "ben@plant.example")
     values = {"security": "none", "sender": "watch@plant.example", "to": to, **more}
-    return SmtpWay(SmtpSection(host="127.0.0.1", port=port, **values))
+    return SmtpChannel(SmtpSection(host="127.0.0.1", port=port, **values))
 
 
-def hook(port: int, scheme: str = "http", **more: Any) -> WebhookWay:
-    return WebhookWay(WebhookSection(url=f"{scheme}://127.0.0.1:{port}/hook?a=1", **more))
+def hook(port: int, scheme: str = "http", **more: Any) -> WebhookChannel:
+    return WebhookChannel(WebhookSection(url=f"{scheme}://127.0.0.1:{port}/hook?a=1", **more))
 
 
 def test_an_email_arrives_whole() -> None:
@@ -136,7 +136,7 @@ def test_what_is_not_taken_is_said(tmp_path: Path) -> None:
     with Hook(answers=[302]).serving() as server, pytest.raises(NotifyError, match="answered 302"):
         hook(server.port).send(MESSAGE)
     assert len(server.received) == 1
-    for way in (smtp(1), hook(1), MqttWay(MqttSection(url="mqtt://127.0.0.1:1/alarms"))):
+    for way in (smtp(1), hook(1), MqttChannel(MqttSection(url="mqtt://127.0.0.1:1/alarms"))):
         with pytest.raises(NotifyError, match=way.name):
             way.send(MESSAGE)
     with pytest.raises(NotifyError, match="cannot be read"):
@@ -168,8 +168,8 @@ def test_missing_files_are_known_before_they_are_needed(tmp_path: Path) -> None:
         smtp(1, security="tls", ca_file=gone),
         hook(1, "https", token_file=gone),
         hook(1, "https", ca_file=there),
-        MqttWay(MqttSection(url=url, username_file=gone)),
-        MqttWay(MqttSection(url=url, ca_file=gone)),
+        MqttChannel(MqttSection(url=url, username_file=gone)),
+        MqttChannel(MqttSection(url=url, ca_file=gone)),
     ):
         with pytest.raises(NotifyError, match=r"(gone|there) cannot be (read|used)") as missing:
             way.check()
@@ -177,7 +177,7 @@ def test_missing_files_are_known_before_they_are_needed(tmp_path: Path) -> None:
     for way in (
         smtp(1, security="tls", **keys),
         hook(1, "https", token_file=there),
-        MqttWay(MqttSection(url=url, **keys)),
+        MqttChannel(MqttSection(url=url, **keys)),
     ):
         way.check()
 
@@ -200,7 +200,7 @@ def test_a_webhook_with_a_wrong_certificate_gets_nothing(
 @pytest.mark.broker
 def test_mqtt_publishes_and_knows_that_the_broker_has_it(tmp_path: Path) -> None:
     with Broker(tmp_path / "broker") as broker, subscribed(broker.port, "plant/alarms") as heard:
-        MqttWay(MqttSection(url=f"mqtt://127.0.0.1:{broker.port}/plant/alarms")).send(MESSAGE)
+        MqttChannel(MqttSection(url=f"mqtt://127.0.0.1:{broker.port}/plant/alarms")).send(MESSAGE)
         wait_until(lambda: heard)
     assert heard[0][1]["title"] == MESSAGE.title
 
@@ -217,17 +217,17 @@ def test_mqtt_is_encrypted_and_asks_who_it_is(
     with Broker(tmp_path / "broker", "allow_anonymous false", f"password_file {passwords}", *tls) as broker:
         url = f"mqtts://127.0.0.1:{broker.port}/plant/alarms"
         keys: dict[str, Any] = {"username_file": secrets[0], "password_file": secrets[1], "ca_file": certificate.cert}
-        MqttWay(MqttSection(url=url, **keys)).send(MESSAGE)
+        MqttChannel(MqttSection(url=url, **keys)).send(MESSAGE)
         with pytest.raises(NotifyError, match="certificate verify failed"):
-            MqttWay(MqttSection(url=url, **(keys | {"ca_file": others[0].cert}))).send(MESSAGE)
+            MqttChannel(MqttSection(url=url, **(keys | {"ca_file": others[0].cert}))).send(MESSAGE)
         with pytest.raises(NotifyError, match="cannot be used"):
-            MqttWay(MqttSection(url=url, **(keys | {"ca_file": tmp_path / "none"}))).send(MESSAGE)
+            MqttChannel(MqttSection(url=url, **(keys | {"ca_file": tmp_path / "none"}))).send(MESSAGE)
         with pytest.raises(NotifyError, match="Not authorized"):
-            MqttWay(MqttSection(url=url, ca_file=certificate.cert)).send(MESSAGE)
+            MqttChannel(MqttSection(url=url, ca_file=certificate.cert)).send(MESSAGE)
         wrong = tmp_path / "wrong"
         wrong.write_text("let me out\n")
         with pytest.raises(NotifyError, match="refuses") as refused:
-            MqttWay(MqttSection(url=url, **(keys | {"password_file": wrong}))).send(MESSAGE)
+            MqttChannel(MqttSection(url=url, **(keys | {"password_file": wrong}))).send(MESSAGE)
         assert "let me" not in str(refused.value)
 
 

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from monitor.config.load import Config
 from monitor.config.notify import SmtpSection
 from monitor.records.events import LoggedEvent
-from monitor.service.notify.message import Item, Machine, clean, compose
-from monitor.service.notify.smtp import SmtpWay
+from monitor.service.notify.message import Item, Sender, clean, compose
+from monitor.service.notify.smtp import SmtpChannel
 from monitor.words.events import badness, event_text, local_moment
 from streams.block import STANDARD_GRAVITY
 from tests.receivers import Mail
 
 UTC = 1795269845.0  # 2026-11-21 14:04:05 UTC
-ROME = Machine("press", "Europe/Rome", "http://127.0.0.1:8710/")
+ROME = Sender("press", "Europe/Rome", "http://127.0.0.1:8710/")
 ALARM = {
     "kind": "alarm_raised",
     "channel": "horizontal",
@@ -122,7 +122,7 @@ def test_an_unknown_unit_is_not_called_g() -> None:
 
 def test_without_a_date_the_block_says_when() -> None:
     values = {"stage": "end_of_life", "t_fs": 7200.0, "t_fs_block": 4}
-    message = compose(Machine("press"), [item({"kind": "end_of_life", "channel": "x"}, values, None)])
+    message = compose(Sender("press"), [item({"kind": "end_of_life", "channel": "x"}, values, None)])
     assert "Since    block 1234\n" in message.text
     found = Item(LoggedEvent("17", "acq", 1234, None, ALARM), found=UTC)
     text = compose(ROME, [found, found]).text
@@ -200,14 +200,14 @@ NASTY = (
 def test_no_name_becomes_a_header_or_a_command(name: str) -> None:
     body = {**ALARM, "channel": name, "rule": name}
     other = {"kind": name, "channel": name, "text": name}
-    message = compose(Machine(name, page="http://127.0.0.1:8710/"), [item(body), item(other)], left_out=1)
+    message = compose(Sender(name, page="http://127.0.0.1:8710/"), [item(body), item(other)], left_out=1)
     assert len(message.title) <= 180
     assert clean(message.title) == message.title
     with Mail().serving() as server:
         section = SmtpSection(
             host="127.0.0.1", port=server.port, security="none", sender="a@plant.example", to=("b@plant.example",)
         )
-        SmtpWay(section).send(message)
+        SmtpChannel(section).send(message)
     mail = server.received[0]
     assert sorted(mail.keys()) == sorted(["Subject", "From", "To", "Date", "Message-ID", "Auto-Submitted", *BODY])
     assert mail.get_content_type() == "text/plain"
@@ -249,7 +249,7 @@ CONFIG: dict[str, Any] = {
 
 def test_the_page_is_named_where_it_can_be_known() -> None:
     def page(web: dict[str, Any], **notify: Any) -> str | None:
-        return Machine.of_config(Config.model_validate({**CONFIG, "web": web, "notify": notify})).page
+        return Sender.of_config(Config.model_validate({**CONFIG, "web": web, "notify": notify})).page
 
     assert page({}) == "http://127.0.0.1:8710/"
     assert page({"host": "::1", "port": 81, "cert_file": "c", "key_file": "k"}) == "https://[::1]:81/"
