@@ -1,4 +1,4 @@
-"""A connection to an MQTT broker that messages go out over: welcomed before it is used, and each message confirmed."""
+"""A connection to an MQTT broker for publishing; each message is confirmed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class BrokerError(SpallwatchError):
 
 
 class BrokerLink:
-    """One connection, made once: whoever loses it makes a new link. Messages are sent with QoS 1.
+    """One connection; after its loss, a new link is needed. Messages are sent with QoS 1.
 
     All methods but :meth:`close` raise :class:`BrokerError` where the connection is lost.
     """
@@ -35,15 +35,15 @@ class BrokerLink:
         read_secret: Callable[[Path], str],
         *,
         will: tuple[str, str] | None = None,
-        told: Callable[[], None] = lambda: None,
+        wake: Callable[[], None] = lambda: None,
     ) -> None:
-        """Take broker and credentials, which are read now; nothing is connected yet.
+        """Read the credentials; nothing is connected yet.
 
         Args:
             section: the broker.
-            read_secret: gives the secret in a file.
-            will: topic and text that the broker publishes, retained, when this machine is gone without a word.
-            told: called from another thread whenever a message is confirmed or the connection is lost.
+            read_secret: returns the secret in a file.
+            will: topic and text that the broker publishes, retained, when the connection breaks.
+            wake: called from another thread whenever a message is confirmed or the connection is lost.
 
         Raises:
             BrokerError: paho-mqtt is missing, or a certificate cannot be read.
@@ -53,10 +53,10 @@ class BrokerLink:
             from paho.mqtt.enums import CallbackAPIVersion
         except ModuleNotFoundError:
             raise BrokerError('mqtt needs paho-mqtt: pip install "spallwatch[mqtt]"') from None
-        self._section, self._told = section, told
+        self._section, self._wake = section, wake
         self._where = f"mqtt {section.host}:{section.port}"
         self._state = threading.Condition()
-        self._welcome = False
+        self._accepted = False
         self._lost: str | None = None
         self._confirmed: set[int] = set()
         client = Client(CallbackAPIVersion.VERSION2, reconnect_on_failure=False)
@@ -78,14 +78,14 @@ class BrokerLink:
         self._client: Any = client
 
     def connect(self) -> None:
-        """Connect, and wait until the broker has let this machine in."""
+        """Connect, and wait until the broker accepts the connection."""
         try:
             self._client.connect(self._section.host, self._section.port, _KEEPALIVE)
         except (OSError, ValueError) as error:
             raise BrokerError(f"{self._where}: {error}") from None
         self._client.loop_start()
         with self._state:
-            answered = self._state.wait_for(lambda: self._welcome or self._lost is not None, TIMEOUT)
+            answered = self._state.wait_for(lambda: self._accepted or self._lost is not None, TIMEOUT)
         if not answered:
             raise BrokerError(f"{self._where}: the broker does not answer")
         self.check()
@@ -97,7 +97,7 @@ class BrokerLink:
                 raise BrokerError(f"{self._where}: {self._lost}")
 
     def publish(self, topic: str, text: str, *, retain: bool = False) -> int:
-        """Send a message; return its number, under which it will be confirmed."""
+        """Send a message; return the number of its confirmation."""
         self.check()
         try:
             return self._client.publish(topic, text, qos=1, retain=retain).mid
@@ -111,7 +111,7 @@ class BrokerLink:
         return found
 
     def wait_confirmed(self, numbers: set[int], timeout: float) -> None:
-        """Wait until messages are confirmed; raise where they are not in time."""
+        """Wait until messages are confirmed; raise :class:`BrokerError` after the timeout (s)."""
         until, waiting = time.monotonic() + timeout, set(numbers)
         with self._state:
             while waiting - self._confirmed and self._lost is None:
@@ -122,7 +122,7 @@ class BrokerLink:
             self.check()
 
     def close(self) -> None:
-        """Take leave of the broker; what is not confirmed may or may not have arrived."""
+        """Disconnect; unconfirmed messages may have arrived or not."""
         with contextlib.suppress(OSError, ValueError, RuntimeError):
             self._client.disconnect()
         with contextlib.suppress(OSError, ValueError, RuntimeError):
@@ -132,17 +132,17 @@ class BrokerLink:
         with self._state:
             if reason.is_failure:
                 self._lost = f"the broker refuses: {reason}"
-            self._welcome = not reason.is_failure
+            self._accepted = not reason.is_failure
             self._state.notify_all()
 
     def _on_disconnect(self, client: Any, userdata: Any, flags: Any, reason: Any, properties: Any) -> None:
         with self._state:
             self._lost = self._lost or f"connection to the broker lost: {reason}"
             self._state.notify_all()
-        self._told()
+        self._wake()
 
     def _on_publish(self, client: Any, userdata: Any, number: int, reason: Any, properties: Any) -> None:
         with self._state:
             self._confirmed.add(number)
             self._state.notify_all()
-        self._told()
+        self._wake()

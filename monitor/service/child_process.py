@@ -1,4 +1,4 @@
-"""Child processes of the daemon: started with its own modules, heard without waiting, ended with it."""
+"""Child processes of the daemon: start, read without waiting, end."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import select
 import subprocess
 import sys
 
-_KILLED_WITHIN = 0.5
-# A service manager signals all processes at once; a child goes on until its parent lets go of it.
+_END_S = 0.5
+# A service manager signals all processes at once; a child goes on until its parent closes its standard input.
 _START = """
 import signal, sys
 for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -29,7 +29,7 @@ def start_child(entry: str, *arguments: str) -> Child:
 
     Args:
         entry: the function that it runs, ``module:function``.
-        arguments: what it finds in ``sys.argv[1:]``.
+        arguments: its ``sys.argv[1:]``.
 
     Raises:
         OSError: it cannot be started.
@@ -41,16 +41,16 @@ def start_child(entry: str, *arguments: str) -> Child:
     return child
 
 
-def hear(child: Child, timeout: float, most: int) -> bytes | None:
-    """Return what a child has said, ``b""`` where it has ended, None where it says nothing within so many seconds."""
+def read_output(child: Child, timeout: float, max_bytes: int) -> bytes | None:
+    """Return new output of a child, ``b""`` if it has ended, None if nothing comes within the timeout (s)."""
     assert child.stdout is not None
     if not select.select([child.stdout], [], [], max(timeout, 0.0))[0]:
         return None
-    return os.read(child.stdout.fileno(), most)
+    return os.read(child.stdout.fileno(), max_bytes)
 
 
-def let_go(child: Child) -> None:
-    """Close the pipes of a child, which ends when it has finished what it is doing."""
+def close_pipes(child: Child) -> None:
+    """Close the pipes of a child, which ends after its present task."""
     for pipe in (child.stdin, child.stdout):
         if pipe is not None:
             with contextlib.suppress(OSError):
@@ -58,14 +58,14 @@ def let_go(child: Child) -> None:
 
 
 def end_child(child: Child) -> None:
-    """Let go of a child and make sure, within a second, that it ends.
+    """Close the pipes of a child and kill it if it does not end, within a second.
 
-    One that hangs in a dead network share cannot even be killed; it is left behind.
+    A child that hangs in an unreachable network share cannot be killed; it is left behind.
     """
-    let_go(child)
+    close_pipes(child)
     try:
-        child.wait(_KILLED_WITHIN)
+        child.wait(_END_S)
     except subprocess.TimeoutExpired:
         child.kill()
         with contextlib.suppress(subprocess.TimeoutExpired):
-            child.wait(_KILLED_WITHIN)
+            child.wait(_END_S)

@@ -40,7 +40,7 @@ class Companions:
         Args:
             config: the machine.
             store: open for writing.
-            path: file of the configuration, from which the page reads it anew; None where there is to be no page.
+            path: file of the configuration, which the page reads; None for no page.
             monotonic: seconds that never go back.
 
         Raises:

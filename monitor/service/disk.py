@@ -1,4 +1,4 @@
-"""Whether there is room left on the disk for the store to grow."""
+"""Free space on the disk of the store."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ _ENOUGH = 1.25
 
 
 def free_bytes(folder: Path) -> int:
-    """Return how many bytes a file system has left for whoever is not root.
+    """Return the bytes that a file system has left for users other than root.
 
     Raises:
-        OSError: the folder cannot be looked at.
+        OSError: the folder cannot be reached.
     """
     found = os.statvfs(folder)
     return found.f_bavail * found.f_frsize
 
 
 class DiskGuard:
-    """Says when a file system is too full to go on, and when it is no longer."""
+    """Detects a file system that is too full to go on, with hysteresis."""
 
     def __init__(self, folder: Path, free: Callable[[Path], int], least: int) -> None:
-        """Take the folder.
+        """Keep the settings.
 
         Args:
             folder: any folder of the file system.
-            free: gives its free bytes.
+            free: returns its free bytes.
             least: bytes below which it counts as full, until a quarter more is free.
         """
         self._folder, self._free, self._least = folder, free, least
@@ -37,17 +37,17 @@ class DiskGuard:
         """Why nothing may be written, in one sentence, or None."""
 
     def check(self, now: float) -> bool:
-        """Look at the file system every five seconds, and return whether there is room.
+        """Check the file system every five seconds; return whether there is room.
 
         Args:
             now: seconds of a monotonic clock.
         """
         if now >= self._due:
             self._due = now + _EVERY
-            self.problem = self._look()
+            self.problem = self._poll()
         return self.problem is None
 
-    def _look(self) -> str | None:
+    def _poll(self) -> str | None:
         try:
             free = self._free(self._folder)
         except OSError as error:

@@ -1,4 +1,4 @@
-"""The log on standard error: for people with the time, for the journal of systemd with the priority instead."""
+"""The log on standard error: with the time for people, with priorities for the journal of systemd."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), 
 
 
 def set_up_log(level: int) -> None:
-    """Let the loggers of this program write to standard error.
+    """Write the log of this program to standard error.
 
     Args:
-        level: from which on; of other packages' loggers warnings and errors are written.
+        level: lowest level that is written; of other packages, warnings and errors are.
     """
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(
@@ -26,11 +26,11 @@ def set_up_log(level: int) -> None:
 
 
 def to_journal(environment: Mapping[str, str] = os.environ) -> bool:
-    """Tell whether what is written to standard error goes to the journal, which notes the time itself.
+    """Return whether standard error is the journal, which notes the time itself.
 
     Args:
         environment: ``JOURNAL_STREAM`` names device and inode of the journal's stream (systemd.exec(5)); a program
-            that redirects its output inherits the variable all the same.
+            that redirects its output inherits the variable, too.
     """
     try:
         found = os.fstat(sys.stderr.fileno())

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from monitor.config.web import WebSection
-from monitor.service.child_process import Child, end_child, hear, start_child
+from monitor.service.child_process import Child, end_child, read_output, start_child
 
 _LOG = logging.getLogger(__name__)
-_FIRST_PAUSE, _LONGEST_PAUSE = 1.0, 60.0
-_SETTLED = 60.0
-_SILENT = 60.0
-_MOST_BYTES = 1 << 16
+_MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
+_STABLE_S = 60.0
+_MAX_SILENCE_S = 60.0
+_MAX_BYTES = 1 << 16
 _ENTRY = "monitor.web.server:child"
 
 
@@ -34,7 +34,7 @@ class PageProcess:
         state_dir: Path,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Take what it serves; nothing is started yet.
+        """Keep the settings; :meth:`tick` starts the child.
 
         Args:
             config: file of the machine.
@@ -50,13 +50,13 @@ class PageProcess:
         self._monotonic = monotonic
         self._child: Child | None = None
         self._buffer = b""
-        self._due, self._pause = monotonic(), _FIRST_PAUSE
-        self._started = self._heard = monotonic()
-        self._said: str | None = None
+        self._due, self._pause = monotonic(), _MIN_PAUSE_S
+        self._started = self._last_output = monotonic()
+        self._reason: str | None = None
         self.url: str | None = None
         """Address of the page once it answers, or None."""
         self.problem: str | None = None
-        """What keeps it from being served whole, in one sentence, or None."""
+        """Why the page is not served, in one sentence, or None."""
 
     @property
     def pid(self) -> int | None:
@@ -64,15 +64,15 @@ class PageProcess:
         return None if self._child is None else self._child.pid
 
     def tick(self) -> None:
-        """Start it when it is time, take what it says, and note that it ended or says nothing any more."""
+        """Start the child when it is due, read its output, and note that it ended or hangs."""
         now = self._monotonic()
         if self._child is None:
             if now >= self._due:
                 self._begin(now)
             return
         self._listen(self._child, now)
-        if self._child is not None and now - self._heard > _SILENT:
-            self._fail(f"the page has said nothing for {_SILENT:.0f} s", now)
+        if self._child is not None and now - self._last_output > _MAX_SILENCE_S:
+            self._fail(f"the page has said nothing for {_MAX_SILENCE_S:.0f} s", now)
 
     def close(self) -> None:
         """End it within a second."""
@@ -83,48 +83,46 @@ class PageProcess:
             end_child(child)
 
     def _begin(self, now: float) -> None:
-        self._started = self._heard = now
-        self._said = None
+        self._started = self._last_output = now
+        self._reason = None
         try:
             self._child = start_child(_ENTRY, json.dumps(self._given))
         except OSError as error:
             self._fail(f"the page cannot be started: {error.strerror or error}", now)
 
     def _listen(self, child: Child, now: float) -> None:
-        part = hear(child, 0.0, _MOST_BYTES)
+        part = read_output(child, 0.0, _MAX_BYTES)
         if part is None:
             return
         if not part:
-            self._fail(self._said or "the page ended unexpectedly", now)
+            self._fail(self._reason or "the page ended unexpectedly", now)
             return
-        self._heard = now
+        self._last_output = now
         *lines, self._buffer = (self._buffer + part).split(b"\n")
         for line in lines:
             with contextlib.suppress(ValueError):
                 self._take(json.loads(line))
-        if now - self._started > _SETTLED:
-            self._pause = _FIRST_PAUSE
+        if now - self._started > _STABLE_S:
+            self._pause = _MIN_PAUSE_S
 
-    def _take(self, said: dict[str, Any]) -> None:
-        if "problem" in said:
-            self._said = str(said["problem"])
-            self._say(self._said)
-        if "url" in said:
-            self.url = str(said["url"])
+    def _take(self, line: dict[str, Any]) -> None:
+        if "problem" in line:
+            self._reason = str(line["problem"])
+        if "url" in line:
+            self.url = str(line["url"])
             _LOG.info("the page is at %s", self.url)
-            # What it said before it listened is of a part of it, and goes on.
-            self._say(self._said)
+            self._note(None)
 
     def _fail(self, problem: str, now: float) -> None:
         child, self._child = self._child, None
         self.url, self._buffer = None, b""
         self._due = now + self._pause
-        self._pause = min(2.0 * self._pause, _LONGEST_PAUSE)
+        self._pause = min(2.0 * self._pause, _MAX_PAUSE_S)
         if child is not None:
             end_child(child)
-        self._say(problem)
+        self._note(problem)
 
-    def _say(self, problem: str | None) -> None:
+    def _note(self, problem: str | None) -> None:
         if problem != self.problem:
             if problem is None:
                 _LOG.warning("the page is served again")

@@ -1,4 +1,4 @@
-"""The child process that publishes: it alone loads xarray and netCDF. One request a line, one answer a line, JSON."""
+"""The child process that publishes; only it loads xarray and netCDF. One JSON answer for each line of input."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ _LOCK = "publisher.lock"
 def main() -> None:
     """Answer each line of standard input until it ends; the arguments are the store and the folder of the files."""
     store, records_dir = Path(sys.argv[1]), Path(sys.argv[2])
-    # Whoever commits goes first.
+    # The thread that commits has priority.
     os.nice(5)
     lock = os.open(store.with_name(_LOCK), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     # The publisher of a daemon that was killed may still be writing, under the same temporary names.
     fcntl.flock(lock, fcntl.LOCK_EX)
-    # A broken pipe: the daemon is gone.
+    # A broken pipe means that the daemon has ended.
     with suppress(BrokenPipeError):
         serve(sys.stdin, sys.stdout, store, records_dir)
-    # Taking down an interpreter that has loaded so much costs a tenth of a second, and many publishers end at once.
+    # The orderly end of an interpreter with these libraries costs a tenth of a second.
     os._exit(0)
 
 
@@ -36,8 +36,7 @@ def serve(requests: TextIO, answers: TextIO, store: Path, records_dir: Path) -> 
 
     Args:
         requests: each line asks for one publication.
-        answers: gets one JSON object for each: ``published``, a list of what was written, ``problem``, or null, and
-            the ``seconds`` that it took.
+        answers: one JSON object for each: ``published``, the list of files, ``problem``, or null, and ``seconds``.
         store: the database, which is opened for reading.
         records_dir: folder of the files.
     """

@@ -1,4 +1,4 @@
-"""Publishing beside the daemon: asked for by the thread that commits, done by a child process, never waited for."""
+"""Publication of record files by a child process, at the request of the thread that commits."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from monitor.records.store import Published, Store, StoreError
-from monitor.service.child_process import Child, end_child, hear, let_go, start_child
+from monitor.service.child_process import Child, close_pipes, end_child, read_output, start_child
 
 _LOG = logging.getLogger(__name__)
-_LONGEST = 600.0
-_SHARE = 20.0
-_LOOK_AGAIN = 10
+_MAX_PUBLICATION_S = 600.0
+_MIN_PAUSE_FACTOR = 20.0
+_CHECK_TURNS = 10
 _RETIRED_AFTER = 200
-"""Publications after which another child takes over: the libraries lose some kilobytes with every file."""
+"""Publications after which a new child takes over: the libraries leak some kilobytes with every file."""
 
 
 class Publisher:
-    """Has the files of records written now and then; its failure is a :attr:`problem`, never an exception.
+    """Publishes at intervals; a failure is a :attr:`problem`, never an exception.
 
     All methods are called from the thread that owns the store.
     """
@@ -33,7 +33,7 @@ class Publisher:
         every: float = 60.0,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Start the child, which loads what it needs while the daemon goes on.
+        """Keep the settings; :meth:`tick` starts the child.
 
         Args:
             store: what is published; open for writing.
@@ -49,7 +49,7 @@ class Publisher:
         self._retired: Child | None = None
         self._asked: float | None = None
         self._due = monotonic()
-        # Files may have been lost or damaged while nobody looked.
+        # Files may have been lost or damaged since the last run.
         self._changed = True
         self._idle_turns = 0
         self.problem: str | None = None
@@ -66,25 +66,25 @@ class Publisher:
         return None if self._child is None else self._child.pid
 
     def changed(self) -> None:
-        """Take note that there is more to publish."""
+        """Note that there is more to publish."""
         self._changed = True
 
     def tick(self) -> None:
-        """Take an answer that has come, and ask anew when it is time."""
+        """Read an answer that has come, and send a request when it is due."""
         now = self._monotonic()
         if self.busy:
             self._collect(0.0)
-            if self._asked is not None and now - self._asked > _LONGEST:
-                self._fail(f"publishing takes longer than {_LONGEST:.0f} s")
+            if self._asked is not None and now - self._asked > _MAX_PUBLICATION_S:
+                self._fail(f"publishing takes longer than {_MAX_PUBLICATION_S:.0f} s")
         elif now >= self._due:
             self._idle_turns += 1
-            if self._changed or self._idle_turns >= _LOOK_AGAIN:
+            if self._changed or self._idle_turns >= _CHECK_TURNS:
                 self._ask()
             else:
                 self._due = now + self._every
 
     def finish(self, seconds: float) -> bool:
-        """Publish all that there is, within so many seconds; return whether it succeeded."""
+        """Publish everything within so many seconds; return whether it succeeded."""
         until = time.monotonic() + seconds
         while self.busy and time.monotonic() < until:
             self._collect(until - time.monotonic())
@@ -97,7 +97,7 @@ class Publisher:
         return not self.busy and self.problem is None
 
     def close(self) -> None:
-        """End the child; a file that it was writing stays as it was."""
+        """End the child; a file that it was replacing keeps its old content."""
         self._asked = None
         earlier, self._retired = self._retired, None
         self._retire()
@@ -107,13 +107,13 @@ class Publisher:
                 end_child(child)
 
     def _retire(self) -> None:
-        """Let the child end, which it does when it has written what it is writing."""
+        """Let the child end after its present publication."""
         child, self._child = self._child, None
         self._answers, self._buffer = 0, b""
         if child is None:
             return
         self._retired = child
-        let_go(child)
+        close_pipes(child)
 
     def _ask(self) -> None:
         self._asked, self._changed, self._idle_turns = self._monotonic(), False, 0
@@ -131,9 +131,9 @@ class Publisher:
             self._fail(f"the publisher cannot be asked: {error.strerror or error}")
 
     def _collect(self, timeout: float) -> None:
-        """Read what the child says, and wait for it at most so long."""
+        """Read the child's answer, waiting at most ``timeout`` seconds."""
         assert self._child is not None
-        part = hear(self._child, timeout, 1 << 20)
+        part = read_output(self._child, timeout, 1 << 20)
         if part is None:
             return
         self._buffer += part
@@ -144,10 +144,10 @@ class Publisher:
             self._take(json.loads(line))
 
     def _take(self, answer: dict[str, Any]) -> None:
-        """Note what was written; what cannot be noted is written again."""
+        """Note what was written; what cannot be noted is published again."""
         took = float(answer["seconds"])
         self._asked = None
-        self._due = self._monotonic() + max(self._every, _SHARE * took)
+        self._due = self._monotonic() + max(self._every, _MIN_PAUSE_FACTOR * took)
         try:
             for done in answer["published"]:
                 self._store.note_published(Published(*done))

@@ -1,7 +1,7 @@
-"""Records over MQTT: what the store has is published in order, at least once, from a place that a file keeps.
+"""Records over MQTT: the records of the store are published in order, at least once; a file keeps the position.
 
-A thread of its own follows the store on a connection for reading. A broker that is away delays nothing; what was
-missed is published when it is back, at a bounded rate. docs/reference/wire.md has topics and keys.
+A worker thread reads the store. An unreachable broker delays nothing else; what was missed is published later, at a
+bounded rate. docs/reference/wire.md has topics and keys.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ FROM blocks JOIN records ON records.block = blocks.id WHERE blocks.id > ? ORDER 
 """
 _AT_A_TIME = 100
 _UNCONFIRMED = 1000
-_LONGEST_SILENCE = 30.0
+_MAX_SILENCE_S = 30.0
 _PLACE_EVERY = 5.0
 _STATE_EVERY = 1.0
 _ENDING_TURN = 0.05
-_FIRST_PAUSE, _LONGEST_PAUSE = 1.0, 60.0
+_MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
 
 
 class _At(NamedTuple):
-    """A place in the ledger: its number there, the source and the number of the block; "" and 0 before the first."""
+    """A position in the ledger: number, source and block number; "" and 0 before the first block."""
 
     number: int
     source: str
@@ -52,14 +52,14 @@ class _At(NamedTuple):
 
 @dataclass
 class _Sent:
-    """A block that is on its way, and how many of its messages are not confirmed yet."""
+    """A block that was sent, and the number of its messages that are not confirmed yet."""
 
     at: _At
     missing: int
 
 
 class RecordMqtt:
-    """Publishes records; its failure is a :attr:`problem`, never an exception, and nobody waits for it."""
+    """Publishes records; a failure is a :attr:`problem`, never an exception."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class RecordMqtt:
             section: broker and limits; None publishes nothing.
             machine: its name.
             channels: names of the channels by source.
-            state_dir: folder of the store, the status file and the place.
+            state_dir: folder of the store, the status file and the position.
             monotonic: seconds that never go back.
         """
         self.problem: str | None = None
@@ -98,7 +98,7 @@ class RecordMqtt:
         self._allowed = monotonic()
         self._wake = threading.Condition()
         self._news, self._ending, self._until = True, False, float("inf")
-        # Known at once, so that whatever is committed from here on is published.
+        # All that is committed from now on is published.
         try:
             with SharedConnection(self._store) as store:
                 self._place = self._begin(store)
@@ -117,7 +117,7 @@ class RecordMqtt:
         return cls(config.publish.mqtt, config.machine.name, channels, config.machine.state_dir)
 
     def changed(self) -> None:
-        """Take note that there is more to publish; returns at once."""
+        """Note that there is more to publish; returns at once."""
         if self._thread is None:
             return
         with self._wake:
@@ -162,13 +162,13 @@ class RecordMqtt:
         return end
 
     def _work(self) -> None:
-        pause = _FIRST_PAUSE
+        pause = _MIN_PAUSE_S
         while not self._over():
             try:
                 self._session()
             except (BrokerError, NotifyError, StoreError) as error:
                 self._fail(str(error))
-            except Exception as error:  # A fault must not end the thread in silence.
+            except Exception as error:  # A fault must not end the thread unnoticed.
                 _LOG.exception("publishing over MQTT fails")
                 self._fail(type(error).__name__)
             else:
@@ -176,7 +176,7 @@ class RecordMqtt:
             with self._wake:
                 if self._wake.wait_for(lambda: self._ending, pause):
                     return
-            pause = _FIRST_PAUSE if self._connected else min(2.0 * pause, _LONGEST_PAUSE)
+            pause = _MIN_PAUSE_S if self._connected else min(2.0 * pause, _MAX_PAUSE_S)
 
     def _fail(self, problem: str) -> None:
         if self.problem is None and not self._ending:
@@ -193,7 +193,7 @@ class RecordMqtt:
         with SharedConnection(self._store) as store:
             if self._place is None:
                 self._place = self._begin(store)
-            link = BrokerLink(self._section, read_secret, will=will, told=self.changed)
+            link = BrokerLink(self._section, read_secret, will=will, wake=self.changed)
             try:
                 link.connect()
                 if self.problem is not None:
@@ -207,16 +207,16 @@ class RecordMqtt:
     def _follow(self, link: BrokerLink, store: SharedConnection, place: int) -> None:
         self._sent.clear()
         self._waiting.clear()
-        heard = self._monotonic()
+        confirmed = self._monotonic()
         while not self._over():
             with self._wake:
                 self._news = False
             link.check()
             if self._confirm(link) or not self._sent:
-                heard = self._monotonic()
-            elif self._monotonic() - heard > _LONGEST_SILENCE:
+                confirmed = self._monotonic()
+            elif self._monotonic() - confirmed > _MAX_SILENCE_S:
                 raise BrokerError(f"mqtt {self._section.host}: the broker does not confirm")
-            self._say_state(link)
+            self._publish_state(link)
             ready = len(self._waiting) < _UNCONFIRMED and self._wait_allowed() <= 0.0
             rows = store.rows(_QUERY, place, _AT_A_TIME) if ready else []
             for row in rows:
@@ -230,7 +230,7 @@ class RecordMqtt:
                 return
 
     def _rest(self) -> bool:
-        """Wait for news, or until the rate lets more through; return whether it is time to end."""
+        """Wait for new records, or until the rate limit allows more; return whether to end."""
         until_allowed = self._wait_allowed()
         if self._ending and not self._sent and until_allowed <= 0.0:
             return True
@@ -243,7 +243,7 @@ class RecordMqtt:
         return False
 
     def _wait_allowed(self) -> float:
-        """Return the seconds until the bounded rate lets another record through, 0 or less where it does."""
+        """Return the seconds until the rate limit allows another record, 0 or less if it does now."""
         return self._allowed - self._monotonic() - 1.0
 
     def _publish(self, link: BrokerLink, store: SharedConnection, row: Sequence[Any]) -> None:
@@ -260,7 +260,7 @@ class RecordMqtt:
         self._allowed = max(self._allowed, self._monotonic()) + len(names) / self._section.most_per_s
 
     def _confirm(self, link: BrokerLink) -> bool:
-        """Take what the broker has confirmed; the place moves past blocks of which nothing is missing."""
+        """Process confirmations; the position moves past blocks that are wholly confirmed."""
         confirmed = link.take_confirmed()
         for message in confirmed:
             item = self._waiting.pop(message, None)
@@ -271,8 +271,8 @@ class RecordMqtt:
             self._place = self._reached.number
         return bool(confirmed)
 
-    def _say_state(self, link: BrokerLink) -> None:
-        """Publish how the machine stands, where that has changed."""
+    def _publish_state(self, link: BrokerLink) -> None:
+        """Publish the state of the machine if it has changed."""
         now = self._monotonic()
         if now < self._state_due and not self._ending:
             return
@@ -289,7 +289,7 @@ class RecordMqtt:
             self._state = message
 
     def _write_place(self) -> None:
-        """Write how far it is published; a full disk lets some be published twice after a restart."""
+        """Write the position; on a full disk, some records are published again after a restart."""
         self._place_due = self._monotonic() + _PLACE_EVERY
         if self._reached is None or self._reached == self._written:
             return

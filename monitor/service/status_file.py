@@ -1,4 +1,4 @@
-"""The small file in which a running daemon says what it is doing, and whether it runs at all."""
+"""The status file of a daemon, and the lock that shows whether it runs."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from monitor.records.database import StoreError
 
 _NAME = "status.json"
 _LOCK = "daemon.lock"
-_PATIENCE = 1.0
+_LOCK_S = 1.0
 
 
 class StatusFile:
-    """Written by the one daemon of a state folder, replaced whole each time; use :meth:`open`."""
+    """Written by the one daemon of a state folder, replaced atomically; use :meth:`open`."""
 
     def __init__(self, path: Path, lock: int) -> None:
         """Take over an open lock; :meth:`open` is the way to get one."""
@@ -28,7 +28,7 @@ class StatusFile:
 
     @classmethod
     def open(cls, state_dir: Path) -> Self:
-        """Become the daemon of a state folder, which is made where it is missing.
+        """Take the lock of a state folder, which is created if it is missing.
 
         Raises:
             StoreError: another daemon has it, or the folder cannot be written.
@@ -38,8 +38,8 @@ class StatusFile:
             lock = os.open(state_dir / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError as error:
             raise StoreError(f"{state_dir}: {error.strerror or error}") from None
-        until = time.monotonic() + _PATIENCE
-        # Whoever asks whether a daemon runs holds the lock for a moment.
+        until = time.monotonic() + _LOCK_S
+        # A reader of the status holds the lock for a moment.
         while not _try_lock(lock, fcntl.LOCK_EX):
             if time.monotonic() >= until:
                 os.close(lock)
@@ -48,7 +48,7 @@ class StatusFile:
         return cls(state_dir / _NAME, lock)
 
     def write(self, values: Mapping[str, Any]) -> None:
-        """Replace what the file says.
+        """Replace the content of the file.
 
         Raises:
             OSError: it cannot be written; the old one is intact.
@@ -58,7 +58,7 @@ class StatusFile:
         temporary.replace(self.path)
 
     def close(self) -> None:
-        """Let another daemon in; closing twice does nothing."""
+        """Release the lock; closing twice does nothing."""
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
@@ -70,14 +70,14 @@ class StatusFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Let go of the lock."""
+        """Release the lock."""
         self.close()
 
 
 def read_status(state_dir: Path) -> dict[str, Any]:
-    """Return what the daemon of a state folder said last, with ``running``: whether it still is.
+    """Return the latest status of a daemon, with ``running``: whether it still runs.
 
-    Where none is running, ``status`` is ``stopped`` (it ended in order), ``died``, or ``never_ran``.
+    Where none is running, ``status`` is ``stopped`` (it ended normally), ``died``, or ``never_ran``.
     """
     found = _read(state_dir / _NAME)
     running = _is_locked(state_dir / _LOCK)

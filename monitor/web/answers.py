@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from models.errors import SpallwatchError
 
-_WORTH_COMPRESSING = 1000
+_MIN_PACKED_BYTES = 1000
 JSON_TYPE = "application/json"
 Query = Mapping[str, str]
 _FOLDERS = re.compile(r"(?<![\w/.])(?:/[^\s/:;,'\"]+)+/([^\s/:;,'\"]*)")
 
 
 def without_folders(text: str) -> str:
-    """Return a sentence with the file names that are in it, but not the folders."""
+    """Return a sentence with its file names but without their folders."""
     return _FOLDERS.sub(r"\1", text)
 
 
@@ -43,7 +43,7 @@ class Answer:
     Attributes:
         body: the bytes.
         media_type: of the body.
-        packed: the same under gzip, or None where that is not worth it.
+        packed: the same with gzip, or None for a short body.
         tag: for If-None-Match, or None.
         status: of HTTP.
     """
@@ -56,21 +56,21 @@ class Answer:
 
 
 def answer_of(body: bytes, media_type: str, *, status: int = 200, level: int = 1) -> Answer:
-    """Return an answer with its tag, compressed where that is worth it.
+    """Return an answer with its tag, compressed unless it is short.
 
     Args:
         body: the bytes.
         media_type: of the body.
         status: of HTTP.
-        level: of gzip; for what is made anew each time the first, which is four times as quick and leaves a tenth more.
+        level: of gzip; the default is four times as fast as 9 and leaves a tenth more.
     """
-    packed = gzip.compress(body, level, mtime=0) if len(body) >= _WORTH_COMPRESSING else None
+    packed = gzip.compress(body, level, mtime=0) if len(body) >= _MIN_PACKED_BYTES else None
     tag = f'"{hashlib.blake2b(body, digest_size=12).hexdigest()}"'
     return Answer(body, media_type, packed, tag, status)
 
 
 def json_answer(value: Mapping[str, Any], status: int = 200) -> Answer:
-    """Return an object as an answer; a NaN in it is a mistake of the program and raises ValueError."""
+    """Return an object as an answer; ValueError for NaN."""
     body = json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
     return answer_of(body, JSON_TYPE, status=status)
 
@@ -80,7 +80,7 @@ def numbers(values: NDArray[np.floating], digits: int = 7) -> list[float | None]
 
     Args:
         values: (n,).
-        digits: beyond what any screen shows, and a third of the bytes of all of them.
+        digits: more than a screen shows, at a third of the bytes of all of them.
     """
     found: list[float | None] = []
     form = f"%.{digits}g"

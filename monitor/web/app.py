@@ -1,4 +1,4 @@
-"""The application: addresses, and the threads that answer them while the event loop goes on."""
+"""The ASGI application: routes, and the threads that compute answers."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ from monitor.web.upkeep import keep_up
 
 _LOG = logging.getLogger(__name__)
 _THREADS = 4
-_MOST_WAITING = 64
+_MAX_WAITING = 64
 _PART = 1 << 18
 
 
 class Site:
-    """The page of some machines: what all requests share."""
+    """What all requests of a page share."""
 
     def __init__(self, machines: Machines, doors: Doors, keeper: Doorkeeper, max_streams: int) -> None:
-        """Take the machines, and who may read what."""
+        """Keep the machines and the rules of access."""
         self.machines, self.doors, self.keeper, self.max_streams = machines, doors, keeper, max_streams
         self.hub = Hub(machines)
         self.measures = Measures()
@@ -52,12 +52,12 @@ class Site:
         self._upkeep = threading.Thread(target=keep_up, args=(machines, self._ending), name="upkeep", daemon=True)
 
     async def run(self, make: Callable[..., Any], *values: Any) -> Any:
-        """Call something in one of the few threads.
+        """Call a function in one of the few threads.
 
         Raises:
             RequestError: 503, too many wait already.
         """
-        if self._waiting >= _MOST_WAITING:
+        if self._waiting >= _MAX_WAITING:
             raise RequestError(503, "too much is asked at once; try again later")
         self._waiting += 1
         try:
@@ -66,7 +66,7 @@ class Site:
             self._waiting -= 1
 
     async def answer(self, request: Request, make: Callable[[], Answer]) -> Response:
-        """Have an answer made in a thread, and send it as the client can take it."""
+        """Compute an answer in a thread, and return it in an encoding that the client accepts."""
         try:
             found = await self.run(make)
         except Exception as error:
@@ -91,7 +91,7 @@ class Site:
 
 
 def _failed(error: Exception) -> Answer:
-    """Return what stands in the place of an answer that could not be made."""
+    """Return the answer that reports an error."""
     if isinstance(error, RequestError):
         return json_answer({"error": error.sentence}, error.status)
     if isinstance(error, StoreError):
@@ -124,7 +124,7 @@ def application(site: Site) -> ASGIApp:
 
 
 async def _unknown(request: Request, error: Exception) -> Response:
-    """Answer what has no address, or is asked for in another way than its own."""
+    """Answer an unknown address or a method that it does not have."""
     status = error.status_code if isinstance(error, HTTPException) else 500
     sentence = {404: "there is no such address", 405: "this address is not asked for in this way"}.get(status)
     return _response(request, json_answer({"error": sentence or "the request cannot be answered"}, status))
@@ -157,7 +157,7 @@ def _page_routes(site: Site) -> list[Route]:
         return await site.answer(request, make)
 
     async def is_ready(request: Request) -> Response:
-        # No thread is needed, so it is answered however busy they are.
+        # Answered without a thread, however busy they are.
         return _response(request, json_answer(ready()))
 
     return [
@@ -257,11 +257,11 @@ async def _stream(site: Site, request: Request) -> Response:
         return _response(request, _failed(error))
     subject = (machine, channel) if machine and channel else None
     headers = {"cache-control": "no-store", "x-accel-buffering": "no"}
-    return _Stream(site.hub.listen(subject), headers, "text/event-stream")
+    return _Stream(site.hub.subscribe(subject), headers, "text/event-stream")
 
 
 class _Stream(StreamingResponse):
-    """A stream that is ended with its answer, however that ends: a listener is forgotten, a file is closed."""
+    """A stream whose generator is closed with the answer, however that ends."""
 
     def __init__(self, parts: AsyncGenerator[bytes], headers: Mapping[str, str], media_type: str) -> None:
         super().__init__(parts, 200, headers, media_type)

@@ -1,4 +1,4 @@
-"""Whether the machines are watched by now, for programs that restart or call somebody."""
+"""Health checks: whether daemons run, sources deliver and stores can be used."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from monitor.records.database import StoreError
 from monitor.web.answers import without_folders
 from monitor.web.machines import Machine, Machines
 
-_STALE = 15.0
+_MAX_STATUS_AGE_S = 15.0
 _SAID = {
     "never_ran": "has never run",
     "died": "does not run: it died",
@@ -38,7 +38,7 @@ def _reasons(machine: Machine) -> Iterator[str]:
     if not values.get("running") or values.get("status") == "starting":
         yield f"the daemon {_SAID.get(str(values.get('status')), 'does not run')}"
         return
-    if status.age is None or status.age > _STALE:
+    if status.age is None or status.age > _MAX_STATUS_AGE_S:
         yield f"the daemon said nothing for {status.age or 0.0:.0f} s"
     try:
         machine.store.rows("SELECT max(id) FROM blocks")

@@ -1,4 +1,4 @@
-"""The machines of a page: their configurations, what their daemons say of them, and their stores."""
+"""The machines of a page: configurations, statuses of their daemons, stores."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _FRESH = 0.2
 
 @dataclass(frozen=True)
 class Status:
-    """What a daemon said, as it was when it was read.
+    """The status of a daemon at the moment of reading.
 
     Attributes:
-        version: another number wherever something else is said.
+        version: changes with the values.
         values: as ``spallwatch status --json`` gives them; sentences name files without their folders.
         age: seconds since the file was written; None where there is none.
     """
@@ -39,7 +39,7 @@ class Machine:
     """One machine; its methods may be called from any thread."""
 
     def __init__(self, config: Config) -> None:
-        """Take a configuration; nothing is opened yet."""
+        """Keep a configuration; nothing is opened yet."""
         self.config = config
         self.name = config.machine.name
         self.channels: dict[str, ChannelSection] = {channel.name: channel for channel in config.channel}
@@ -77,7 +77,7 @@ class Machine:
         return section is None or section.unit != "unknown"
 
     def status(self) -> Status:
-        """Return what its daemon says, at most a moment old."""
+        """Return the status of its daemon, at most 0.2 s old."""
         with self._lock:
             now = time.monotonic()
             if self._read is None or now - self._read >= _FRESH:

@@ -1,4 +1,4 @@
-"""HTTP on a connection, for clients that take their time on purpose: each step has an end."""
+"""HTTP/1.1 with time limits against clients that are slow on purpose."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import asyncio
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-MOST_CONNECTIONS = 256
-HEAD_WITHIN = 10.0
-_STUCK_AFTER = 3
+MAX_CONNECTIONS = 256
+HEAD_S = 10.0
+_MAX_STUCK = 3
 
 
-class PatientProtocol(H11Protocol):
-    """Closes connections on which no request comes, or on which an answer is not taken, and refuses too many."""
+class LimitedProtocol(H11Protocol):
+    """Closes connections without a request or with an answer that is not taken, and limits their number."""
 
-    head_within = HEAD_WITHIN
+    head_within = HEAD_S
     """Seconds for the head of a request, from its first byte or from the connection."""
     _head: asyncio.TimerHandle | None = None
     _watch: asyncio.TimerHandle | None = None
@@ -23,16 +23,16 @@ class PatientProtocol(H11Protocol):
     _stuck = 0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]  # as the class above does
-        """Begin to wait for a request."""
+        """Start the timers."""
         super().connection_made(transport)
-        if len(self.connections) > MOST_CONNECTIONS:
+        if len(self.connections) > MAX_CONNECTIONS:
             transport.abort()
             return
         self._head = self.loop.call_later(self.head_within, self._give_up)
-        self._watch = self.loop.call_later(self.head_within, self._look)
+        self._watch = self.loop.call_later(self.head_within, self._check_progress)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget about it."""
+        """Stop the timers."""
         for timer in (self._head, self._watch):
             if timer is not None:
                 timer.cancel()
@@ -40,7 +40,7 @@ class PatientProtocol(H11Protocol):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Take what comes; a head that has begun must be complete in time."""
+        """Process data; a head that has begun must be complete in time."""
         super().data_received(data)
         incomplete = self.conn.their_state is h11.IDLE and not self.transport.is_closing()
         if not incomplete and self._head is not None:
@@ -54,12 +54,12 @@ class PatientProtocol(H11Protocol):
         if not self.transport.is_closing():
             self.transport.abort()
 
-    def _look(self) -> None:
-        """End what has not moved for a while, though there is more to send."""
+    def _check_progress(self) -> None:
+        """End the connection if waiting data has not moved for a while."""
         pending = self.transport.get_write_buffer_size()
         self._stuck = self._stuck + 1 if pending and pending == self._pending else 0
         self._pending = pending
-        if self._stuck >= _STUCK_AFTER:
+        if self._stuck >= _MAX_STUCK:
             self.transport.abort()
             return
-        self._watch = self.loop.call_later(self.head_within, self._look)
+        self._watch = self.loop.call_later(self.head_within, self._check_progress)

@@ -25,7 +25,7 @@ from monitor.service.systemd import ServiceManager
 from monitor.web.app import Site, application
 from monitor.web.auth import Doorkeeper, TokenError, load_token
 from monitor.web.machines import Machines
-from monitor.web.protocol import PatientProtocol
+from monitor.web.protocol import LimitedProtocol
 from monitor.web.security import Doors
 from monitor.words.numbers import count
 
@@ -44,11 +44,11 @@ class PageError(WrongInputError):
 class _Server(uvicorn.Server):
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Leave the signals to the caller."""
+        """Leave signals to the caller."""
         yield
 
     async def abandon(self) -> None:
-        """End what is still being answered."""
+        """Abort connections that are still being answered."""
         for connection in list(self.server_state.connections):
             connection.transport.abort()
         await asyncio.gather(*self.server_state.tasks, return_exceptions=True)
@@ -61,7 +61,7 @@ async def serve(machines: Machines, web: WebSection, state_dir: Path, say: Say, 
         machines: what it shows.
         web: where it listens, and to whom.
         state_dir: where the token is kept if none is configured.
-        say: is given ``url`` once it listens, then ``alive`` every few seconds.
+        say: called with ``url`` once it listens, then with ``alive`` every few seconds.
         port: in place of the configured one.
 
     Raises:
@@ -91,7 +91,7 @@ async def serve(machines: Machines, web: WebSection, state_dir: Path, say: Say, 
 def _settings(site: Site, web: WebSection) -> uvicorn.Config:
     settings = uvicorn.Config(
         application(site),
-        http=PatientProtocol,
+        http=LimitedProtocol,
         ws="none",
         lifespan="off",
         log_config=None,
@@ -103,7 +103,7 @@ def _settings(site: Site, web: WebSection) -> uvicorn.Config:
         ssl_certfile=web.cert_file,
         ssl_keyfile=web.key_file,
     )
-    # What strangers send is no news, and the site logs its own failures.
+    # Malformed requests are not logged; the site logs its own failures.
     logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
     try:
         settings.load()
@@ -123,7 +123,7 @@ def _listen(web: WebSection, port: int) -> socket.socket:
     listening: socket.socket | None = None
     try:
         family, _, _, _, address = socket.getaddrinfo(web.host, port, type=socket.SOCK_STREAM)[0]
-        # With the protocol named, the event loop sends small answers at once; otherwise each may wait for 40 ms.
+        # With the protocol named, the event loop sends small answers at once instead of after up to 40 ms.
         listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind(address)
@@ -168,7 +168,7 @@ def child() -> None:
 
 
 def _end_with_parent() -> None:
-    """End at once when standard input does: the parent asked for it, or is gone, however it ended."""
+    """End at once when standard input ends: the parent closed it, or has ended."""
     while os.read(0, 4096):
         pass
     os._exit(0)

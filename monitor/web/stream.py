@@ -1,4 +1,4 @@
-"""What is new, told to all who listen: one look at statuses and stores for everybody, one copy of every message."""
+"""Server-sent events: one poll of statuses and stores for all clients, one copy of each message."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ from monitor.web.new_records import newest_id, records_after
 from monitor.web.spectra_view import newest_block
 
 _LOG = logging.getLogger(__name__)
-_EVERY = 0.5
-_HEARTBEAT = 5.0
-_QUIET = 15.0
-_MOST_WAITING = 64
+_POLL_S = 0.5
+_HEARTBEAT_S = 5.0
+_COMMENT_S = 15.0
+_MAX_WAITING = 64
 _RESTLESS = ("updated_utc", "up_s", "channels", "sources", "blocks")
-"""What changes all the time: it goes with what else changed, or with the heartbeat."""
+"""Keys that change all the time; they are sent with other changes, or with the heartbeat."""
 Subject = tuple[str, str]
 
 
 @dataclass(eq=False)
-class Listener:
-    """Somebody who listens.
+class Subscriber:
+    """A client of the stream.
 
     Attributes:
         subject: machine and channel that are followed closely, or None.
-        waiting: messages that were not taken yet; whoever lets them pile up is dropped.
-        dropped: set when that happened.
+        waiting: messages that were not taken yet.
+        dropped: set when there were too many of them.
     """
 
     subject: Subject | None
-    waiting: asyncio.Queue[bytes] = field(default_factory=lambda: asyncio.Queue(_MOST_WAITING))
+    waiting: asyncio.Queue[bytes] = field(default_factory=lambda: asyncio.Queue(_MAX_WAITING))
     dropped: bool = False
 
 
 @dataclass
 class _Seen:
-    """What was told of a machine last."""
+    """What was sent of a machine last."""
 
     version: int = -1
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -54,81 +54,81 @@ class _Seen:
 
 
 @dataclass(frozen=True)
-class _News:
-    """A message, and for whom: None is everybody."""
+class _Update:
+    """A message, and the subject of its subscribers; None for all."""
 
     message: bytes
     subject: Subject | None = None
 
 
 class Hub:
-    """Looks for what is new while anybody listens; used in the event loop."""
+    """Polls while there are subscribers; used in the event loop."""
 
     def __init__(self, machines: Machines) -> None:
         """Take the machines."""
         self._machines = machines
         self._thread = ThreadPoolExecutor(1, "news")
-        self._listeners: set[Listener] = set()
+        self._subscribers: set[Subscriber] = set()
         self._seen: dict[str, _Seen] = {}
         self._heartbeat = 0.0
         self._wake = asyncio.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def __len__(self) -> int:
-        """Return how many listen."""
-        return len(self._listeners)
+        """Return the number of subscribers."""
+        return len(self._subscribers)
 
     def wake(self) -> None:
-        """Look at once; may be called from any thread."""
+        """Poll at once; may be called from any thread."""
         if self._loop is not None:
             self._loop.call_soon_threadsafe(self._wake.set)
 
     async def run(self) -> None:
-        """Look again and again, until cancelled."""
+        """Poll until cancelled."""
         self._loop = asyncio.get_running_loop()
         while True:
-            if self._listeners:
-                subjects = {listener.subject for listener in self._listeners if listener.subject is not None}
+            if self._subscribers:
+                subjects = {subscriber.subject for subscriber in self._subscribers if subscriber.subject is not None}
                 for item in await self._loop.run_in_executor(self._thread, self._found, subjects):
-                    self._tell(item)
+                    self._send(item)
             else:
-                # Whoever comes first gets everything, and from then on what is new.
+                # The next subscriber gets everything, and from then on changes.
                 self._seen.clear()
             self._wake.clear()
             try:
-                await asyncio.wait_for(self._wake.wait(), _EVERY)
+                await asyncio.wait_for(self._wake.wait(), _POLL_S)
             except TimeoutError:
                 continue
 
-    async def listen(self, subject: Subject | None) -> AsyncGenerator[bytes]:
-        """Yield the messages for one who listens, a comment where there is none for a while."""
-        listener = Listener(subject)
-        self._listeners.add(listener)
+    async def subscribe(self, subject: Subject | None) -> AsyncGenerator[bytes]:
+        """Yield the messages for a new subscriber, and comments while there are none."""
+        subscriber = Subscriber(subject)
+        self._subscribers.add(subscriber)
         loop = asyncio.get_running_loop()
         try:
             yield await loop.run_in_executor(self._thread, self._everything, subject)
-            while not listener.dropped:
+            while not subscriber.dropped:
                 try:
-                    yield await asyncio.wait_for(listener.waiting.get(), _QUIET)
+                    yield await asyncio.wait_for(subscriber.waiting.get(), _COMMENT_S)
                 except TimeoutError:
                     yield b": still here\n\n"
         finally:
-            self._listeners.discard(listener)
+            self._subscribers.discard(subscriber)
 
     def close(self) -> None:
-        """Let go of the thread."""
+        """End the thread."""
         self._thread.shutdown(wait=True, cancel_futures=True)
 
-    def _tell(self, news: _News) -> None:
-        for listener in self._listeners:
-            if news.subject in (None, listener.subject):
+    def _send(self, update: _Update) -> None:
+        for subscriber in self._subscribers:
+            if update.subject in (None, subscriber.subject):
                 try:
-                    listener.waiting.put_nowait(news.message)
+                    subscriber.waiting.put_nowait(update.message)
                 except asyncio.QueueFull:
-                    listener.dropped = True
+                    subscriber.dropped = True
 
     def _everything(self, subject: Subject | None) -> bytes:
-        """Return how all machines stand; what is committed from now on is news."""
+        """Return the state of all machines; later commits are sent as changes."""
         for machine in self._machines:
             seen = self._seen.setdefault(machine.name, _Seen())
             channels = [subject[1]] if subject is not None and subject[0] == machine.name else []
@@ -142,17 +142,17 @@ class Hub:
         whole = [machine.status().values for machine in self._machines]
         return message("machines", {"full": True, "machines": whole})
 
-    def _found(self, subjects: set[Subject]) -> list[_News]:
-        """Return what is new; a look that fails is no end of looking."""
+    def _found(self, subjects: set[Subject]) -> list[_Update]:
+        """Return what is new; a failed poll is retried."""
         try:
-            return list(self._look(subjects))
+            return list(self._poll(subjects))
         except Exception:
-            _LOG.exception("what is new cannot be told")
+            _LOG.exception("the stream cannot be updated")
             return []
 
-    def _look(self, subjects: set[Subject]) -> Iterator[_News]:
+    def _poll(self, subjects: set[Subject]) -> Iterator[_Update]:
         now = time.monotonic()
-        beating = now - self._heartbeat >= _HEARTBEAT
+        beating = now - self._heartbeat >= _HEARTBEAT_S
         if beating:
             self._heartbeat = now
         changed: list[dict[str, Any]] = []
@@ -169,9 +169,9 @@ class Hub:
             except StoreError as error:
                 _LOG.debug("%s: %s", machine.name, error)
         if changed:
-            yield _News(message("machines", {"full": False, "machines": changed}))
+            yield _Update(message("machines", {"full": False, "machines": changed}))
         if logged:
-            yield _News(message("events", {"unacknowledged": self._unacknowledged(), "newest": newest}))
+            yield _Update(message("events", {"unacknowledged": self._unacknowledged(), "newest": newest}))
 
     def _unacknowledged(self) -> int:
         total = 0
@@ -183,18 +183,20 @@ class Hub:
         return total
 
     @staticmethod
-    def _of_channels(machine: Machine, seen: _Seen, channels: list[str]) -> Iterator[_News]:
-        """Yield records and spectra of the channels that somebody follows."""
+    def _of_channels(machine: Machine, seen: _Seen, channels: list[str]) -> Iterator[_Update]:
+        """Yield records and spectra of the channels that are followed."""
         newest = newest_id(machine)
         if seen.newest is None or newest < seen.newest:
             seen.newest = newest
         for channel in channels:
             subject = (machine.name, channel)
             if newest > seen.newest:
-                yield _News(message("records", records_after(machine, channel, seen.newest, newest)), subject)
+                yield _Update(message("records", records_after(machine, channel, seen.newest, newest)), subject)
             block = newest_block(machine, channel)
             if channel in seen.spectra and block is not None and block != seen.spectra[channel]:
-                yield _News(message("spectrum", {"machine": machine.name, "channel": channel, "block": block}), subject)
+                yield _Update(
+                    message("spectrum", {"machine": machine.name, "channel": channel, "block": block}), subject
+                )
             seen.spectra[channel] = block
         seen.newest = newest
 
@@ -216,7 +218,7 @@ def _logged(machine: Machine, seen: _Seen) -> tuple[bool, str | None]:
 
 
 def _difference(seen: _Seen, machine: Machine, beating: bool) -> dict[str, Any] | None:
-    """Return what changed of a machine since it was told last, or None; ages of blocks are no change."""
+    """Return what changed of a machine since the last message, or None; ages of blocks do not count."""
     status = machine.status()
     if status.version == seen.version:
         return None

@@ -59,10 +59,10 @@ class LogReader:
                 raise StoreError(f"{self.path}: the event log is closed")
             if self._opened is None:
                 with contextlib.ExitStack() as opened:
-                    log, told = opened.enter_context(EventLog(self.path)), opened.enter_context(Deliveries(self.path))
-                    told.begin(self._channels, self._clock())
+                    log, deliveries = opened.enter_context(EventLog(self.path)), opened.enter_context(Deliveries(self.path))
+                    deliveries.begin(self._channels, self._clock())
                     opened.pop_all()
-                self._opened = log, told
+                self._opened = log, deliveries
             return self._opened
 
     def close(self) -> None:
@@ -153,11 +153,11 @@ class Follower:
         return wait
 
     def _deliver(self) -> float | None:
-        log, told = self._reader.open()
-        place = self._current(told)
+        log, deliveries = self._reader.open()
+        place = self._current(deliveries)
         # What waits is delivered on a full disk, too.
         with contextlib.suppress(StoreError):
-            told.mark(self._clocks.utc())
+            deliveries.mark_found(self._clocks.utc())
         most = self._settings.queue_events
         events = log.after(place.event, limit=most)
         notices = log.notices_after(place.notice, limit=most)
@@ -170,9 +170,9 @@ class Follower:
         waiting = [
             (number, event) for number, event in (*events, *notices) if event.body.get("kind") not in _NOT_DELIVERED
         ]
-        self._age(told, waiting)
+        self._age(deliveries, waiting)
         if not waiting and not place.left_out:
-            self._keep(told, after)
+            self._keep(deliveries, after)
             # A missing password is found before the first alarm.
             self._channel.check()
             self.problem, self._pause = self._complaint, self._first_pause
@@ -183,42 +183,42 @@ class Follower:
         try:
             self._complaint = self._send(waiting, place.left_out)
         except Exception:
-            self._give_up(told, place, waiting)
+            self._give_up(deliveries, place, waiting)
             raise
         now = self._clocks.monotonic()
         self._sent.append(now)
         utc = self._clocks.utc()
-        self._keep(told, replace(after, left_out=0, sent=tuple(utc - (now - item) for item in self._sent)))
+        self._keep(deliveries, replace(after, left_out=0, sent=tuple(utc - (now - item) for item in self._sent)))
         self.problem, self._pause = self._complaint, self._first_pause
         return more
 
-    def _current(self, told: Deliveries) -> Delivered:
+    def _current(self, deliveries: Deliveries) -> Delivered:
         """Return the present position, from the store at the start; write it if that failed before."""
         if self._place is None:
-            self._place = told.place(self.name) or Delivered()
+            self._place = deliveries.progress(self.name) or Delivered()
             now, utc = self._clocks.monotonic(), self._clocks.utc()
             self._sent.extend(now - (utc - item) for item in sorted(self._place.sent) if 0.0 <= utc - item < _HOUR)
         if not self._saved:
-            self._keep(told, self._place)
+            self._keep(deliveries, self._place)
         return self._place
 
-    def _keep(self, told: Deliveries, place: Delivered) -> None:
+    def _keep(self, deliveries: Deliveries, place: Delivered) -> None:
         """Move to a position and write it; if the disk is full, messages are delivered again after a restart."""
         changed, self._place = place != self._place, place
         if changed or not self._saved:
             self._saved = False
             with contextlib.suppress(StoreError):
-                told.move(self.name, place)
+                deliveries.save(self.name, place)
                 self._saved = True
 
-    def _age(self, told: Deliveries, waiting: list[tuple[int, LoggedEvent]]) -> None:
+    def _age(self, deliveries: Deliveries, waiting: list[tuple[int, LoggedEvent]]) -> None:
         """Note since when each event waits (s, monotonic), and sort them by that."""
         now, utc = self._clocks.monotonic(), self._clocks.utc()
         known, self._since = self._since, {}
         for number, event in waiting:
             since = known.get(event.id)
             if since is None:
-                found = event.utc if event.id.startswith("n") else told.found(number)
+                found = event.utc if event.id.startswith("n") else deliveries.found(number)
                 age = 0.0 if found is None or found < _MIN_UTC_S else max(0.0, utc - found)
                 since = now - age
             self._since[event.id] = since
@@ -241,7 +241,7 @@ class Follower:
             _LOG.error("delivered by %s, but %s", self.name, complaint)
         return complaint
 
-    def _give_up(self, told: Deliveries, place: Delivered, waiting: list[tuple[int, LoggedEvent]]) -> None:
+    def _give_up(self, deliveries: Deliveries, place: Delivered, waiting: list[tuple[int, LoggedEvent]]) -> None:
         """Skip what has been waiting for too long; the next message counts it."""
         oldest = self._clocks.monotonic() - self._settings.give_up_hours * _HOUR
         old = [(number, event) for number, event in waiting if self._since[event.id] < oldest]
@@ -251,7 +251,7 @@ class Follower:
         notices = [number for number, event in old if event.id.startswith("n")]
         events = [number for number, event in old if not event.id.startswith("n")]
         self._keep(
-            told,
+            deliveries,
             replace(
                 place,
                 event=max(events, default=place.event),

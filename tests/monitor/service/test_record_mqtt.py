@@ -130,7 +130,7 @@ def test_what_was_committed_while_it_was_down_or_the_broker_away_comes_afterward
 def test_connections_cut_at_any_moment_and_a_killed_broker_leave_nothing_out(
     tmp_path: Path, commits: Commits, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("monitor.service.record_mqtt._FIRST_PAUSE", 0.05)
+    monkeypatch.setattr("monitor.service.record_mqtt._MIN_PAUSE_S", 0.05)
     generator = random.Random(20261121)
     broker, heard = Broker(tmp_path / "broker"), []
     with Proxy(broker.port) as proxy, publishing(commits, proxy.port, retain=False) as records:

@@ -188,7 +188,7 @@ def _status(connection: socket.socket) -> int:
 
 def test_a_stream_that_is_not_read_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("monitor.web.security._MAX_SEND_S", 0.3)
-    monkeypatch.setattr("monitor.web.stream._HEARTBEAT", 0.0)
+    monkeypatch.setattr("monitor.web.stream._HEARTBEAT_S", 0.0)
     config = make_machine(tmp_path)
     large = {"problems": {"s0": "x" * 4_000_000}, "channels": {}}
     with StatusFile.open(tmp_path / "state") as daemon, page_of(config) as page:

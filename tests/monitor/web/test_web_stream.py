@@ -98,8 +98,8 @@ def test_an_unknown_channel_is_not_followed(tmp_path: Path) -> None:
 def test_a_listener_that_takes_nothing_is_dropped_and_holds_nothing_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("monitor.web.stream._EVERY", 0.001)
-    monkeypatch.setattr("monitor.web.stream._HEARTBEAT", 0.0)
+    monkeypatch.setattr("monitor.web.stream._POLL_S", 0.001)
+    monkeypatch.setattr("monitor.web.stream._HEARTBEAT_S", 0.0)
     monkeypatch.setattr("monitor.web.machines._FRESH", 0.0)
     config = make_machine(tmp_path)
     hub = Hub(Machines([load_config(config)]))
@@ -108,7 +108,7 @@ def test_a_listener_that_takes_nothing_is_dropped_and_holds_nothing_up(
 
     async def scene() -> tuple[int, int]:
         looking = asyncio.create_task(hub.run())
-        lazy, eager = hub.listen(None), hub.listen(None)
+        lazy, eager = hub.subscribe(None), hub.subscribe(None)
         await anext(lazy)
         await anext(eager)
         taken = 0
