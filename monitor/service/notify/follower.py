@@ -59,7 +59,10 @@ class LogReader:
                 raise StoreError(f"{self.path}: the event log is closed")
             if self._opened is None:
                 with contextlib.ExitStack() as opened:
-                    log, deliveries = opened.enter_context(EventLog(self.path)), opened.enter_context(Deliveries(self.path))
+                    log, deliveries = (
+                        opened.enter_context(EventLog(self.path)),
+                        opened.enter_context(Deliveries(self.path)),
+                    )
                     deliveries.begin(self._channels, self._clock())
                     opened.pop_all()
                 self._opened = log, deliveries
