@@ -1,4 +1,4 @@
-"""``[publish]``: how records leave the store, as files and over MQTT (docs/reference/wire.md)."""
+"""``[publish]``: records as files and over MQTT; see docs/reference/records.md and docs/reference/wire.md."""
 
 from __future__ import annotations
 

@@ -18,6 +18,7 @@ WRONG_INPUT = {
     "LibraryError",
     "MapError",
     "OutsideMapError",
+    "PageError",
     "ReportError",
     "ScoreError",
     "SourceError",
