@@ -51,6 +51,16 @@ def test_links_lead_somewhere(page: Path) -> None:
         assert not anchor or anchor in anchors(found), f"{target}#{anchor}"
 
 
+def test_paths_in_the_documents_exist() -> None:
+    missing = {
+        f"{page.relative_to(ROOT)}: {path}"
+        for page in PAGES
+        for path in re.findall(r"`((?:models|streams|monitor|tests|benchmarks|deploy|docs)/[\w/.-]*\w/?)`", read(page))
+        if "NAME" not in path and not (ROOT / path).exists()
+    }
+    assert sorted(missing) == []
+
+
 def test_pages_for_users_are_short_and_listed() -> None:
     index = DOCS / "README.md"
     pages = [index, *(page for folder in FOR_USERS for page in (DOCS / folder).glob("*.md"))]
