@@ -22,7 +22,7 @@ from streams.source import Delivery
 from streams.spec import SourceSpec
 
 _LOOK_AHEAD = 8
-_LOOK_AHEAD_BYTES = 1 << 26
+_MAX_AHEAD_BYTES = 1 << 26
 _PATIENCE = {"incomplete": INCOMPLETE_AFTER, "empty": INCOMPLETE_AFTER}
 # A side-car may come after its file.
 _RETRIED = ("unreadable", "short", "wrong_shape", "wrong_rate", "wrong_unit")
@@ -36,7 +36,7 @@ class Intake:
     """Takes the files of a register in turn and keeps the deliveries that come of them.
 
     Attributes:
-        ready: deliveries that nobody has asked for yet.
+        ready: deliveries that were not yet returned by ``next``.
     """
 
     def __init__(self, spec: SourceSpec, loader: Loader, ledger: Ledger, register: Register) -> None:
@@ -67,7 +67,7 @@ class Intake:
         Names need not sort by time, but the files themselves often state it: a few of them are looked at at once.
         """
         size, happened, most = 0, False, 1 if self._reblocker is None else _LOOK_AHEAD
-        while len(self._batch) < most and size < _LOOK_AHEAD_BYTES:
+        while len(self._batch) < most and size < _MAX_AHEAD_BYTES:
             entry = self._register.take(now, self._period)
             if entry is None:
                 break

@@ -12,7 +12,7 @@ NETWORK_FILE_SYSTEMS = frozenset(
     {"9p", "afs", "ceph", "cifs", "fuse.ceph", "fuse.glusterfs", "fuse.sshfs", "glusterfs", "lustre", "ncpfs", "nfs"}
     | {"nfs4", "smb3", "smbfs", "virtiofs", "vboxsf"}
 )
-"""Types whose files other machines write: no event tells of it, and no lock or shared memory can be relied upon."""
+"""Types whose files other machines write: without events, and without reliable locks or shared memory."""
 
 _MOUNTS = Path("/proc/self/mountinfo")
 _LEFT_ALONE = (".tmp", ".part", ".partial", ".crdownload", ".filepart", "_index")
@@ -103,7 +103,7 @@ def _list_one(root: str, folder: str, folders: list[str], found: dict[str, Stat]
 
 
 def left_alone(name: str) -> bool:
-    """Tell whether a file is somebody's own business: hidden, half-way through a copy, or an index beside the data.
+    """Tell whether a file is skipped: hidden, a partial copy, or an index beside the data.
 
     Args:
         name: the name without its folder.

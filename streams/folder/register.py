@@ -39,7 +39,7 @@ class Entry(Origin):
         seen: when it was first seen waiting, by the monotonic clock, s; likewise the other times.
         changed: when it was last seen to change.
         closed: whether it was closed or moved in since then.
-        whole: whether nobody was expected to write more of it when its turn came.
+        whole: whether it counted as complete when its turn came.
         phase: "queued" for its turn, "aside" because it is not all there, "held" because samples of it wait for more,
             "delivered" entirely.
         due: when it is tried again although it does not change.
@@ -236,7 +236,7 @@ class Register:
         self._aside[entry.path] = entry
 
     def settled(self, entry: Entry, now: float) -> bool:
-        """Tell whether nobody seems to be writing to a file any more.
+        """Tell whether a file seems to be complete.
 
         That it was closed is enough only where files come one by one and in order: the first one may be the first of a
         crowd that is being copied in any order.
@@ -264,7 +264,7 @@ class Register:
         """Return the file whose turn it is, or None where all have to wait.
 
         A file that is still being written holds back those after it, so that they stay in order, but not for ever; and
-        so does a crowd of files that keeps growing, for whoever copies a folder copies it in any order.
+        so does a crowd of files that keeps growing, for a folder is copied in any order.
 
         Args:
             now: present time.

@@ -232,7 +232,7 @@ class FolderSource:
         """Find out by the first files what kind they are."""
         register = self._register
         for entry in [entry for entry in register.waiting.values() if entry.absent is not None]:
-            # Nobody will ever know what it was; it was none of the files that could be told.
+            # Its kind can no longer be found out.
             if now - (entry.absent or 0.0) >= INCOMPLETE_AFTER:
                 _LOG.warning("source %s: %s is gone before it could be recognised", self.name, entry.key)
                 register.leave(entry, None)

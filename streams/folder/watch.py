@@ -13,7 +13,7 @@ from typing import Any
 from streams.folder.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
 _LOG = logging.getLogger(__name__)
-_MOST = 10_000
+_MAX_NAMES = 10_000
 """Names kept between two looks; with more the next scan finds the files, only a settling time later."""
 
 _OVERFLOW_MASK = 0x00000008 | 0x00000080 | 0x00000100 | 0x02000000 | 0x20000000
@@ -21,10 +21,10 @@ _OVERFLOW_MASK = 0x00000008 | 0x00000080 | 0x00000100 | 0x02000000 | 0x20000000
 
 
 class Watch:
-    """Watches one folder and all below it; of a network share it hears nothing, and the scan alone has to do."""
+    """Watches one folder and all below it; a network share gives no events, the scan alone finds its files."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
-        """Take what is to be called, from another thread, whenever something happens."""
+        """Take the function to call, from another thread, on every event."""
         self._wake = wake
         self._lock = threading.Lock()
         self._finished: set[str] = set()
@@ -36,7 +36,7 @@ class Watch:
         """How often the kernel had no room for events and dropped some."""
 
     def start(self, root: Path) -> None:
-        """Watch a folder, in place of the one before. Where that is impossible it is said, and the scan has to do."""
+        """Watch a folder in place of the one before; where that fails, it is logged, and the scan alone finds files."""
         self.stop()
         # The type of the file system is asked anew: a share may have been mounted here meanwhile.
         kind = file_system_type(root)
@@ -67,7 +67,7 @@ class Watch:
         return self._observer is not None
 
     def alive(self) -> bool:
-        """Tell whether whoever should report events still does; an observer outlives its dead emitters."""
+        """Tell whether events are still reported; an observer outlives its dead emitters."""
         observer = self._observer
         return observer is None or (
             observer.is_alive() and bool(observer.emitters) and all(emitter.is_alive() for emitter in observer.emitters)
@@ -80,17 +80,17 @@ class Watch:
         return found
 
     def note(self, path: str, finished: bool) -> None:
-        """Take note of an event; called by the thread that hears it."""
+        """Take note of an event; called by the thread of the observer."""
         if finished:
             with self._lock:
-                if len(self._finished) < _MOST:
+                if len(self._finished) < _MAX_NAMES:
                     self._finished.add(os.path.relpath(path, self._root))
                 else:
                     self.lost += 1
         self._wake()
 
     def note_overflow(self) -> None:
-        """Take note that events were dropped; called by the thread that hears them."""
+        """Take note that events were dropped; called by the thread of the observer."""
         self.overflows += 1
         self._wake()
 
@@ -118,7 +118,7 @@ class _Handler:
 
 
 class _Overflow:
-    """Hears that the kernel's queue overflowed: watchdog mends its watches then, but tells its handlers nothing.
+    """Listens for overflows of the kernel's queue: watchdog repairs its watches then, without calling its handlers.
 
     The methods ``on_...`` are those of ``watchdog.observers.inotify_c.WatchCallback``; it ends with the observer.
     """

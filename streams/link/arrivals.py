@@ -82,7 +82,7 @@ class Arrivals:
             stream.committed = stream.received = ledger.committed(stream.spec.name)
 
     def close(self) -> None:
-        """Let whoever waits go."""
+        """Wake all waiters."""
         with self._lock:
             self._closed = True
             self._lock.notify_all()

@@ -30,7 +30,7 @@ _LOG = logging.getLogger(__name__)
 COMMITTED = "/committed"
 """Behind a topic: where the number committed last stands."""
 _KEEPALIVE = 30
-_LONGEST_SECRET = 4096
+_MAX_SECRET_BYTES = 4096
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ def _secret(path: Path, where: str) -> str:
     """Return the first line of a file."""
     try:
         with path.open(encoding="utf-8") as file:
-            line = file.readline(_LONGEST_SECRET).rstrip("\r\n")
+            line = file.readline(_MAX_SECRET_BYTES).rstrip("\r\n")
     except (OSError, UnicodeDecodeError) as error:
         raise SourceError(f"{where}: {path} cannot be read: {type(error).__name__}") from None
     if not line:

@@ -16,7 +16,7 @@ from streams.source import Source
 from streams.spec import Address
 
 _WINDOW_FRAMES, _WINDOW_BYTES = 32, 64 << 20
-_FIRST_PAUSE, _LONGEST_PAUSE = 0.1, 10.0
+_FIRST_PAUSE_S, _MAX_PAUSE_S = 0.1, 10.0
 
 
 class SendError(SpallwatchError):
@@ -192,7 +192,7 @@ class Sender:
         """
         self._blocks = self._iterate(0)
         self._due = failing_since = time.monotonic()
-        pause, connections, known = _FIRST_PAUSE, 0, -1
+        pause, connections, known = _FIRST_PAUSE_S, 0, -1
         try:
             while True:
                 try:
@@ -205,11 +205,11 @@ class Sender:
                 except LinkError as error:
                     why = str(error)
                 if self._committed > known:
-                    pause, known, failing_since = _FIRST_PAUSE, self._committed, time.monotonic()
+                    pause, known, failing_since = _FIRST_PAUSE_S, self._committed, time.monotonic()
                 if time.monotonic() - failing_since > self._patience:
                     raise SendError(f"{why}; blocks to {self._committed} are committed, to {self._highest} sent")
                 self._sleep(pause)
-                pause = min(2.0 * pause, _LONGEST_PAUSE)
+                pause = min(2.0 * pause, _MAX_PAUSE_S)
         finally:
             self._link.close()
 

@@ -1,4 +1,4 @@
-"""Unsafe parsers behind a wall: they run in a child process with limits on memory, processor time and time.
+"""Unsafe parsers run in a child process with limits on memory, processor time and time.
 
 The child is kept for many files and then replaced. Its death is the status ``reader_crashed`` of the file that it read,
 and nothing more.
@@ -274,7 +274,7 @@ class ReaderProcess:
         return f"died of {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
 
     def _stop(self) -> None:
-        """End the child in peace."""
+        """Close the pipes of the child and wait for its end."""
         process = self._process
         for handle in self._handles:
             os.close(handle)

@@ -19,10 +19,10 @@ from streams.readers.stated import Facts, known_unit, plain_key, stated_rate, st
 from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of, stack_rows
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_DEEPEST = 16
-_MOST_OBJECTS = 10_000
-_MOST_ATTRIBUTES = 256
-_LONGEST_TEXT = 4096
+_MAX_DEPTH = 16
+_MAX_OBJECTS = 10_000
+_MAX_ATTRIBUTES = 256
+_MAX_TEXT_BYTES = 4096
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,6 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
     ``start_utc``, ``start_time`` and the like.
 
     Args:
-        data: the bytes of the file.
-        name: its name, for messages.
         patterns: of the paths of the wanted data sets, such as ``run1/acc*``; none: all.
         zone: IANA name of the time zone of stamps that name none.
 
@@ -75,7 +73,7 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
             rows.extend(block)
             names.extend([item.path] if len(block) == 1 else [f"{item.path}_{i}" for i in range(1, len(block) + 1)])
             facts.extend([item.facts] * len(block))
-            if len(rows) > _MOST_OBJECTS or sum(row.nbytes for row in rows) > MAX_BYTES:
+            if len(rows) > _MAX_OBJECTS or sum(row.nbytes for row in rows) > MAX_BYTES:
                 raise ReaderError("refused", f"{name}: claims more than {MAX_BYTES} bytes when loaded")
         held = ", ".join(f"{item.path}{list(item.dataset.shape or ())}"[:60] for item in found[:12]) or "no data set"
         return join_rows(rows, names, facts, name, zone, f"no vector matches {', '.join(patterns) or '*'}; {held}")
@@ -182,8 +180,8 @@ def walk(
                 continue
             count += 1
             path = f"{prefix}{separator}{key}" if prefix else key
-            if count > _MOST_OBJECTS or path.count(separator) > _DEEPEST:
-                raise ReaderError("refused", f"{name}: more than {_MOST_OBJECTS} objects or {_DEEPEST} levels")
+            if count > _MAX_OBJECTS or path.count(separator) > _MAX_DEPTH:
+                raise ReaderError("refused", f"{name}: more than {_MAX_OBJECTS} objects or {_MAX_DEPTH} levels")
             matches = not patterns or any(fnmatchcase(path, pattern) for pattern in patterns)
             kind = type(group.get(key, getlink=True)).__name__
             if kind != "HardLink":
@@ -204,15 +202,15 @@ def walk(
 def attributes(item: Any) -> dict[str, object]:
     """Return the attributes of an object that are one number or one text, under their plain keys."""
     found: dict[str, object] = {}
-    for key in list(item.attrs)[:_MOST_ATTRIBUTES]:
+    for key in list(item.attrs)[:_MAX_ATTRIBUTES]:
         attribute = item.attrs.get_id(key)
-        if prod(attribute.shape or ()) != 1 or attribute.dtype.itemsize > _LONGEST_TEXT:
+        if prod(attribute.shape or ()) != 1 or attribute.dtype.itemsize > _MAX_TEXT_BYTES:
             continue
         value = np.asarray(item.attrs[key]).reshape(-1)[0]
         if isinstance(value, bytes):
             value = value.decode("utf-8", "replace")
         if isinstance(value, str):
-            found[plain_key(key)] = str(value)[:_LONGEST_TEXT]
+            found[plain_key(key)] = str(value)[:_MAX_TEXT_BYTES]
         elif isinstance(value, np.number) and np.isrealobj(value):
             found[plain_key(key)] = float(value)
     return found

@@ -17,7 +17,7 @@ from streams.readers.stated import (
 from streams.readers.text import clean_text, first_line_of, is_number, read_text
 from streams.samples import ReaderError, Samples
 
-_MOST_LINES = 200
+_MAX_HEAD_LINES = 200
 _TIMES = {"time", "times", "timesec", "timeseconds", "timems", "zeit", "zeits", "t", "ts", "tempo", "temps", "xvalue"}
 _SECONDS = ("s", "sec", "second", "seconds", "ms")
 _IN_MS = {"timems"}
@@ -44,8 +44,6 @@ def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
     ``X_Value``) is no channel but states the rate.
 
     Args:
-        data: the bytes of the file.
-        name: its name, for messages.
         zone: IANA name of the zone of stamps that name none.
 
     Returns:
@@ -74,7 +72,7 @@ def _numbers(body: bytes, name: str) -> tuple[bytes, list[str]]:
     """Cut the text before its first line of numbers."""
     skipped: list[str] = []
     begin = 0
-    while begin < len(body) and len(skipped) <= _MOST_LINES:
+    while begin < len(body) and len(skipped) <= _MAX_HEAD_LINES:
         line = first_line_of(body, begin)
         text = line.decode("utf-8", "replace").strip()
         if _is_numbers(text):

@@ -18,7 +18,7 @@ from streams.readers.hdf5 import SIGNATURE, attributes, load, open_hdf5, walk
 from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of, stack_rows
 
 _COMPRESSED = 15
-_MOST_RECORDS = 256
+_MAX_RECORDS = 256
 _ITEM_BYTES = {
     "int8": 1,
     "uint8": 1,
@@ -36,10 +36,6 @@ MatValues = Mapping[str, "NDArray[np.generic]"]
 
 def mat_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], str]]:
     """List the variables of a MAT file without loading them.
-
-    Args:
-        data: the bytes of the file.
-        name: its name, for messages.
 
     Returns:
         For each variable its shape and MATLAB class ("double", "struct", ...).
@@ -124,8 +120,6 @@ def load_mat(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDArr
     """Load the variables, or fields of structures, that match any of some patterns.
 
     Args:
-        data: the bytes of the file.
-        name: its name, for messages.
         patterns: such as ``X*_DE_time``, or ``bearing.gs`` for the field of a structure.
 
     Returns:
@@ -161,7 +155,7 @@ def _variable(pattern: str) -> str:
 def _flat(key: str, value: object) -> dict[str, NDArray[np.generic]]:
     """Name the fields of a structure ``key.field``, of an array of them ``key(1).field``, of nested ones likewise."""
     array = np.asarray(value)
-    if array.dtype.names is None or not 1 <= array.size <= _MOST_RECORDS:
+    if array.dtype.names is None or not 1 <= array.size <= _MAX_RECORDS:
         return {key: array}
     flat: dict[str, NDArray[np.generic]] = {}
     for index, record in enumerate(array.reshape(-1), start=1):
@@ -195,8 +189,6 @@ def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Sample
     """Read the numeric vectors of a MAT file that match some patterns.
 
     Args:
-        data: the bytes of the file.
-        name: its name, for messages.
         patterns: of variables and fields; single numbers and text are passed over.
 
     Returns:

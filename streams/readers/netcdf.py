@@ -27,8 +27,6 @@ def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str 
     values are applied; a fill value becomes NaN.
 
     Args:
-        data: the bytes of the file.
-        name: its name, for messages.
         patterns: of the names of the variables; none: all but coordinates.
         zone: IANA name of the time zone of stamps that name none.
 

@@ -13,10 +13,6 @@ from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of
 def read_npy(data: bytes, name: str) -> Samples:
     """Read an array of one or two dimensions, the longer axis being time.
 
-    Args:
-        data: the bytes of the file.
-        name: its name, for messages.
-
     Returns:
         Samples of shape (row, sample).
 

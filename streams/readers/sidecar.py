@@ -24,7 +24,7 @@ from streams.samples import ReaderError, Samples
 
 FOLDER_NAMES = ("spallwatch.json", "spallwatch.toml")
 _UNITS = ("g", "m/s2", "V", "unknown")
-_MOST_BYTES = 1 << 16
+_MAX_SIDECAR_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -74,8 +74,8 @@ def find_sidecar(root: Path, path: str, zone: str = "UTC") -> SideCar | None:
         if not os.path.lexists(root / candidate):
             continue
         raw = read_guarded(root, candidate)
-        if len(raw) > _MOST_BYTES:
-            raise ReaderError("refused", f"{candidate}: {len(raw)} bytes, a side-car has at most {_MOST_BYTES}")
+        if len(raw) > _MAX_SIDECAR_BYTES:
+            raise ReaderError("refused", f"{candidate}: {len(raw)} bytes, a side-car has at most {_MAX_SIDECAR_BYTES}")
         return _parsed(raw, candidate, zone)
     return None
 

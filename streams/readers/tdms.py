@@ -16,7 +16,7 @@ from streams.samples import MAX_BYTES, ReaderError, Samples, stack_rows
 
 _LEAD_IN = 28
 _OPEN_END = 0xFFFFFFFFFFFFFFFF
-_MOST_CHANNELS = 4096
+_MAX_CHANNELS = 4096
 _LABVIEW_ZERO = -2082844800.0
 """Seconds from 1970 to 1904-01-01, the stamp of a waveform whose time was never set."""
 
@@ -28,8 +28,6 @@ def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
     (``unit_string``) are taken from the properties of the channels.
 
     Args:
-        data: the bytes of the file.
-        name: its name, for messages.
         patterns: of the channels that are wanted, as ``CHANNEL`` or ``GROUP/CHANNEL``; none: all.
         zone: IANA name of the time zone of stamps that name none.
 
@@ -102,8 +100,8 @@ def _check_segments(data: bytes, name: str) -> None:
 
 def _wanted(file: Any, name: str, patterns: Sequence[str]) -> list[Any]:
     channels = [channel for group in file.groups() for channel in group.channels()]
-    if len(channels) > _MOST_CHANNELS:
-        raise ReaderError("refused", f"{name}: {len(channels)} channels, {_MOST_CHANNELS} are allowed")
+    if len(channels) > _MAX_CHANNELS:
+        raise ReaderError("refused", f"{name}: {len(channels)} channels, {_MAX_CHANNELS} are allowed")
     numeric = [c for c in channels if c.dtype is not None and np.dtype(c.dtype).kind in "fiu" and len(c)]
     found = [
         channel

@@ -60,8 +60,6 @@ def read_text(
     "%" are comments, and so is a byte order mark. "nan" and "inf" are numbers, an empty field is not.
 
     Args:
-        data: the bytes of the file.
-        name: its name, for messages.
         separators: the separators that may occur.
         header: whether the first line names the columns; None: it does where none of its fields is a number.
         n_columns: the number or numbers of columns that the file may have; None: any.

@@ -27,8 +27,6 @@ def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "
     accelerations where data set 164 says SI; the time of the first sample is ID line 3.
 
     Args:
-        data: the bytes of the file.
-        name: its name, for messages.
         patterns: of ID line 1, or of ``NODE:DIRECTION`` such as ``12:+Z``; none: all time responses.
         zone: IANA name of the zone of the stamp.
 

@@ -18,10 +18,6 @@ def read_wav(data: bytes, name: str) -> Samples:
     Integer samples are given as fractions of full scale, -1 to 1: what full scale means is for the configuration to
     say (``scale``). Floating samples are given as they stand.
 
-    Args:
-        data: the bytes of the file.
-        name: its name, for messages.
-
     Returns:
         Samples of shape (channel, frame), float32 up to 24 bits, else float64, and the rate of the header.
 

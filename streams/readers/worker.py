@@ -26,7 +26,7 @@ _FIELDS = ("channels", "names", "columns", "units", "rate", "start", "speed", "l
 def main() -> None:
     """Answer requests until the parent closes its end; the arguments are four file descriptors and two limits."""
     requests_fd, answers_fd, input_fd, output_fd, memory, cpu_s = map(int, sys.argv[1:7])
-    # A growing heap, a core dump and a written disk are three things that no parser has any business with.
+    # Limits of a parser: its heap, no core dump, no large file.
     _limit(resource.RLIMIT_AS, memory)
     _limit(resource.RLIMIT_CORE, 0)
     _limit(resource.RLIMIT_FSIZE, MAX_BYTES)

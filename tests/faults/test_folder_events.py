@@ -176,7 +176,7 @@ def test_a_network_share_is_not_watched(folder: Path, monkeypatch: pytest.Monkey
 
 
 def test_names_beyond_the_room_for_them_are_left_to_the_scan(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("streams.folder.watch._MOST", 3)
+    monkeypatch.setattr("streams.folder.watch._MAX_NAMES", 3)
     woken = []
     watch = Watch(lambda: woken.append(1))
     for number in range(5):
