@@ -27,11 +27,13 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from models.bearing import kinematics
 from monitor.health import detect
+from monitor.health.channel import ChannelBlock, check_channel, step
+from monitor.health.condition import Quantity
 from monitor.health.naming import bins_needed, name_fault
 from monitor.health.quality import check_samples
+from monitor.health.settings import ChannelSettings
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from monitor.health.state import ChannelState
-from monitor.health.step import BlockInfo, ChannelSettings, judge, step
 from tests.conftest import recordings_folder
 from tests.recordings import RUNS, History, Run, histories
 from tests.signals import HealthyMachine, bearing_lines, impacts
@@ -189,7 +191,7 @@ def healthy_samples(duration: float, machines: int, blocks: int, seed: int) -> t
     bearing, lines = bearing_lines("PRONOSTIA", speed)
     n = round(rate * duration)
     average = 16 if duration < 0.5 else 1
-    settings = ChannelSettings("healthy", bearing, bands=((500.0, 6000.0),), average_blocks=average, speed=speed)
+    settings = ChannelSettings("healthy", bearing, bands=((500.0, 6000.0),), average_blocks=average)
     count = Count()
     prominences: list[float] = []
     for _ in range(machines):
@@ -198,8 +200,9 @@ def healthy_samples(duration: float, machines: int, blocks: int, seed: int) -> t
         count.machines += 1
         for i, level in enumerate(machine.levels(rng, blocks)):
             samples = machine.block(rng, float(level), rate, n).astype(np.float32)
-            info = BlockInfo(i + 1, 10.0 * i, rate, duration)
-            state, output = step(state, samples, info, judge(samples, state, settings), settings)
+            verdict = check_channel(samples, state, settings)
+            block = ChannelBlock(samples, rate, i + 1, 10.0 * i, verdict, Quantity(speed, "configured"))
+            state, output = step(state, block, settings)
             assert output.detection is not None
             assert output.features is not None
             count.take(output.detection)
@@ -306,11 +309,10 @@ def time_table(quick: bool) -> list[Row]:
         features = block_features(x, rate, FeatureSettings(rate, ((500.0, 6000.0),), fundamentals(lines)))
         envelope = features.envelopes[0]
         relative = envelope.amplitude[: bins_needed(lines, envelope.resolution)] / envelope.mean
-        settings = ChannelSettings("damaged", bearing, bands=((500.0, 6000.0),), speed=speed)
-        info = BlockInfo(1, 0.0, rate, duration)
-        block = detect.DetectInput(1, 0.0, 1.0, 1.0, 1.0)
+        settings = ChannelSettings("damaged", bearing, bands=((500.0, 6000.0),))
+        block = ChannelBlock(x, rate, 1, 0.0, check_samples(x), Quantity(speed, "configured"))
+        given = detect.DetectInput(1, 0.0, 1.0, 1.0, 1.0)
         learned = detect.DetectState(baseline=detect.Baseline(0.0, 0.03, 0.0, 0.1))
-        verdict = check_samples(x)
         paths = {
             "kernel": calibration_kernel(),
             "quality_ms": partial(check_samples, x),
@@ -318,8 +320,8 @@ def time_table(quick: bool) -> list[Row]:
                 block_features, x, rate, FeatureSettings(rate, settings.bands or (), fundamentals(lines))
             ),
             "naming_ms": partial(name_fault, relative, envelope.resolution, kinematics(bearing, speed)),
-            "detect_ms": partial(detect.step, learned, block, DEFAULTS),
-            "all_stages_ms": partial(step, ChannelState(), x, info, verdict, settings),
+            "detect_ms": partial(detect.step, learned, given, DEFAULTS),
+            "all_stages_ms": partial(step, ChannelState(), block, settings),
         }
         ms = interleaved_ms(paths, 21 if quick else 101)
         kernel = ms.pop("kernel")

@@ -32,10 +32,10 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, print_table, write_json
 from models.bearing import Kinematics, catalogue, kinematics
 from monitor.health.naming import LEAST_DEPTH, SEARCH, Naming, bins_needed, name_fault
+from monitor.health.spectrum.average import Spectra
 from monitor.health.spectrum.bands import candidate_bands, find_band
 from monitor.health.spectrum.features import FAULTS, fundamentals
 from monitor.health.spectrum.transform import Band, get_transform
-from monitor.health.state import Spectra
 from streams.block import Block
 from tests.conftest import recordings_folder
 from tests.recordings import CASES, Case, watch
@@ -85,10 +85,10 @@ class Named:
 def verdicts(folder: Path, speed_error: float) -> Iterator[Named]:
     """Take every recording through the program."""
     for case in CASES:
-        for item, watcher, _ in watch(case.config, folder / case.file, speed_error=speed_error):
+        for item, steps, _ in watch(case.config, folder / case.file, speed_error=speed_error):
             if not isinstance(item, Block):
                 raise AssertionError(f"{case.file}: {item}")
-            for channel, output in watcher.outputs.items():
+            for channel, output in steps.outputs.items():
                 yield Named(case, channel, speed_error, output.naming)
 
 
@@ -142,11 +142,11 @@ def band_rows(folder: Path) -> list[Row]:
         automatic: Counter[str] = Counter()
         wrong: list[str] = []
         pieces: Counter[str] = Counter()
-        for block, watcher, _ in watch(case.config, folder / case.file):
-            for channel, output in watcher.outputs.items():
-                if output.naming is None or output.speed is None or not isinstance(block, Block):
+        for block, steps, _ in watch(case.config, folder / case.file):
+            for channel, output in steps.outputs.items():
+                if output.naming is None or output.speed.value is None or not isinstance(block, Block):
                     continue
-                lines = kinematics(watcher.channels[channel].settings.bearing, output.speed)
+                lines = kinematics(steps.settings.channels[channel].bearing, output.speed.value)
                 x = block.samples[block.channels.index(channel)]
                 candidates = candidate_bands(block.rate, max(fundamentals(lines).values()))
                 chosen = find_band([x], block.rate, fundamentals(lines))
@@ -160,8 +160,8 @@ def band_rows(folder: Path) -> list[Row]:
                         )
                     bands[verdict] += 1
                     automatic[verdict] += band == chosen
-        for block, watcher, _ in watch(case.config, folder / case.file, block_s=1.0):
-            for output in watcher.outputs.values():
+        for block, steps, _ in watch(case.config, folder / case.file, block_s=1.0):
+            for output in steps.outputs.values():
                 if output.naming is not None and isinstance(block, Block):
                     pieces[judged(output.naming.fault, case.expected)] += 1
         rows.append(

@@ -48,10 +48,10 @@ from monitor.records.store import Store
 from monitor.report.score.issued import Issued, read_issued
 from monitor.report.score.runs import End, mean_of_runs, score_run
 from monitor.service.libraries import prior_words
-from monitor.service.setup import channel_setups, open_configured
-from monitor.service.watcher import Watcher
+from monitor.service.setup import open_configured, source_settings
 from streams.block import Block, Rejected
 from tests.recordings import EXAMPLES, RUNS, Run
+from tests.steps import Steps
 
 Floats = NDArray[np.float64]
 
@@ -174,14 +174,14 @@ def records_of(
     section = config.source[0]
     maps = dict.fromkeys(CHANNELS, rms_map)
     libraries = {} if library is None else dict.fromkeys(CHANNELS, library)
-    watcher = Watcher(section.name, channel_setups(config, section, maps, libraries), section.rate_hz)
+    steps = Steps(source_settings(config, section, maps, libraries))
     made_with = {
         "config_hash": config.hash,
         "map_hash": rms_map.hash,
         "library_hash": "" if library is None else library.hash,
         "interval_level": config.forecast.interval,
     }
-    return [watcher.process(item) for item in recording.items], made_with
+    return [steps.take(item) for item in recording.items], made_with
 
 
 def issued_in(records: Sequence[Record], made_with: Mapping[str, Any]) -> list[Issued]:

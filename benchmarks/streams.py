@@ -20,6 +20,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +29,11 @@ from google_crc32c import value as crc32c
 
 from benchmarks.common import arguments, interleaved_ms, print_table, write_json
 from monitor.config.load import Config, validate
+from monitor.health.settings import SourceSettings
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
-from monitor.service.setup import channel_setups
-from monitor.service.watcher import Watcher
+from monitor.service.setup import source_settings
 from streams.block import Block
 from streams.link.arrivals import Arrivals
 from streams.link.sender import TcpLink
@@ -42,6 +43,7 @@ from streams.reblock import samples_hash
 from streams.samples import Samples
 from streams.spec import Address, SourceSpec
 from tests.memory_ledger import MemoryLedger
+from tests.steps import Steps
 
 STREAMS, CHANNELS, RATE, SECONDS = 8, 8, 25600.0, 5.0
 _SAMPLES = round(RATE * SECONDS)
@@ -142,7 +144,7 @@ def run(blocks: int, *, pace: bool) -> dict[str, Any]:
         specs = [SourceSpec(f"s{i}", "tcp://127.0.0.1:0") for i in range(STREAMS)]
         receiver = TcpReceiver(specs)
         receiver.open(ledger)
-        watchers = {f"s{i}": _watcher(machine, i) for i in range(STREAMS)}
+        settings = {f"s{i}": _settings(machine, i) for i in range(STREAMS)}
         command = [
             sys.executable,
             "-m",
@@ -153,7 +155,7 @@ def run(blocks: int, *, pace: bool) -> dict[str, Any]:
             str(int(pace)),
         ]
         with (
-            Ingest(store, ledger, [receiver], watchers) as ingest,
+            Ingest(store, ledger, [receiver], settings) as ingest,
             subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as sender,
         ):
             if sender.stdin is None or sender.stdout is None:
@@ -174,10 +176,11 @@ def run(blocks: int, *, pace: bool) -> dict[str, Any]:
     return {**answer, "cpu": spent, "blocks": done}
 
 
-def _watcher(machine: Config, number: int) -> Watcher:
-    setups = channel_setups(machine, machine.source[number])
+def _settings(machine: Config, number: int) -> SourceSettings:
+    found = source_settings(machine, machine.source[number]).channels.values()
     # Named as the frames name them: the allow-list of channels is not what is measured here.
-    return Watcher(f"s{number}", {name.partition("-")[0]: setup for name, setup in setups.items()}, RATE)
+    channels = [replace(channel, name=channel.name.partition("-")[0]) for channel in found]
+    return SourceSettings(f"s{number}", {channel.name: channel for channel in channels}, RATE)
 
 
 def real_time(blocks: int) -> dict[str, Any]:
@@ -215,7 +218,7 @@ def parts(rounds: int) -> list[dict[str, Any]]:
     data = _frame(1, 0)
     rows = np.random.default_rng(0).standard_normal((CHANNELS, _SAMPLES), dtype=np.float32)
     machine = config(1)
-    watcher = _watcher(machine, 0)
+    steps = Steps(_settings(machine, 0))
     number = 0
 
     def block() -> Block:
@@ -233,8 +236,8 @@ def parts(rounds: int) -> list[dict[str, Any]]:
             "frame to block (all)": take,
             "  of it CRC-32C": lambda: crc32c(data),
             "  of it content hash": lambda: samples_hash(rows, RATE, _NAMES),
-            "quality to record": lambda: watcher.process(block()),
-            "the same and commit": lambda: store.commit(watcher.process(block()), watcher.states()),
+            "quality to record": lambda: steps.take(block()),
+            "the same and commit": lambda: store.commit(steps.take(block()), steps.stored()),
         }
         times = interleaved_ms(functions, rounds)
     return [

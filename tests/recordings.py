@@ -12,12 +12,14 @@ from pathlib import Path
 from monitor.config.load import Config, load_config
 from monitor.config.source import SourceSection
 from monitor.health import detect
+from monitor.health.channel import ChannelBlock, detect_input
 from monitor.health.naming import Naming
+from monitor.health.output import ChannelOutput
 from monitor.health.record import Record
-from monitor.health.step import BlockInfo, ChannelOutput, detect_input
-from monitor.service.setup import ChannelSetup, channel_setups, open_configured
-from monitor.service.watcher import Watcher
+from monitor.health.settings import ChannelSettings
+from monitor.service.setup import open_configured, source_settings
 from streams.block import Block, Rejected
+from tests.steps import Steps
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -131,8 +133,8 @@ def watch(
     *,
     speed_error: float = 0.0,
     block_s: float | None = None,
-    setups: Mapping[str, ChannelSetup] | None = None,
-) -> Iterator[tuple[Block | Rejected, Watcher, Record]]:
+    channels: Mapping[str, ChannelSettings] | None = None,
+) -> Iterator[tuple[Block | Rejected, Steps, Record]]:
     """Take a recording through the program as an example configuration says, without a store.
 
     Args:
@@ -140,36 +142,38 @@ def watch(
         path: of the recording.
         speed_error: share by which the stated speed is made wrong.
         block_s: seconds to a block in place of the configured.
-        setups: channels in place of the configured ones.
+        channels: in place of the configured ones.
     """
     config, section = example(config_name, block_s)
-    chosen = dict(channel_setups(config, section) if setups is None else setups)
-    watcher = Watcher(section.name, chosen, section.rate_hz)
+    settings = source_settings(config, section)
+    if channels is not None:
+        settings = replace(settings, channels=channels)
+    steps = Steps(settings)
     for item in open_configured(config, section, str(path)):
         block = item
         if isinstance(item, Block) and speed_error:
-            stated = item.speed if item.speed is not None else next(iter(chosen.values())).settings.speed
+            stated = item.speed if item.speed is not None else next(iter(settings.channels.values())).condition.speed
             assert stated is not None
             block = replace(item, speed=stated * (1.0 + speed_error))
-        yield block, watcher, watcher.process(block)
+        yield block, steps, steps.take(block)
 
 
 def histories(run: Run, folder: Path) -> dict[str, History]:
     """Take a run to failure through the program and return what each channel said."""
     found: dict[str, History] = {}
-    last: Watcher | None = None
-    for item, watcher, _ in watch(run.config, folder / run.file):
-        last = watcher
+    last: Steps | None = None
+    for item, steps, _ in watch(run.config, folder / run.file):
+        last = steps
         if not isinstance(item, Block):
             raise AssertionError(f"{run.name}: {item}")
-        for name, output in watcher.outputs.items():
+        for name, output in steps.outputs.items():
             history = found.setdefault(name, History())
             history.inputs.append(_detector_input(item, output))
             if output.naming is not None:
                 history.namings.append((item.sequence, output.naming))
     for name, history in found.items():
         assert last is not None
-        state = last.channel(name)
+        state = last.state.channels[name]
         history.detector = state.detect
         history.fault = None if state.named is None else state.named.fault
     return found
@@ -177,5 +181,5 @@ def histories(run: Run, folder: Path) -> dict[str, History]:
 
 def _detector_input(block: Block, output: ChannelOutput) -> detect.DetectInput:
     assert output.features is not None
-    info = BlockInfo(block.sequence, block.elapsed, block.rate, block.duration)
-    return detect_input(output.features, info, absolute=True, usable=output.verdict.for_baseline)
+    found = ChannelBlock(block.samples[0], block.rate, block.sequence, block.elapsed, output.verdict)
+    return detect_input(output.features, found, absolute=True, usable=output.verdict.for_baseline)

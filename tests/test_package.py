@@ -83,7 +83,7 @@ def test_help_imports_nothing_heavy():
 
 
 def test_a_committed_block_needs_no_compiler_and_no_plotting():
-    """The watcher and the store as the daemon uses them, with what it must not load made unimportable."""
+    """The stages and the store as the daemon uses them, with what it must not load made unimportable."""
     code = """
 import sys
 for name in ("numba", "dask", "pymoo", "matplotlib"):
@@ -93,19 +93,21 @@ from pathlib import Path
 import numpy as np
 from monitor.config.load import validate
 from monitor.records.store import Store
-from monitor.service.setup import channel_setups
-from monitor.service.watcher import Watcher
+from monitor.health.state import SourceState
+from monitor.health.step import step
+from monitor.service.setup import source_settings
 from streams.block import Block
 config = validate({
     "bearing": [{"name": "b", "designation": "6205"}], "operating": {"speed_hz": 30.0},
     "source": [{"name": "s"}],
     "channel": [{"name": "c", "source": "s", "unit": "g", "bearing": "b", "band_hz": [[2000, 8000]]}],
 }, Path("x.toml"))
-watcher = Watcher("s", channel_setups(config, config.source[0]))
+settings = source_settings(config, config.source[0])
 samples = np.random.default_rng(0).standard_normal((1, 25600)).astype("float32")
-record = watcher.process(Block(samples, 25600.0, ("c",), ("g",), "s", 1, "x", content_hash="0"))
+block = Block(samples, 25600.0, ("c",), ("g",), "s", 1, "x", content_hash="0")
+state, output = step(SourceState.begin(settings), block, settings)
 with tempfile.TemporaryDirectory() as folder, Store.open(Path(folder) / "state.db", machine="m") as store:
-    assert store.commit(record, watcher.states()) == "committed"
+    assert store.commit(output.record, state.to_stored()) == "committed"
 """
     loaded = modules_after(code)
     assert "monitor.records.store" in loaded

@@ -109,7 +109,7 @@ def _learned(config: Config, database: Path) -> dict[str, set[str]]:
 
 def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
     """Yield what a tracked channel lacks: its map, its library, or conditions that they do not cover."""
-    from monitor.service.setup import channel_setups
+    from monitor.service.setup import source_settings
 
     missing = list(_missing_files(config, channel))
     yield from missing
@@ -117,7 +117,7 @@ def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
         return
     source = next(source for source in config.source if source.name == channel.source)
     try:
-        damage = channel_setups(config, source)[channel.name].settings.damage
+        damage = source_settings(config, source).channels[channel.name].damage
     except ConfigError as error:
         yield str(error)
         return

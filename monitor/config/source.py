@@ -11,6 +11,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Band, Blocks, Name, NotNegative, Positive, Scale, Section
+from monitor.health.quality import bands_above_nyquist
 from streams.spec import NetworkSpec
 
 _FILE_KEYS = ("ca_file", "cert_file", "key_file", "username_file", "password_file")
@@ -129,10 +130,7 @@ class ChannelSection(Section):
         Raises:
             ValueError: naming the key, the band and the Nyquist frequency.
         """
-        nyquist = 0.5 * rate
-        for key, (low, high) in self._bands():
-            if high > nyquist:
-                raise ValueError(
-                    f"channel {self.name!r}: {key} = [{low:g}, {high:g}] Hz reaches above the Nyquist frequency "
-                    f"{nyquist:g} Hz of a sampling rate of {rate:g} Hz; allowed is 0 to {nyquist:g} Hz"
-                )
+        bands = () if self.band_hz == "auto" else self.band_hz
+        reason = bands_above_nyquist(self.name, bands, self.rms_band_hz, rate)
+        if reason is not None:
+            raise ValueError(reason)

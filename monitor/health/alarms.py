@@ -1,8 +1,7 @@
-"""Alarms of one channel: alert and danger levels with hysteresis, delays, gating and latching, and how it stands.
+"""Alarms of one channel: alert and danger levels with hysteresis, delays, gating and latching, and its status.
 
-A block that quality does not let through raises nothing and clears nothing. So does a block outside the operating state
-that a rule is for: its counters wait where they are. Levels are given, or follow from what the blocks of the learning
-stage taught, as medians and robust standard deviations of the logarithm.
+A block that quality rejects, or one outside the operating state of a rule, leaves the rule unchanged, its counters
+included. Levels are given, or follow from the learning stage: median and robust standard deviation of the logarithm.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ CHECK, FAILURE, NO_DATA, BAD_DATA = "check_function", "failure", "no_data", "bad
 SEVERITIES = ("alert", "danger")
 Span = tuple[float, float]
 
-_MOST_LEARNED = 512
+_MAX_LEARNED = 512
 _WORST_FIRST = (FAILURE, NO_DATA, BAD_DATA, OUT_OF_SPECIFICATION, MAINTENANCE, CHECK, NORMAL)
 _REFUSALS = frozenset(
     {"above_map", "ambiguous", "outside_conditions", "outside_library", "no_absolute_level", "no_map", "no_library"}
@@ -53,9 +52,9 @@ class Rule:
         hysteresis: share of the level by which a value must come back.
         on_delay: consecutive usable blocks at or beyond the level that raise.
         off_delay: consecutive usable blocks back beyond the hysteresis that clear.
-        latch: whether it stands until somebody acknowledges it.
-        speed: Hz, for which shaft speeds it is, or None for all.
-        load: N, for which loads it is, or None for all.
+        latch: whether it stays until it is acknowledged.
+        speed: range of shaft speeds it applies to, Hz, or None for all.
+        load: range of loads it applies to, N, or None for all.
         drift: standard deviation of the logarithm that a healthy machine drifts by; part of ``deviations``.
     """
 
@@ -75,11 +74,11 @@ class Rule:
 
 @dataclass(frozen=True)
 class AlarmSettings:
-    """Rules of a channel, and when its data count as bad.
+    """Rules of a channel, and the share of bad blocks from which its data count as bad.
 
     Attributes:
         rules: with different names.
-        run_in_blocks: first usable blocks, which teach nothing.
+        run_in_blocks: first usable blocks, from which levels are not learned.
         window: blocks over which bad ones are counted.
         bad_share: share of bad ones from which the channel is in ``bad_data``.
     """
@@ -96,8 +95,8 @@ class AlarmInput:
 
     Attributes:
         sequence: number of the block.
-        usable: whether quality lets its values be believed: neither rejected nor flagged as a standing machine.
-        bad: whether it counts as bad data. A standing machine is no bad data, though it is not usable.
+        usable: whether its values count: it is neither rejected nor of a stopped machine.
+        bad: whether it counts as bad data. Standstill does not, though such a block is not usable.
         learning: whether the channel is in its learning stage.
         values: of the record, SI; of several (thresholds, bands) the worst is taken.
         speed: shaft speed, Hz, or None.
@@ -123,7 +122,7 @@ class AlarmInput:
 
 @dataclass(frozen=True)
 class LevelState:
-    """Of one level: whether it is exceeded, for how long the opposite was seen, when it was raised, if it is held."""
+    """One level: whether it is exceeded, blocks counted towards a change, the block that raised it, latched or not."""
 
     active: bool = False
     count: int = 0
@@ -132,13 +131,13 @@ class LevelState:
 
     @property
     def shown(self) -> bool:
-        """Whether the alarm stands: exceeded, or waiting to be acknowledged."""
+        """Whether the alarm is shown: exceeded, or waiting to be acknowledged."""
         return self.active or self.held
 
 
 @dataclass(frozen=True)
 class RuleState:
-    """What one rule remembers; ``learned`` are logarithms until the learning stage ends, then a median and a spread."""
+    """One rule between two blocks; logarithms are ``learned`` until the stage ends, then there is a ``baseline``."""
 
     learned: tuple[float, ...] = ()
     baseline: Span | None = None
@@ -148,7 +147,7 @@ class RuleState:
 
 @dataclass(frozen=True)
 class AlarmState:
-    """All that the alarms of a channel remember; version 1."""
+    """The alarms of a channel between two blocks; version 1."""
 
     version: int = 1
     seen: int = 0
@@ -156,6 +155,11 @@ class AlarmState:
     refusing: bool = False
     rules: Mapping[str, RuleState] = field(default_factory=dict)
     condition: str = CHECK
+
+    def level(self, rule: str, severity: str) -> LevelState:
+        """Return the state of a level, a fresh one for a rule that no block has reached yet."""
+        known = self.rules.get(rule)
+        return LevelState() if known is None else getattr(known, severity)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the state as plain values for JSON."""
@@ -184,7 +188,7 @@ class AlarmState:
 
 @dataclass(frozen=True)
 class Change:
-    """What a block changed of an alarm: ``raised`` or ``cleared``, with the value and the level (SI) it was held to."""
+    """A change of an alarm, with the value and the level (SI) that it was compared with."""
 
     kind: Literal["raised", "cleared"]
     rule: str
@@ -196,7 +200,7 @@ class Change:
 
 @dataclass(frozen=True)
 class AlarmOutput:
-    """What one block changed, and how the channel stands after it (NAMUR NE 107, or ``bad_data``)."""
+    """Changes by one block, and the status of the channel before and after it (NAMUR NE 107, or ``bad_data``)."""
 
     changes: tuple[Change, ...]
     condition: str
@@ -204,7 +208,7 @@ class AlarmOutput:
 
 
 def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple[AlarmState, AlarmOutput]:
-    """Take one block into the state and say what it changed."""
+    """Take one block into the state; return it with the changes."""
     recent = (*state.recent_bad, block.bad)[-settings.window :]
     seen = state.seen + (1 if block.usable else 0)
     rules, changes = {}, []
@@ -214,10 +218,10 @@ def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple
         if block.usable and value is not None and _within(block.speed, rule.speed) and _within(block.load, rule.load):
             given = block.baselines.get(rule.feature)
             known = _learn(known, value, given, learning=block.learning, settled=seen > settings.run_in_blocks)
-            known, changed = _judge(known, rule, value, block.sequence)
+            known, changed = _check(known, rule, value, block.sequence)
             changes += changed
         rules[rule.name] = known
-    # A block that says nothing of the tracker leaves its refusal standing.
+    # A block without a verdict of the tracker leaves its refusal in place.
     refusing = block.edv_status in _REFUSALS if block.usable else state.refusing
     after = AlarmState(seen=seen, recent_bad=recent, rules=rules, refusing=refusing)
     condition = condition_of(after, settings, learning=block.learning, final=block.final, ended=block.ended)
@@ -226,13 +230,13 @@ def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple
 
 
 def acknowledge(state: AlarmState, rule: str, sequence: int, severity: str = "danger") -> AlarmState:
-    """Let go of what a rule holds, if it was raised at or before a block; doing it again changes nothing.
+    """Release what a rule has latched at or before a block; a second time changes nothing.
 
     Args:
         state: of the alarms of a channel.
         rule: name of the rule.
-        sequence: block that raised what was acknowledged.
-        severity: of that; whoever knows of a danger knows of the alert below it, but not the other way round.
+        sequence: number of the block whose alarm was acknowledged.
+        severity: of that alarm; acknowledging a danger includes the alert below it, but not the reverse.
     """
     known = state.rules.get(rule)
     if known is None:
@@ -248,10 +252,10 @@ def acknowledge(state: AlarmState, rule: str, sequence: int, severity: str = "da
 
 
 def condition_of(state: AlarmState, settings: AlarmSettings, *, learning: bool, final: bool, ended: bool) -> str:
-    """Return how a channel stands: the worst of what is known of it, in the order of :func:`machine_state`.
+    """Return the status of a channel: the worst that applies, in the order of :func:`machine_state`.
 
     Args:
-        state: of its alarms; rules that are not configured (any more) do not count.
+        state: of its alarms; rules that are no longer configured do not count.
         settings: of its alarms.
         learning: whether it is in its learning stage.
         final: whether the final stage has begun.
@@ -271,7 +275,7 @@ def condition_of(state: AlarmState, settings: AlarmSettings, *, learning: bool, 
 
 
 def limit_of(rule: Rule, level: Level | None, baseline: Span | None) -> float | None:
-    """Return where a level stands, SI; None where it is not configured or its baseline is not learned yet."""
+    """Return the value of a level, SI; None where it is not configured or its baseline is not learned yet."""
     if level is None or level.value is not None:
         return None if level is None else level.value
     if baseline is None:
@@ -284,17 +288,17 @@ def limit_of(rule: Rule, level: Level | None, baseline: Span | None) -> float | 
 
 
 def machine_state(*states: str) -> str:
-    """Return the worst of several states, ``no_data`` where there is none; the one order, of channels and of machines.
+    """Return the worst of several statuses, ``no_data`` where there is none; of channels and of machines.
 
     From the worst: failure, no_data, bad_data, out_of_specification, maintenance_required, check_function, normal. A
-    known danger outranks silence; silence, bad data and a tracker that refuses outrank an alert, for it is no longer
-    known how much worse than an alert it is.
+    known danger outranks silence. Silence, bad data and a refusing tracker outrank an alert: the damage may be worse
+    by now.
     """
     return min(states, key=_WORST_FIRST.index, default=NO_DATA)
 
 
 def is_silent(age: float, interval: float, intervals: float) -> bool:
-    """Tell whether a channel has no data: its newest block (``age`` s) is older than so many intervals (s) of it."""
+    """Return whether a channel has no data: its newest block is older (``age``, s) than so many intervals (s)."""
     return age > intervals * interval
 
 
@@ -312,13 +316,13 @@ def _within(value: float | None, span: Span | None) -> bool:
 
 
 def _learn(known: RuleState, value: float, given: Span | None, *, learning: bool, settled: bool) -> RuleState:
-    """Collect what the learning stage shows; freeze it when the stage is over, or take what the detector learned."""
+    """Collect values of the learning stage; freeze them at its end, or take the baseline of the detector."""
     if known.baseline is not None:
         return known
     if learning:
         if not settled or value <= 0.0:
             return known
-        return replace(known, learned=(*known.learned, math.log(value))[-_MOST_LEARNED:])
+        return replace(known, learned=(*known.learned, math.log(value))[-_MAX_LEARNED:])
     if given is not None:
         return replace(known, learned=(), baseline=given)
     if not known.learned:
@@ -328,7 +332,7 @@ def _learn(known: RuleState, value: float, given: Span | None, *, learning: bool
     return replace(known, learned=(), baseline=(middle, spread))
 
 
-def _judge(known: RuleState, rule: Rule, value: float, sequence: int) -> tuple[RuleState, list[Change]]:
+def _check(known: RuleState, rule: Rule, value: float, sequence: int) -> tuple[RuleState, list[Change]]:
     changes: list[Change] = []
     after = known
     for severity in SEVERITIES:

@@ -1,4 +1,4 @@
-"""Speed and load of a block, and where they come from: the block itself, a channel of it, the signal, or a constant."""
+"""Speed and load of a block, and their source: the block itself, a channel of it, the signal, or a constant."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ConditionSettings:
         speed_scale: Hz in one unit of that channel.
         load_channel: channel whose mean is the load, or None.
         load_scale: N in one unit of that channel.
-        speed_limits: lowest and highest speed to look for in the signal, Hz, or None: it is not looked for.
+        speed_limits: range in which the speed is estimated from the signal, Hz, or None: it is not estimated.
     """
 
     speed: float | None = None
@@ -39,7 +39,7 @@ class ConditionSettings:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The channels that are no vibration."""
+        """The channels that are not vibration."""
         return tuple(name for name in (self.speed_channel, self.load_channel) if name is not None)
 
     @property
@@ -53,9 +53,9 @@ class Quantity:
     """A speed or a load.
 
     Attributes:
-        value: Hz or N, or None where nothing tells it.
+        value: Hz or N, or None where unknown.
         source: one of ``SOURCES``, or None.
-        sd: standard deviation of its error, or None where nothing tells it.
+        sd: standard deviation of its error, or None where unknown.
     """
 
     value: float | None = None
@@ -75,11 +75,10 @@ def speed_of(
 
     Args:
         stated: what the block says itself, Hz, or None.
-        rows: samples of the channels that are no vibration, each of shape (sample,).
+        rows: samples of the channels that are not vibration, each of shape (sample,).
         samples: of the vibration channel, shape (sample,), or None where they are not usable.
         rate: sampling rate, Hz.
-        bearing: that the channel listens to.
-        settings: what is configured.
+        bearing: of the channel.
 
     Returns:
         The first of: what the block states, its speed channel, the estimate, the constant.

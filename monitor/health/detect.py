@@ -1,4 +1,4 @@
-"""When the final stage of life began (t_fs), from H_or and RMS together, and when the end of life was reached.
+"""Start of the final stage of life (t_fs), from H_or and RMS together, and the end of life.
 
 A baseline of both is learned once and then frozen: a running one would chase the change that it is to find. Both enter
 as logarithms, so that a change counts by its ratio. H_or enters as its ratio to the noise floor under its lines: an
@@ -24,7 +24,7 @@ Lesson = tuple[float | None, float, float | None]
 
 STAGES = (LEARNING, HEALTHY, FINAL, END_OF_LIFE)
 
-_LONGEST_LEARNING = 3
+_MAX_LEARNING = 3
 """Learning may take at most this many times its nominal length, while the machine still runs in."""
 _ONSET = 0.5
 """The final stage began where the score rose for good above this share of the threshold."""
@@ -67,7 +67,7 @@ class DetectInput:
         sequence: number of the block.
         time: its time, s, or None where the recording has none.
         rms: RMS in the unit of the channel.
-        prominence: H_or over the floor under its lines, or None where the envelope could not be had.
+        prominence: H_or over the floor under its lines, or None where there is no envelope.
         peak: largest absolute acceleration, m/s2, or None where the unit is unknown.
         usable: whether quality lets the block move the detector.
     """
@@ -100,7 +100,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class DetectState:
-    """All that the detector remembers; version 1. Latched: t_fs, once known, stays."""
+    """The detector between two blocks; version 1. Latched: t_fs, once known, stays."""
 
     version: int = 1
     seen: int = 0
@@ -212,7 +212,7 @@ def step(state: DetectState, block: DetectInput, settings: DetectSettings) -> tu
             state = _learn(state, block, settings)
         else:
             score = _score(state.baseline, block, settings)
-            state = _judge(state, score, threshold, mark, settings)
+            state = _advance(state, score, threshold, mark, settings)
     return state, DetectOutput(
         stage=state.stage,
         score=score,
@@ -246,7 +246,7 @@ def _learn(state: DetectState, block: DetectInput, settings: DetectSettings) -> 
     third = len(learned) // 3
     fallen = statistics.median(r for _, r, _ in learned[:third]) - statistics.median(r for _, r, _ in learned[-third:])
     nominal = len(learned) + state.dropped
-    if third and fallen > settings.rms_drift and nominal < _LONGEST_LEARNING * _nominal(settings, len(learned)):
+    if third and fallen > settings.rms_drift and nominal < _MAX_LEARNING * _nominal(settings, len(learned)):
         # Still running in: what came first is not what healthy will look like.
         return replace(state, learned=learned[third:], dropped=state.dropped + third)
     return replace(state, learned=(), baseline=_freeze(learned))
@@ -290,7 +290,7 @@ def _score(baseline: Baseline, block: DetectInput, settings: DetectSettings) -> 
     return math.hypot(max(z_rms, 0.0), max(z_h, 0.0))
 
 
-def _judge(state: DetectState, score: float, threshold: float, mark: Mark, settings: DetectSettings) -> DetectState:
+def _advance(state: DetectState, score: float, threshold: float, mark: Mark, settings: DetectSettings) -> DetectState:
     """Count exceedances; latch t_fs at the start of the elevated stretch that holds the alarm."""
     if state.t_fs is not None:
         return state

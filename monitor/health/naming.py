@@ -1,15 +1,15 @@
-"""Which part of the bearing is damaged: outer race, inner race, rolling element, cage, or nobody can tell.
+"""Which part of the bearing is damaged: outer race, inner race, rolling element, cage, or unknown.
 
 The evidence is the envelope spectrum alone; nothing is learned, so a single recording gets a name too. A part is named
 only if its comb of lines
 
-* stands clear of the local noise floor (``score``),
+* is well above the local noise floor (``score``),
 * is a strong modulation and not a trace of one (``depth``): the balls of a healthy bearing pass the load zone too, and
   varying compliance and waviness put weak lines at the same frequencies, and
-* stands higher than every unrelated comb of the same spectrum (``rival``): a machine with many lines lifts every
+* is higher than every unrelated comb of the same spectrum (``rival``): a machine with many lines lifts every
   family at once, and a speed that is stated wrongly leaves the true comb outside all families, as a rival; and
 * is not the shaft's own: four times the shaft is within half a percent of the ball frequency of some bearings with
-  eight balls, and if the harmonics between its lines stand at the same speed, it is the shaft that is heard.
+  eight balls, and if the harmonics between its lines are at the same speed, they are lines of the shaft.
 
 Two families that the resolution or the search cannot tell apart are named together (``inner|ball``).
 """
@@ -56,7 +56,7 @@ class Evidence:
         depth: root sum of squares of the five line amplitudes over the mean envelope (a modulation depth), the power
             of the noise under them taken off.
         snr: root sum of squares of the line amplitudes over that of the floor under them.
-        fundamental: frequency at which the comb stands best, Hz.
+        fundamental: frequency at which the comb is highest, Hz.
         speed_factor: that frequency over the kinematic one.
     """
 
@@ -267,7 +267,7 @@ def _best_rival(excess: NDArray[np.float64], resolution: float, kinematics: Kine
 
 
 def _joined(best: str, families: Mapping[str, Evidence], resolution: float, kinematics: Kinematics) -> str:
-    """Join the names of the families that cannot be told from ``best``."""
+    """Join the names of the families that cannot be distinguished from ``best``."""
     lines = fundamentals(kinematics)
     found = families[best].fundamental
     names = [

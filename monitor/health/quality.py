@@ -1,13 +1,13 @@
-"""Verdicts on a block and its channels that gate everything after: reject, keep with a flag, or ok.
+"""Verdicts on a block and its channels, which gate all later stages: rejected, flagged, or ok.
 
-A bad block never raises an alarm: what is rejected gives no value at all, and what is flagged says which stages may use
+A bad block never raises an alarm: a rejected one gives no values, and the flags of another one decide which stages use
 it (:attr:`Verdict.for_baseline`, :attr:`Verdict.for_tracker`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -37,23 +37,23 @@ _SHORT = 0.9
 _RATE_TOLERANCE = 1e-3
 """Rates further apart than this are different rates; a clock error within it is far inside the speed search."""
 _STOPPED_SHARE = 0.05
-"""A channel below this share of its learned RMS belongs to a machine that stands still."""
+"""A channel below this share of its learned RMS belongs to a stopped machine."""
 _STOPPED_RMS = 0.03
-"""The same before anything is learned, m/s2 (3 mg): what remains on a machine that stands is the electronics' noise."""
+"""The same before a level is learned, m/s2 (3 mg): above the noise of the electronics."""
 _CLIP_SHARE = 1e-3
 _RAIL = 0.995
 _EARLIEST = 315532800.0
-"""1980-01-01 UTC: a clock that says earlier was never set."""
+"""1980-01-01 UTC: an earlier time is that of a clock that was never set."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What may be done with a channel of a block.
+    """Whether a channel of a block is used, and by which stages.
 
     Attributes:
         status: "ok", or the first reason to reject, or the first flag.
         flags: all flags, in the order of ``FLAGS``.
-        reason: one sentence for people, "" where all is well.
+        reason: one sentence for people, "" for ok.
     """
 
     status: str = "ok"
@@ -62,17 +62,17 @@ class Verdict:
 
     @property
     def accepted(self) -> bool:
-        """Whether the samples may be used at all."""
+        """Whether the samples are used at all."""
         return self.status not in REJECTIONS
 
     @property
     def for_baseline(self) -> bool:
-        """Whether the channel may teach the baseline and move the detector: running, sensing, and in its place."""
+        """Whether the baseline and the detector use it: the machine runs, the sensor works, the block is in order."""
         return self.accepted and not {"flat", "stopped", "late", "out_of_order"} & set(self.flags)
 
     @property
     def for_tracker(self) -> bool:
-        """Whether its RMS may be inverted into damage: as for the baseline, and with no peak cut off."""
+        """Whether its RMS is inverted into damage: as for the baseline, and without clipping."""
         return self.for_baseline and "clipped" not in self.flags
 
 
@@ -95,14 +95,14 @@ def check_samples(
     reference_rms: float | None = None,
     absolute: bool = True,
 ) -> Verdict:
-    """Judge the samples of one channel.
+    """Check the samples of one channel.
 
     Args:
         samples: shape (sample,), m/s2, or an unknown unit (then ``absolute`` is False).
         expected: nominal number of samples, or None where a block has no nominal length.
         signal_range: full scale of the sensor in the unit of the samples, or None where unknown.
         reference_rms: RMS of the learned baseline, or None while there is none.
-        absolute: whether the unit is known, so that absolute limits mean something.
+        absolute: whether the unit is known, so that absolute limits apply.
     """
     n = samples.size
     if n == 0:
@@ -119,7 +119,7 @@ def check_samples(
     if low == high or _stuck(samples):
         return Verdict("flat", ("flat",), "the sensor gives a constant")
     rms = float(np.std(samples, dtype=np.float64))
-    if _stands_still(rms, reference_rms, absolute):
+    if _stopped(rms, reference_rms, absolute):
         return Verdict("stopped", ("stopped",), f"RMS {rms:.3g}: the machine stands still")
     if _clipped(samples, low, high, signal_range):
         return Verdict("clipped", ("clipped",), f"clipped at {max(-low, high):.4g}")
@@ -127,7 +127,7 @@ def check_samples(
 
 
 def _stuck(samples: NDArray[np.floating]) -> bool:
-    """Tell whether a tenth of the block is one run of a single value."""
+    """Return whether a tenth of the block is one run of a single value."""
     step = max(1, samples.size // 20)
     # A run of a tenth of the block holds two neighbouring probes at a twentieth; only then are the samples counted.
     probes = samples[::step]
@@ -135,14 +135,14 @@ def _stuck(samples: NDArray[np.floating]) -> bool:
     return any(bool(np.all(samples[i * step : (i + 1) * step] == samples[i * step])) for i in same)
 
 
-def _stands_still(rms: float, reference_rms: float | None, absolute: bool) -> bool:
+def _stopped(rms: float, reference_rms: float | None, absolute: bool) -> bool:
     if reference_rms is not None:
         return rms < _STOPPED_SHARE * reference_rms
     return absolute and rms < _STOPPED_RMS
 
 
 def _clipped(samples: NDArray[np.floating], low: float, high: float, signal_range: float | None) -> bool:
-    """Tell whether peaks are cut off: at the known rail, or by runs of the extreme value where no rail is known."""
+    """Return whether peaks are clipped: at the known rail, or by runs of the extreme value where none is known."""
     if signal_range is not None:
         return int(np.count_nonzero(np.abs(samples) >= _RAIL * signal_range)) >= 2
     least = max(3, int(_CLIP_SHARE * samples.size))
@@ -157,12 +157,12 @@ def _clipped(samples: NDArray[np.floating], low: float, high: float, signal_rang
 
 @dataclass(frozen=True)
 class OrderState:
-    """Where the stream of one source stands; version 1.
+    """The newest place in the stream of one source; version 1.
 
     Attributes:
-        sequence: number of the newest block seen, 0 before the first.
+        sequence: number of the newest block, 0 before the first.
         time: its time in seconds (UTC where dated, else since the first block), or None.
-        interval: usual seconds from block to block, or None before two were seen.
+        interval: usual seconds from block to block, or None before the second.
     """
 
     version: int = 1
@@ -185,7 +185,7 @@ class OrderState:
 def check_order(
     state: OrderState, sequence: int, time: float | None, *, dated: bool, now: float | None = None
 ) -> tuple[OrderState, tuple[str, ...]]:
-    """Judge the place of a block in its stream: ``late``, ``out_of_order``, ``gap`` and ``clock`` flags.
+    """Check the place of a block in its stream; return the ``late``, ``gap`` and ``clock`` flags.
 
     Args:
         state: the stream so far.
@@ -216,12 +216,26 @@ def check_order(
 
 
 def check_rate(rate: float, expected: float | None) -> Verdict:
-    """Judge the sampling rate of a block against the configured one (None: nothing configured)."""
+    """Check the sampling rate of a block against the configured one, if any."""
     if not (math.isfinite(rate) and rate > 0):
         return rejected("wrong_rate", f"sampling rate {rate!r} Hz")
     if expected is not None and abs(rate / expected - 1.0) > _RATE_TOLERANCE:
         return rejected("wrong_rate", f"sampling rate {rate:g} Hz, expected {expected:g} Hz")
     return Verdict()
+
+
+def bands_above_nyquist(
+    channel: str, bands: Sequence[tuple[float, float]], rms_band: tuple[float, float] | None, rate: float
+) -> str | None:
+    """Return which configured band of a channel a sampling rate (Hz) cannot hold, in one sentence, or None."""
+    keys = [("band_hz", band) for band in bands] + ([] if rms_band is None else [("rms_band_hz", rms_band)])
+    for key, band in keys:
+        if band[1] > 0.5 * rate:
+            return (
+                f"channel {channel!r}: {key} = [{band[0]:g}, {band[1]:g}] Hz reaches above the Nyquist frequency "
+                f"{0.5 * rate:g} Hz of a sampling rate of {rate:g} Hz; allowed is 0 to {0.5 * rate:g} Hz"
+            )
+    return None
 
 
 def with_flags(verdict: Verdict, flags: tuple[str, ...]) -> Verdict:

@@ -1,23 +1,32 @@
-"""All that a channel remembers from block to block, frozen and writable as JSON."""
+"""Everything that is carried from block to block: frozen, versioned, writable as JSON.
+
+A store keeps the parts of a source's state under names of their own (``source:S``, ``channel:S:C``, ``alarms:S:C``,
+``waterfall:S:C``), each with its version.
+"""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from monitor.health.alarms import AlarmState
 from monitor.health.damage.filter.particle_filter import FilterState
 from monitor.health.damage.library.forecaster import LibraryState
 from monitor.health.damage.tracker import DamageState
 from monitor.health.detect import DetectState
+from monitor.health.quality import OrderState
+from monitor.health.record import Record
+from monitor.health.settings import SourceSettings
+from monitor.health.spectrum.average import Spectra
 from monitor.health.spectrum.transform import Band
 from monitor.health.spectrum.votes import BandVotes
+from monitor.health.waterfall import WaterfallState
 
 STATE_VERSION = 2
+"""Of a channel's state; the other parts have theirs."""
+
+Stored = dict[str, dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -28,8 +37,8 @@ class Named:
         fault: "outer", "inner", "ball", "cage" or two of them joined by "|".
         snr: its lines over the floor under them.
         depth: its lines over the mean envelope.
-        standing: its score over the score that it had to reach.
-        sequence: block at which this was said.
+        standing: its score over the threshold of the score.
+        sequence: number of the block that gave this evidence.
     """
 
     fault: str
@@ -39,85 +48,19 @@ class Named:
     sequence: int
 
 
-@dataclass(frozen=True, eq=False)
-class Spectra:
-    """The latest envelope spectra of a channel, in power and relative to the mean envelope, oldest first.
-
-    Attributes:
-        rows: one array of shape (band, bin), float32, for each block.
-    """
-
-    rows: tuple[NDArray[np.float32], ...] = ()
-
-    @property
-    def count(self) -> int:
-        """How many blocks there are."""
-        return len(self.rows)
-
-    def add(self, amplitudes: tuple[NDArray[np.float32], ...], most: int) -> Spectra:
-        """Return the spectra with those of one more block (one array a band), and at most ``most`` blocks.
-
-        Spectra of another number of bins or bands start anew: they cannot be averaged with what was.
-        """
-        length = min(amplitude.size for amplitude in amplitudes)
-        row = np.square(np.stack([amplitude[:length] for amplitude in amplitudes]), dtype=np.float32)
-        earlier = self.rows if self.rows and self.rows[-1].shape == row.shape else ()
-        return Spectra((*earlier, row)[-most:])
-
-    def averages(self) -> tuple[NDArray[np.float64], ...]:
-        """Return the root of the mean power of each band, shape (bin,), each block weighted by one over its noise.
-
-        Noise is the median over the bins. With equal weights a single impact, whose spectrum is high everywhere, would
-        outweigh all other blocks, and what is left is no more certain than one spectrum.
-        """
-        rows = np.stack(self.rows).astype(np.float64)
-        noise = np.maximum(np.median(rows, axis=2, keepdims=True), np.finfo(np.float64).tiny)
-        weights = (1.0 / noise) / np.sum(1.0 / noise, axis=0)
-        return tuple(np.sqrt(np.sum(weights * rows, axis=0)))
-
-    def __eq__(self, other: object) -> bool:
-        """Equal where all rows are equal bit for bit."""
-        return (
-            isinstance(other, Spectra)
-            and self.count == other.count
-            and all(np.array_equal(a, b) for a, b in zip(self.rows, other.rows, strict=True))
-        )
-
-    __hash__ = None  # pyright: ignore[reportAssignmentType]  # holds arrays: equal, but not hashable
-
-    def to_list(self) -> list[dict[str, Any]]:
-        """Return the rows as text that keeps every bit."""
-        return [
-            {"shape": list(row.shape), "float32": base64.b64encode(row.astype("<f4").tobytes()).decode("ascii")}
-            for row in self.rows
-        ]
-
-    @classmethod
-    def from_list(cls, rows: list[Mapping[str, Any]]) -> Spectra:
-        """Return what :meth:`to_list` wrote."""
-        return cls(
-            tuple(
-                np.frombuffer(base64.b64decode(row["float32"]), dtype="<f4").reshape(row["shape"]).astype(np.float32)
-                for row in rows
-            )
-        )
-
-
 @dataclass(frozen=True)
 class ChannelState:
-    """All that one channel remembers.
+    """One channel between two blocks: its stages up to the forecast.
 
     Attributes:
-        detect: the onset detector.
-        bands: the bands that were chosen, Hz, or () where none were (yet).
+        bands: the bands that were chosen, Hz, or () before the choice.
         band_source: "learning" or "recording" once chosen, else "provisional".
-        votes: what the first blocks say of the candidate bands, or None.
+        votes: the candidate bands of the first blocks, or None.
         spectra: the latest envelope spectra, for the averaged one.
         running_time: seconds that the machine has run, the time axis of the damage.
         last_time: time of the latest block that was in order, s, or None.
         was_running: whether the machine ran then.
-        damage: the trackers and forecasts.
-        named: what the fault is called, or None.
+        named: the damaged part, or None.
     """
 
     detect: DetectState = field(default_factory=DetectState)
@@ -153,7 +96,7 @@ class ChannelState:
         """Return the state that :meth:`to_dict` gave.
 
         Raises:
-            ValueError: if it was written in a layout that this version does not know.
+            ValueError: it was written in an unknown layout.
         """
         version = stored.get("version")
         if version not in (1, STATE_VERSION):
@@ -173,7 +116,7 @@ class ChannelState:
 
 
 def _damage_of_version_1(stored: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the damage of a state that kept its parts side by side, and of a waiting block its time and RMS only."""
+    """Return the damage part of a state of version 1, which kept only time and RMS of a pending block."""
     return {
         "pending": [[time, rms, None, None, None] for time, rms in stored["pending"]],
         "edv": stored["edv"],
@@ -181,3 +124,74 @@ def _damage_of_version_1(stored: Mapping[str, Any]) -> dict[str, Any]:
         "forecast": stored["forecast"],
         "library": LibraryState().to_dict(),
     }
+
+
+_Part = TypeVar("_Part", OrderState, ChannelState, AlarmState, WaterfallState)
+
+
+def _part(kind: type[_Part], stored: Mapping[str, Any] | None) -> _Part:
+    return kind() if stored is None else kind.from_dict(stored)
+
+
+@dataclass(frozen=True)
+class SourceState:
+    """One source between two blocks. To roll a block back is to go on with the state before it.
+
+    Attributes:
+        source: its name.
+        order: the place of the latest block in the stream.
+        channels: stages up to the forecast, by channel.
+        alarms: by channel.
+        waterfalls: by channel of which spectra are kept.
+        latest: record of the latest block that was analysed, or None. It is not part of what is stored: the store
+            has it as a record.
+    """
+
+    source: str
+    order: OrderState
+    channels: Mapping[str, ChannelState]
+    alarms: Mapping[str, AlarmState]
+    waterfalls: Mapping[str, WaterfallState]
+    latest: Record | None = None
+
+    @classmethod
+    def begin(
+        cls,
+        settings: SourceSettings,
+        stored: Mapping[str, Mapping[str, Any]] | None = None,
+        latest: Record | None = None,
+    ) -> SourceState:
+        """Return the state before the next block.
+
+        Args:
+            settings: of the source.
+            stored: parts by name as :meth:`to_stored` gave them; a part that is missing begins afresh.
+            latest: the record that was committed with them.
+
+        Raises:
+            KeyError, TypeError, ValueError: a part was written by another version.
+        """
+        source, channels = settings.name, settings.channels
+        drawn = [name for name, channel in channels.items() if channel.waterfall.rows > 0]
+        parts = stored or {}
+        return cls(
+            source=source,
+            order=_part(OrderState, parts.get(f"source:{source}")),
+            channels={name: _part(ChannelState, parts.get(f"channel:{source}:{name}")) for name in channels},
+            alarms={name: _part(AlarmState, parts.get(f"alarms:{source}:{name}")) for name in channels},
+            waterfalls={name: _part(WaterfallState, parts.get(f"waterfall:{source}:{name}")) for name in drawn},
+            latest=latest,
+        )
+
+    def to_stored(self) -> Stored:
+        """Return the parts by name as plain values for JSON, to be committed with the record of the latest block."""
+        kinds = {"channel": self.channels, "alarms": self.alarms, "waterfall": self.waterfalls}
+        stored = {f"source:{self.source}": self.order.to_dict()}
+        for kind, states in kinds.items():
+            stored |= {f"{kind}:{self.source}:{name}": state.to_dict() for name, state in states.items()}
+        return stored
+
+    def with_band(self, channel: str, band: Band) -> SourceState:
+        """Return the state with the band of a channel fixed to one that was chosen from the recording as a whole."""
+        fixed = replace(self.channels[channel], bands=(band,), band_source="recording")
+        return replace(self, channels={**self.channels, channel: fixed})

@@ -1,320 +1,250 @@
-"""One block of one channel through all stages: quality, features, t_fs, the damaged part, V_eq, TT.
+"""One block of one source through all stages: one state and the block in, one state and one record out.
 
-The same function serves the live daemon, a restarted one and a replay: state in, block in, state and result out. It
-reads no clock and no file, so that the same blocks give the same records.
+The stages in order: place in the stream, quality, speed and load, features, onset, name of the damaged part, damage,
+forecast, kept spectra, alarms. Nothing here reads a clock or a file, so that a daemon, a restarted one and a replay
+give the same records, and to roll a block back is to go on with the state before it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from monitor.health.alarm_stage import Acknowledgement, alarm_step
+from monitor.health.channel import ChannelBlock, check_channel
+from monitor.health.channel import step as channel_step
+from monitor.health.condition import load_of, speed_of
+from monitor.health.output import ChannelOutput, issued_forecasts, record_values, spectrum_row, stage_events
+from monitor.health.quality import (
+    FLAGS,
+    Verdict,
+    bands_above_nyquist,
+    check_order,
+    check_rate,
+    rejected,
+    with_flags,
+)
+from monitor.health.record import Record, storable
+from monitor.health.settings import ChannelSettings, SourceSettings
+from monitor.health.state import ChannelState, SourceState
+from monitor.health.waterfall import SpectrumChange, WaterfallState
+from monitor.health.waterfall import step as waterfall_step
+from streams.block import Block, Rejected, to_si
 
-from models.bearing import Bearing, Kinematics, kinematics
-from monitor.health import detect
-from monitor.health.damage import tracker as damage
-from monitor.health.naming import Naming, bins_needed, name_fault
-from monitor.health.quality import Verdict, check_samples
-from monitor.health.spectrum.bands import candidate_bands
-from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.transform import Band
-from monitor.health.spectrum.votes import BandVotes
-from monitor.health.state import ChannelState, Named, Spectra
-
-
-@dataclass(frozen=True)
-class ChannelSettings:
-    """What is configured of one channel, SI.
-
-    Attributes:
-        name: of the channel.
-        bearing: the bearing that it listens to.
-        absolute: whether its unit is known, so that levels mean something.
-        bands: bands to demodulate, Hz, or None: to be chosen on the learning window.
-        rms_band: band of RMS and A*, Hz, or None for the full bandwidth.
-        average_blocks: envelope spectra averaged to name the damaged part.
-        signal_range: full scale, in the unit of the samples, or None where unknown.
-        samples: nominal samples of a block, or None where blocks have no nominal length.
-        speed: shaft speed where the block does not say it, Hz, or None where unknown.
-        load: radial load where the block does not say it, N, or None where unknown.
-        detect: settings of the onset detector.
-        damage: how V_eq and TT are found, or None where they are not.
-    """
-
-    name: str
-    bearing: Bearing
-    absolute: bool = True
-    bands: tuple[Band, ...] | None = None
-    rms_band: Band | None = None
-    average_blocks: int = 1
-    signal_range: float | None = None
-    samples: int | None = None
-    speed: float | None = None
-    load: float | None = None
-    detect: detect.DetectSettings = field(default_factory=detect.DetectSettings)
-    damage: damage.DamageSettings | None = None
+_MAX_REASON = 500
+"""Characters of a reason that comes from outside."""
 
 
 @dataclass(frozen=True)
-class BlockInfo:
-    """What is known of a block besides its samples.
+class SourceOutput:
+    """What one block gives for its source.
 
     Attributes:
-        sequence: its number in the source's own unit, from 1.
-        time: seconds of its first sample, UTC where dated, else since the first block; None where unknown.
-        rate: sampling rate, Hz.
-        duration: seconds.
-        speed: shaft speed that the source states, Hz, or None.
-        load: load that the source states, N, or None.
+        record: to be committed with the state after the block.
+        spectra: changes of the kept spectra, to be committed with them.
+        channels: by channel, what the stages found; {} where the block was rejected as a whole.
     """
 
-    sequence: int
-    time: float | None
-    rate: float
-    duration: float
-    speed: float | None = None
-    load: float | None = None
-
-
-@dataclass(frozen=True)
-class ChannelOutput:
-    """What one block said about one channel; None wherever an earlier verdict left nothing to say.
-
-    Attributes:
-        verdict: on the samples.
-        stage: stage of life after the block.
-        absolute: whether levels are in m/s2.
-        speed: shaft speed used, Hz, or None.
-        load: load used, N, or None.
-        bands: bands that were demodulated, Hz.
-        band_source: "configured", "learning", "recording" (chosen from a single short recording) or "provisional".
-        features: of the block.
-        leading: place, among the bands, of that on which the fault was named; 0 where none was.
-        naming: of the damaged part, from the averaged envelope spectrum.
-        detection: score and alarms.
-        damage: equivalent damaged volume, or None where the channel is not tracked.
-        forecasts: one for each threshold.
-    """
-
-    verdict: Verdict
-    stage: str
-    absolute: bool = True
-    speed: float | None = None
-    load: float | None = None
-    bands: tuple[Band, ...] = ()
-    band_source: str = "configured"
-    features: BlockFeatures | None = None
-    leading: int = 0
-    naming: Naming | None = None
-    detection: detect.DetectOutput | None = None
-    damage: damage.Damage | None = None
-    forecasts: tuple[damage.Remaining, ...] = ()
-
-
-def judge(samples: NDArray[np.floating], state: ChannelState, settings: ChannelSettings) -> Verdict:
-    """Judge the samples of one channel (shape (sample,)) against its settings and its learned level."""
-    return check_samples(
-        samples,
-        expected=settings.samples,
-        signal_range=settings.signal_range,
-        reference_rms=state.detect.reference_rms,
-        absolute=settings.absolute,
-    )
+    record: Record
+    spectra: tuple[SpectrumChange, ...] = ()
+    channels: Mapping[str, ChannelOutput] = field(default_factory=dict)
 
 
 def step(
-    state: ChannelState,
-    samples: NDArray[np.floating],
-    info: BlockInfo,
-    verdict: Verdict,
-    settings: ChannelSettings,
-) -> tuple[ChannelState, ChannelOutput]:
-    """Take one block of one channel into its state.
-
-    Args:
-        state: the channel so far.
-        samples: shape (sample,), m/s2, or any unit where ``settings.absolute`` is False.
-        info: what else is known of the block.
-        verdict: what quality says of it, the flags of the block included.
-        settings: of the channel.
-    """
-    if not verdict.accepted:
-        return state, ChannelOutput(verdict=verdict, stage=state.detect.stage, absolute=settings.absolute)
-    speed = info.speed if info.speed is not None else settings.speed
-    load = info.load if info.load is not None else settings.load
-    if speed is None:
-        raise ValueError(f"channel {settings.name!r}: the shaft speed is neither configured nor stated by the block")
-    lines = kinematics(settings.bearing, speed)
-    bands, band_source = _bands(state, settings, info.rate, lines)
-    features = block_features(
-        samples,
-        info.rate,
-        FeatureSettings(rate=info.rate, bands=bands, fundamentals=fundamentals(lines), rms_band=settings.rms_band),
-    )
-    state = _run_clock(state, info, verdict)
-    naming: Naming | None = None
-    leading = 0
-    if verdict.for_baseline:
-        state, naming, leading = _name(state, features, lines, settings.average_blocks)
-    state, detection = _detect(state, features, info, verdict, settings, settled=band_source != "provisional")
-    if verdict.for_baseline and band_source == "provisional":
-        state = _vote(state, samples, info.rate, lines)
-    state, found, forecasts = _damage(state, features, verdict, settings, load, speed)
-    state = _latch_name(state, naming, info.sequence)
-    return state, ChannelOutput(
-        verdict=verdict,
-        stage=state.detect.stage,
-        absolute=settings.absolute,
-        speed=speed,
-        load=load,
-        bands=bands,
-        band_source=band_source,
-        features=features,
-        leading=leading,
-        naming=naming,
-        detection=detection,
-        damage=found,
-        forecasts=forecasts,
-    )
-
-
-def _bands(
-    state: ChannelState, settings: ChannelSettings, rate: float, lines: Kinematics
-) -> tuple[tuple[Band, ...], str]:
-    """Return the bands to demodulate and where they come from; provisionally the widest candidate."""
-    if settings.bands is not None:
-        return settings.bands, "configured"
-    if state.bands:
-        return state.bands, state.band_source
-    return (candidate_bands(rate, max(lines.bpfo, lines.bpfi, 2.0 * lines.bsf))[0],), "provisional"
-
-
-def _run_clock(state: ChannelState, info: BlockInfo, verdict: Verdict) -> ChannelState:
-    """Advance the damage time: the time that the machine ran. What is between two running blocks counts as running."""
-    if info.time is None or {"late", "out_of_order", "clock"} & set(verdict.flags):
-        return state
-    running = "stopped" not in verdict.flags
-    gained = 0.0
-    if running and state.was_running and state.last_time is not None and info.time > state.last_time:
-        gained = info.time - state.last_time
-    return replace(state, running_time=state.running_time + gained, last_time=info.time, was_running=running)
-
-
-def _vote(state: ChannelState, samples: NDArray[np.floating], rate: float, lines: Kinematics) -> ChannelState:
-    """Let one of the first blocks vote for a band; freeze the band when enough have voted."""
-    votes = (state.votes or BandVotes()).add(samples, rate, fundamentals(lines))
-    if votes.enough:
-        return replace(state, votes=None, bands=(votes.best(),), band_source="learning", spectra=Spectra())
-    return replace(state, votes=votes)
-
-
-def _name(
-    state: ChannelState, features: BlockFeatures, lines: Kinematics, average_blocks: int
-) -> tuple[ChannelState, Naming, int]:
-    """Name the damaged part from the mean of the neighbouring envelope spectra, each over its own mean envelope.
-
-    The number is the place of the band that shows it, 0 where nothing is named. The division, and a weight of one over
-    its noise, keep one loud or knocking block from deciding for all.
-    """
-    needed = bins_needed(lines, features.envelopes[0].resolution)
-    relative = tuple(
-        np.asarray(envelope.amplitude[:needed], dtype=np.float32) / max(envelope.mean, np.finfo(np.float32).tiny)
-        for envelope in features.envelopes
-    )
-    spectra = state.spectra.add(relative, average_blocks)
-    namings = [
-        name_fault(amplitude, features.envelopes[0].resolution, lines, spectra.count)
-        for amplitude in spectra.averages()
-    ]
-    place = max(range(len(namings)), key=lambda i: (namings[i].fault is not None, _standing(namings[i])))
-    best = namings[place]
-    kept = spectra if average_blocks > 1 else Spectra()
-    return replace(state, spectra=kept), best, place if best.fault is not None else 0
-
-
-def _standing(naming: Naming) -> float:
-    """Return how high the best family stands, over the score that it had to reach."""
-    return 0.0 if naming.evidence is None else naming.evidence.score / naming.threshold
-
-
-def detect_input(features: BlockFeatures, info: BlockInfo, *, absolute: bool, usable: bool) -> detect.DetectInput:
-    """Return what the detector takes from the features of a block.
-
-    Args:
-        features: of the block.
-        info: its number and time.
-        absolute: whether the unit is known; without it there is no peak in m/s2.
-        usable: whether quality lets the block move the detector.
-    """
-    outer = features.lines[0]["outer"]
-    floor = float(outer.floor.sum())
-    return detect.DetectInput(
-        sequence=info.sequence,
-        time=info.time,
-        rms=features.rms,
-        prominence=outer.total / floor if floor > 0.0 else None,
-        peak=features.indicators.peak if absolute else None,
-        usable=usable,
-    )
-
-
-def _detect(
-    state: ChannelState,
-    features: BlockFeatures,
-    info: BlockInfo,
-    verdict: Verdict,
-    settings: ChannelSettings,
+    state: SourceState,
+    item: Block | Rejected,
+    settings: SourceSettings,
     *,
-    settled: bool,
-) -> tuple[ChannelState, detect.DetectOutput]:
-    """Feed the detector; until the band is settled it only counts the blocks of the run-in and the peaks."""
-    running_in = state.detect.seen < settings.detect.run_in_blocks
-    usable = verdict.for_baseline and (settled or running_in)
-    block = detect_input(features, info, absolute=settings.absolute, usable=usable)
-    detector, output = detect.step(state.detect, block, settings.detect)
-    return replace(state, detect=detector), output
+    now: float | None = None,
+    acknowledgements: Sequence[Acknowledgement] = (),
+    truth: Mapping[str, Any] | None = None,
+) -> tuple[SourceState, SourceOutput]:
+    """Take one block of a source into its state.
+
+    A block that does not fit the configuration is rejected, see :func:`misfit`. A ``machine.step`` that weighs the
+    records of several sources has its place above this function and needs nothing but its outputs.
+
+    Args:
+        state: before the block.
+        item: the block, or the rejection that takes its place.
+        settings: of the source.
+        now: present UTC where the stream is live, None in a replay.
+        acknowledgements: of alarms, since the block before.
+        truth: what a simulated rig knows of the block.
+    """
+    if isinstance(item, Block) and (unfit := misfit(item, settings)) is not None:
+        item = rejection_of(item, unfit.status, unfit.reason)
+    if isinstance(item, Rejected):
+        order, _ = check_order(state.order, item.sequence, None, dated=False)
+        state, output = replace(state, order=order), SourceOutput(rejected_record(item))
+    else:
+        order, flags = check_order(state.order, item.sequence, _time_of(item), dated=item.start is not None, now=now)
+        state, output = _analyse(replace(state, order=order), item, flags, settings, truth)
+    verdicts = {name: channel.verdict for name, channel in output.channels.items()}
+    alarms, events = alarm_step(state, output.record, verdicts, settings, acknowledgements)
+    record = output.record
+    if events:
+        record = replace(record, events=(*record.events, *events))
+    latest = record if output.channels else state.latest
+    return replace(state, alarms=alarms, latest=latest), replace(output, record=record)
 
 
-def _damage(
-    state: ChannelState,
-    features: BlockFeatures,
-    verdict: Verdict,
-    settings: ChannelSettings,
-    load: float | None,
-    speed: float,
-) -> tuple[ChannelState, damage.Damage | None, tuple[damage.Remaining, ...]]:
-    """Track and forecast, where the channel is tracked."""
-    if settings.damage is None:
-        return state, None, ()
-    resolved = bool(np.all(features.bpfo_resolved))
-    reading = damage.Reading(
-        time=state.running_time,
-        rms=features.rms,
-        harmonics=tuple(float(value) for value in features.bpfo_amplitude) if resolved else None,
-        load=load,
+def misfit(block: Block, settings: SourceSettings) -> Verdict | None:
+    """Return why a block does not fit the configuration, or None.
+
+    A channel is missing, the speed is unknown, or a band reaches above the Nyquist frequency: in a recording, no later
+    block will be better. A wrong sampling rate is a matter of the block and not reported here.
+    """
+    if not check_rate(block.rate, settings.rate).accepted:
+        return None
+    missing = sorted(set(settings.channels) - set(block.channels))
+    if missing:
+        found = ", ".join(block.channels)
+        reason = f"source {settings.name!r}, {block.name}: channel {missing[0]!r} is not in it; it has {found}"
+        return rejected("wrong_shape", reason)
+    for channel in settings.channels.values():
+        if block.speed is None and channel.condition.speed is None and not channel.condition.varies:
+            return rejected(
+                "incomplete",
+                f"operating.speed_hz is missing, and {block.name} does not state the shaft speed: the fault "
+                "frequencies cannot be computed",
+            )
+        reason = bands_above_nyquist(channel.name, channel.bands or (), channel.rms_band, block.rate)
+        if reason is not None:
+            return rejected("wrong_rate", reason)
+    return None
+
+
+def rejection_of(item: Block | Rejected, status: str, reason: str) -> Rejected:
+    """Return the rejection that takes the place of a block, its texts such that a database takes them."""
+    text = storable(" ".join(reason.split())[:_MAX_REASON])
+    return Rejected(item.source, item.sequence, storable(item.name), status, text, item.content_hash)
+
+
+def rejected_record(item: Rejected) -> Record:
+    """Return the record of a rejected block."""
+    return Record(
+        source=item.source,
+        sequence=item.sequence,
+        name=item.name,
+        content_hash=item.content_hash,
+        status=item.status,
+        reason=item.reason,
+    )
+
+
+def _analyse(
+    state: SourceState,
+    block: Block,
+    flags: tuple[str, ...],
+    settings: SourceSettings,
+    truth: Mapping[str, Any] | None,
+) -> tuple[SourceState, SourceOutput]:
+    """Take a block through all stages but the alarms."""
+    record = Record(
+        source=block.source,
+        sequence=block.sequence,
+        name=block.name,
+        content_hash=block.content_hash,
+        time=block.start,
+        elapsed=block.elapsed,
+    )
+    verdict = check_rate(block.rate, settings.rate)
+    if not verdict.accepted:
+        return state, SourceOutput(replace(record, status=verdict.status, reason=verdict.reason))
+    states: dict[str, ChannelState] = {}
+    outputs: dict[str, ChannelOutput] = {}
+    for name, channel in settings.channels.items():
+        given = _channel_block(block, flags, state.channels[name], channel)
+        states[name], outputs[name] = channel_step(state.channels[name], given, channel)
+    verdict = _block_verdict({name: output.verdict for name, output in outputs.items()}, flags)
+    forecasts, events = [], []
+    for name, output in outputs.items():
+        damage = settings.channels[name].damage
+        forecasts += issued_forecasts(name, output, "thesis" if damage is None else damage.forecast_method)
+        events += stage_events(name, states[name].detect, output)
+    record = replace(
+        record,
+        status=verdict.status,
+        flags=verdict.flags,
+        reason=verdict.reason,
+        channels={name: record_values(states[name].detect, output, truth) for name, output in outputs.items()},
+        forecasts=tuple(forecasts),
+        events=tuple(events),
+    )
+    waterfalls, spectra = _spectra(state.waterfalls, block, states, outputs, settings)
+    return replace(state, channels=states, waterfalls=waterfalls), SourceOutput(record, spectra, outputs)
+
+
+def _channel_block(
+    block: Block, flags: tuple[str, ...], state: ChannelState, settings: ChannelSettings
+) -> ChannelBlock:
+    """Return one channel of a block in SI, with the verdict on it, its speed and its load."""
+    row = block.channels.index(settings.name)
+    unit = block.units[row]
+    samples, si_unit = to_si(block.samples[row], unit, settings.scale, settings.sensitivity_mv_per_g)
+    if (si_unit == "m/s2") != settings.absolute:
+        verdict = rejected("wrong_unit", f"unit {unit!r}, configured is {settings.unit!r}")
+    else:
+        verdict = check_channel(samples, state, settings)
+    condition = settings.condition
+    others = {name: block.samples[block.channels.index(name)] for name in condition.channels if name in block.channels}
+    usable = samples if verdict.accepted else None
+    speed = speed_of(block.speed, others, usable, block.rate, settings.bearing, condition)
+    if verdict.accepted and speed.value is None:
+        verdict = rejected("incomplete", "the shaft speed is not known: neither stated nor found in the signal")
+    return ChannelBlock(
+        samples=samples,
+        rate=block.rate,
+        sequence=block.sequence,
+        time=_time_of(block),
+        verdict=with_flags(verdict, flags),
         speed=speed,
+        load=load_of(block.load, others, condition),
     )
-    stage = damage.Stage(
-        final=state.detect.t_fs is not None,
-        raised=state.detect.elevated is not None,
-        usable=verdict.for_tracker,
-        absolute=settings.absolute,
-    )
-    after, found, forecasts = damage.step(state.damage, reading, stage, settings.damage)
-    return replace(state, damage=after), found, forecasts
 
 
-def _latch_name(state: ChannelState, naming: Naming | None, sequence: int) -> ChannelState:
-    """Keep what the channel's fault is called: the present verdict before the final stage, the strongest in it."""
-    if naming is None:
-        return state
-    named = None
-    if naming.fault is not None and naming.evidence is not None:
-        found = naming.evidence
-        named = Named(naming.fault, found.snr, found.depth, _standing(naming), sequence)
-    if state.detect.t_fs is None and state.detect.t_eol is None:
-        return replace(state, named=named)
-    if named is not None and (state.named is None or named.standing > state.named.standing):
-        return replace(state, named=named)
-    return state
+def _time_of(block: Block) -> float | None:
+    """Return seconds of the first sample, UTC where dated, else since the first block; None where unknown."""
+    return block.start if block.start is not None else block.elapsed
+
+
+def _block_verdict(verdicts: Mapping[str, Verdict], order_flags: tuple[str, ...]) -> Verdict:
+    """Return the verdict on a block: rejected only where all its channels are."""
+    reason = "; ".join(f"{name}: {verdict.reason}" for name, verdict in verdicts.items() if verdict.reason)
+    accepted = [verdict for verdict in verdicts.values() if verdict.accepted]
+    if not accepted:
+        return Verdict(next(iter(verdicts.values())).status, (), reason)
+    raised = {*order_flags, *(flag for verdict in accepted for flag in verdict.flags)}
+    flags = tuple(flag for flag in FLAGS if flag in raised)
+    return Verdict(flags[0] if flags else "ok", flags, reason)
+
+
+def _spectra(
+    waterfalls: Mapping[str, WaterfallState],
+    block: Block,
+    states: Mapping[str, ChannelState],
+    outputs: Mapping[str, ChannelOutput],
+    settings: SourceSettings,
+) -> tuple[dict[str, WaterfallState], tuple[SpectrumChange, ...]]:
+    """Return the waterfall states after a block, and the changes of the kept spectra."""
+    after, changes = dict(waterfalls), []
+    for name, waterfall in waterfalls.items():
+        channel, output = settings.channels[name], outputs[name]
+        row = spectrum_row(block, name, channel.bearing, output)
+        if row is None:
+            continue
+        found = output.detection
+        onset = found is not None and found.alarm
+        after[name], keeping = waterfall_step(
+            waterfall,
+            row.time,
+            channel.waterfall,
+            clock_valid="clock" not in output.verdict.flags,
+            onset=onset,
+            end=found is not None and found.end,
+        )
+        began = states[name].detect.t_fs if onset else None
+        changes.append(SpectrumChange(row, keeping.kind, keeping.thin, None if began is None else began.sequence))
+    return after, tuple(changes)

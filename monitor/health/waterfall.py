@@ -1,8 +1,8 @@
-"""Which blocks' envelope spectra are kept, so that a life of any length has about as many of them.
+"""Which envelope spectra are kept, so that a life of any length has about as many of them.
 
-At most one a while of record time is kept; when there are twice as many as wanted, every other one is dropped and the
-while doubles. The newest is always there. Those around the start of the final stage are kept for good: the last one
-before it, the one with which it became known and two after it, a first while apart, and that of the end of life.
+At most one per interval of record time is kept; when there are twice as many as wanted, every other one is dropped and
+the interval doubles. The newest is always kept. Those around the start of the final stage are pinned: the last one
+before it, the one with which it became known and two after it, a first interval apart, and that of the end of life.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Kind = Literal["newest", "kept", "pinned"]
 
 _PINNED_AFTER = 3
 _SLACK = 1e-3
-"""Share of the while by which a block may come early: clocks are not exact."""
+"""Share of the interval by which a block may come early: clocks are not exact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,14 +30,14 @@ class SpectrumRow:
         channel: name of the channel.
         sequence: number of the block in its source.
         time: of its first sample, UTC seconds since 1970, or seconds from the first block where undated; None unknown.
-        resolution: spacing of the bins, Hz; bin k stands at k times it.
+        resolution: spacing of the bins, Hz; bin k is at k times it.
         band: (lo, hi) that was demodulated, Hz.
         speed: of the shaft, Hz.
         mean: of the envelope, m/s2, or in the channel's unknown unit.
         absolute: whether amplitudes are in m/s2.
         amplitude: (n,) single-sided, in the unit of ``mean``; a line on a bin reads its amplitude.
-        lines: where the first line of each family stands, Hz: outer, inner, ball (it meets both races), cage. At the
-            speed found in this spectrum where the family is detected, else the kinematic frequency.
+        lines: frequency of the first line of each family, Hz: outer, inner, ball (it meets both races), cage. As found
+            in this spectrum where the family is detected, else the kinematic frequency.
     """
 
     source: str
@@ -60,11 +60,11 @@ class SpectrumRow:
 
 @dataclass(frozen=True, eq=False)
 class SpectrumChange:
-    """What one block changes in the spectra of one channel.
+    """Changes by one block in the spectra of one channel.
 
     Attributes:
         row: the spectrum of the block.
-        kind: "newest": stands until the next comes; "kept": until it is thinned out; "pinned": for good.
+        kind: as in :class:`Keeping`.
         thin: drop every other one of the kept ones first.
         pin_before: pin the last kept one before the block of this number, or None.
     """
@@ -80,7 +80,7 @@ class WaterfallSettings:
     """How many spectra are kept.
 
     Attributes:
-        rows: at least so many of a life that is long enough, at most twice as many; 0 keeps none.
+        rows: target number of a long life, at most twice as many; 0 keeps none.
         interval: shortest record time between two of them, s.
     """
 
@@ -90,13 +90,13 @@ class WaterfallSettings:
 
 @dataclass(frozen=True)
 class WaterfallState:
-    """What a channel's waterfall remembers; version 1.
+    """The waterfall of a channel between two blocks; version 1.
 
     Attributes:
-        interval: present while, s, or None before the first spectrum.
+        interval: present one, s, or None before the first spectrum.
         count: kept spectra that may be thinned out.
         last: time of the latest kept one, s, or None.
-        to_pin: how many of the next ones are kept for good.
+        to_pin: how many of the next ones are pinned.
     """
 
     version: int = 1
@@ -119,11 +119,11 @@ class WaterfallState:
 
 @dataclass(frozen=True)
 class Keeping:
-    """What becomes of the spectrum of a block, and of those before it.
+    """How long the spectrum of a block is kept.
 
     Attributes:
-        kind: "newest": it stands until the next comes; "kept": until it is thinned out; "pinned": for good.
-        thin: every other one of the kept ones goes first.
+        kind: "newest": until the next comes; "kept": until it is thinned out; "pinned": always.
+        thin: drop every other one of the kept ones first.
     """
 
     kind: Kind
@@ -135,27 +135,27 @@ def step(
     time: float | None,
     settings: WaterfallSettings,
     *,
-    believed: bool = True,
+    clock_valid: bool = True,
     onset: bool = False,
     end: bool = False,
 ) -> tuple[WaterfallState, Keeping]:
-    """Take one block that has a spectrum and came in its order.
+    """Take one block that has a spectrum and is in order.
 
     Args:
         state: the waterfall so far.
-        time: of the block, s, or None where blocks have none: then each counts as a while after the one before.
+        time: of the block, s, or None where blocks have none: then each counts as an interval after the one before.
         settings: of the channel.
-        believed: whether the clock that gave the time is believed; if not, the block is no more than the newest.
+        clock_valid: whether the time is used; if not, the spectrum is at most the newest.
         onset: whether the final stage became known with it.
         end: whether the end of life became known with it.
     """
     interval = settings.interval if state.interval is None else state.interval
     to_pin = max(state.to_pin, _PINNED_AFTER) if onset else state.to_pin
-    # The final stage may be short beside the life: what is kept of its start does not wait for the longer while.
+    # The final stage may be short beside the life: its start does not wait for the longer interval.
     wait = (settings.interval if to_pin else interval) * (1.0 - _SLACK)
-    due = believed and (time is None or state.last is None or time < state.last or time - state.last >= wait)
+    due = clock_valid and (time is None or state.last is None or time < state.last or time - state.last >= wait)
     if onset or end or (due and to_pin):
-        last = time if believed else state.last
+        last = time if clock_valid else state.last
         return replace(state, interval=interval, last=last, to_pin=max(0, to_pin - 1)), Keeping("pinned")
     if not due:
         return replace(state, interval=interval), Keeping("newest")

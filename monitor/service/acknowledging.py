@@ -1,46 +1,46 @@
-"""What people acknowledge: another process writes it to the event log, the one that commits reads it."""
+"""Acknowledgements of alarms: another process writes them to the event log, the one that commits reads them."""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping
 
+from monitor.health.alarm_stage import Acknowledgement
 from monitor.records.events import EventLog
 from monitor.records.store import Store
-from monitor.service.alarming import Acknowledged
-from monitor.service.watcher import Watcher
+from monitor.service.ingest import Ingest
 
 _LOG = logging.getLogger(__name__)
-_SHARE = 50.0
+_COUNT_SHARE = 50.0
+"""Times the duration of a count that pass before the next one."""
 _MARKS = """
 SELECT (SELECT max(id) FROM acknowledgements), (SELECT max(id) FROM events), (SELECT max(id) FROM notices)
 """
 
 
 class Acknowledgements:
-    """Hands acknowledgements on to the alarms that they let go of, each once.
+    """Passes acknowledgements on to the ingest, each once.
 
-    The first look takes them all, also those that were given while no daemon ran, or that one knew of that was killed
-    before its next block: what was let go of before holds nothing, so that nothing happens twice.
+    The first poll takes them all, also those given while no daemon ran, and those given to a daemon that was killed
+    before its next block: one that is passed on twice has nothing left to release.
     """
 
-    def __init__(self, store: Store, log: EventLog, watchers: Mapping[str, Watcher]) -> None:
+    def __init__(self, store: Store, log: EventLog, ingest: Ingest) -> None:
         """Take what is open; nothing is read yet.
 
         Args:
             store: read in the thread that commits.
-            log: on the same database, which has made its tables.
-            watchers: by source.
+            log: on the same database, in which it has made its tables.
+            ingest: on the store.
         """
-        self._store, self._log, self._watchers = store, log, dict(watchers)
+        self._store, self._log, self._ingest = store, log, ingest
         self._seen = 0
         self._count_due = float("-inf")
         self._marks: tuple[int | None, ...] | None = None
         self.unacknowledged = 0
-        """Events and notices that wait for somebody, as of the latest look."""
+        """Events and notices that are not acknowledged, as of the latest count."""
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Take what is new.
 
         Raises:
@@ -55,19 +55,16 @@ class Acknowledgements:
         began = time.monotonic()
         if began >= self._count_due:
             self.unacknowledged = self._log.unacknowledged()
-            # Of a log with very many events it takes a while, and blocks wait for it.
-            self._count_due = time.monotonic() + _SHARE * (time.monotonic() - began)
+            # Counting takes a while in a log with very many events, and blocks wait for it.
+            self._count_due = time.monotonic() + _COUNT_SHARE * (time.monotonic() - began)
             self._marks = marks
 
     def _take(self) -> None:
         for number, utc, event in self._log.acknowledged_alarms(self._seen):
             self._seen = number
-            watcher = self._watchers.get(event.source or "")
-            if watcher is None:
+            source, body, block = event.source or "", event.body, event.block or 0
+            if source not in self._ingest.settings:
                 continue
-            body, block = event.body, event.block or 0
-            given = Acknowledged(watcher.source, body["channel"], body["rule"], body["severity"], block, utc)
-            if watcher.alarming.acknowledge(given):
-                _LOG.info(
-                    "%s: %s of %s since block %d is acknowledged", *(given.source, given.severity, given.rule, block)
-                )
+            given = Acknowledgement(body["channel"], body["rule"], body["severity"], block, utc)
+            if self._ingest.acknowledge(source, given):
+                _LOG.info("%s: %s of %s since block %d is acknowledged", source, given.severity, given.rule, block)

@@ -86,19 +86,19 @@ class Daemon:
             opened.callback(self._companions.close)
             self._log = opened.enter_context(EventLog(self._store.path))
             self._ingest = opened.enter_context(Ingest.open(self._config, self._store, self._clock, self._stuck))
-            watchers = self._ingest.watchers
-            setups = {name: setup for watcher in watchers.values() for name, setup in watcher.channels.items()}
-            self._store.describe(run_attributes(self._config, setups))
+            settings = self._ingest.settings
+            channels = {name: channel for source in settings.values() for name, channel in source.channels.items()}
+            self._store.describe(run_attributes(self._config, channels))
             self._status = MachineStatus(
                 *(self._config, self._store, self._ingest, self._monotonic, self._clock),
                 began=self._began,
                 since=self._since,
             )
-            self._acknowledgements = Acknowledgements(self._store, self._log, watchers)
-            channels = {source: tuple(watcher.channels) for source, watcher in watchers.items()}
-            self._silences = SilenceLog(self._store, self._log, channels, self._clock)
-            self._manager.send("READY=1", f"STATUS=watching {', '.join(watchers)}")
-            _LOG.info("machine %s: ready, watching %s", machine.name, ", ".join(watchers))
+            self._acknowledgements = Acknowledgements(self._store, self._log, self._ingest)
+            by_source = {source: tuple(found.channels) for source, found in settings.items()}
+            self._silences = SilenceLog(self._store, self._log, by_source, self._clock)
+            self._manager.send("READY=1", f"STATUS=watching {', '.join(settings)}")
+            _LOG.info("machine %s: ready, watching %s", machine.name, ", ".join(settings))
             self._follow(stop)
             self._manager.send("STOPPING=1")
             _LOG.info("stopping after %d blocks", self._status.blocks)
@@ -169,7 +169,7 @@ class Daemon:
             return
         self._look_due = now + _LOOK_EVERY
         try:
-            self._acknowledgements.look()
+            self._acknowledgements.poll()
         except StoreError as error:
             if self._log_problem is None:
                 _LOG.error("what was acknowledged cannot be read: %s", error)

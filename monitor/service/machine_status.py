@@ -13,7 +13,7 @@ from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.silence import Hearing, Last, patience
-from monitor.service.standing import channel_state
+from monitor.service.standing import alarm_levels, channel_condition, channel_state, shown_alarms
 from monitor.service.summary import channel_summary
 from monitor.words.events import utc_text
 
@@ -53,12 +53,12 @@ class MachineStatus:
         """Address of the page, or None where there is none."""
         self.unacknowledged = 0
         """Events and notices that wait for somebody."""
-        self._last = {name: _last_of(store, name) for name in ingest.watchers}
+        self._last = {name: _last_of(store, name) for name in ingest.settings}
 
     def seen(self, record: Record) -> None:
         """Take note of a committed block."""
         self.blocks += 1
-        last, interval = self._last[record.source], self._ingest.watchers[record.source].interval
+        last, interval = self._last[record.source], self._ingest.state(record.source).order.interval
         self._last[record.source] = last.after(record, self._monotonic(), patience(interval))
 
     def resumed(self) -> None:
@@ -72,7 +72,7 @@ class MachineStatus:
         for source, last in self._last.items():
             age = now - max(self._taking, self._began if last.came is None else last.came)
             flowed = 0.0 if last.came is None or last.flowing is None else last.came - last.flowing
-            interval = self._ingest.watchers[source].interval
+            interval = self._ingest.state(source).order.interval
             found[source] = Hearing(last.sequence or None, age, patience(interval), flowed)
         return found
 
@@ -90,8 +90,8 @@ class MachineStatus:
         heard = self.heard()
         channels = {
             name: self._channel(source, name, heard[source])
-            for source, watcher in self._ingest.watchers.items()
-            for name in watcher.channels
+            for source, settings in self._ingest.settings.items()
+            for name in settings.channels
         }
         return {
             "status": "degraded" if problems and status == "running" else status,
@@ -113,12 +113,12 @@ class MachineStatus:
         }
 
     def _channel(self, source: str, name: str, heard: Hearing) -> dict[str, Any]:
-        last, watcher = self._last[source], self._ingest.watchers[source]
-        standing = watcher.alarming.standing(name)
+        last, now, rules = self._last[source], self._ingest.state(source), self._ingest.settings[source].channels[name]
+        alarms = shown_alarms(now.alarms[name], rules.alarms)
         state, reason = channel_state(
-            watcher.alarming.condition(name, watcher.channel(name)),
-            standing,
-            stage=watcher.channel(name).detect.stage,
+            channel_condition(now, name, rules.alarms),
+            alarms,
+            stage=now.channels[name].detect.stage,
             refused=f"block {last.sequence} was rejected: {last.status}" if last.refused else None,
             silent=f"no block for {heard.age:.0f} s" if heard.silent else None,
         )
@@ -130,9 +130,9 @@ class MachineStatus:
             "last_block_utc": utc_text(last.time),
             "last_block_status": last.status,
             "last_block_age_s": None if last.came is None else round(self._monotonic() - last.came, 3),
-            "alarms": standing,
-            "levels": watcher.alarming.levels(name),
-            **channel_summary(watcher, name),
+            "alarms": alarms,
+            "levels": alarm_levels(now.alarms[name], rules.alarms),
+            **channel_summary(now, name),
         }
 
 

@@ -1,10 +1,11 @@
-"""The pipeline over a recording, as fast as it goes or at a given pace."""
+"""The stages over a recording, as fast as they go or at a given pace."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,42 +18,43 @@ from monitor.config.load import Config, ConfigError
 from monitor.health.damage.library.model import Library
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.record import Record
+from monitor.health.settings import SourceSettings
 from monitor.health.spectrum.bands import find_band
 from monitor.health.spectrum.features import fundamentals
 from monitor.health.spectrum.votes import ENOUGH_VOTES
+from monitor.health.state import SourceState
+from monitor.health.step import SourceOutput, misfit, step
 from monitor.health.waterfall import SpectrumChange
 from monitor.records.publish import publish
 from monitor.records.store import Store, StoreError
-from monitor.service.setup import ChannelSetup, channel_setups, open_configured
+from monitor.service.setup import open_configured, source_settings
 from monitor.service.summary import channel_summary, run_attributes
-from monitor.service.watcher import Watcher
 from streams.block import STANDARD_GRAVITY, Block, Rejected
 from streams.source import Source
 
-_BATCH = 64
+_BATCH_BLOCKS = 64
 """Blocks to a transaction: a replay that is cut off begins again at the last batch, as the recording is still there."""
+_SPECTRUM_LINES = 6.5
+"""A drawn spectrum reaches this many times the first line of the highest family."""
 
-
-Drawable = tuple[NDArray[np.float64], NDArray[np.float64], dict[str, float], str]
-"""An envelope spectrum as :class:`Replay` keeps it."""
+Drawable = tuple[NDArray[np.floating], NDArray[np.floating], dict[str, float], str]
+"""An envelope spectrum to draw: frequency (Hz), amplitude (g, or the channel's unknown unit), the fundamentals of the
+families (Hz), and of which block it is."""
 
 
 @dataclass
 class Replay:
-    """What a replay left behind.
+    """Results of a replay.
 
     Attributes:
         summary: for ``--json``, keys as in the interface.
-        store_path: the truth.
-        spectra: by channel, frequency (Hz) and amplitude (g, or the channel's unknown unit) of an envelope spectrum
-            worth drawing, the fundamentals of the families (Hz), and which block it is of.
+        store_path: its database.
+        spectra: by channel, the envelope spectrum that named its fault best.
     """
 
     summary: dict[str, Any]
     store_path: Path
-    spectra: dict[str, tuple[NDArray[np.float64], NDArray[np.float64], dict[str, float], str]] = field(
-        default_factory=dict
-    )
+    spectra: dict[str, Drawable] = field(default_factory=dict)
 
 
 def replay(
@@ -86,22 +88,22 @@ def replay(
     if len(config.source) != 1:
         raise ConfigError(f"replay takes a configuration with one [[source]], this one has {len(config.source)}")
     section = config.source[0]
-    setups = channel_setups(config, section, maps, libraries)
+    settings = source_settings(config, section, maps, libraries)
     source = open_configured(config, section, path)
-    watcher = Watcher(section.name, setups, section.rate_hz)
-    store = _open_store(out, config, resume)
-    with store:
-        store.describe(run_attributes(config, setups))
-        if resume:
-            watcher.restore(store.load_states(), _last_record(store, section.name))
-        done = store.last(section.name) if resume else 0
-        _settle_short(source, watcher, setups)
+    with _open_store(out, config, resume) as store:
+        store.describe(run_attributes(config, settings.channels))
+        latest = store.record(section.name, store.last(section.name))
+        state = SourceState.begin(settings, store.load_states(), latest)
+        run = _Run(source, store, settings, _fix_bands(source, state, settings))
+        items = _items(source, after=store.last(section.name), limit=limit)
+        if progress is not None:
+            items = progress(items, len(source) if limit is None else min(len(source), limit))
         began = time.perf_counter()
-        taken, spectra, reasons = _run(source, watcher, store, pace, limit, done, progress)
+        run.take_all(items, pace)
         seconds = time.perf_counter() - began
         files = publish(store, out / "records", config.machine.name)
-        summary = _summary(store, watcher, len(source), taken, seconds, files) | {"reasons": reasons}
-    return Replay(summary, out / "state.db", spectra)
+        summary = run.summary(seconds, files)
+    return Replay(summary, out / "state.db", {name: found.spectrum for name, found in run.drawn.items()})
 
 
 def _open_store(out: Path, config: Config, resume: bool) -> Store:
@@ -117,141 +119,142 @@ def _open_store(out: Path, config: Config, resume: bool) -> Store:
         raise ConfigError(f"--out {out}: {error}") from None
 
 
-def _last_record(store: Store, source: str) -> Record | None:
-    """Return the record of the block that was committed last."""
-    return store.record(source, store.last(source))
-
-
-def _settle_short(source: Source, watcher: Watcher, setups: Mapping[str, ChannelSetup]) -> None:
-    """Choose the band of a recording too short to learn it from, from the recording itself; the records say so."""
-    automatic = [name for name, setup in setups.items() if setup.settings.bands is None]
+def _fix_bands(source: Source, state: SourceState, settings: SourceSettings) -> SourceState:
+    """Choose the bands of a recording too short to learn them from the recording as a whole; its records say so."""
+    automatic = [channel for channel in settings.channels.values() if channel.bands is None]
     if not automatic or len(source) >= ENOUGH_VOTES:
-        return
+        return state
     blocks = [item for item in source if isinstance(item, Block)]
-    for name in automatic:
-        rows = [(block, block.samples[block.channels.index(name)]) for block in blocks if name in block.channels]
+    for channel in automatic:
+        rows = [
+            (block, block.samples[block.channels.index(channel.name)])
+            for block in blocks
+            if channel.name in block.channels
+        ]
         usable = [(block, row) for block, row in rows if np.all(np.isfinite(row))]
-        settings = setups[name].settings
         if not usable:
             continue
         block = usable[0][0]
-        speed = block.speed if block.speed is not None else settings.speed
+        speed = block.speed if block.speed is not None else channel.condition.speed
         if speed is None:
             continue
         same = [row for _, row in usable if row.size == usable[0][1].size]
         try:
-            band = find_band(same, block.rate, fundamentals(kinematics(settings.bearing, speed)))
+            band = find_band(same, block.rate, fundamentals(kinematics(channel.bearing, speed)))
         except ValueError as error:
-            raise ConfigError(f'channel {name!r}: band_hz = "auto": {error}') from None
-        watcher.settle_band(name, band)
+            raise ConfigError(f'channel {channel.name!r}: band_hz = "auto": {error}') from None
+        state = state.with_band(channel.name, band)
+    return state
 
 
-def _run(
-    source: Source,
-    watcher: Watcher,
-    store: Store,
-    pace: float | None,
-    limit: int | None,
-    done: int,
-    progress: Callable[[Iterable[Any], int], Iterable[Any]] | None,
-) -> tuple[int, dict[str, Any], dict[str, str]]:
-    """Take the blocks; return how many, the envelope spectra worth drawing, the first reason of each rejection."""
-    total = len(source) if limit is None else min(len(source), limit)
-    items: Iterable[Block | Rejected] = _limited(source, done, limit)
-    if progress is not None:
-        items = progress(items, total)
-    truth_of = getattr(source, "truth", None)
-    thresholds = watcher.thresholds
-    batch: list[tuple[Record, dict[str, Any]]] = []
-    changes: list[SpectrumChange] = []
-    spectra: dict[str, Any] = {}
-    standing: dict[str, float] = {}
-    reasons: dict[str, str] = {}
-    taken = 0
-    started = time.monotonic()
-    first: float | None = None
-    for item in items:
-        if pace is not None and isinstance(item, Block) and item.elapsed is not None:
-            first = item.elapsed if first is None else first
-            time.sleep(max(0.0, started + (item.elapsed - first) / pace - time.monotonic()))
-        truth = None if truth_of is None else truth_of(item.sequence, thresholds)
-        record = watcher.process(item, truth=truth)
-        batch.append((record, {}))
-        changes += watcher.spectra
+def _items(source: Source, *, after: int, limit: int | None) -> Iterator[Block | Rejected]:
+    """Yield at most ``limit`` items of a source whose numbers are above ``after``."""
+    left = (item for item in source if item.sequence > after)
+    return islice(left, limit)
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """An envelope spectrum of a channel, and the relative score of the fault named by then, 0 without a name."""
+
+    spectrum: Drawable
+    score: float
+
+
+@dataclass
+class _Run:
+    """One replay under way: the state after the latest block, and the records since the latest commit."""
+
+    source: Source
+    store: Store
+    settings: SourceSettings
+    state: SourceState
+    taken: int = 0
+    reasons: dict[str, str] = field(default_factory=dict)
+    drawn: dict[str, _Drawn] = field(default_factory=dict)
+    _records: list[Record] = field(default_factory=list)
+    _changes: list[SpectrumChange] = field(default_factory=list)
+
+    def take_all(self, items: Iterable[Block | Rejected], pace: float | None) -> None:
+        """Take all items, at ``pace`` times real time or as fast as it goes, and commit them.
+
+        Raises:
+            ConfigError: a block does not fit the configuration.
+        """
+        started = time.monotonic()
+        first: float | None = None
+        for item in items:
+            if pace is not None and isinstance(item, Block) and item.elapsed is not None:
+                first = item.elapsed if first is None else first
+                time.sleep(max(0.0, started + (item.elapsed - first) / pace - time.monotonic()))
+            self._take(item)
+            if len(self._records) >= (_BATCH_BLOCKS if pace is None else 1):
+                self._commit()
+        self._commit()
+
+    def _take(self, item: Block | Rejected) -> None:
+        unfit = misfit(item, self.settings) if isinstance(item, Block) else None
+        if unfit is not None:
+            raise ConfigError(unfit.reason)
+        truth_of = getattr(self.source, "truth", None)
+        truth = None if truth_of is None else truth_of(item.sequence, self.settings.thresholds)
+        self.state, output = step(self.state, item, self.settings, truth=truth)
+        record = output.record
+        self._records.append(record)
+        self._changes += output.spectra
+        self.taken += 1
         if not record.accepted:
-            reasons.setdefault(record.status, f"block {record.sequence}: {record.reason}")
-        taken += 1
-        _keep_spectra(watcher, spectra, standing)
-        if len(batch) >= (_BATCH if pace is None else 1):
-            _commit(store, batch, watcher, changes)
-    _commit(store, batch, watcher, changes)
-    return taken, spectra, reasons
+            self.reasons.setdefault(record.status, f"block {record.sequence}: {record.reason}")
+        self._draw(output)
 
+    def _commit(self) -> None:
+        """Commit the records since the latest commit, and the state after the last of them."""
+        if self._records:
+            batch: list[tuple[Record, dict[str, Any]]] = [(record, {}) for record in self._records]
+            batch[-1] = (self._records[-1], self.state.to_stored())
+            self.store.commit_many(batch, spectra=self._changes)
+            self._records.clear()
+            self._changes.clear()
 
-def _limited(source: Source, done: int, limit: int | None) -> Iterator[Block | Rejected]:
-    taken = 0
-    for item in source:
-        if item.sequence <= done:
-            continue
-        if limit is not None and taken >= limit:
-            return
-        taken += 1
-        yield item
+    def _draw(self, output: SourceOutput) -> None:
+        """Keep of each channel the envelope spectrum that named its fault best, or the latest while none is named."""
+        for name, found in output.channels.items():
+            if found.features is None or found.speed.value is None:
+                continue
+            state, settings = self.state.channels[name], self.settings.channels[name]
+            score = 0.0 if state.named is None else state.named.standing
+            best = self.drawn[name].score if name in self.drawn else 0.0
+            if score < best or score == best > 0.0:
+                continue
+            envelope = found.features.envelopes[0]
+            amplitude = np.asarray(envelope.amplitude, dtype=np.float64)
+            averaged = state.spectra
+            if averaged.count > 1:
+                amplitude = averaged.averages()[0] * envelope.mean
+            lines = fundamentals(kinematics(settings.bearing, found.speed.value))
+            if settings.absolute:
+                amplitude = amplitude / STANDARD_GRAVITY
+            keep = min(amplitude.size, int(_SPECTRUM_LINES * max(lines.values()) / envelope.resolution))
+            mean = f", mean of {averaged.count}" if averaged.count > 1 else ""
+            frequency = np.arange(keep) * envelope.resolution
+            drawable = (frequency, amplitude[:keep].copy(), lines, f"block {output.record.sequence}{mean}")
+            self.drawn[name] = _Drawn(drawable, score)
 
-
-def _commit(
-    store: Store, batch: list[tuple[Record, dict[str, Any]]], watcher: Watcher, changes: list[SpectrumChange]
-) -> None:
-    """Commit a batch: the records, and the states after the last of them."""
-    if batch:
-        batch[-1] = (batch[-1][0], watcher.states())
-        store.commit_many(batch, spectra=changes)
-        batch.clear()
-        changes.clear()
-
-
-def _keep_spectra(watcher: Watcher, spectra: dict[str, Any], standing: dict[str, float]) -> None:
-    """Keep of each channel the envelope spectrum that named its fault best, or the latest while nothing is named."""
-    for name, output in watcher.outputs.items():
-        if output.features is None or output.speed is None:
-            continue
-        named = watcher.channel(name).named
-        reached = 0.0 if named is None else named.standing
-        if reached < standing.get(name, 0.0):
-            continue
-        if named is not None and reached == standing.get(name, 0.0) and reached > 0.0:
-            continue
-        standing[name] = reached
-        envelope = output.features.envelopes[0]
-        amplitude = np.asarray(envelope.amplitude, dtype=np.float64)
-        averaged = watcher.channel(name).spectra
-        if averaged.count > 1:
-            amplitude = averaged.averages()[0] * envelope.mean
-        lines = fundamentals(kinematics(watcher.channels[name].settings.bearing, output.speed))
-        if watcher.channels[name].settings.absolute:
-            amplitude = amplitude / STANDARD_GRAVITY
-        keep = min(amplitude.size, int(6.5 * max(lines.values()) / envelope.resolution))
-        label = f"block {watcher.sequence}" + (f", mean of {averaged.count}" if averaged.count > 1 else "")
-        spectra[name] = (np.arange(keep) * envelope.resolution, amplitude[:keep].copy(), lines, label)
-
-
-def _summary(
-    store: Store, watcher: Watcher, offered: int, taken: int, seconds: float, files: list[Path]
-) -> dict[str, Any]:
-    """Return the keys of the interface; the counts are those of the whole store, earlier stretches included."""
-    counts = store.counts()
-    rejected = {status: number for status, number in counts.items() if status in REJECTIONS}
-    flagged = {status: number for status, number in counts.items() if status in FLAGS}
-    accepted = sum(counts.values()) - sum(rejected.values())
-    offered = max(offered, sum(counts.values()))
-    return {
-        "blocks": sum(counts.values()),
-        "accepted": accepted,
-        "flagged": flagged,
-        "rejected": rejected,
-        "pending": offered - sum(counts.values()),
-        "seconds": seconds,
-        "blocks_per_second": taken / seconds if seconds > 0 else None,
-        "records": [str(file) for file in files],
-        "channels": {name: channel_summary(watcher, name) for name in watcher.channels},
-    }
+    def summary(self, seconds: float, files: list[Path]) -> dict[str, Any]:
+        """Return the keys of the interface; the counts are those of the whole store, earlier replays included."""
+        counts = self.store.counts()
+        blocks = sum(counts.values())
+        rejected = {status: number for status, number in counts.items() if status in REJECTIONS}
+        flagged = {status: number for status, number in counts.items() if status in FLAGS}
+        return {
+            "blocks": blocks,
+            "accepted": blocks - sum(rejected.values()),
+            "flagged": flagged,
+            "rejected": rejected,
+            "pending": max(len(self.source), blocks) - blocks,
+            "seconds": seconds,
+            "blocks_per_second": self.taken / seconds if seconds > 0 else None,
+            "records": [str(file) for file in files],
+            "channels": {name: channel_summary(self.state, name) for name in self.settings.channels},
+            "reasons": self.reasons,
+        }

@@ -1,11 +1,11 @@
-"""From a validated configuration to what the stages, the sources and the maps need, in SI."""
+"""From a validated configuration to the settings of the stages and the sources, in SI."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -17,15 +17,12 @@ from models.maps.plan import MapError
 from models.scene import Rig
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import ChannelSection, SourceSection
-from monitor.health.alarms import AlarmSettings
-from monitor.health.condition import ConditionSettings
 from monitor.health.damage.filter.particle_filter import FilterSettings
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
 from monitor.health.damage.thesis.edv import EdvSettings, EdvStatus, MapSlice
 from monitor.health.damage.tracker import DamageSettings, MapAt, SpreadAt
-from monitor.health.step import ChannelSettings
-from monitor.health.waterfall import WaterfallSettings
+from monitor.health.settings import ChannelSettings, SourceSettings
 from monitor.records.library_file import LibraryError, load_library
 from streams.block import STANDARD_GRAVITY
 from streams.open import open_source
@@ -34,32 +31,9 @@ from streams.spec import ChannelSpec, SourceError, SourceSpec
 
 Slice = TypeVar("Slice")
 
-_MOST_SLICES = 64
+_MAX_SLICES = 64
 _GEOMETRY = ("n_elements", "rows", "element_diameter", "pitch_diameter", "contact_angle", "outer_race_radius")
 _PARAMETERS = tuple(item.name for item in fields(Rig) if item.name != "calibrated")
-
-
-@dataclass(frozen=True)
-class ChannelSetup:
-    """A channel as the service runs it.
-
-    Attributes:
-        section: as configured.
-        settings: for the health stages.
-        map: the RMS map it is tracked on, or None.
-        library: the library of simulated lives that it is compared with, or None.
-        condition: where speed and load come from.
-        alarms: its alarm levels.
-        waterfall: how many of its envelope spectra are kept.
-    """
-
-    section: ChannelSection
-    settings: ChannelSettings
-    map: RmsMap | None
-    library: Library | None = None
-    condition: ConditionSettings = field(default_factory=ConditionSettings)
-    alarms: AlarmSettings = field(default_factory=AlarmSettings)
-    waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)
 
 
 def source_spec(config: Config, source: SourceSection, path: str | None = None) -> SourceSpec:
@@ -110,13 +84,13 @@ def open_configured(config: Config, source: SourceSection, path: str | None = No
         raise ConfigError(str(error)) from None
 
 
-def channel_setups(
+def source_settings(
     config: Config,
     source: SourceSection,
     maps: Mapping[str, RmsMap] | None = None,
     libraries: Mapping[str, Library] | None = None,
-) -> dict[str, ChannelSetup]:
-    """Return the channels of a source by name, their maps and libraries loaded.
+) -> SourceSettings:
+    """Return the settings of a source and its channels, their maps and libraries loaded.
 
     Args:
         config: the configuration.
@@ -127,7 +101,7 @@ def channel_setups(
     Raises:
         ConfigError: a map or a library cannot be read or does not fit the channel.
     """
-    setups = {}
+    channels = {}
     for channel in config.channel:
         if channel.source != source.name:
             continue
@@ -143,13 +117,8 @@ def channel_setups(
             library = _load_library(channel, channel.library)
         if library is not None:
             _check_library(config, channel, library)
-        settings = _settings(config, source, channel, rms_map, library)
-        alarms = config.alarms.to_settings(channel.name, config.detect.run_in_blocks)
-        condition = config.operating.to_condition()
-        setups[channel.name] = ChannelSetup(
-            channel, settings, rms_map, library, condition, alarms, config.machine.to_waterfall()
-        )
-    return setups
+        channels[channel.name] = _channel_settings(config, source, channel, rms_map, library)
+    return SourceSettings(source.name, channels, source.rate_hz)
 
 
 def _load(channel: ChannelSection, path: Path) -> RmsMap:
@@ -212,27 +181,31 @@ def _words(band: tuple[float, ...] | None) -> str:
     return "the full bandwidth" if band is None else f"[{band[0]:g}, {band[1]:g}] Hz"
 
 
-def _settings(
+def _channel_settings(
     config: Config, source: SourceSection, channel: ChannelSection, rms_map: RmsMap | None, library: Library | None
 ) -> ChannelSettings:
-    absolute = channel.unit != "unknown"
-    bearing = config.bearing_of(channel)
-    nominal = None
+    samples = signal_range = None
     if source.block_s != "file" and source.rate_hz is not None:
-        nominal = round(source.block_s * source.rate_hz)
+        samples = round(source.block_s * source.rate_hz)
+    if source.range_g is not None and channel.unit != "unknown":
+        signal_range = source.range_g * STANDARD_GRAVITY
     return ChannelSettings(
         name=channel.name,
-        bearing=bearing,
-        absolute=absolute,
+        bearing=config.bearing_of(channel),
+        unit=channel.unit,
+        scale=channel.scale,
+        sensitivity_mv_per_g=channel.sensitivity_mv_per_g,
+        signal_range=signal_range,
+        samples=samples,
         bands=None if channel.band_hz == "auto" else tuple(channel.band_hz),
         rms_band=channel.rms_band_hz,
         average_blocks=channel.average_blocks,
-        signal_range=source.range_g * STANDARD_GRAVITY if source.range_g is not None and absolute else None,
-        samples=nominal,
-        speed=config.operating.speed_hz,
-        load=config.operating.load_newton,
+        condition=config.operating.to_condition(),
         detect=config.detect.to_settings(),
         damage=_damage_settings(config, rms_map, library) if channel.track else None,
+        map_hash=None if rms_map is None else rms_map.hash,
+        alarms=config.alarms.to_settings(channel.name, config.detect.run_in_blocks),
+        waterfall=config.machine.to_waterfall(),
     )
 
 
@@ -274,7 +247,7 @@ def spread_lookup(rms_map: RmsMap) -> SpreadAt:
 
 
 class _Lookup(Generic[Slice]):
-    """Slices of a map by load and speed, each made once: trackers keep what they derive from one with the object."""
+    """Slices of a map by load and speed, each made once: trackers cache derived values by the object."""
 
     def __init__(self, make: Callable[[float, float], Slice]) -> None:
         self._make = make
@@ -285,7 +258,7 @@ class _Lookup(Generic[Slice]):
             return None, EdvStatus.OUTSIDE_CONDITIONS
         key = (load, speed)
         if key not in self._slices:
-            if len(self._slices) >= _MOST_SLICES:
+            if len(self._slices) >= _MAX_SLICES:
                 self._slices.clear()
             try:
                 self._slices[key] = self._make(load, speed)

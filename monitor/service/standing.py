@@ -1,11 +1,25 @@
-"""How a channel stands by now: what its alarms say, and whether it is heard at all."""
+"""The status of a channel for people: the alarms that it shows, their levels, and its NAMUR NE 107 status."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from monitor.health.alarms import BAD_DATA, FAILURE, MAINTENANCE, NO_DATA, machine_state
+from monitor.health.alarm_stage import life_stage
+from monitor.health.alarms import (
+    BAD_DATA,
+    FAILURE,
+    MAINTENANCE,
+    NO_DATA,
+    SEVERITIES,
+    AlarmSettings,
+    AlarmState,
+    RuleState,
+    condition_of,
+    limit_of,
+    machine_state,
+)
+from monitor.health.state import SourceState
 
 _REASONS = {
     "normal": "healthy",
@@ -18,6 +32,38 @@ _REASONS = {
 }
 _SEVERITIES = {FAILURE: "danger", MAINTENANCE: "alert"}
 _STAGES = {FAILURE: ("end_of_life", "the end of life was reached"), MAINTENANCE: ("final", "the final stage has begun")}
+
+
+def shown_alarms(state: AlarmState, settings: AlarmSettings) -> list[dict[str, Any]]:
+    """Return the alarms of a channel that are active or latched, dangers first."""
+    return [
+        {
+            "rule": rule.name,
+            "feature": rule.feature,
+            "severity": severity,
+            "active": level.active,
+            "latched": level.held,
+            "since_block": level.since,
+        }
+        for severity in reversed(SEVERITIES)
+        for rule in settings.rules
+        if (level := state.level(rule.name, severity)).shown
+    ]
+
+
+def alarm_levels(state: AlarmState, settings: AlarmSettings) -> list[dict[str, Any]]:
+    """Return the levels of a channel, SI; None for one that is not configured, or not learned yet."""
+    found = []
+    for rule in settings.rules:
+        baseline = state.rules.get(rule.name, RuleState()).baseline
+        limits = {f"{severity}_si": limit_of(rule, getattr(rule, severity), baseline) for severity in SEVERITIES}
+        found.append({"rule": rule.name, "feature": rule.feature, "side": rule.side, **limits})
+    return found
+
+
+def channel_condition(state: SourceState, channel: str, settings: AlarmSettings) -> str:
+    """Return the status of a channel by its blocks alone, acknowledgements since the latest one included."""
+    return condition_of(state.alarms[channel], settings, **life_stage(state.channels[channel].detect))
 
 
 def channel_state(

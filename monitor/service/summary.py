@@ -1,4 +1,4 @@
-"""What a run says of itself: how its records were made, and what is known of each channel by now."""
+"""The provenance of the records of a run, and the results of each channel up to its latest block."""
 
 from __future__ import annotations
 
@@ -9,33 +9,34 @@ from typing import Any
 from monitor import __version__
 from monitor.config.load import Config
 from monitor.health.detect import Mark
-from monitor.service.setup import ChannelSetup
-from monitor.service.watcher import Watcher
+from monitor.health.settings import ChannelSettings
+from monitor.health.state import SourceState
 
 
-def run_attributes(config: Config, setups: Mapping[str, ChannelSetup]) -> dict[str, Any]:
-    """Return what the records say of how they were made, by channel where channels differ.
+def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> dict[str, Any]:
+    """Return the provenance of the records of a machine, by channel where channels differ.
 
     Args:
         config: the machine.
-        setups: its channels by name.
+        channels: settings by name.
     """
-    bands = {name: setup.settings.rms_band for name, setup in setups.items()}
-    damage = {name: s.settings.damage for name, s in setups.items() if s.settings.damage is not None}
-    leaning = {name: settings for name, settings in damage.items() if settings.prior is not None}
+    bands = {name: channel.rms_band for name, channel in channels.items()}
+    damage = {name: channel.damage for name, channel in channels.items() if channel.damage is not None}
+    with_prior = {name: settings for name, settings in damage.items() if settings.prior is not None}
     libraries = {
         name: settings.library.hash
-        for name, settings in leaning.items()
+        for name, settings in with_prior.items()
         if settings.asks_library and settings.library is not None
     }
 
     def listed(values: Mapping[str, Any]) -> str:
         return "; ".join(f"{name}: {value}" for name, value in values.items())
 
+    maps = {name: channel.map_hash for name, channel in channels.items() if channel.map_hash is not None}
     attributes = {
         "software_version": __version__,
         "config_hash": config.hash,
-        "map_hash": listed({name: setup.map.hash for name, setup in setups.items() if setup.map is not None}),
+        "map_hash": listed(maps),
         "calibrated": "yes" if config.rig.calibrated else "no",
         "rms_band_hz": listed(
             {name: "full bandwidth" if band is None else f"{band[0]:g} to {band[1]:g}" for name, band in bands.items()}
@@ -43,20 +44,21 @@ def run_attributes(config: Config, setups: Mapping[str, ChannelSetup]) -> dict[s
         "track_method": listed({name: settings.track_method for name, settings in damage.items()}),
         "forecast_method": listed({name: settings.forecast_method for name, settings in damage.items()}),
     }
-    if leaning:
+    if with_prior:
         attributes |= {
             "interval_level": config.forecast.interval,
             "library_hash": listed(libraries),
-            "prior": listed({name: settings.prior for name, settings in leaning.items()}),
+            "prior": listed({name: settings.prior for name, settings in with_prior.items()}),
         }
     return attributes
 
 
-def channel_summary(watcher: Watcher, name: str) -> dict[str, Any]:
-    """Return what is known of a channel by now: the keys of the interface, units in their names."""
-    state = watcher.channel(name)
-    values = watcher.latest.get(name, {})
-    detector, named = state.detect, state.named
+def channel_summary(state: SourceState, name: str) -> dict[str, Any]:
+    """Return the results of a channel up to the latest block: the keys of the interface, units in their names."""
+    latest = state.latest
+    values = {} if latest is None else latest.channels.get(name, {})
+    dated = latest is not None and latest.time is not None
+    detector, named = state.channels[name].detect, state.channels[name].named
 
     def first(value: Any) -> Any:
         return value[0] if isinstance(value, tuple) else value
@@ -69,7 +71,7 @@ def channel_summary(watcher: Watcher, name: str) -> dict[str, Any]:
         "stage": detector.stage,
         "t_fs_block": detector.t_fs and detector.t_fs.sequence,
         "t_fs_known_block": detector.t_fs_known and detector.t_fs_known.sequence,
-        "t_fs_utc": _utc(detector.t_fs) if watcher.dated else None,
+        "t_fs_utc": _utc(detector.t_fs) if dated else None,
         "t_eol_block": detector.t_eol and detector.t_eol.sequence,
         "fault": named and named.fault,
         "fault_snr": named and named.snr,
@@ -91,5 +93,5 @@ def _utc(mark: Mark | None) -> str | None:
     try:
         return datetime.fromtimestamp(mark.time, UTC).isoformat()
     except (OverflowError, OSError, ValueError):
-        # A clock that was wrong enough gives times that no calendar has.
+        # A wrong clock can give times outside of the calendar.
         return None

@@ -17,12 +17,12 @@ def names(
 ) -> list[tuple[str, str | None, str]]:
     """Channel, name and quality status of every channel of every block; the rest at the end is too short to be one."""
     found = []
-    for item, watcher, _ in watch(case.config, folder / case.file, speed_error=speed_error, block_s=block_s):
+    for item, steps, _ in watch(case.config, folder / case.file, speed_error=speed_error, block_s=block_s):
         if not isinstance(item, Block):
             assert item.status == "short"
             assert block_s is not None
             continue
-        for channel, output in watcher.outputs.items():
+        for channel, output in steps.outputs.items():
             fault = None if output.naming is None else output.naming.fault
             found.append((channel, fault, output.verdict.status))
     return found
@@ -54,8 +54,8 @@ def test_pieces_of_a_second_are_never_named_wrongly(data_dir: Path, case: Case) 
 def test_the_evidence_says_why_the_hard_ones_are_not_named(data_dir: Path) -> None:
     """CWRU 118, a ball, has a clear comb at the outer race's frequency: too shallow to be damage."""
     (case,) = [case for case in CASES if case.file.endswith("118_0.mat")]
-    for _, watcher, record in watch(case.config, data_dir / case.file):
-        naming = watcher.outputs["drive_end"].naming
+    for _, steps, record in watch(case.config, data_dir / case.file):
+        naming = steps.outputs["drive_end"].naming
         assert naming is not None
         assert naming.evidence is not None
         assert naming.best == "outer"

@@ -17,11 +17,11 @@ import pytest
 from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.service.replay import replay
-from monitor.service.setup import channel_setups, open_configured
-from monitor.service.watcher import Watcher
+from monitor.service.setup import open_configured, source_settings
 from streams.block import Block, Rejected
 from tests.effort import effort_count
 from tests.recordings import RUNS, Run, example
+from tests.steps import Steps
 
 pytestmark = pytest.mark.real
 
@@ -77,23 +77,22 @@ def items_of(file: Path, config: str) -> tuple[Block | Rejected, ...]:
 
 @pytest.mark.parametrize("seed", range(effort_count(quick=2, full=20)))
 def test_a_run_in_pieces_gives_the_same_records(data_dir: Path, seed: int) -> None:
-    """At random blocks the watcher is thrown away and made anew from the states as JSON."""
+    """At random blocks the state is read back from the JSON of its parts."""
     run = next(run for run in RUNS if run.name == "Bearing2_7")
     items = items_of(data_dir / run.file, run.config)
     config, section = example(run.config)
-    whole = Watcher(section.name, channel_setups(config, section))
-    expected = [whole.process(item).to_json() for item in items]
+    settings = source_settings(config, section)
+    whole = Steps(settings)
+    expected = [whole.take(item).to_json() for item in items]
     rng = np.random.default_rng(seed)
     cuts = set(rng.choice(len(items), 12, replace=False).tolist())
-    watcher, latest = Watcher(section.name, channel_setups(config, section)), None
+    steps, latest = Steps(settings), None
     for i, item in enumerate(items):
         if i in cuts:
-            states = json.loads(json.dumps(watcher.states()))
-            watcher = Watcher(section.name, channel_setups(config, section))
-            watcher.restore(states, latest)
-        latest = watcher.process(item)
+            steps = Steps(settings, json.loads(json.dumps(steps.stored())), latest)
+        latest = steps.take(item)
         assert latest.to_json() == expected[i]
-    assert watcher.states() == whole.states()
+    assert steps.stored() == whole.stored()
 
 
 def test_a_replay_that_is_resumed_gives_the_same_store(data_dir: Path, tmp_path: Path) -> None:

@@ -16,12 +16,12 @@ from monitor.config.load import ConfigError, validate
 from monitor.health.condition import ConditionSettings, Quantity, load_of, speed_of
 from monitor.health.record import Record
 from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
-from monitor.service.setup import channel_setups, source_spec
-from monitor.service.watcher import Watcher
+from monitor.service.setup import source_settings, source_spec
 from streams.block import Block
 from streams.open import open_source
 from streams.spec import ChannelSpec, SourceSpec
 from tests.effort import effort_count
+from tests.steps import Steps
 
 BEARING = from_catalogue("6205")
 RATE = 12000.0
@@ -132,9 +132,9 @@ def config(**operating: Any) -> Any:
 
 
 def record(loaded: Any, samples: np.ndarray, channels: tuple[str, ...] = ("x",)) -> Record:
-    watcher = Watcher("s", channel_setups(loaded, loaded.source[0]))
+    steps = Steps(source_settings(loaded, loaded.source[0]))
     units = ("g", *["unknown"] * (len(channels) - 1))
-    return watcher.process(Block(samples, RATE, channels, units, "s", 1, "n", start=1.7e9))
+    return steps.take(Block(samples, RATE, channels, units, "s", 1, "n", start=1.7e9))
 
 
 def test_the_record_says_what_was_used_and_where_it_comes_from() -> None:

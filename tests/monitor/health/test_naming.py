@@ -21,9 +21,9 @@ from monitor.health.naming import (
     noise_floor,
     score_threshold,
 )
+from monitor.health.spectrum.average import Spectra
 from monitor.health.spectrum.features import FAULTS, fundamentals
 from monitor.health.spectrum.transform import get_transform
-from monitor.health.state import Spectra
 from tests.effort import effort_count
 from tests.signals import HealthyMachine, bearing_lines, impacts, pulses
 

@@ -12,23 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from monitor.health.channel import ChannelBlock, check_channel, detect_input, step
+from monitor.health.condition import Quantity
 from monitor.health.damage.thesis import edv, forecast
 from monitor.health.damage.tracker import DamageSettings
 from monitor.health.detect import DetectSettings
+from monitor.health.output import ChannelOutput, record_values
 from monitor.health.quality import Verdict, with_flags
 from monitor.health.record import Record
+from monitor.health.settings import ChannelSettings
+from monitor.health.spectrum.average import Spectra
 from monitor.health.spectrum.votes import ENOUGH_VOTES
-from monitor.health.state import ChannelState, Spectra
-from monitor.health.step import (
-    BlockInfo,
-    ChannelOutput,
-    ChannelSettings,
-    detect_input,
-    judge,
-    step,
-)
-from monitor.service.recording import block_record
-from streams.block import Block
+from monitor.health.state import ChannelState
 from tests.signals import HealthyMachine, bearing_lines, impacts
 
 RATE, N, SPEED = 25600.0, 2560, 27.5
@@ -45,7 +40,7 @@ def map_slice() -> edv.MapSlice:
 
 
 def base(**changes: object) -> ChannelSettings:
-    settings = ChannelSettings("one", BEARING, bands=BANDS, speed=SPEED, load=4200.0, detect=DETECT, average_blocks=4)
+    settings = ChannelSettings("one", BEARING, bands=BANDS, detect=DETECT, average_blocks=4)
     return replace(settings, **changes)
 
 
@@ -63,8 +58,13 @@ def life(count: int = 80, seed: int = 0, first_bad: int = FIRST_BAD) -> list[NDA
     return blocks
 
 
-def info_of(i: int) -> BlockInfo:
-    return BlockInfo(sequence=i + 1, time=10.0 * i, rate=RATE, duration=N / RATE)
+def block_of(i: int, x: NDArray[np.float32], verdict: Verdict) -> ChannelBlock:
+    speed, load = Quantity(SPEED, "configured"), Quantity(4200.0, "configured")
+    return ChannelBlock(x, RATE, i + 1, 10.0 * i, verdict, speed, load)
+
+
+def checked(i: int, x: NDArray[np.float32], state: ChannelState, settings: ChannelSettings) -> ChannelBlock:
+    return block_of(i, x, check_channel(x, state, settings))
 
 
 def run(
@@ -76,15 +76,14 @@ def run(
 ) -> tuple[ChannelState, list[ChannelOutput]]:
     state, outputs = state or ChannelState(), []
     for i, x in enumerate(blocks, start=first):
-        verdict = with_flags(judge(x, state, settings), (flags or {}).get(i, ()))
-        state, output = step(state, x, info_of(i), verdict, settings)
+        verdict = with_flags(check_channel(x, state, settings), (flags or {}).get(i, ()))
+        state, output = step(state, block_of(i, x, verdict), settings)
         outputs.append(output)
     return state, outputs
 
 
 def record_of(i: int, state: ChannelState, output: ChannelOutput) -> Record:
-    block = Block(np.zeros((1, 1), np.float32), RATE, ("one",), ("m/s2",), "source", i + 1, "block")
-    return block_record(block, "ok", (), "", {"one": (state, output)})
+    return Record("source", i + 1, "block", "", channels={"one": record_values(state.detect, output)})
 
 
 DAMAGE = DamageSettings(map_at=lambda load, speed: (map_slice(), None))
@@ -112,7 +111,7 @@ def test_states_written_as_json_midway_change_nothing(cuts: set[int]) -> None:
     for i, (x, (after, expected)) in enumerate(zip(blocks, _whole(), strict=True)):
         if i in cuts:
             state = ChannelState.from_dict(json.loads(json.dumps(state.to_dict(), allow_nan=False)))
-        state, output = step(state, x, info_of(i), judge(x, state, TRACKED), TRACKED)
+        state, output = step(state, checked(i, x, state, TRACKED), TRACKED)
         assert record_of(i, state, output).to_json() == record_of(i, after, expected).to_json()
         assert state.to_dict() == after.to_dict()
 
@@ -124,7 +123,7 @@ def _whole() -> list[tuple[ChannelState, ChannelOutput]]:
     if not _kept:
         state = ChannelState()
         for i, x in enumerate(life()):
-            state, output = step(state, x, info_of(i), judge(x, state, TRACKED), TRACKED)
+            state, output = step(state, checked(i, x, state, TRACKED), TRACKED)
             _kept.append((state, output))
     return _kept
 
@@ -199,7 +198,7 @@ def test_late_blocks_teach_and_move_nothing() -> None:
 
 
 def test_without_a_unit_there_is_no_absolute_level() -> None:
-    state, outputs = run(life(), replace(TRACKED, absolute=False))
+    state, outputs = run(life(), replace(TRACKED, unit="unknown"))
     assert state.detect.t_fs is not None
     assert state.named is not None
     assert state.named.fault == "outer"
@@ -245,9 +244,9 @@ def test_a_rejected_block_leaves_the_state_untouched() -> None:
     state, _ = run(blocks, TRACKED)
     broken = blocks[0].copy()
     broken[7] = np.nan
-    verdict = judge(broken, state, TRACKED)
+    verdict = check_channel(broken, state, TRACKED)
     assert verdict.status == "nan"
-    after, output = step(state, broken, info_of(40), verdict, TRACKED)
+    after, output = step(state, block_of(40, broken, verdict), TRACKED)
     assert after is state
     assert output.features is None
     assert output.stage == state.detect.stage
@@ -255,13 +254,13 @@ def test_a_rejected_block_leaves_the_state_untouched() -> None:
 
 def test_an_unknown_speed_is_refused() -> None:
     with pytest.raises(ValueError, match="channel 'one': the shaft speed"):
-        step(ChannelState(), life(1)[0], info_of(0), Verdict(), base(speed=None))
+        step(ChannelState(), replace(block_of(0, life(1)[0], Verdict()), speed=Quantity()), base())
 
 
-def test_the_speed_of_the_block_comes_before_that_of_the_configuration() -> None:
-    info = replace(info_of(0), speed=25.0, load=1000.0)
-    _, output = step(ChannelState(), life(1)[0], info, Verdict(), base())
-    assert (output.speed, output.load) == (25.0, 1000.0)
+def test_speed_and_load_are_those_of_the_block() -> None:
+    speed, load = Quantity(25.0, "block"), Quantity(1000.0, "channel", 5.0)
+    _, output = step(ChannelState(), replace(block_of(0, life(1)[0], Verdict()), speed=speed, load=load), base())
+    assert (output.speed, output.load) == (speed, load)
 
 
 def test_the_band_is_chosen_on_the_first_blocks_then_frozen() -> None:
@@ -296,10 +295,11 @@ def test_while_the_band_is_provisional_the_baseline_learns_nothing() -> None:
 
 
 def test_what_the_detector_takes_is_in_the_features() -> None:
-    _, outputs = run(life(1), base())
+    blocks = life(1)
+    _, outputs = run(blocks, base())
     features = outputs[0].features
     assert features is not None
-    block = detect_input(features, info_of(0), absolute=False, usable=True)
+    block = detect_input(features, block_of(0, blocks[0], Verdict()), absolute=False, usable=True)
     lines = features.lines[0]["outer"]
     assert block.prominence == pytest.approx(lines.amplitude.sum() / lines.floor.sum())
     assert (block.rms, block.peak, block.sequence) == (features.rms, None, 1)

@@ -17,19 +17,20 @@ from hypothesis import strategies as st
 
 from monitor.config.load import Config, ConfigError, validate
 from monitor.health.record import Record
+from monitor.health.state import Stored
 from monitor.health.waterfall import Keeping, SpectrumChange, SpectrumRow, WaterfallSettings, WaterfallState, step
 from monitor.records.ledger import StoreLedger
 from monitor.records.spectra import binned, kept_blocks, pack_amplitude, read_spectra
 from monitor.records.store import Store, StoreError
 from monitor.service.ingest import Ingest
 from monitor.service.replay import replay
-from monitor.service.setup import channel_setups
-from monitor.service.watcher import Watcher
+from monitor.service.setup import source_settings
 from streams.block import Block, Rejected
 from tests.effort import effort_count
 from tests.monitor.health.test_pipeline import DETECT, FIRST_BAD, RATE, SPEED, life
 from tests.monitor.service.test_ingest import Queue
 from tests.signals import bearing_lines
+from tests.steps import Steps
 
 START = 1_700_000_000.0
 LINES = bearing_lines("PRONOSTIA", SPEED)[1]
@@ -54,8 +55,8 @@ def machine(folder: Path | str = "in", rows: int = 6, interval: float = 30.0, **
     )
 
 
-def watcher_of(config: Config) -> Watcher:
-    return Watcher("s", channel_setups(config, config.source[0]), RATE)
+def steps_of(config: Config, stored: Stored | None = None) -> Steps:
+    return Steps(source_settings(config, config.source[0]), stored)
 
 
 def blocks(count: int = 80, **more: Any) -> list[Block]:
@@ -66,13 +67,13 @@ def blocks(count: int = 80, **more: Any) -> list[Block]:
     return made
 
 
-def take(store: Store, watcher: Watcher, items: Sequence[Block | Rejected], batch: int = 1) -> None:
+def take(store: Store, steps: Steps, items: Sequence[Block | Rejected], batch: int = 1) -> None:
     for first in range(0, len(items), batch):
         records: list[tuple[Record, dict[str, Any]]] = []
         changes: list[SpectrumChange] = []
         for item in items[first : first + batch]:
-            records.append((watcher.process(item), watcher.states()))
-            changes += watcher.spectra
+            records.append((steps.take(item), steps.stored()))
+            changes += steps.spectra
         store.commit_many(records, spectra=changes)
 
 
@@ -90,7 +91,7 @@ def table(path: Path) -> list[Any]:
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("undisturbed") / "state.db"
     with Store.open(path, machine="m") as store:
-        take(store, watcher_of(machine()), blocks())
+        take(store, steps_of(machine()), blocks())
     return path
 
 
@@ -106,11 +107,11 @@ def test_a_life_is_there_from_its_first_block_to_its_newest(undisturbed: Path) -
 
 
 def test_what_is_kept_is_the_spectrum_of_that_block(undisturbed: Path) -> None:
-    watcher, made = watcher_of(machine()), blocks()
+    steps, made = steps_of(machine()), blocks()
     for item in made:
-        watcher.process(item)
+        steps.take(item)
         found = read_spectra(undisturbed, "x", at=item.sequence)
-        output = watcher.outputs["x"]
+        output = steps.outputs["x"]
         if not found or output.features is None:
             continue
         (row,) = found
@@ -128,9 +129,9 @@ def test_spectra_around_the_start_of_the_final_stage_stay_for_good(tmp_path: Pat
     path = tmp_path / "state.db"
     config = machine(rows=1)
     with Store.open(path, machine="m") as store:
-        watcher = watcher_of(config)
-        take(store, watcher, blocks())
-        detector = watcher.channel("x").detect
+        steps = steps_of(config)
+        take(store, steps, blocks())
+        detector = steps.state.channels["x"].detect
         assert detector.t_fs is not None
         assert detector.t_fs_known is not None
         pinned = [row[2] for row in table(path) if row[4] == 2]
@@ -144,7 +145,7 @@ def test_spectra_around_the_start_of_the_final_stage_stay_for_good(tmp_path: Pat
 @pytest.mark.parametrize("batch", [2, 7, 64])
 def test_batches_leave_the_rows_that_single_blocks_leave(tmp_path: Path, undisturbed: Path, batch: int) -> None:
     with Store.open(tmp_path / "state.db", machine="m") as store:
-        take(store, watcher_of(machine()), blocks(), batch)
+        take(store, steps_of(machine()), blocks(), batch)
     assert table(tmp_path / "state.db") == table(undisturbed)
 
 
@@ -156,23 +157,21 @@ def test_restarts_and_failed_commits_leave_the_same_rows(
     path, made = tmp_path_factory.mktemp("cut") / "state.db", blocks()
     for first, last in zip([0, *sorted(cuts)], [*sorted(cuts), 80], strict=True):
         with Store.open(path, machine="m") as store:
-            watcher = watcher_of(machine())
-            watcher.restore(store.load_states())
+            steps = steps_of(machine(), store.load_states())
             if lost:
-                record = watcher.process(made[first])
+                record = steps.take(made[first])
                 with pytest.raises(ZeroDivisionError):
-                    store.commit(record, watcher.states(), lambda _: print(1 / 0), watcher.spectra)
-                watcher = watcher_of(machine())
-                watcher.restore(store.load_states())
-            take(store, watcher, made[first:last], 3)
+                    store.commit(record, steps.stored(), lambda _: print(1 / 0), steps.spectra)
+                steps = steps_of(machine(), store.load_states())
+            take(store, steps, made[first:last], 3)
     assert table(path) == table(undisturbed)
 
 
 def test_the_live_way_leaves_the_same_rows(tmp_path: Path, undisturbed: Path) -> None:
-    path = tmp_path / "state.db"
+    path, config = tmp_path / "state.db", machine()
     with Store.open(path, machine="m") as store, StoreLedger(store) as ledger:
         queue = Queue(store, list(blocks()))
-        with Ingest(store, ledger, [queue], {"s": watcher_of(machine())}) as ingest:
+        with Ingest(store, ledger, [queue], {"s": source_settings(config, config.source[0])}) as ingest:
             stop = threading.Event()
             while queue.waiting:
                 ingest.step(stop)
@@ -197,10 +196,10 @@ def test_replays_whole_and_in_pieces_leave_the_same_rows(tmp_path: Path) -> None
 def test_a_block_offered_again_changes_no_spectrum(tmp_path: Path) -> None:
     path, made = tmp_path / "state.db", blocks(12)
     with Store.open(path, machine="m") as store:
-        watcher = watcher_of(machine())
-        take(store, watcher, made)
+        steps = steps_of(machine())
+        take(store, steps, made)
         before = table(path)
-        other = watcher_of(machine())
+        other = steps_of(machine())
         take(store, other, [made[3], made[11]])
         assert table(path) == before
 
@@ -210,11 +209,11 @@ def test_bad_blocks_have_no_spectrum(tmp_path: Path) -> None:
     flat = Block(np.zeros((1, 2560), np.float32), RATE, ("x",), ("m/s2",), "s", 21, "flat", start=START + 1000.0)
     late = Block(made[5].samples, RATE, ("x",), ("m/s2",), "s", 4, "late", start=START + 30.0)
     with Store.open(path, machine="m") as store:
-        watcher = watcher_of(machine())
-        take(store, watcher, [*made[:3], *made[4:]])
+        steps = steps_of(machine())
+        take(store, steps, [*made[:3], *made[4:]])
         before = table(path)
         assert before[-1][2] == 20
-        take(store, watcher, [flat, late, Rejected("s", 22, "b", "nan", "bad"), Rejected("s", 23, "b", "short", "bad")])
+        take(store, steps, [flat, late, Rejected("s", 22, "b", "nan", "bad"), Rejected("s", 23, "b", "short", "bad")])
         assert table(path) == before
 
 
@@ -222,10 +221,10 @@ def test_a_clock_that_is_not_believed_decides_nothing(tmp_path: Path) -> None:
     path, made = tmp_path / "state.db", blocks(30)
     wrong = Block(made[10].samples, RATE, ("x",), ("m/s2",), "s", 11, "b10", start=100.0)
     with Store.open(path, machine="m") as store:
-        watcher = watcher_of(machine(rows=50, interval=20.0))
-        take(store, watcher, [*made[:10], wrong])
+        steps = steps_of(machine(rows=50, interval=20.0))
+        take(store, steps, [*made[:10], wrong])
         assert table(path)[-1][2:5] == (11, 100.0, 0)
-        take(store, watcher, made[11:])
+        take(store, steps, made[11:])
         times = [row[3] for row in table(path)[:-1]]
         assert min(times[1:][i] - times[i] for i in range(len(times) - 1)) >= 19.0
         assert 100.0 not in times
@@ -234,7 +233,7 @@ def test_a_clock_that_is_not_believed_decides_nothing(tmp_path: Path) -> None:
 def test_blocks_without_any_time_are_kept_by_their_number(tmp_path: Path) -> None:
     path = tmp_path / "state.db"
     with Store.open(path, machine="m") as store:
-        take(store, watcher_of(machine()), blocks(30, start=None, elapsed=None))
+        take(store, steps_of(machine()), blocks(30, start=None, elapsed=None))
         rows = read_spectra(store, "x")
     assert all(row.time is None for row in rows)
     assert 6 <= len(rows) <= 13
@@ -243,7 +242,7 @@ def test_blocks_without_any_time_are_kept_by_their_number(tmp_path: Path) -> Non
 
 def test_none_are_kept_where_none_are_wanted(tmp_path: Path) -> None:
     with Store.open(tmp_path / "state.db", machine="m") as store:
-        take(store, watcher_of(machine(rows=0)), blocks(5))
+        take(store, steps_of(machine(rows=0)), blocks(5))
         assert read_spectra(store, "x") == []
         assert not any(name.startswith("waterfall") for name in store.load_states())
     with pytest.raises(ConfigError, match="spectra"):
@@ -254,11 +253,11 @@ def test_several_bands_keep_the_one_that_names_the_fault(tmp_path: Path) -> None
     # The impacts of these signals ring within 500 to 6000 Hz.
     config = machine(band_hz=[[9000, 12000], [500, 6000]])
     with Store.open(tmp_path / "state.db", machine="m") as store:
-        watcher = watcher_of(config)
-        take(store, watcher, blocks())
-        assert watcher.outputs["x"].naming is not None
+        steps = steps_of(config)
+        take(store, steps, blocks())
+        assert steps.outputs["x"].naming is not None
         (row,) = read_spectra(store, "x", newest=1)
-        assert row.band == watcher.outputs["x"].bands[watcher.outputs["x"].leading]
+        assert row.band == steps.outputs["x"].bands[steps.outputs["x"].leading]
         first = read_spectra(store, "x")[0]
         assert first.band == (9000.0, 12000.0)
 
@@ -274,7 +273,7 @@ def test_an_older_store_gets_the_table_when_it_is_written_and_readers_do_without
         assert read_spectra(store, "x") == []
         assert kept_blocks(store, "x") == []
     with Store.open(path, machine="m") as store:
-        take(store, watcher_of(machine()), blocks(3))
+        take(store, steps_of(machine()), blocks(3))
     assert [row.sequence for row in read_spectra(path, "x")][-1] == 3
     with pytest.raises(StoreError, match=r"none\.db"):
         read_spectra(tmp_path / "none.db", "x")

@@ -11,21 +11,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.config.alarms import AlarmLevel, AlarmsSection
+from monitor.health.alarm_stage import Acknowledgement
 from monitor.health.record import Record
+from monitor.health.settings import SourceSettings
 from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.acknowledging import Acknowledgements
-from monitor.service.alarming import Acknowledged
 from monitor.service.ingest import Ingest
-from monitor.service.setup import channel_setups
-from monitor.service.watcher import Watcher
+from monitor.service.setup import source_settings
+from monitor.service.standing import channel_condition, shown_alarms
 from streams.block import Block, Rejected
 from tests.effort import effort_count
 from tests.faults.daemons import call, make_machine, start, status, wait_for
 from tests.faults.test_folder_kill import config
 from tests.monitor.service.test_daemon import last, running
 from tests.monitor.service.test_ingest import Queue, steps
+from tests.steps import Steps
 from tests.streams.folders import csv_bytes, noise
 
 RATE = 2560.0
@@ -39,9 +41,9 @@ def block(sequence: int, level: float) -> Block:
     return Block(samples, RATE, ("x",), ("g",), "s", sequence, f"b{sequence}", content_hash=str(sequence))
 
 
-def watcher() -> Watcher:
+def source() -> SourceSettings:
     machine = config("nowhere").model_copy(update={"alarms": AlarmsSection(level=(LEVEL,))})
-    return Watcher("s", channel_setups(machine, machine.source[0]), RATE)
+    return source_settings(machine, machine.source[0])
 
 
 class Machine:
@@ -56,15 +58,13 @@ class Machine:
 
     def start(self) -> None:
         """Begin where the store ends, as a daemon does."""
-        fresh = watcher()
-        fresh.restore(self.store.load_states(), self.store.record("s", self.store.last("s")))
         self.ledger.close()
         self.ledger = StoreLedger(self.store)
-        self.ingest = Ingest(self.store, self.ledger, [self.source], {"s": fresh}, clock=lambda: 1.7e9)
-        self.acknowledgements = Acknowledgements(self.store, self.log, self.ingest.watchers)
+        self.ingest = Ingest(self.store, self.ledger, [self.source], {"s": source()}, clock=lambda: 1.7e9)
+        self.acknowledgements = Acknowledgements(self.store, self.log, self.ingest)
 
-    def look(self) -> None:
-        self.acknowledgements.look()
+    def poll(self) -> None:
+        self.acknowledgements.poll()
 
     def step(self) -> None:
         steps(self.ingest, 1)
@@ -78,17 +78,16 @@ class Machine:
 
     def waiting(self) -> int:
         """Look, and return how many events wait for somebody; they are counted anew now and then only."""
-        self.look()
+        self.poll()
         return self.acknowledgements.unacknowledged
 
     @property
     def alarms(self) -> list[tuple[str, bool, bool]]:
-        standing = self.ingest.watchers["s"].alarming.standing("x")
-        return [(alarm["severity"], alarm["active"], alarm["latched"]) for alarm in standing]
+        shown = shown_alarms(self.ingest.state("s").alarms["x"], source().channels["x"].alarms)
+        return [(alarm["severity"], alarm["active"], alarm["latched"]) for alarm in shown]
 
     def condition(self) -> str:
-        found = self.ingest.watchers["s"]
-        return found.alarming.condition("x", found.channel("x"))
+        return channel_condition(self.ingest.state("s"), "x", source().channels["x"].alarms)
 
     def close(self) -> None:
         self.log.close()
@@ -112,17 +111,17 @@ def said(records: list[Record], kind: str) -> list[tuple[int, str]]:
 def test_what_is_latched_is_let_go_with_the_next_block_and_shown_at_once(machine: Machine) -> None:
     for _ in range(5):
         machine.step()
-    machine.look()
+    machine.poll()
     assert machine.alarms == [("danger", False, True), ("alert", False, True)]
     assert machine.condition() == "failure"
     wait_for(lambda: machine.waiting() == 2)
     assert machine.acknowledge_all() == 2
-    machine.look()
+    machine.poll()
     assert machine.alarms == []
     assert machine.condition() == "check_function"
     wait_for(lambda: machine.waiting() == 0)
     machine.step()
-    machine.look()
+    machine.poll()
     machine.step()
     records = list(machine.store.records())
     assert sorted(said(records, "alarm_released")) == [(6, "alert"), (6, "danger")]
@@ -137,15 +136,15 @@ def test_it_holds_when_it_was_given_while_nothing_ran_and_after_a_kill(machine: 
     machine.acknowledge_all()
     machine.start()
     assert len(machine.alarms) == 2
-    machine.look()
+    machine.poll()
     assert machine.alarms == []
     # Killed before the next block: what was handed on is handed on again.
     machine.start()
-    machine.look()
+    machine.poll()
     machine.step()
     # And after it: nothing is let go of twice.
     machine.start()
-    machine.look()
+    machine.poll()
     machine.step()
     assert len(said(list(machine.store.records()), "alarm_released")) == 2
 
@@ -154,7 +153,7 @@ def test_an_alarm_that_goes_on_is_known_and_still_stands(machine: Machine) -> No
     for _ in range(3):
         machine.step()
     machine.acknowledge_all()
-    machine.look()
+    machine.poll()
     machine.step()
     assert machine.alarms == [("danger", True, False), ("alert", True, False)]
     machine.step()
@@ -168,7 +167,7 @@ def test_who_knows_of_an_alert_does_not_know_of_the_danger(machine: Machine) -> 
     raised = [event for event in machine.log.events() if event.body["kind"] == "alarm_raised"]
     alert = next(event for event in raised if event.body["severity"] == "alert")
     machine.log.acknowledge(alert.id, "Ada", "", 1.7e9)
-    machine.look()
+    machine.poll()
     machine.step()
     assert machine.alarms == [("danger", False, True)]
 
@@ -179,13 +178,13 @@ def test_a_new_alarm_after_the_acknowledgement_is_held_again(machine: Machine) -
         machine.step()
     machine.acknowledge_all()
     for _ in range(4):
-        machine.look()
+        machine.poll()
         machine.step()
     machine.source = Queue(machine.store, blocks)
     machine.start()
     for _ in range(2):
         machine.step()
-        machine.look()
+        machine.poll()
     assert machine.alarms == [("danger", False, True), ("alert", False, True)]
 
 
@@ -196,7 +195,7 @@ def test_notices_and_events_of_other_kinds_let_go_of_nothing(machine: Machine) -
     machine.log.acknowledge(name, "Ada", "", 1.7e9)
     cleared = next(event for event in machine.log.events() if event.body["kind"] == "alarm_cleared")
     machine.log.acknowledge(cleared.id, "Ada", "", 1.7e9)
-    machine.look()
+    machine.poll()
     assert len(machine.alarms) == 2
 
 
@@ -215,21 +214,24 @@ def test_given_the_same_acknowledgements_before_the_same_blocks_records_are_the_
             machine.acknowledge_all()
         if "kill" in act:
             machine.start()
-        machine.look()
+        machine.poll()
         machine.step()
-    live, states = list(machine.store.records()), machine.ingest.watchers["s"].states()
+    live, states = list(machine.store.records()), machine.ingest.state("s").to_stored()
     machine.close()
     # The replay: no log, but what the records themselves say was let go of before which block.
-    again = watcher()
+    again = Steps(source())
     replayed = []
     for item, record in zip(blocks, live, strict=True):
-        for event in record.events:
-            if event["kind"] == "alarm_released":
-                known = ("s", event["channel"], event["rule"], event["severity"], event["since_block"])
-                again.alarming.acknowledge(Acknowledged(*known, event["acknowledged_utc_s"]))
-        replayed.append(again.process(item, now=1.7e9))
+        given = [
+            Acknowledgement(
+                *(event[key] for key in ("channel", "rule", "severity", "since_block", "acknowledged_utc_s"))
+            )
+            for event in record.events
+            if event["kind"] == "alarm_released"
+        ]
+        replayed.append(again.take(item, now=1.7e9, acknowledgements=given))
     assert replayed == live
-    assert again.states() == states
+    assert again.stored() == states
 
 
 def loud_machine(folder: Path) -> Path:

@@ -1,4 +1,4 @@
-"""The alarm stage in the watcher: events are in the record, states are committed with it, a restart changes nothing."""
+"""The alarm stage of a source: events are in the record, states are committed with it, a restart changes nothing."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import numpy as np
 from monitor.commands.check import find_problems
 from monitor.config.alarms import AlarmLevel, AlarmsSection
 from monitor.config.load import Config
+from monitor.health.alarm_stage import Acknowledgement, acknowledged
 from monitor.health.alarms import AlarmSettings, Level, Rule
+from monitor.health.settings import SourceSettings
 from monitor.records.store import Store
-from monitor.service.alarming import Acknowledged
-from monitor.service.setup import channel_setups
-from monitor.service.watcher import Watcher
+from monitor.service.setup import source_settings
 from streams.block import Block, Rejected
 from tests.faults.test_folder_kill import config
+from tests.steps import Steps
 
 RATE = 2560.0
 
@@ -27,12 +28,12 @@ def block(sequence: int, level: float) -> Block:
     return Block(samples, RATE, ("x",), ("g",), "s", sequence, f"b{sequence}", content_hash=str(sequence))
 
 
-def watcher() -> Watcher:
+def settings() -> SourceSettings:
     machine = config("nowhere")
     rule = Rule("rms", "rms", alert=Level(3 * 9.8), on_delay=2, off_delay=2, latch=True)
-    setups = channel_setups(machine, machine.source[0])
+    found = source_settings(machine, machine.source[0])
     alarms = AlarmSettings((rule,), window=4)
-    return Watcher("s", {name: replace(setup, alarms=alarms) for name, setup in setups.items()}, RATE)
+    return replace(found, channels={name: replace(channel, alarms=alarms) for name, channel in found.channels.items()})
 
 
 ITEMS = [
@@ -44,20 +45,21 @@ ITEMS = [
 
 
 def test_alarms_and_conditions_are_events_of_the_record() -> None:
-    found = watcher()
-    events = [event for item in ITEMS for event in found.process(item).events]
+    found = Steps(settings())
+    events = [event for item in ITEMS for event in found.take(item).events]
     assert [(event["kind"], event["block"]) for event in events] == [
         ("alarm_raised", 5),
         ("condition", 8),
         ("alarm_cleared", 12),
         ("condition", 13),
     ]
-    assert found.alarming.state("x").condition == "maintenance_required"
-    given = Acknowledged("s", "x", "rms", "alert", 5, 1.7e9)
-    assert found.alarming.acknowledge(given)
-    assert not found.alarming.acknowledge(given)
-    record = found.process(block(16, 1.0))
-    assert found.alarming.state("x").condition == "check_function"
+    assert found.state.alarms["x"].condition == "maintenance_required"
+    given = Acknowledgement("x", "rms", "alert", 5, 1.7e9)
+    released = acknowledged(found.state.alarms, (given,))
+    assert released != found.state.alarms
+    assert acknowledged(released, (given,)) == released
+    record = found.take(block(16, 1.0), acknowledgements=(given, given))
+    assert found.state.alarms["x"].condition == "check_function"
     assert record.events == (
         {
             "kind": "alarm_released",
@@ -73,16 +75,15 @@ def test_alarms_and_conditions_are_events_of_the_record() -> None:
 
 
 def test_a_restart_at_any_block_gives_the_same_records() -> None:
-    undisturbed = watcher()
-    expected = [undisturbed.process(item) for item in ITEMS]
+    undisturbed = Steps(settings())
+    expected = [undisturbed.take(item) for item in ITEMS]
     for cut in (2, 4, 7, 9, 12):
-        first = watcher()
-        records = [first.process(item) for item in ITEMS[:cut]]
-        second = watcher()
-        second.restore(json.loads(json.dumps(first.states())), records[-1])
-        records += [second.process(item) for item in ITEMS[cut:]]
+        first = Steps(settings())
+        records = [first.take(item) for item in ITEMS[:cut]]
+        second = Steps(settings(), json.loads(json.dumps(first.stored())), records[-1])
+        records += [second.take(item) for item in ITEMS[cut:]]
         assert records == expected
-        assert second.states() == undisturbed.states()
+        assert second.stored() == undisturbed.stored()
 
 
 def test_check_names_the_levels_that_came_too_late_to_learn(tmp_path: Path) -> None:
@@ -112,13 +113,13 @@ def test_check_names_the_levels_that_came_too_late_to_learn(tmp_path: Path) -> N
     )
     assert said(later) == []
     with Store.open(tmp_path / "state.db", machine="m") as store:
-        found = Watcher("s", channel_setups(machine, machine.source[0]), RATE)
+        found = Steps(source_settings(machine, machine.source[0]))
         for number in range(1, 6):
-            store.commit(found.process(block(number, 1.0)), found.states())
+            store.commit(found.take(block(number, 1.0)), found.stored())
         assert said(later) == []
         for number in range(6, 16):
-            store.commit(found.process(block(number, 1.0)), found.states())
-    assert found.channel("x").detect.stage == "healthy"
+            store.commit(found.take(block(number, 1.0)), found.stored())
+    assert found.state.channels["x"].detect.stage == "healthy"
     assert said(machine) == []
     (problem,) = said(later)
     assert problem.startswith("channel 'x': level 'late' says nothing")

@@ -128,7 +128,7 @@ def test_without_room_on_the_disk_nothing_is_taken_until_there_is_room(
 
 
 def test_a_store_that_cannot_commit_ends_nothing_and_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("monitor.service.ingest._RETRY", 0.05)
+    monkeypatch.setattr("monitor.service.ingest._RETRY_S", 0.05)
     config, full = make_machine(tmp_path), threading.Event()
     commit = Store.commit
 

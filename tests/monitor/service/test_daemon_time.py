@@ -22,7 +22,7 @@ from monitor.service.summary import channel_summary
 from tests.effort import effort_count
 from tests.faults.daemons import make_machine, status, wait_for
 from tests.monitor.service.test_daemon import last, put, running
-from tests.monitor.service.test_ingest import Queue, block, ingest_of, steps
+from tests.monitor.service.test_ingest import Queue, block, ingest_of, settings_of, steps
 from tests.streams.makers import ims_text
 
 NOW = 1.7e9
@@ -58,9 +58,7 @@ def judged(folder: Path, times: Sequence[float], clock: Sequence[float]) -> list
     blocks = [replace(block(number), start=when) for number, when in enumerate(times, 1)]
     with Store.open(folder / "state.db", machine="m") as store, StoreLedger(store) as ledger:
         source = Queue(store, list(blocks))
-        with ingest_of(store, source) as base:
-            watchers = base.watchers
-        with Ingest(store, ledger, [source], watchers, clock=lambda: next(shown)) as ingest:
+        with Ingest(store, ledger, [source], {"s": settings_of()}, clock=lambda: next(shown)) as ingest:
             steps(ingest, len(blocks))
         return list(store.records())
 
@@ -174,9 +172,8 @@ def test_a_final_stage_at_a_time_that_no_calendar_has_is_shown_without_it(tmp_pa
     with Store.open(tmp_path / "state.db", machine="m") as store:
         with ingest_of(store, Queue(store, [replace(block(1), start=1e15)])) as ingest:
             steps(ingest, 1)
-            watcher = ingest.watchers["s"]
-        mark = Mark(1, 1e15)
-        state = watcher.channel("x")
-        vars(watcher)["_states"]["x"] = replace(state, detect=replace(state.detect, t_fs=mark, t_fs_known=mark))
-        found = channel_summary(watcher, "x")
+            state = ingest.state("s")
+        mark, channel = Mark(1, 1e15), state.channels["x"]
+        final = replace(channel, detect=replace(channel.detect, t_fs=mark, t_fs_known=mark))
+        found = channel_summary(replace(state, channels={"x": final}), "x")
     assert (found["t_fs_block"], found["t_fs_utc"]) == (1, None)

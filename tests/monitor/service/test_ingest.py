@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from monitor.config.load import ConfigError
+from monitor.health.settings import SourceSettings
 from monitor.records.ledger import SALVAGED_UP_TO, StoreLedger
 from monitor.records.store import Store, StoreError
 from monitor.service.ingest import Ingest
-from monitor.service.setup import channel_setups
-from monitor.service.watcher import Watcher
+from monitor.service.setup import source_settings
 from streams.block import Block, Rejected
 from streams.ledger import FileProgress, Ledger
 from streams.source import Backlog, Delivery, LiveSource
@@ -82,14 +82,14 @@ def store(tmp_path: Path) -> Iterator[Store]:
         yield found
 
 
-def watcher(name: str = "s") -> Watcher:
+def settings_of(name: str = "s") -> SourceSettings:
     machine = config("nowhere")
-    return Watcher(name, channel_setups(machine, machine.source[0]), RATE)
+    return replace(source_settings(machine, machine.source[0]), name=name)
 
 
 def ingest_of(store: Store, *sources: Queue) -> Ingest:
     names = {source.name for source in sources}
-    return Ingest(store, StoreLedger(store), sources, {name: watcher(name) for name in names}, clock=lambda: 1.7e9)
+    return Ingest(store, StoreLedger(store), sources, {name: settings_of(name) for name in names}, clock=lambda: 1.7e9)
 
 
 def steps(ingest: Ingest, count: int) -> None:
@@ -118,9 +118,9 @@ def test_what_the_ledger_has_is_counted_and_never_judged_again(store: Store) -> 
     source = Queue(store, [block(1), block(2), again, other, told, block(3)])
     with ingest_of(store, source) as ingest:
         steps(ingest, 2)
-        before = ingest.watchers["s"].states()
+        before = ingest.state("s").to_stored()
         steps(ingest, 3)
-        assert ingest.watchers["s"].states() == before
+        assert ingest.state("s").to_stored() == before
         steps(ingest, 1)
     assert source.acknowledged == [1, 2, 1, 1, 1, 3]
     assert store.counts() == {"ok": 3, "duplicate": 2, "changed": 1}
@@ -152,7 +152,7 @@ def test_a_block_that_does_not_fit_the_configuration_is_refused_and_the_next_one
 def test_a_store_that_fails_is_tried_again_and_nothing_is_acknowledged_meanwhile(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("monitor.service.ingest._RETRY", 0.001)
+    monkeypatch.setattr("monitor.service.ingest._RETRY_S", 0.001)
     source = Queue(store, [block(1), block(2)])
     commit, failures = store.commit, []
 
@@ -215,10 +215,9 @@ def test_states_are_taken_up_where_the_store_ends(store: Store) -> None:
     first = Queue(store, [block(1), block(2)])
     with ingest_of(store, first) as ingest:
         steps(ingest, 2)
-        expected = ingest.watchers["s"].states()
-    fresh = watcher()
-    fresh.restore(store.load_states(), store.record("s", 2))
-    assert fresh.states() == expected
+        expected = ingest.state("s").to_stored()
+    with ingest_of(store, Queue(store, [])) as ingest:
+        assert ingest.state("s").to_stored() == expected
 
 
 def test_states_of_another_version_are_refused_in_words(store: Store, tmp_path: Path) -> None:

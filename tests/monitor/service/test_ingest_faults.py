@@ -1,4 +1,4 @@
-"""A block that the analysis cannot bear costs that block and nothing else."""
+"""A block on which the analysis raises costs that block and nothing else."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ from typing import Any
 
 import pytest
 
+from monitor.health import step as stages
 from monitor.health.record import Record
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store, UnstorableError
-from monitor.service import watcher as watching
-from monitor.service.alarming import Alarming
 from monitor.service.ingest import Ingest
-from monitor.service.setup import channel_setups
-from monitor.service.watcher import Watcher
+from monitor.service.setup import source_settings
 from streams.block import Block, Rejected
 from streams.source import Delivery
 from tests.faults.daemons import make_machine, status, wait_for
@@ -26,23 +24,23 @@ from tests.faults.test_folder_kill import config
 from tests.monitor.service.test_daemon import last, put, running
 from tests.monitor.service.test_ingest import Queue, block, ingest_of, steps
 
-STEP = watching.step
+STEP, ALARMS = stages.channel_step, stages.alarm_step
 BAD = 5
 
 
 def raises(error: Exception) -> Callable[..., Any]:
-    def step(state: Any, samples: Any, info: Any, *rest: Any) -> Any:
-        if info.sequence == BAD:
+    def step(state: Any, block: Any, settings: Any) -> Any:
+        if block.sequence == BAD:
             raise error
-        return STEP(state, samples, info, *rest)
+        return STEP(state, block, settings)
 
     return step
 
 
 def gives(change: Callable[[Any, Any], Any]) -> Callable[..., Any]:
-    def step(state: Any, samples: Any, info: Any, *rest: Any) -> Any:
-        after = STEP(state, samples, info, *rest)
-        return change(*after) if info.sequence == BAD else after
+    def step(state: Any, block: Any, settings: Any) -> Any:
+        after = STEP(state, block, settings)
+        return change(*after) if block.sequence == BAD else after
 
     return step
 
@@ -72,7 +70,7 @@ def test_the_block_is_as_one_that_could_not_be_read_and_all_others_as_if_nothing
     store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: Callable[..., Any], said: str
 ) -> None:
     blocks: list[Block | Rejected] = [block(number) for number in range(1, 10)]
-    monkeypatch.setattr(watching, "step", step)
+    monkeypatch.setattr(stages, "channel_step", step)
     source = Queue(store, blocks)
     with ingest_of(store, source) as ingest:
         steps(ingest, BAD)
@@ -80,7 +78,7 @@ def test_the_block_is_as_one_that_could_not_be_read_and_all_others_as_if_nothing
         steps(ingest, 1)
         assert ingest.problems() == {}
         steps(ingest, 3)
-        states = ingest.watchers["s"].states()
+        states = ingest.state("s").to_stored()
     found = kept(store)
     failed = found[BAD - 1]
     assert source.acknowledged == list(range(1, 10))
@@ -93,7 +91,7 @@ def test_the_block_is_as_one_that_could_not_be_read_and_all_others_as_if_nothing
     with Store.open(tmp_path / "other.db", machine="m") as other:
         with ingest_of(other, Queue(other, blocks)) as undisturbed:
             steps(undisturbed, 9)
-            assert undisturbed.watchers["s"].states() == states
+            assert undisturbed.state("s").to_stored() == states
         assert kept(other) == found
         spectra = "SELECT source, channel, sequence, time, header, hex(amplitude) FROM spectra ORDER BY sequence"
         assert store.rows(spectra) == other.rows(spectra) != []
@@ -103,12 +101,12 @@ def test_the_block_is_as_one_that_could_not_be_read_and_all_others_as_if_nothing
 def test_it_is_told_once_how_and_again_when_it_is_over(
     store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def step(state: Any, samples: Any, info: Any, *rest: Any) -> Any:
-        if info.sequence < 4:
+    def step(state: Any, block: Any, settings: Any) -> Any:
+        if block.sequence < 4:
             raise RuntimeError("always")
-        return STEP(state, samples, info, *rest)
+        return STEP(state, block, settings)
 
-    monkeypatch.setattr(watching, "step", step)
+    monkeypatch.setattr(stages, "channel_step", step)
     caplog.set_level(logging.WARNING)
     with ingest_of(store, Queue(store, [block(number) for number in range(1, 6)])) as ingest:
         steps(ingest, 5)
@@ -128,21 +126,20 @@ def test_a_name_that_no_database_takes_is_escaped(store: Store) -> None:
 
 
 def test_not_even_the_alarms_stop_it(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    after = Alarming.after
-
-    def fails(alarming: Alarming, record: Record, *rest: Any) -> Record:
+    def fails(state: Any, record: Record, *rest: Any) -> Any:
         if record.sequence == 2:
             raise ValueError("rules")
-        return after(alarming, record, *rest)
+        return ALARMS(state, record, *rest)
 
-    monkeypatch.setattr(Alarming, "after", fails)
+    monkeypatch.setattr(stages, "alarm_step", fails)
     with ingest_of(store, Queue(store, [block(1), block(2), block(3)])) as ingest:
         steps(ingest, 1)
-        before = ingest.watchers["s"].states()
-        assert ingest.watchers["s"].spectra
+        before = ingest.state("s").to_stored()
+        spectra = store.rows("SELECT sequence FROM spectra")
+        assert spectra
         steps(ingest, 1)
-        assert ingest.watchers["s"].spectra == ()
-        assert ingest.watchers["s"].states() == before
+        assert store.rows("SELECT sequence FROM spectra") == spectra
+        assert ingest.state("s").to_stored() == before
         steps(ingest, 1)
     assert [record.status for record in kept(store)] == ["ok", "unreadable", "gap"]
 
@@ -181,8 +178,8 @@ def test_a_block_that_does_not_fit_bears_the_status_that_fits(store: Store) -> N
         replace(block(6), speed=40.0),
     ]
     source = Queue(store, blocks)
-    watchers = {"s": Watcher("s", channel_setups(machine, section))}
-    with Ingest(store, StoreLedger(store), [source], watchers, clock=lambda: 1.7e9) as ingest:
+    settings = {"s": source_settings(machine, section)}
+    with Ingest(store, StoreLedger(store), [source], settings, clock=lambda: 1.7e9) as ingest:
         steps(ingest, len(blocks))
         assert ingest.problems() == {"s": "dry"}
     found = kept(store)
@@ -204,8 +201,8 @@ def test_a_source_that_fails_is_shown_and_takes_no_other_with_it(
                 raise RuntimeError("a pump")
             return super().next(timeout)
 
-    monkeypatch.setattr("monitor.service.ingest._RETRY", 0.01)
-    monkeypatch.setattr("monitor.service.ingest._TURN", 0.02)
+    monkeypatch.setattr("monitor.service.ingest._RETRY_S", 0.01)
+    monkeypatch.setattr("monitor.service.ingest._POLL_S", 0.02)
     broken, well = Broken(store, [block(1)]), Queue(store, [block(n, source="t") for n in range(1, 6)], name="t")
     with ingest_of(store, broken, well) as ingest:
         steps(ingest, 10)
@@ -219,12 +216,12 @@ def test_a_source_that_fails_is_shown_and_takes_no_other_with_it(
 
 
 def test_a_daemon_goes_on_is_degraded_and_recovers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def step(state: Any, samples: Any, info: Any, *rest: Any) -> Any:
-        if info.sequence in (3, 4):
+    def step(state: Any, block: Any, settings: Any) -> Any:
+        if block.sequence in (3, 4):
             raise FloatingPointError("overflow")
-        return STEP(state, samples, info, *rest)
+        return STEP(state, block, settings)
 
-    monkeypatch.setattr(watching, "step", step)
+    monkeypatch.setattr(stages, "channel_step", step)
     path = make_machine(tmp_path)
     with running(path):
         put(path, 1)

@@ -16,7 +16,7 @@ from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError, validate
 from monitor.health.damage.thesis.edv import EdvStatus
 from monitor.service.libraries import build_library
-from monitor.service.setup import channel_setups, source_spec
+from monitor.service.setup import source_settings, source_spec
 
 BAND = (0.0, 9500.0)
 
@@ -56,12 +56,12 @@ def config(**channel):
 
 def test_settings_are_si(small_map):
     c = config()
-    setup = channel_setups(c, c.source[0], {"c": small_map})["c"]
-    assert setup.settings.signal_range == pytest.approx(50 * 9.80665)
-    assert setup.settings.samples == 128000
-    assert setup.settings.detect.end_of_life_peak == pytest.approx(196.133)
-    assert setup.settings.damage is not None
-    assert setup.settings.damage.thresholds == (0.05e-6,)
+    channel = source_settings(c, c.source[0], {"c": small_map}).channels["c"]
+    assert channel.signal_range == pytest.approx(50 * 9.80665)
+    assert channel.samples == 128000
+    assert channel.detect.end_of_life_peak == pytest.approx(196.133)
+    assert channel.damage is not None
+    assert channel.damage.thresholds == (0.05e-6,)
     spec = source_spec(c, c.source[0], "other.npy")
     assert spec.url == "other.npy"
     assert spec.channels[0].unit == "g"
@@ -69,7 +69,7 @@ def test_settings_are_si(small_map):
 
 def test_the_map_is_given_where_it_holds(small_map):
     c = config()
-    damage = channel_setups(c, c.source[0], {"c": small_map})["c"].settings.damage
+    damage = source_settings(c, c.source[0], {"c": small_map}).channels["c"].damage
     assert damage is not None
     at = damage.map_at
     assert at is not None
@@ -85,7 +85,7 @@ def test_the_map_is_given_where_it_holds(small_map):
 def test_a_map_of_another_band_is_refused(small_map):
     c = config(rms_band_hz=[0, 8000])
     with pytest.raises(ConfigError, match=r"rms_band_hz = \[0, 8000\].*\[0, 9500\]"):
-        channel_setups(c, c.source[0], {"c": small_map})
+        source_settings(c, c.source[0], {"c": small_map})
 
 
 @pytest.mark.parametrize(("name", "factor"), [("m_r", 1.01), ("k_c", 0.9)])
@@ -94,20 +94,20 @@ def test_a_map_of_another_rig_is_refused(plan, small_map, name, factor):
     changed = replace(small_map, attributes={**small_map.attributes, "parameters": replace(plan, rig=other).as_json()})
     c = config()
     with pytest.raises(ConfigError, match=f"rig {name}"):
-        channel_setups(c, c.source[0], {"c": changed})
+        source_settings(c, c.source[0], {"c": changed})
 
 
 def test_a_map_that_is_not_there_says_how_to_make_one(tmp_path, small_map):
     c = config(map=str(tmp_path / "none.nc"))
     with pytest.raises(ConfigError, match=r"none\.nc.*spallwatch map build"):
-        channel_setups(c, c.source[0])
+        source_settings(c, c.source[0])
     save_map(small_map, tmp_path / "there.nc")
     c = config(map=str(tmp_path / "there.nc"))
-    assert channel_setups(c, c.source[0])["c"].map is not None
+    assert source_settings(c, c.source[0]).channels["c"].map_hash is not None
     (tmp_path / "garbage.nc").write_bytes(b"not a map")
     c = config(map=str(tmp_path / "garbage.nc"))
     with pytest.raises(ConfigError, match=r"garbage\.nc"):
-        channel_setups(c, c.source[0])
+        source_settings(c, c.source[0])
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +116,7 @@ def library():
 
 
 def damage_of(c, **given):
-    damage = channel_setups(c, c.source[0], **given)["c"].settings.damage
+    damage = source_settings(c, c.source[0], **given).channels["c"].damage
     assert damage is not None
     return damage
 

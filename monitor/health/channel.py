@@ -1,0 +1,236 @@
+"""The stages of one channel: features, onset, name of the damaged part, V_eq, TT.
+
+State in, block in, state and output out: the live daemon, a restarted one and a replay give the same records.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.bearing import Kinematics, kinematics
+from monitor.health import detect
+from monitor.health.condition import Quantity
+from monitor.health.damage import tracker as damage
+from monitor.health.naming import Naming, bins_needed, name_fault
+from monitor.health.output import ChannelOutput
+from monitor.health.quality import Verdict, check_samples
+from monitor.health.settings import ChannelSettings
+from monitor.health.spectrum.average import Spectra
+from monitor.health.spectrum.bands import candidate_bands
+from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.spectrum.transform import Band
+from monitor.health.spectrum.votes import BandVotes
+from monitor.health.state import ChannelState, Named
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelBlock:
+    """One channel of a block.
+
+    Attributes:
+        samples: shape (sample,), m/s2, or any unit where that is unknown.
+        rate: sampling rate, Hz.
+        sequence: number of the block in its source, from 1.
+        time: seconds of its first sample, UTC where dated, else since the first block; None where unknown.
+        verdict: of quality, the flags of the block included.
+        speed: of the shaft, Hz; known wherever the block is accepted.
+        load: N.
+    """
+
+    samples: NDArray[np.floating]
+    rate: float
+    sequence: int
+    time: float | None
+    verdict: Verdict
+    speed: Quantity = field(default_factory=Quantity)
+    load: Quantity = field(default_factory=Quantity)
+
+
+def check_channel(samples: NDArray[np.floating], state: ChannelState, settings: ChannelSettings) -> Verdict:
+    """Check the samples of one channel, shape (sample,), against its settings and its learned level."""
+    return check_samples(
+        samples,
+        expected=settings.samples,
+        signal_range=settings.signal_range,
+        reference_rms=state.detect.reference_rms,
+        absolute=settings.absolute,
+    )
+
+
+def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) -> tuple[ChannelState, ChannelOutput]:
+    """Take one block of one channel into its state; a rejected one leaves it as it is.
+
+    Raises:
+        ValueError: the block is accepted and its speed is not known.
+    """
+    verdict = block.verdict
+    if not verdict.accepted:
+        return state, ChannelOutput(verdict=verdict, stage=state.detect.stage, absolute=settings.absolute)
+    if block.speed.value is None:
+        raise ValueError(f"channel {settings.name!r}: the shaft speed is neither configured nor stated by the block")
+    lines = kinematics(settings.bearing, block.speed.value)
+    bands, band_source = _bands(state, settings, block.rate, lines)
+    features = block_features(
+        block.samples,
+        block.rate,
+        FeatureSettings(rate=block.rate, bands=bands, fundamentals=fundamentals(lines), rms_band=settings.rms_band),
+    )
+    state = _run_clock(state, block)
+    naming: Naming | None = None
+    leading = 0
+    if verdict.for_baseline:
+        state, naming, leading = _name(state, features, lines, settings.average_blocks)
+    state, detection = _detect(state, features, block, settings, settled=band_source != "provisional")
+    if verdict.for_baseline and band_source == "provisional":
+        state = _vote(state, block, lines)
+    state, found, forecasts = _damage(state, features, block, settings)
+    state = _latch_name(state, naming, block.sequence)
+    return state, ChannelOutput(
+        verdict=verdict,
+        stage=state.detect.stage,
+        absolute=settings.absolute,
+        speed=block.speed,
+        load=block.load,
+        bands=bands,
+        band_source=band_source,
+        features=features,
+        leading=leading,
+        naming=naming,
+        detection=detection,
+        damage=found,
+        forecasts=forecasts,
+    )
+
+
+def _bands(
+    state: ChannelState, settings: ChannelSettings, rate: float, lines: Kinematics
+) -> tuple[tuple[Band, ...], str]:
+    """Return the bands to demodulate and where they come from; provisionally the widest candidate."""
+    if settings.bands is not None:
+        return settings.bands, "configured"
+    if state.bands:
+        return state.bands, state.band_source
+    return (candidate_bands(rate, max(lines.bpfo, lines.bpfi, 2.0 * lines.bsf))[0],), "provisional"
+
+
+def _run_clock(state: ChannelState, block: ChannelBlock) -> ChannelState:
+    """Advance the damage time, which is the time that the machine ran; between two running blocks it runs."""
+    flags = set(block.verdict.flags)
+    if block.time is None or {"late", "out_of_order", "clock"} & flags:
+        return state
+    running = "stopped" not in flags
+    gained = 0.0
+    if running and state.was_running and state.last_time is not None and block.time > state.last_time:
+        gained = block.time - state.last_time
+    return replace(state, running_time=state.running_time + gained, last_time=block.time, was_running=running)
+
+
+def _vote(state: ChannelState, block: ChannelBlock, lines: Kinematics) -> ChannelState:
+    """Count the vote of one of the first blocks for a band; fix the band once there are enough votes."""
+    votes = (state.votes or BandVotes()).add(block.samples, block.rate, fundamentals(lines))
+    if votes.enough:
+        return replace(state, votes=None, bands=(votes.best(),), band_source="learning", spectra=Spectra())
+    return replace(state, votes=votes)
+
+
+def _name(
+    state: ChannelState, features: BlockFeatures, lines: Kinematics, average_blocks: int
+) -> tuple[ChannelState, Naming, int]:
+    """Name the damaged part from the mean of the latest envelope spectra, each over its own mean envelope.
+
+    The number is the place of the band that shows it, 0 where no part is named. The division, and a weight of one over
+    its noise, keep one loud or knocking block from deciding for all.
+    """
+    needed = bins_needed(lines, features.envelopes[0].resolution)
+    relative = tuple(
+        np.asarray(envelope.amplitude[:needed], dtype=np.float32) / max(envelope.mean, np.finfo(np.float32).tiny)
+        for envelope in features.envelopes
+    )
+    spectra = state.spectra.add(relative, average_blocks)
+    namings = [
+        name_fault(amplitude, features.envelopes[0].resolution, lines, spectra.count)
+        for amplitude in spectra.averages()
+    ]
+    place = max(range(len(namings)), key=lambda i: (namings[i].fault is not None, _relative_score(namings[i])))
+    best = namings[place]
+    kept = spectra if average_blocks > 1 else Spectra()
+    return replace(state, spectra=kept), best, place if best.fault is not None else 0
+
+
+def _relative_score(naming: Naming) -> float:
+    """Return the score of the best family over the threshold of the score."""
+    return 0.0 if naming.evidence is None else naming.evidence.score / naming.threshold
+
+
+def detect_input(features: BlockFeatures, block: ChannelBlock, *, absolute: bool, usable: bool) -> detect.DetectInput:
+    """Return what the detector takes from a block.
+
+    Args:
+        features: of the block.
+        block: its number and time.
+        absolute: whether the unit is known; without it there is no peak in m/s2.
+        usable: whether the block may move the detector.
+    """
+    outer = features.lines[0]["outer"]
+    floor = float(outer.floor.sum())
+    return detect.DetectInput(
+        sequence=block.sequence,
+        time=block.time,
+        rms=features.rms,
+        prominence=outer.total / floor if floor > 0.0 else None,
+        peak=features.indicators.peak if absolute else None,
+        usable=usable,
+    )
+
+
+def _detect(
+    state: ChannelState, features: BlockFeatures, block: ChannelBlock, settings: ChannelSettings, *, settled: bool
+) -> tuple[ChannelState, detect.DetectOutput]:
+    """Advance the detector; until the band is settled it only counts the blocks of the run-in and the peaks."""
+    running_in = state.detect.seen < settings.detect.run_in_blocks
+    usable = block.verdict.for_baseline and (settled or running_in)
+    given = detect_input(features, block, absolute=settings.absolute, usable=usable)
+    detector, output = detect.step(state.detect, given, settings.detect)
+    return replace(state, detect=detector), output
+
+
+def _damage(
+    state: ChannelState, features: BlockFeatures, block: ChannelBlock, settings: ChannelSettings
+) -> tuple[ChannelState, damage.Damage | None, tuple[damage.Remaining, ...]]:
+    """Track and forecast, where the channel is tracked."""
+    if settings.damage is None:
+        return state, None, ()
+    resolved = bool(np.all(features.bpfo_resolved))
+    reading = damage.Reading(
+        time=state.running_time,
+        rms=features.rms,
+        harmonics=tuple(float(value) for value in features.bpfo_amplitude) if resolved else None,
+        load=block.load.value,
+        speed=block.speed.value,
+    )
+    stage = damage.Stage(
+        final=state.detect.t_fs is not None,
+        raised=state.detect.elevated is not None,
+        usable=block.verdict.for_tracker,
+        absolute=settings.absolute,
+    )
+    after, found, forecasts = damage.step(state.damage, reading, stage, settings.damage)
+    return replace(state, damage=after), found, forecasts
+
+
+def _latch_name(state: ChannelState, naming: Naming | None, sequence: int) -> ChannelState:
+    """Keep the name of the fault: the present one before the final stage, that of the highest score in it."""
+    if naming is None:
+        return state
+    named = None
+    if naming.fault is not None and naming.evidence is not None:
+        found = naming.evidence
+        named = Named(naming.fault, found.snr, found.depth, _relative_score(naming), sequence)
+    if state.detect.t_fs is None and state.detect.t_eol is None:
+        return replace(state, named=named)
+    if named is not None and (state.named is None or named.standing > state.named.standing):
+        return replace(state, named=named)
+    return state

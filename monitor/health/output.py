@@ -1,0 +1,211 @@
+"""What the stages found in a block, and what a record and the kept spectra hold of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from models.bearing import Bearing, kinematics
+from monitor.health.condition import Quantity
+from monitor.health.damage.tracker import Damage, Remaining
+from monitor.health.detect import DetectOutput, DetectState
+from monitor.health.naming import Naming
+from monitor.health.quality import Verdict
+from monitor.health.record import plain
+from monitor.health.spectrum.features import FAULTS, BlockFeatures, fundamentals
+from monitor.health.spectrum.harmonics import FaultLines
+from monitor.health.spectrum.transform import Band
+from monitor.health.waterfall import SpectrumRow
+from streams.block import Block
+
+_DAMAGE = ("rms_smoothed", "dphi_d", "h_d", "v_eq", "v_eq_lower", "v_eq_upper")
+_REMAINING = ("tt", "tt_lower", "tt_upper", "p_threshold")
+_SPECTRUM_LINES = 6.5
+"""A kept spectrum reaches this many times the first line of the highest family."""
+
+
+@dataclass(frozen=True)
+class ChannelOutput:
+    """What one block gives for one channel; None for stages that a rejection or a gate kept from running.
+
+    Attributes:
+        verdict: of quality.
+        stage: stage of life after the block.
+        absolute: whether levels are in m/s2.
+        speed: of the shaft, Hz.
+        load: N.
+        bands: bands that were demodulated, Hz.
+        band_source: "configured", "learning", "recording" (chosen from a single short recording) or "provisional".
+        leading: place, among the bands, of that on which the fault was named; 0 where none was.
+        naming: of the damaged part, from the averaged envelope spectrum.
+        damage: equivalent damaged volume, or None where the channel is not tracked.
+        forecasts: one for each threshold.
+    """
+
+    verdict: Verdict
+    stage: str
+    absolute: bool = True
+    speed: Quantity = field(default_factory=Quantity)
+    load: Quantity = field(default_factory=Quantity)
+    bands: tuple[Band, ...] = ()
+    band_source: str = "configured"
+    features: BlockFeatures | None = None
+    leading: int = 0
+    naming: Naming | None = None
+    detection: DetectOutput | None = None
+    damage: Damage | None = None
+    forecasts: tuple[Remaining, ...] = ()
+
+
+def record_values(
+    detector: DetectState, output: ChannelOutput, truth: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return the values of one channel by variable (``monitor.health.schema``), None where there is no value.
+
+    Args:
+        detector: state of the onset detector after the block.
+        output: of the channel.
+        truth: what a simulated rig knows (``v_eq_true``, ``tt_true``); it is taken where the channel is tracked.
+    """
+    values: dict[str, Any] = {
+        "quality_status": output.verdict.status,
+        "quality_flags": output.verdict.flags,
+        "stage": output.stage,
+        "absolute_level": "yes" if output.absolute else "no",
+        "speed": output.speed.value,
+        "load": output.load.value,
+    }
+    for name in ("t_fs", "t_fs_known", "t_eol"):
+        mark = getattr(detector, name)
+        if mark is not None:
+            values[name] = mark.time
+            values[f"{name}_block"] = mark.sequence
+    if output.features is not None:
+        values |= _feature_values(output.features, output)
+    if output.detection is not None:
+        values["detect_score"] = output.detection.score
+        values["detect_threshold"] = output.detection.threshold
+    if output.naming is not None and output.naming.evidence is not None:
+        evidence = output.naming.evidence
+        values |= {
+            "fault": output.naming.fault,
+            "fault_snr": evidence.snr,
+            "fault_depth": evidence.depth,
+            "fault_score": evidence.score,
+        }
+    if output.damage is not None:
+        values |= {name: getattr(output.damage, name) for name in _DAMAGE}
+        values["edv_status"] = output.damage.status
+    if output.forecasts:
+        values |= _forecast_values(output.forecasts)
+    if output.features is not None:
+        for name, quantity in (("speed", output.speed), ("load", output.load)):
+            values |= {f"{name}_source": quantity.source, f"{name}_sd": quantity.sd}
+    if output.damage is not None:
+        values |= truth or {}
+    return {name: plain(value) for name, value in values.items()}
+
+
+def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str, Any]:
+    def over_bands(value: Callable[[int], Any]) -> Any:
+        found = tuple(value(place) for place in range(len(features.lines)))
+        return found[0] if len(found) == 1 else found
+
+    values: dict[str, Any] = dict(features.values)
+    values["bpfo_amplitude"] = np.where(features.bpfo_resolved, features.bpfo_amplitude, np.nan)
+    values["band_lo"] = over_bands(lambda band: output.bands[band][0])
+    values["band_hi"] = over_bands(lambda band: output.bands[band][1])
+    values["band_source"] = output.band_source
+    for name in ("amplitude", "floor", "snr"):
+        values[f"envelope_{name}"] = over_bands(
+            lambda band, name=name: [_resolved(features.lines[band][fault], name) for fault in FAULTS]
+        )
+    return values
+
+
+def _resolved(lines: FaultLines, name: str) -> list[float | None]:
+    """Return an attribute of each line, None where the spectrum does not resolve it."""
+    found = zip(getattr(lines, name), lines.resolved, strict=True)
+    return [float(value) if resolved else None for value, resolved in found]
+
+
+def _forecast_values(forecasts: tuple[Remaining, ...]) -> dict[str, Any]:
+    return {
+        "v_th": tuple(result.threshold for result in forecasts),
+        **{name: tuple(getattr(result, name) for result in forecasts) for name in _REMAINING},
+        "tt_status": tuple(result.status for result in forecasts),
+        "tt_coefficients": tuple(result.coefficients for result in forecasts),
+        "r_squared": tuple(result.r_squared for result in forecasts),
+    }
+
+
+def issued_forecasts(channel: str, output: ChannelOutput, method: str) -> list[dict[str, Any]]:
+    """Return the forecasts of a channel as issued, units in the keys; see ``monitor.records.archive``."""
+    return [
+        {
+            "channel": channel,
+            "method": method,
+            "threshold_mm2": result.threshold * 1e6,
+            "status": result.status,
+            **{f"{name}_s": plain(getattr(result, name)) for name in ("tt", "tt_lower", "tt_upper")},
+            "p_threshold": plain(result.p_threshold),
+            "quantiles_s": {str(level): value for level, value in result.quantiles} or None,
+        }
+        for result in output.forecasts
+        if result.status != "not_final_stage"
+    ]
+
+
+def stage_events(channel: str, detector: DetectState, output: ChannelOutput) -> list[dict[str, Any]]:
+    """Return the events of the stages of life that became known with the block."""
+    events: list[dict[str, Any]] = []
+    detection = output.detection
+    if detection is None:
+        return events
+    if detection.alarm and detector.t_fs is not None and detector.t_fs_known is not None:
+        events.append(
+            {
+                "kind": "final_stage",
+                "channel": channel,
+                "block": detector.t_fs_known.sequence,
+                "t_fs_block": detector.t_fs.sequence,
+                "score": detection.score,
+            }
+        )
+    if detection.end and detector.t_eol is not None:
+        events.append({"kind": "end_of_life", "channel": channel, "block": detector.t_eol.sequence})
+    return events
+
+
+def spectrum_row(block: Block, channel: str, bearing: Bearing, output: ChannelOutput) -> SpectrumRow | None:
+    """Return the envelope spectrum to keep of a channel, or None where there is none that is finite.
+
+    A block has one unless its channel is rejected, flat, stopped, late or out of order.
+    """
+    features, speed = output.features, output.speed.value
+    if not output.verdict.for_baseline or features is None or speed is None:
+        return None
+    envelope, lines = features.envelopes[output.leading], features.lines[output.leading]
+    nominal = fundamentals(kinematics(bearing, speed))
+    keep = min(envelope.amplitude.size, int(_SPECTRUM_LINES * max(nominal.values()) / envelope.resolution))
+    row = SpectrumRow(
+        source=block.source,
+        channel=channel,
+        sequence=block.sequence,
+        time=block.start if block.start is not None else block.elapsed,
+        resolution=float(envelope.resolution),
+        band=(float(envelope.band[0]), float(envelope.band[1])),
+        speed=float(speed),
+        mean=float(envelope.mean),
+        absolute=output.absolute,
+        amplitude=envelope.amplitude[:keep],
+        lines={
+            fault: float(line * (lines[fault].speed_factor if lines[fault].detected else 1.0))
+            for fault, line in nominal.items()
+        },
+    )
+    return row if bool(np.all(np.isfinite(row.amplitude))) and math.isfinite(row.mean) else None
