@@ -122,6 +122,6 @@ def test_check_names_the_levels_that_came_too_late_to_learn(tmp_path: Path) -> N
     assert found.state.channels["x"].detect.stage == "healthy"
     assert said(machine) == []
     (problem,) = said(later)
-    assert problem.startswith("channel 'x': level 'late' says nothing")
+    assert problem.startswith("channel 'x': level 'late' has no effect")
     (tmp_path / "state.db").write_bytes(b"SQLite format 3")
     assert said(later)[0].startswith(str(tmp_path))
