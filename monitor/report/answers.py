@@ -9,17 +9,8 @@ import numpy as np
 
 from monitor.report.runs import Channel, Run
 from monitor.report.verdict import Moment, Verdict, interval_name, last_value, named_fault, unscaled
-from monitor.words.numbers import (
-    EDV_REFUSALS,
-    TT_REFUSALS,
-    Clock,
-    count,
-    duration,
-    fault_words,
-    figure,
-    interval,
-    volume,
-)
+from monitor.words.numbers import Clock, count, duration, figure, interval, volume
+from monitor.words.statuses import EDV_REFUSALS, TT_REFUSALS, fault_words
 
 _LATEST = 20
 

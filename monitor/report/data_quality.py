@@ -32,7 +32,8 @@ from monitor.report.figures.drawing import (
 )
 from monitor.report.runs import Channel, Run
 from monitor.report.tables import Column, Table
-from monitor.words.numbers import STATUS_MEANINGS, Clock, count, duration, figure
+from monitor.words.numbers import Clock, count, duration, figure
+from monitor.words.statuses import STATUS_MEANINGS
 
 _MISSING = 3.0
 """A step so many times as long as the usual one is a gap, as in the figures."""

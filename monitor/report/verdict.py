@@ -9,13 +9,8 @@ from typing import Literal
 import numpy as np
 
 from monitor.report.runs import Channel, Run
-from monitor.words.numbers import (
-    BAND_SOURCES,
-    Clock,
-    acceleration,
-    count,
-    fault_words,
-)
+from monitor.words.numbers import Clock, acceleration, count
+from monitor.words.statuses import BAND_SOURCES, fault_words
 
 Severity = Literal["good", "watch", "bad", "open"]
 

@@ -20,16 +20,8 @@ from monitor.health.alarms import (
     machine_state,
 )
 from monitor.health.state import SourceState
+from monitor.words.statuses import STATES
 
-_REASONS = {
-    "normal": "healthy",
-    "check_function": "the baseline is being learned",
-    "out_of_specification": "how large the damage is cannot be said",
-    "maintenance_required": "an alert stands",
-    "bad_data": "too many blocks are rejected or flagged",
-    "no_data": "no block comes",
-    "failure": "a danger stands",
-}
 _SEVERITIES = {FAILURE: "danger", MAINTENANCE: "alert"}
 _STAGES = {FAILURE: ("end_of_life", "the end of life was reached"), MAINTENANCE: ("final", "the final stage has begun")}
 
@@ -91,4 +83,4 @@ def channel_state(
             waits = "" if alarm["active"] else ", which is over and waits to be acknowledged"
             said.append(f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{waits}")
     given = {NO_DATA: silent, BAD_DATA: refused}.get(state)
-    return state, "; ".join(said) or given or _REASONS[state]
+    return state, "; ".join(said) or given or STATES[state][1]

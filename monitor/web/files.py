@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import mimetypes
 import os
 import re
@@ -13,9 +14,11 @@ from typing import Any, BinaryIO
 
 from monitor.web.answers import Answer, RequestError, answer_of
 from monitor.web.machines import Machine, Machines
+from monitor.words.page import page_words
 
 _FOLDER = Path(__file__).parent / "static"
 _TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".svg": "image/svg+xml", ".LICENSE": "text/plain"}
+_WORDS = b'<script type="application/json" id="words">'
 _lock = threading.Lock()
 _known: dict[str, tuple[tuple[int, int], Answer]] = {}
 
@@ -38,8 +41,16 @@ def static_file(name: str, folder: Path = _FOLDER) -> Answer:
     with _lock:
         known = _known.get(str(path))
         if known is None or known[0] != state:
-            known = _known[str(path)] = (state, answer_of(path.read_bytes(), _type_of(path), level=9))
+            known = _known[str(path)] = (state, answer_of(_content(path), _type_of(path), level=9))
         return known[1]
+
+
+def _content(path: Path) -> bytes:
+    """Return the bytes of a file; ``index.html`` with the words of the page in its place for them."""
+    content = path.read_bytes()
+    # "<" is escaped so that no word can end the element.
+    words = json.dumps(page_words(), ensure_ascii=False).replace("<", "\\u003c").encode()
+    return content.replace(_WORDS + b"{}", _WORDS + words) if path.name == "index.html" else content
 
 
 def _is_plain(path: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Events in the words of the people who are told: what happened, with values in the units of the workshop."""
+"""Events as sentences for people, with values in the units of the workshop."""
 
 from __future__ import annotations
 
@@ -9,18 +9,10 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from monitor.words.features import FEATURES, Feature
+from monitor.words.statuses import STATES
 
 SEVERITIES = ("danger", "alert")
 """From the worst."""
-_CONDITIONS = {
-    "normal": "normal",
-    "check_function": "the baseline is being learned",
-    "maintenance_required": "maintenance is required",
-    "out_of_specification": "the size of the damage cannot be told",
-    "bad_data": "the data cannot be believed",
-    "no_data": "there is no data",
-    "failure": "failure",
-}
 _RANKS = ("end_of_life", "danger", "final_stage", "store_salvaged", "alert", "no_data", "condition")
 _GOOD = ("alarm_cleared", "alarm_released", "condition", "data_again")
 _SHOWN_APART = ("kind", "channel", "source", "block")
@@ -37,8 +29,9 @@ def event_text(body: Mapping[str, Any], *, absolute: bool = True) -> str:
     if kind.startswith("alarm_"):
         text = _alarm(kind, body, absolute)
     elif kind == "condition":
-        before, after = (_CONDITIONS.get(str(body.get(key)), str(body.get(key))) for key in ("from", "to"))
-        text = f"{after} (before: {before})"
+        states = [str(body.get(key)) for key in ("from", "to")]
+        before, after = (STATES[state][0].lower() if state in STATES else state for state in states)
+        text = f"status {after} (before: {before})"
     elif kind == "final_stage":
         text = "the final stage of its life has begun"
         if "t_fs_block" in body and body["t_fs_block"] != body.get("block"):

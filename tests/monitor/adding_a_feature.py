@@ -36,6 +36,7 @@ def appearances(folder: Path) -> dict[str, Any]:
     from monitor.records.trends import SeriesKey, read_trends
     from monitor.web.api import columns
     from monitor.words.events import event_text
+    from monitor.words.page import page_words
     from tests.monitor.health.test_pipeline import base, life, record_of, run
 
     FUNCTIONS["margin"] = lambda x, found: float(np.max(x)) - found.indicators.mean
@@ -59,6 +60,7 @@ def appearances(folder: Path) -> dict[str, Any]:
         "file": dataset["margin"].values[:, 0].tolist(),
         "attributes": dict(dataset["margin"].attrs),
         "column": columns(trends, absolute=True)["margin_g_max"],
+        "page": [page_words()["features"]["margin"]["column"], page_words()["charts"]["margin"]["title"]],
         "event": event_text(
             {
                 "kind": f"alarm_{change.kind}",

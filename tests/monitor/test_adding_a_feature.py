@@ -26,4 +26,5 @@ def test_one_row_and_one_function_add_a_feature() -> None:
         "references": "a test",
     }
     assert found["column"] == pytest.approx([value / G for value in expected], rel=1e-4)
+    assert found["page"] == ["margin_g", "Margin of the block"]
     assert found["event"] == f"alert: margin of the block is {expected[-1] / G:.3g} g, above the level of 0.001 g"

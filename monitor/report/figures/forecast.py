@@ -36,7 +36,8 @@ from monitor.report.figures.zoom import Band, Line, Panel, zoom_data
 from monitor.report.runs import Channel, Run
 from monitor.report.score.issued import running_time
 from monitor.report.verdict import Verdict, interval_name, unscaled
-from monitor.words.numbers import TT_REFUSALS, Clock, count, volume
+from monitor.words.numbers import Clock, count, volume
+from monitor.words.statuses import TT_REFUSALS
 
 ALPHA = 0.2
 """Half-width of the cone as a share of the true time left (Saxena et al., IJPHM 1(1), 2010)."""

@@ -30,7 +30,8 @@ from monitor.report.figures.drawing import (
 )
 from monitor.report.figures.trends import scale_of
 from monitor.report.runs import Channel
-from monitor.words.numbers import FAULT_NAMES, figure
+from monitor.words.numbers import figure
+from monitor.words.statuses import FAULT_NAMES
 
 FAULT_MARKS = {"outer": (VERMILION, "o"), "inner": (BLUE, "s"), "ball": (GREEN, "^"), "cage": (PURPLE, "D")}
 """Colour and marker of the lines of each part."""

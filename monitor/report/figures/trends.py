@@ -36,7 +36,8 @@ from monitor.report.figures.drawing import (
 from monitor.report.figures.zoom import Line, Panel, zoom_data
 from monitor.report.runs import Channel, Run
 from monitor.report.verdict import Moment, Verdict
-from monitor.words.numbers import FAULT_NAMES, Clock, figure
+from monitor.words.numbers import Clock, figure
+from monitor.words.statuses import FAULT_NAMES
 from streams.block import STANDARD_GRAVITY
 
 _SUMS = {"outer": "h_or", "inner": "h_ir", "ball": "h_ball", "cage": "h_cage"}

@@ -23,7 +23,8 @@ from monitor.report.figures.drawing import STYLE, Picture, new_figure, time_axis
 from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS
 from monitor.report.figures.trends import draw_marks
 from monitor.report.verdict import Verdict
-from monitor.words.numbers import FAULT_NAMES, Clock, count, figure
+from monitor.words.numbers import Clock, count, figure
+from monitor.words.statuses import FAULT_NAMES
 from streams.block import STANDARD_GRAVITY
 
 _BINS, _COLUMNS, _COLOURS = 220, 360, 40

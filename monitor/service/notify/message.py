@@ -12,7 +12,8 @@ from monitor.service.notify.channels import Message
 from monitor.service.record_message import first
 from monitor.words.events import badness, event_text, local_moment, utc_text
 from monitor.words.features import FEATURES
-from monitor.words.numbers import duration, fault_words, moment, volume
+from monitor.words.numbers import duration, moment, volume
+from monitor.words.statuses import fault_words
 
 MAX_LISTED = 20
 """Events that a message lists; of more, the worst are listed and all are counted."""

@@ -21,7 +21,8 @@ from monitor.report.figures.drawing import thin, with_breaks
 from monitor.report.report import SpectrumView, build_report
 from monitor.report.runs import ReportError, read_runs
 from monitor.report.verdict import judge, named_fault
-from monitor.words.numbers import EDV_REFUSALS, STATUS_MEANINGS, TT_REFUSALS, duration, fault_words, moment, volume
+from monitor.words.numbers import duration, moment, volume
+from monitor.words.statuses import EDV_REFUSALS, STATUS_MEANINGS, TT_REFUSALS, fault_words
 from tests.effort import effort_count
 from tests.oracles.lives import life
 from tests.oracles.page import Page

@@ -99,7 +99,7 @@ def test_programs_get_the_same_with_units_in_the_keys() -> None:
             alarm("cleared", rule="v_eq", feature="v_eq", value_si=1e-8, level_si=2e-8),
             "alert over: damaged volume V_eq is 0.01 mm³/mm again, the level is 0.02 mm³/mm",
         ),
-        ({"kind": "condition", "from": "normal", "to": "bad_data"}, "the data cannot be believed (before: normal)"),
+        ({"kind": "condition", "from": "normal", "to": "bad_data"}, "status bad data (before: normal)"),
         ({"kind": "final_stage", "block": 9, "t_fs_block": 7}, "the final stage of its life has begun, with block 7"),
         ({"kind": "final_stage", "block": 9, "t_fs_block": 9}, "the final stage of its life has begun"),
         ({"kind": "end_of_life", "block": 9}, "the end of its life is reached"),

@@ -1,0 +1,87 @@
+"""Statuses of channels, blocks, V_eq and TT as text for people."""
+
+from __future__ import annotations
+
+FAULT_NAMES = {"outer": "outer race", "inner": "inner race", "ball": "rolling element", "cage": "cage"}
+
+LINE_NAMES = {"outer": "BPFO", "inner": "BPFI", "ball": "2×BSF", "cage": "FTF"}
+
+STATES = {
+    "failure": ("Failure", "a danger stands, or the end of life was reached"),
+    "no_data": ("No data", "no block comes"),
+    "bad_data": ("Bad data", "too many blocks are rejected or flagged"),
+    "out_of_specification": ("Out of specification", "how large the damage is cannot be said"),
+    "maintenance_required": ("Maintenance required", "an alert stands, or the final stage has begun"),
+    "check_function": ("Function check", "the baseline is being learned"),
+    "normal": ("Normal", "healthy"),
+}
+"""Status after NAMUR NE 107, with ``no_data`` and ``bad_data``: its name and what it means. Worst first: a danger
+outranks missing data, missing and bad data outrank a size that is not known."""
+
+STAGES = {"learning": "learning", "healthy": "healthy", "final": "final stage", "end_of_life": "end of life"}
+
+DAEMON = {
+    "stopped": "The daemon was stopped",
+    "died": "The daemon has died",
+    "never_ran": "The daemon has never run",
+    "starting": "The daemon is starting",
+}
+
+EDV_REFUSALS = {
+    "below_map": "the vibration is weaker than that of the smallest damage of the map",
+    "above_map": "the vibration is stronger than that of any damage of the map: either the damage is larger than the "
+    "map reaches, or the map does not fit this machine",
+    "no_map": "there is no RMS map for this channel, or it has a hole at this level",
+    "no_library": "there is no library of simulated lives for this machine",
+    "not_final_stage": "the bearing is not in the final stage of its life",
+    "bad_block": "the quality of the latest block does not allow it",
+    "ambiguous": "several sizes of damage explain the vibration equally well",
+    "outside_conditions": "load or speed lie outside the map",
+    "outside_library": "load or speed lie outside the library",
+    "no_absolute_level": "the unit of the sensor is not known, so that the level of vibration means nothing",
+}
+TT_REFUSALS = {
+    "not_final_stage": "the bearing is not in the final stage of its life",
+    "too_few_points": "there are too few values of V_eq yet to see a trend",
+    "no_crossing": "the fitted trend never reaches the threshold",
+    "concave": "the fitted trend flattens out before the threshold",
+    "crossing_in_past": "the fitted trend crosses the threshold in the past, though V_eq has not reached it",
+    "beyond_horizon": "the threshold lies beyond the horizon of the forecast",
+    "no_library": "there is no library of simulated lives for this machine",
+    "outside_library": "load or speed lie outside the library",
+    "cannot_tell": "the forecast cannot tell",
+}
+BAND_SOURCES = {
+    "configured": "as configured",
+    "learning": "found on the learning window, then frozen",
+    "recording": "found on this recording itself",
+    "provisional": "provisional, while the learning window lasts",
+}
+STATUS_MEANINGS = {
+    "ok": "accepted",
+    "flat": "all samples are equal",
+    "stopped": "the machine stood still",
+    "clipped": "the sensor was at its limit",
+    "gap": "blocks are missing before it",
+    "clock": "its time cannot be right",
+    "late": "came after younger blocks",
+    "out_of_order": "came out of order",
+    "empty": "holds no samples",
+    "short": "shorter than a block should be",
+    "nan": "holds samples that are not finite",
+    "out_of_range": "samples beyond the sensor's range",
+    "wrong_rate": "sampled at another rate",
+    "wrong_shape": "another number of channels or columns",
+    "wrong_unit": "another unit than configured",
+    "unreadable": "could not be read",
+    "incomplete": "was never finished",
+    "refused": "a link, a device or a path outside the folder",
+    "reader_crashed": "the reader of its format gave up",
+    "duplicate": "had been taken before",
+    "changed": "its place was taken by another content",
+}
+
+
+def fault_words(fault: str) -> str:
+    """Return the damaged part for people, "inner race or rolling element" where two cannot be told apart."""
+    return " or ".join(FAULT_NAMES[name] for name in fault.split("|"))
