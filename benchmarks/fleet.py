@@ -31,7 +31,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from monitor.records.store import Store, StoreError
+from monitor.records.database import StoreError
+from monitor.records.store import Store
 from monitor.service.status_file import read_status
 
 RATE = 25_600

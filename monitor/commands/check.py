@@ -69,7 +69,7 @@ def _unlearned_levels(config: Config) -> Iterator[str]:
     database = config.machine.state_dir / "state.db"
     if not any(rules.values()) or not database.exists():
         return
-    from monitor.records.store import StoreError
+    from monitor.records.database import StoreError
 
     try:
         learned = _learned(config, database)

@@ -19,7 +19,7 @@ from typing import Any
 from models.workers import in_processes
 from monitor import __version__
 from monitor.config.load import ConfigError, load_config
-from monitor.records.store import StoreError
+from monitor.records.database import StoreError
 from monitor.report.batch.summary import VERSION, RunSummary
 from monitor.report.options import Options
 from monitor.report.pdf import require_pdf

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import statistics
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
@@ -18,6 +19,7 @@ SEVERITIES = ("alert", "danger")
 Span = tuple[float, float]
 
 _MAX_LEARNED = 512
+_MAX_EXPONENT = math.log(sys.float_info.max)
 _WORST_FIRST = (FAILURE, NO_DATA, BAD_DATA, OUT_OF_SPECIFICATION, MAINTENANCE, CHECK, NORMAL)
 _REFUSALS = frozenset(
     {"above_map", "ambiguous", "outside_conditions", "outside_library", "no_absolute_level", "no_map", "no_library"}
@@ -282,9 +284,10 @@ def limit_of(rule: Rule, level: Level | None, baseline: Span | None) -> float | 
         return None
     middle, spread = baseline
     sign = 1.0 if rule.side == "above" else -1.0
+    # Deviations can reach beyond the largest float where the learned values are nearly 0.
     if level.deviations is not None:
-        return math.exp(middle + sign * level.deviations * math.hypot(spread, rule.drift))
-    return math.exp(middle) * (level.factor or 1.0)
+        return math.exp(min(middle + sign * level.deviations * math.hypot(spread, rule.drift), _MAX_EXPONENT))
+    return min(math.exp(middle) * (level.factor or 1.0), sys.float_info.max)
 
 
 def machine_state(*states: str) -> str:

@@ -28,8 +28,6 @@ from monitor.records.packing import pack
 from monitor.records.rollup import OPEN_BUDGET_S, check_features, roll_up
 from monitor.records.spectra import write_changes
 
-__all__ = ["Archived", "Commit", "Filing", "Store", "StoreError", "Stored", "UnstorableError"]
-
 Commit = Literal["committed", "duplicate", "changed"]
 _CHUNK_RECORDS = 500
 """Records read at a time: no transaction stays open while blocks are committed."""

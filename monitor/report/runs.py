@@ -17,10 +17,11 @@ from models.errors import WrongInputError
 from monitor.health.damage.filter.particles import Particles
 from monitor.health.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
 from monitor.health.waterfall import SpectrumRow
+from monitor.records.database import StoreError
 from monitor.records.dataset import words
 from monitor.records.publish import PublishError, day_dataset, days
 from monitor.records.spectra import read_spectra
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Store
 
 Records = xr.Dataset | Store | Path | str
 

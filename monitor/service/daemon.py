@@ -11,9 +11,9 @@ from pathlib import Path
 
 from monitor.config.load import Config
 from monitor.health.record import Record
+from monitor.records.database import StoreError
 from monitor.records.events import EventLog
 from monitor.records.recover.salvage import open_or_salvage
-from monitor.records.store import StoreError
 from monitor.service.acknowledging import Acknowledgements
 from monitor.service.companions import Companions
 from monitor.service.disk import DiskGuard, free_bytes

@@ -17,8 +17,9 @@ from monitor.health.record import Record
 from monitor.health.settings import SourceSettings
 from monitor.health.state import SourceState
 from monitor.health.step import SourceOutput, rejected_record, rejection_of, step
+from monitor.records.database import StoreError, UnstorableError
 from monitor.records.ledger import StoreLedger, write_progress
-from monitor.records.store import Store, StoreError, UnstorableError
+from monitor.records.store import Store
 from monitor.service.setup import source_settings, source_spec
 from streams.block import Block, Rejected
 from streams.open import open_live

@@ -11,7 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
-from monitor.records.store import Published, Store, StoreError
+from monitor.records.database import StoreError
+from monitor.records.store import Published, Store
 
 _LOCK = "publisher.lock"
 

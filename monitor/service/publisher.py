@@ -9,7 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from monitor.records.store import Published, Store, StoreError
+from monitor.records.database import StoreError
+from monitor.records.store import Published, Store
 from monitor.service.child_process import Child, close_pipes, end_child, read_output, start_child
 
 _LOG = logging.getLogger(__name__)

@@ -25,8 +25,9 @@ from monitor.health.spectrum.votes import ENOUGH_VOTES
 from monitor.health.state import SourceState
 from monitor.health.step import SourceOutput, misfit, step
 from monitor.health.waterfall import SpectrumChange
+from monitor.records.database import StoreError
 from monitor.records.publish import publish
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Store
 from monitor.service.setup import open_configured, source_settings
 from monitor.service.summary import channel_summary, run_attributes
 from streams.block import STANDARD_GRAVITY, Block, Rejected

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from monitor.health.record import Record
+from monitor.records.database import StoreError
 from monitor.records.events import EventLog
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Store
 
 _LOG = logging.getLogger(__name__)
 _FIRST_SILENCE = 600.0

@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from monitor.health.record import Record
+from monitor.records.database import StoreError
 from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger
 from monitor.records.packing import pack
@@ -18,7 +19,7 @@ from monitor.records.publish import publish
 from monitor.records.recover import salvage
 from monitor.records.recover.leaf_pages import leaf_rows
 from monitor.records.recover.salvage import SalvageReport, open_or_salvage
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Store
 from streams.ledger import FileProgress
 from tests.effort import effort_count
 from tests.faults.test_folder_kill import drain

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from monitor.health.record import Record
-from monitor.records.store import Store, StoreError
+from monitor.records.database import StoreError
+from monitor.records.store import Store
 from monitor.web.reading import StoreReader
 from tests.faults.daemons import ROOT
 

@@ -24,7 +24,8 @@ from pathlib import Path
 import pytest
 
 from monitor.health.record import Record
-from monitor.records.store import Store, StoreError
+from monitor.records.database import StoreError
+from monitor.records.store import Store
 from streams.block import Block
 from streams.link.sender import Sender, TcpLink
 from streams.spec import parse_address

@@ -19,7 +19,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from monitor.records.database import APPLICATION_ID, STORE_VERSION
+from monitor.records.database import APPLICATION_ID, STORE_VERSION, StoreError
 from monitor.records.events import EventLog
 from monitor.records.filesystem import release_lock, sync_file, sync_folder, take_lock
 from monitor.records.ledger import SALVAGED_UP_TO, StoreLedger
@@ -27,7 +27,7 @@ from monitor.records.recover.from_published import from_published
 from monitor.records.recover.leaf_pages import leaf_rows
 from monitor.records.recover.rows import carry_over
 from monitor.records.recover.settle import first_change, settle
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Store
 
 _LOG = logging.getLogger(__name__)
 CHECKED_BYTES = 64 << 20

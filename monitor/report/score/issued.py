@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.schema import REJECTIONS
+from monitor.records.archive import Archived
+from monitor.records.database import StoreError
 from monitor.records.histories import damage_time
-from monitor.records.store import Archived, Store, StoreError
+from monitor.records.store import Store
 from monitor.report.runs import Channel, ReportError, Run, read_runs
 
 Floats = NDArray[np.float64]

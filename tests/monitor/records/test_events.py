@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from monitor.health.record import Record
+from monitor.records.database import StoreError
 from monitor.records.events import EventLog
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Store
 
 
 def record(sequence: int, *kinds: str) -> Record:

@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 
 from monitor.health.record import Record
 from monitor.health.schema import VARIABLES
+from monitor.records.database import StoreError
 from monitor.records.dataset import to_dataset, words
 from monitor.records.publish import PublishError, file_name, publish
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Store
 from tests.effort import effort_count
 from tests.oracles.records_oracle import array_of, records
 

@@ -19,9 +19,10 @@ from monitor.config.load import Config, ConfigError, validate
 from monitor.health.record import Record
 from monitor.health.state import Stored
 from monitor.health.waterfall import Keeping, SpectrumChange, SpectrumRow, WaterfallSettings, WaterfallState, step
+from monitor.records.database import StoreError
 from monitor.records.ledger import StoreLedger
 from monitor.records.spectra import binned, kept_blocks, pack_amplitude, read_spectra
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.replay import replay
 from monitor.service.setup import source_settings

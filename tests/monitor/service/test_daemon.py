@@ -16,8 +16,9 @@ import xarray as xr
 
 from monitor.config.load import ConfigError, load_config
 from monitor.health.record import Record
+from monitor.records.database import StoreError
 from monitor.records.events import EventLog
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Store
 from monitor.service.daemon import Daemon
 from monitor.service.disk import DiskGuard, free_bytes
 from monitor.service.publisher import Publisher

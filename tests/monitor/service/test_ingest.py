@@ -15,8 +15,9 @@ import pytest
 
 from monitor.config.load import ConfigError
 from monitor.health.settings import SourceSettings
+from monitor.records.database import StoreError
 from monitor.records.ledger import SALVAGED_UP_TO, StoreLedger
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.setup import source_settings
 from streams.block import Block, Rejected

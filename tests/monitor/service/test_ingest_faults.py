@@ -13,8 +13,9 @@ import pytest
 
 from monitor.health import step as stages
 from monitor.health.record import Record
+from monitor.records.database import UnstorableError
 from monitor.records.ledger import StoreLedger
-from monitor.records.store import Store, UnstorableError
+from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.setup import source_settings
 from streams.block import Block, Rejected

@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.record import Record
+from monitor.records.database import StoreError
 from monitor.records.events import EventLog
-from monitor.records.store import Store, StoreError
+from monitor.records.store import Store
 from monitor.service.silence import Hearing, Last, SilenceLog, patience
 from tests.effort import effort_count
 from tests.faults.daemons import make_machine, status, wait_for

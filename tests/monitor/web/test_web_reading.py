@@ -16,7 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.record import Record
-from monitor.records.store import Store, StoreError
+from monitor.records.database import StoreError
+from monitor.records.store import Store
 from monitor.service.status_file import StatusFile
 from monitor.web import api
 from monitor.web.answers import numbers, without_folders
