@@ -177,7 +177,7 @@ class Daemon:
         else:
             self._log_problem = None
         self._status.unacknowledged = self._acknowledgements.unacknowledged
-        if self._silences.look(self._status.heard()):
+        if self._silences.update(self._status.flows()):
             self._companions.notify()
 
     def _write_status(self, status: str) -> None:

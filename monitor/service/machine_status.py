@@ -1,25 +1,42 @@
-"""What a daemon says of its machine: who it is, how its sources and channels stand, and what is wrong."""
+"""The status of a machine for people and programs: its channels, alarms, sources, problems, NAMUR NE 107 status."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from monitor import __version__
 from monitor.config.load import Config
-from monitor.health.alarms import machine_state
+from monitor.health.alarm_stage import life_stage
+from monitor.health.alarms import (
+    BAD_DATA,
+    FAILURE,
+    MAINTENANCE,
+    NO_DATA,
+    SEVERITIES,
+    AlarmSettings,
+    AlarmState,
+    RuleState,
+    condition_of,
+    limit_of,
+    machine_state,
+)
 from monitor.health.record import Record
+from monitor.health.state import SourceState
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
-from monitor.service.silence import Hearing, Last, patience
-from monitor.service.standing import alarm_levels, channel_condition, channel_state, shown_alarms
+from monitor.service.silence import DataFlow, LatestBlock, silence_limit
 from monitor.service.summary import channel_summary
 from monitor.words.events import utc_text
+from monitor.words.statuses import STATES
+
+_SEVERITIES = {FAILURE: "danger", MAINTENANCE: "alert"}
+_STAGES = {FAILURE: ("end_of_life", "the end of life was reached"), MAINTENANCE: ("final", "the final stage has begun")}
 
 
 class MachineStatus:
-    """Puts together the status of one machine; it is used in the thread that commits."""
+    """The status of one machine, composed in the thread that commits."""
 
     def __init__(
         self,
@@ -32,7 +49,7 @@ class MachineStatus:
         began: float,
         since: float,
     ) -> None:
-        """Take what is open, and from the store what the latest blocks were.
+        """Read the latest block of each source.
 
         Args:
             config: the machine.
@@ -40,40 +57,42 @@ class MachineStatus:
             ingest: on that store.
             monotonic: seconds that never go back.
             clock: UTC seconds since 1970.
-            began: monotonic time of the start.
-            since: UTC time of the start.
+            began: start on the monotonic clock.
+            since: start in UTC seconds.
         """
         self._config, self._ingest = config, ingest
         self._monotonic, self._clock = monotonic, clock
         self._began, self._since = began, since
-        self._taking = began
+        self._taking_since = began
         self.blocks = 0
         """Blocks committed since the start."""
         self.page: str | None = None
         """Address of the page, or None where there is none."""
         self.unacknowledged = 0
-        """Events and notices that wait for somebody."""
-        self._last = {name: _last_of(store, name) for name in ingest.settings}
+        """Events and notices that need an acknowledgement."""
+        self._latest = {name: _latest_block(store, name) for name in ingest.settings}
 
     def seen(self, record: Record) -> None:
-        """Take note of a committed block."""
+        """Note a committed block."""
         self.blocks += 1
-        last, interval = self._last[record.source], self._ingest.state(record.source).order.interval
-        self._last[record.source] = last.after(record, self._monotonic(), patience(interval))
+        limit = silence_limit(self._ingest.state(record.source).order.interval)
+        self._latest[record.source] = self._latest[record.source].after(record, self._monotonic(), limit)
 
     def resumed(self) -> None:
-        """Take note that nothing could be taken for a while: that sources were not heard meanwhile says nothing."""
-        self._taking = self._monotonic()
+        """Note that blocks can be taken again: silence is counted from here, as none could arrive before."""
+        self._taking_since = self._monotonic()
 
-    def heard(self) -> dict[str, Hearing]:
-        """Return what is heard of each source by now."""
+    def flows(self) -> dict[str, DataFlow]:
+        """Return the present flow of blocks of each source."""
         now = self._monotonic()
         found = {}
-        for source, last in self._last.items():
-            age = now - max(self._taking, self._began if last.came is None else last.came)
-            flowed = 0.0 if last.came is None or last.flowing is None else last.came - last.flowing
-            interval = self._ingest.state(source).order.interval
-            found[source] = Hearing(last.sequence or None, age, patience(interval), flowed)
+        for source, latest in self._latest.items():
+            age = now - max(self._taking_since, self._began if latest.committed is None else latest.committed)
+            flowed = 0.0
+            if latest.committed is not None and latest.flowing_since is not None:
+                flowed = latest.committed - latest.flowing_since
+            limit = silence_limit(self._ingest.state(source).order.interval)
+            found[source] = DataFlow(latest.sequence or None, age, limit, flowed)
         return found
 
     def absolute(self, channel: str | None) -> bool:
@@ -81,15 +100,15 @@ class MachineStatus:
         return all(section.unit != "unknown" for section in self._config.channel if section.name == channel)
 
     def values(self, status: str, problems: Mapping[str, str]) -> dict[str, Any]:
-        """Return what the daemon is doing, plain values for JSON.
+        """Return the status as plain values for JSON.
 
         Args:
-            status: "running", which becomes "degraded" where there are problems; "stopped".
-            problems: what is wrong, in one sentence each, by the name of a source or of what else it is.
+            status: "running", which becomes "degraded" where there are problems, or "stopped".
+            problems: sentences by the name of the source or the part.
         """
-        heard = self.heard()
+        flows = self.flows()
         channels = {
-            name: self._channel(source, name, heard[source])
+            name: self._channel(source, name, flows[source])
             for source, settings in self._ingest.settings.items()
             for name in settings.channels
         }
@@ -112,30 +131,91 @@ class MachineStatus:
             "channels": channels,
         }
 
-    def _channel(self, source: str, name: str, heard: Hearing) -> dict[str, Any]:
-        last, now, rules = self._last[source], self._ingest.state(source), self._ingest.settings[source].channels[name]
-        alarms = shown_alarms(now.alarms[name], rules.alarms)
+    def _channel(self, source: str, name: str, flow: DataFlow) -> dict[str, Any]:
+        latest, now = self._latest[source], self._ingest.state(source)
+        rules = self._ingest.settings[source].channels[name].alarms
+        alarms = shown_alarms(now.alarms[name], rules)
         state, reason = channel_state(
-            channel_condition(now, name, rules.alarms),
+            channel_condition(now, name, rules),
             alarms,
             stage=now.channels[name].detect.stage,
-            refused=f"block {last.sequence} was rejected: {last.status}" if last.refused else None,
-            silent=f"no block for {heard.age:.0f} s" if heard.silent else None,
+            refused=f"block {latest.sequence} was rejected: {latest.status}" if latest.rejected else None,
+            silent=f"no block for {flow.age:.0f} s" if flow.silent else None,
         )
         return {
             "source": source,
             "state": state,
             "reason": reason,
-            "last_block": last.sequence or None,
-            "last_block_utc": utc_text(last.time),
-            "last_block_status": last.status,
-            "last_block_age_s": None if last.came is None else round(self._monotonic() - last.came, 3),
+            "last_block": latest.sequence or None,
+            "last_block_utc": utc_text(latest.time),
+            "last_block_status": latest.status,
+            "last_block_age_s": None if latest.committed is None else round(self._monotonic() - latest.committed, 3),
             "alarms": alarms,
-            "levels": alarm_levels(now.alarms[name], rules.alarms),
+            "levels": alarm_levels(now.alarms[name], rules),
             **channel_summary(now, name),
         }
 
 
-def _last_of(store: Store, source: str) -> Last:
+def _latest_block(store: Store, source: str) -> LatestBlock:
     record = store.record(source, store.last(source))
-    return Last() if record is None else Last().after(record, None, patience(None))
+    return LatestBlock() if record is None else LatestBlock().after(record, None, silence_limit(None))
+
+
+def shown_alarms(state: AlarmState, settings: AlarmSettings) -> list[dict[str, Any]]:
+    """Return the alarms of a channel that are active or latched, dangers first."""
+    return [
+        {
+            "rule": rule.name,
+            "feature": rule.feature,
+            "severity": severity,
+            "active": level.active,
+            "latched": level.held,
+            "since_block": level.since,
+        }
+        for severity in reversed(SEVERITIES)
+        for rule in settings.rules
+        if (level := state.level(rule.name, severity)).shown
+    ]
+
+
+def alarm_levels(state: AlarmState, settings: AlarmSettings) -> list[dict[str, Any]]:
+    """Return the levels of a channel, SI; None for one that is not configured, or not learned yet."""
+    found = []
+    for rule in settings.rules:
+        baseline = state.rules.get(rule.name, RuleState()).baseline
+        limits = {f"{severity}_si": limit_of(rule, getattr(rule, severity), baseline) for severity in SEVERITIES}
+        found.append({"rule": rule.name, "feature": rule.feature, "side": rule.side, **limits})
+    return found
+
+
+def channel_condition(state: SourceState, channel: str, settings: AlarmSettings) -> str:
+    """Return the status of a channel by its blocks alone, acknowledgements since the latest one included."""
+    return condition_of(state.alarms[channel], settings, **life_stage(state.channels[channel].detect))
+
+
+def channel_state(
+    condition: str,
+    alarms: Sequence[Mapping[str, Any]] = (),
+    *,
+    stage: str = "healthy",
+    silent: str | None = None,
+    refused: str | None = None,
+) -> tuple[str, str]:
+    """Return the worst NAMUR NE 107 status that applies to a channel, and its reason as a sentence.
+
+    Args:
+        condition: status by the alarm stage.
+        alarms: as :func:`shown_alarms` gives them.
+        stage: of its life.
+        silent: how long no block came, where the source is silent.
+        refused: why the latest block was rejected, where it was.
+    """
+    state = machine_state(condition, *([NO_DATA] if silent else []), *([BAD_DATA] if refused else []))
+    reached, text = _STAGES.get(state, ("", ""))
+    reasons = [text] if stage == reached else []
+    for alarm in alarms:
+        if alarm["severity"] == _SEVERITIES.get(state):
+            waits = "" if alarm["active"] else ", which is over and waits to be acknowledged"
+            reasons.append(f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{waits}")
+    fallback = {NO_DATA: silent, BAD_DATA: refused}.get(state)
+    return state, "; ".join(reasons) or fallback or STATES[state][1]

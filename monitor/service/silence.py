@@ -1,7 +1,7 @@
-"""Whether the blocks of a source stay away, and the notices that say so: one when it falls silent, one when it is back.
+"""Notices of silent sources: one when a source falls silent, one when its blocks come again.
 
-A source is silent when nothing came for ten of its usual intervals, at least a minute. It is heard again when blocks
-have come for as long without such a gap: one that delivers now and then is said to be silent once, not every time.
+A source is silent when no block came for ten of its usual intervals, at least a minute. The silence ends when blocks
+have come for as long without such a gap, so that a source with rare blocks causes one notice, not many.
 """
 
 from __future__ import annotations
@@ -17,105 +17,103 @@ from monitor.records.events import EventLog
 from monitor.records.store import Store
 
 _LOG = logging.getLogger(__name__)
-_FIRST_SILENCE = 600.0
-_SHORTEST_SILENCE = 60.0
+_DEFAULT_LIMIT_S = 600.0
+_MIN_LIMIT_S = 60.0
 _SILENT_INTERVALS = 10.0
-_SAID = """
+_LATEST_KINDS = """
 SELECT json_extract(body, '$.source'), json_extract(body, '$.kind') FROM notices
 WHERE json_extract(body, '$.kind') IN ('no_data', 'data_again') ORDER BY id
 """
 
 
-def patience(interval: float | None) -> float:
-    """Return the seconds after which silence is a state of its own.
+def silence_limit(interval: float | None) -> float:
+    """Return the seconds without a block after which a source is silent.
 
     Args:
         interval: usual seconds from block to block, or None where it is not known yet.
     """
-    return _FIRST_SILENCE if interval is None else max(_SHORTEST_SILENCE, _SILENT_INTERVALS * interval)
+    return _DEFAULT_LIMIT_S if interval is None else max(_MIN_LIMIT_S, _SILENT_INTERVALS * interval)
 
 
 @dataclass(frozen=True)
-class Last:
+class LatestBlock:
     """The latest block of a source.
 
     Attributes:
         sequence: its number, 0 before the first.
         time: UTC time of the latest block that has one, s, or None.
-        status: its status, or None.
-        refused: whether it was rejected.
-        came: when it was committed, s of the monotonic clock, or None where that was before the start.
-        flowing: since when blocks come without a silence, s of the monotonic clock, or None before the first.
+        committed: s of the monotonic clock, or None where that was before the start.
+        flowing_since: first commit after the latest silence, s of the monotonic clock, or None.
     """
 
     sequence: int = 0
     time: float | None = None
     status: str | None = None
-    refused: bool = False
-    came: float | None = None
-    flowing: float | None = None
+    rejected: bool = False
+    committed: float | None = None
+    flowing_since: float | None = None
 
-    def after(self, record: Record, came: float | None, patience: float) -> Last:
-        """Return what is known after another block."""
-        flowing = self.flowing
-        if flowing is None or self.came is None or (came is not None and came - self.came > patience):
-            flowing = came
+    def after(self, record: Record, committed: float | None, limit: float) -> LatestBlock:
+        """Return the state after another block; ``limit`` as :func:`silence_limit` gives it."""
+        since = self.flowing_since
+        if since is None or self.committed is None or (committed is not None and committed - self.committed > limit):
+            since = committed
         time = record.time if record.time is not None else self.time
-        return Last(record.sequence, time, record.status, not record.accepted, came, flowing)
+        return LatestBlock(record.sequence, time, record.status, not record.accepted, committed, since)
 
 
 @dataclass(frozen=True)
-class Hearing:
-    """What is heard of a source by now.
+class DataFlow:
+    """The flow of blocks of one source at present.
 
     Attributes:
         block: number of its latest block, or None.
         age: seconds since that was committed, since the start, or since blocks could be taken again.
-        patience: seconds after which silence is a state of its own.
+        limit: age beyond which it is silent, s.
         flowed: seconds from the first to the latest block that came without a silence between them.
     """
 
     block: int | None
     age: float
-    patience: float
+    limit: float
     flowed: float
 
     @property
     def silent(self) -> bool:
-        """Whether its blocks stay away."""
-        return self.age > self.patience
+        """Whether no block came within the limit."""
+        return self.age > self.limit
 
 
 class SilenceLog:
-    """Logs when sources fall silent and when they are back, once each, also across restarts."""
+    """Logs when sources fall silent and when their blocks come again, once each, also across restarts."""
 
     def __init__(
         self, store: Store, log: EventLog, channels: Mapping[str, Sequence[str]], clock: Callable[[], float]
     ) -> None:
-        """Find out what the log says of each source.
+        """Read the latest notice of each source.
 
         Args:
             store: of the log.
             log: open.
-            channels: by source, what listens to it.
+            channels: names of the channels by source.
             clock: UTC seconds since 1970.
         """
         self._log, self._clock = log, clock
         self._channels = {source: list(names) for source, names in channels.items()}
-        said = dict(store.rows(_SAID))
-        self._silent = {source: said.get(source) == "no_data" for source in channels}
+        latest = dict(store.rows(_LATEST_KINDS))
+        self._silent = {source: latest.get(source) == "no_data" for source in channels}
         self.problem: str | None = None
         """Why a notice cannot be logged, or None; it is tried again."""
 
-    def look(self, heard: Mapping[str, Hearing]) -> list[dict[str, Any]]:
-        """Log what has changed, and return it."""
-        found = []
-        for source, hearing in heard.items():
-            if hearing.silent == self._silent[source]:
+    def update(self, flows: Mapping[str, DataFlow]) -> list[dict[str, Any]]:
+        """Log what has changed, and return the notices."""
+        notices = []
+        for source, flow in flows.items():
+            if flow.silent == self._silent[source]:
                 continue
-            if not hearing.silent and hearing.flowed < hearing.patience:
+            if not flow.silent and flow.flowed < flow.limit:
                 continue
-            body = self._notice(source, hearing)
+            body = self._notice(source, flow)
             try:
                 self._log.notice(self._clock(), body)
             except StoreError as error:
@@ -124,16 +122,16 @@ class SilenceLog:
                 self.problem = str(error)
                 continue
             self.problem = None
-            self._silent[source] = hearing.silent
+            self._silent[source] = flow.silent
             _LOG.warning("%s", body["text"])
-            found.append(body)
-        return found
+            notices.append(body)
+        return notices
 
-    def _notice(self, source: str, hearing: Hearing) -> dict[str, Any]:
-        about = {"source": source, "channels": self._channels[source], "last_block": hearing.block}
-        if hearing.silent:
-            text = f"no block from source {source} for {hearing.age:.0f} s"
-            text += "" if hearing.block is None else f"; the last was block {hearing.block}"
-            return {"kind": "no_data", **about, "age_s": round(hearing.age, 3), "text": text}
-        text = f"blocks come from source {source} again, for {hearing.flowed:.0f} s by now"
+    def _notice(self, source: str, flow: DataFlow) -> dict[str, Any]:
+        about = {"source": source, "channels": self._channels[source], "last_block": flow.block}
+        if flow.silent:
+            text = f"no block from source {source} for {flow.age:.0f} s"
+            text += "" if flow.block is None else f"; the last was block {flow.block}"
+            return {"kind": "no_data", **about, "age_s": round(flow.age, 3), "text": text}
+        text = f"blocks come from source {source} again, for {flow.flowed:.0f} s by now"
         return {"kind": "data_again", **about, "text": text}

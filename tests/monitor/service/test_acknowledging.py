@@ -19,8 +19,8 @@ from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.acknowledging import Acknowledgements
 from monitor.service.ingest import Ingest
+from monitor.service.machine_status import channel_condition, shown_alarms
 from monitor.service.setup import source_settings
-from monitor.service.standing import channel_condition, shown_alarms
 from streams.block import Block, Rejected
 from tests.effort import effort_count
 from tests.faults.daemons import call, make_machine, start, status, wait_for

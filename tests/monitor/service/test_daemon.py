@@ -21,8 +21,8 @@ from monitor.records.events import EventLog
 from monitor.records.store import Store
 from monitor.service.daemon import Daemon
 from monitor.service.disk import DiskGuard, free_bytes
+from monitor.service.machine_status import channel_state
 from monitor.service.publisher import Publisher
-from monitor.service.standing import channel_state
 from monitor.service.status_file import StatusFile, read_status
 from monitor.service.systemd import ServiceManager
 from tests.faults.daemons import make_machine, status, wait_for

@@ -16,7 +16,7 @@ from monitor.health.record import Record
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog
 from monitor.records.store import Store
-from monitor.service.silence import Hearing, Last, SilenceLog, patience
+from monitor.service.silence import DataFlow, LatestBlock, SilenceLog, silence_limit
 from tests.effort import effort_count
 from tests.faults.daemons import make_machine, status, wait_for
 from tests.monitor.service.test_daemon import last, put, running
@@ -32,8 +32,8 @@ def silences(opened: tuple[Store, EventLog]) -> SilenceLog:
     return SilenceLog(*opened, {"s": ["x", "y"]}, lambda: 1.7e9)
 
 
-def hearing(age: float, flowed: float = 0.0) -> dict[str, Hearing]:
-    return {"s": Hearing(7, age, 60.0, flowed)}
+def flow(age: float, flowed: float = 0.0) -> dict[str, DataFlow]:
+    return {"s": DataFlow(7, age, 60.0, flowed)}
 
 
 def kinds(log: EventLog) -> list[str]:
@@ -42,8 +42,8 @@ def kinds(log: EventLog) -> list[str]:
 
 def test_it_is_said_once_with_what_is_known(opened: tuple[Store, EventLog]) -> None:
     found = silences(opened)
-    assert found.look(hearing(60.0)) == []
-    (notice,) = found.look(hearing(61.0))
+    assert found.update(flow(60.0)) == []
+    (notice,) = found.update(flow(61.0))
     assert notice == {
         "kind": "no_data",
         "source": "s",
@@ -52,21 +52,21 @@ def test_it_is_said_once_with_what_is_known(opened: tuple[Store, EventLog]) -> N
         "age_s": 61.0,
         "text": "no block from source s for 61 s; the last was block 7",
     }
-    assert found.look(hearing(600.0)) == []
+    assert found.update(flow(600.0)) == []
     # One block is no flow yet.
-    assert found.look(hearing(1.0)) == []
-    assert found.look(hearing(1.0, flowed=60.0))[0]["kind"] == "data_again"
-    assert found.look(hearing(2.0, flowed=90.0)) == []
+    assert found.update(flow(1.0)) == []
+    assert found.update(flow(1.0, flowed=60.0))[0]["kind"] == "data_again"
+    assert found.update(flow(2.0, flowed=90.0)) == []
     assert kinds(opened[1]) == ["no_data", "data_again"]
     assert [notice.open for notice in opened[1].notices()] == [False, True]
 
 
 def test_a_restart_repeats_nothing(opened: tuple[Store, EventLog]) -> None:
-    silences(opened).look(hearing(61.0))
-    assert silences(opened).look(hearing(700.0)) == []
-    assert silences(opened).look(hearing(1.0, flowed=100.0))[0]["kind"] == "data_again"
-    assert silences(opened).look(hearing(1.0, flowed=100.0)) == []
-    assert silences(opened).look(hearing(61.0))[0]["kind"] == "no_data"
+    silences(opened).update(flow(61.0))
+    assert silences(opened).update(flow(700.0)) == []
+    assert silences(opened).update(flow(1.0, flowed=100.0))[0]["kind"] == "data_again"
+    assert silences(opened).update(flow(1.0, flowed=100.0)) == []
+    assert silences(opened).update(flow(61.0))[0]["kind"] == "no_data"
 
 
 def test_what_cannot_be_logged_is_logged_later(opened: tuple[Store, EventLog], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -76,27 +76,27 @@ def test_what_cannot_be_logged_is_logged_later(opened: tuple[Store, EventLog], m
     found = silences(opened)
     with monkeypatch.context() as patched:
         patched.setattr(EventLog, "notice", full)
-        assert found.look(hearing(61.0)) == []
+        assert found.update(flow(61.0)) == []
         assert found.problem == "state.db: database or disk is full"
-    assert found.look(hearing(62.0))[0]["age_s"] == 62.0
+    assert found.update(flow(62.0))[0]["age_s"] == 62.0
     assert found.problem is None
 
 
 @settings(max_examples=effort_count(quick=50, full=2000), deadline=None)
 @given(gaps=st.lists(st.sampled_from([1.0, 5.0, 30.0, 59.0, 61.0, 300.0]), min_size=1, max_size=60))
-def test_whatever_the_rhythm_notices_alternate_and_none_comes_within_a_patience(
+def test_whatever_the_rhythm_notices_alternate_and_none_comes_within_a_silence_limit(
     tmp_path_factory: pytest.TempPathFactory, gaps: list[float]
 ) -> None:
-    wait = patience(5.0)
+    wait = silence_limit(5.0)
     assert wait == 60.0
     with Store.open(tmp_path_factory.mktemp("s") / "state.db", machine="m") as store, EventLog(store.path) as log:
-        found, newest, now = silences((store, log)), Last(), 0.0
+        found, newest, now = silences((store, log)), LatestBlock(), 0.0
         said: list[tuple[float, str]] = []
 
         def look() -> None:
-            came, flowing = newest.came or 0.0, newest.flowing or 0.0
-            heard = Hearing(newest.sequence, now - came, wait, came - flowing)
-            said.extend((now, notice["kind"]) for notice in found.look({"s": heard}))
+            committed, since = newest.committed or 0.0, newest.flowing_since or 0.0
+            flow = DataFlow(newest.sequence, now - committed, wait, committed - since)
+            said.extend((now, notice["kind"]) for notice in found.update({"s": flow}))
 
         for sequence, gap in enumerate(gaps, 1):
             until = now + gap
@@ -107,16 +107,16 @@ def test_whatever_the_rhythm_notices_alternate_and_none_comes_within_a_patience(
             newest = newest.after(Record("s", sequence, "b", str(sequence)), now, wait)
             look()
     assert [kind for _, kind in said] == (["no_data", "data_again"] * len(said))[: len(said)]
-    # Silent for a whole patience before the one, heard for a whole one before the other: never in quick succession.
+    # Silent for the whole limit before the one, blocks for as long before the other: never in quick succession.
     assert all(after - before >= wait - 1.0 for (before, _), (after, _) in pairwise(said))
     # The oracle: silence is said if and only if there was one.
     assert bool(said) == any(gap > wait + 1.0 for gap in gaps)
 
 
-def test_patience_follows_the_interval() -> None:
-    assert patience(None) == 600.0
-    assert patience(0.1) == 60.0
-    assert patience(600.0) == 6000.0
+def test_the_limit_follows_the_interval() -> None:
+    assert silence_limit(None) == 600.0
+    assert silence_limit(0.1) == 60.0
+    assert silence_limit(600.0) == 6000.0
 
 
 def test_a_daemon_logs_silence_and_its_end_and_a_restart_while_silent_says_nothing(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_a_daemon_logs_silence_and_its_end_and_a_restart_while_silent_says_nothi
         put(config, 1, source=1)
         wait_for(lambda: last(config) == last(config, "s1") == 2)
         assert notices() == []
-        # Blocks without a date: ten minutes are the patience. s1 goes on, s0 does not.
+        # Blocks without a date: ten minutes are the limit. s1 goes on, s0 does not.
         late[0] += 599.0
         put(config, 2, source=1)
         wait_for(lambda: last(config, "s1") == 4)
