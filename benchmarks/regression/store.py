@@ -1,0 +1,52 @@
+"""The store of the baseline that a test keeps: part of a life, all that goes on with it, and what must come next."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.regression.cases import LIFE_CUT
+from benchmarks.regression.observe import Observation
+
+EXPECTED = "expected.json"
+
+
+def keep_store(result: Path, out: Path, baseline: str) -> None:
+    """Write the files of the case ``store_migration`` and the blocks that must come after the store.
+
+    Args:
+        result: folder of the case's result in the baseline.
+        out: folder that is written.
+        baseline: commit that made the store.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    for file in (result / "files").iterdir():
+        shutil.copy(file, out)
+    with np.load(result / "observed.npz", allow_pickle=False) as arrays:
+        observed = {name: arrays[name] for name in arrays.files}
+    made = f"python -m benchmarks.regression --keep-store {out}"
+    values = {"made_by": made, "commit": baseline, "blocks": LIFE_CUT, "columns": next_blocks(observed)}
+    (out / EXPECTED).write_text(json.dumps(values, indent=0, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def next_blocks(observed: Observation) -> dict[str, Any]:
+    """Return the columns of the store for the blocks after the cut, as plain values; None for NaN."""
+    found: dict[str, Any] = {}
+    for name, column in observed.items():
+        _, _, key = name.partition("/store/")
+        numbers = observed.get(f"{name.rpartition('/')[0]}/sequence")
+        if key and numbers is not None:
+            found[key] = _plain(column[numbers > LIFE_CUT])
+    return found
+
+
+def _plain(column: NDArray[Any]) -> list[Any]:
+    if column.dtype.kind != "f":
+        return column.tolist()
+    values = np.where(np.isnan(column), None, column.astype(object))
+    return values.tolist()
