@@ -96,7 +96,10 @@ def demo(bench: Bench) -> Observation:
     found |= outcome("out", out / "state.db", out / "records") | of_netcdf("map", cache / "maps")
     for path in (cache / "libraries").glob("*.npz"):
         found |= of_npz("library", path)
-    return found
+    page = (out / "report.html").read_text(encoding="utf-8")
+    bare = html.unescape(re.sub(r"<(style|script|svg).*?</\1>|<[^>]*>", "\n", page, flags=re.DOTALL))
+    lines = [line.strip() for line in bare.splitlines() if line.strip() and not re.search(r"[0-9a-f]{12}|UTC", line)]
+    return found | {"report/text": np.array(lines)}
 
 
 def pronostia(run: str, file: str, config: str, quick_blocks: int) -> Case:
@@ -186,7 +189,8 @@ def tracked(bench: Bench) -> Observation:
             named_files = [bench.folder / item if "." in item else item for item in options]
             printed = bench.call(command, records, "--method", method, *named_files)
             found |= of_json(f"{method}/{command}", printed)
-        scored = bench.call("score", bench.folder / method / "state.db", "--end-utc", "2026-03-01T06:00:14Z")
+        threshold = ("--end-utc", "2026-03-01T06:00:14Z", "--threshold-mm2", "0.05")
+        scored = bench.call("score", bench.folder / method / "state.db", *threshold)
         found |= of_json(f"{method}/score", scored)
     return found
 
@@ -226,18 +230,6 @@ def models(bench: Bench) -> Observation:
     return found
 
 
-def texts(bench: Bench) -> Observation:
-    """Compare the words of a report; only asked for by name, because words change."""
-    _map(bench)
-    path, config = _life(bench, "thesis")
-    found = bench.replay(path, config)
-    bench.call("report", bench.folder / "out" / "records", "--out", bench.folder / "report.html", "--title", "life")
-    page = (bench.folder / "report.html").read_text(encoding="utf-8")
-    bare = html.unescape(re.sub(r"<(style|script|svg).*?</\1>|<[^>]*>", "\n", page, flags=re.DOTALL))
-    lines = [line.strip() for line in bare.splitlines() if line.strip() and not re.search(r"[0-9a-f]{12}|UTC$", line)]
-    return found | {"report/line": np.array(lines)}
-
-
 def store_migration(bench: Bench) -> Observation:
     """Go on in the present tree with a store of the baseline; the baseline takes the same life at once.
 
@@ -267,7 +259,7 @@ def _map(bench: Bench) -> Observation:
     ranges = ("--load-newton", "4000", "--speed-hz", "40", "--dphi-deg", "0:40:6", "--h-d-um", "0:32:5")
     (bench.folder / "maps").mkdir()
     path = bench.folder / "maps" / "map.nc"
-    printed = bench.call("map", "build", *ranges, "--rms-band-hz", "0:1000", "--workers", "1", "--out", path)
+    printed = bench.call("map", "build", *ranges, "--rms-band-hz", "10:1000", "--workers", "1", "--out", path)
     shutil.copy(path, bench.folder)
     return of_json("map build", printed) | of_netcdf("map", path.parent)
 
@@ -275,7 +267,7 @@ def _map(bench: Bench) -> Observation:
 def _library(bench: Bench) -> Observation:
     path = bench.folder / "library.npz"
     config = bench.write(machine_text({"url": "folder:in"}, {**CHANNEL, "name": "x"}), "library.toml")
-    options = ("--runs", "20", "--rms-band-hz", "0:1000", "--workers", "1", "--out", path)
+    options = ("--runs", "20", "--rms-band-hz", "10:1000", "--workers", "1", "--out", path)
     return of_json("library build", bench.call("library", "build", "--config", config, *options)) | of_npz(
         "library", path
     )

@@ -17,7 +17,7 @@ from typing import Any, Self
 from urllib.parse import urlsplit
 
 from benchmarks.regression.cases import LEVELS, Bench, outcome
-from benchmarks.regression.machines import BLOCK, RATE, life, machine_text, save_csv, save_files
+from benchmarks.regression.machines import BEGIN, BLOCK, RATE, life, machine_text, save_csv, save_files
 from benchmarks.regression.observe import Observation, of_json
 from benchmarks.regression.trees import CaseError
 
@@ -145,17 +145,19 @@ def acknowledge(bench: Bench) -> Observation:
     with Daemon(bench, text) as daemon:
         daemon.wait_for_blocks(len(first))
         daemon.wait_for("the page", lambda: daemon.status().get("page"))
-        daemon.wait_for("the count of events", lambda: daemon.status().get("unacknowledged"))
-        waiting = daemon.status()["unacknowledged"]
-        events = daemon.ask("GET", "/api/events")["events"]
+        found = daemon.ask("GET", "/api/events")
+        events, waiting = found["events"], found["unacknowledged"]
         # Newest first: the first alarm is the one that is held.
         held = [event for event in events if event["kind"] == "alarm_raised"][-1]
+        daemon.wait_for("the count of events", lambda: daemon.status()["unacknowledged"] == waiting)
         answer = daemon.ask("POST", f"/api/events/{held['id']}/acknowledge", {"who": "Ada", "note": "seen"})
         # The count falls after the alarm stage was given the acknowledgement.
-        daemon.wait_for("the acknowledgement", lambda: daemon.status().get("unacknowledged") == waiting - 1)
+        daemon.wait_for("the acknowledgement", lambda: daemon.status()["unacknowledged"] == waiting - 1)
         save_files(inbox, [0.0] * 3, len(first) + 1)
         daemon.wait_for_blocks(len(first) + 3)
-        rows = daemon.ask("GET", "/api/channels/m/x/records?points=20")
+        points, last = "/api/channels/m/x/records?points=20", BEGIN.timestamp() + 10.0 * (len(first) + 3)
+        daemon.wait_for("records on the page", lambda: daemon.ask("GET", points)["last_s"] == last)
+        rows = daemon.ask("GET", points)
     found = (
         of_json("page/events", {"events": events})
         | of_json("page/answer", {"open": answer["open"]})

@@ -20,7 +20,7 @@ _OUTER_HZ = 196.0
 _STEP = 0.01
 """m/s2 of one step of the whole-number recordings."""
 
-CHANNEL = {"source": "s", "bearing": "b", "unit": "m/s2", "band_hz": [[300, 1200]], "rms_band_hz": [0, 1000]}
+CHANNEL = {"source": "s", "bearing": "b", "unit": "m/s2", "band_hz": [[300, 1200]], "rms_band_hz": [10, 1000]}
 _SECTIONS: Mapping[str, Mapping[str, Any]] = {
     "machine": {"name": "m", "min_free_mb": 1, "spectra": 10, "spectra_interval_s": 0.4},
     "publish": {"interval_s": 0.3},

@@ -1,0 +1,54 @@
+"""A store of an earlier commit is opened, migrated, and goes on as if nothing had happened.
+
+The store ends amid a life, in the final stage. ``python -m benchmarks.regression --keep-store tests/data/store_baseline``
+makes all files of the folder with the baseline commit.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.regression.observe import of_store
+from tests.faults.daemons import call
+
+KEPT = Path(__file__).parents[1] / "data" / "store_baseline"
+EXACT = ("sequence", "elapsed", "x.t_fs", "x.stage", "x.edv_status", "x.tt_status", "x.quality_flags")
+TOLERANCE = 1e-5
+"""Relative, for values that come from transforms: what another plan or processor may change (single precision)."""
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Path:
+    for file in KEPT.iterdir():
+        shutil.copy(file, tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "state.db").rename(tmp_path / "out" / "state.db")
+    return tmp_path
+
+
+def test_a_store_of_the_baseline_goes_on_with_the_same_onset_and_the_same_next_records(machine: Path) -> None:
+    expected = json.loads((machine / "expected.json").read_text())
+    replay = ("replay", str(machine / "life.npy"), "--config", str(machine / "m.toml"), "--out", str(machine / "out"))
+    done = call(*replay, "--resume", "--no-report", "--json", "--quiet")
+    assert done.returncode == 0, done.stderr
+    channel = json.loads(done.stdout)["channels"]["x"]
+    assert {key: channel[key] for key in expected["onset"]} == expected["onset"]
+    found = of_store("store", machine / "out" / "state.db")
+    for name, values in expected["columns"].items():
+        table = name.rpartition("/")[0]
+        following = found[f"store/{table}/sequence"] > expected["blocks"]
+        assert_same(name, found[f"store/{name}"][following], values)
+
+
+def assert_same(name: str, found: Any, values: list[Any]) -> None:
+    if found.dtype.kind != "f" or name.rpartition("/")[2] in EXACT:
+        assert np.where(np.isnan(found), None, found).tolist() == values if found.dtype.kind == "f" else True, name
+        assert found.dtype.kind == "f" or found.tolist() == values, name
+    else:
+        np.testing.assert_allclose(found, np.array(values, dtype=float), rtol=TOLERANCE, err_msg=name)
