@@ -267,10 +267,9 @@ def _map(bench: Bench) -> Observation:
 def _library(bench: Bench) -> Observation:
     path = bench.folder / "library.npz"
     config = bench.write(machine_text({"url": "folder:in"}, {**CHANNEL, "name": "x"}), "library.toml")
-    options = ("--runs", "20", "--rms-band-hz", "10:1000", "--workers", "1", "--out", path)
-    return of_json("library build", bench.call("library", "build", "--config", config, *options)) | of_npz(
-        "library", path
-    )
+    options = ("--runs", "20", "--rms-band-hz", "10:1000", "--threshold-mm2", "0.05", "--threshold-mm2", "0.1")
+    printed = bench.call("library", "build", "--config", config, *options, "--workers", "1", "--out", path)
+    return of_json("library build", printed) | of_npz("library", path)
 
 
 def _life(bench: Bench, method: str) -> tuple[Path, Path]:

@@ -29,9 +29,10 @@ def keep_store(result: Path, out: Path, baseline: str) -> None:
         shutil.copy(file, out)
     with np.load(result / "observed.npz", allow_pickle=False) as arrays:
         observed = {name: arrays[name] for name in arrays.files}
+    onset = {key: float(observed[f"out/replay/channels/x/{key}"][0]) for key in ("t_fs_block", "t_fs_known_block")}
     made = f"python -m benchmarks.regression --keep-store {out}"
-    values = {"made_by": made, "commit": baseline, "blocks": LIFE_CUT, "columns": next_blocks(observed)}
-    (out / EXPECTED).write_text(json.dumps(values, indent=0, allow_nan=False) + "\n", encoding="utf-8")
+    values = {"made_by": made, "commit": baseline, "blocks": LIFE_CUT, "onset": onset, "columns": next_blocks(observed)}
+    (out / EXPECTED).write_text(json.dumps(values, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def next_blocks(observed: Observation) -> dict[str, Any]:

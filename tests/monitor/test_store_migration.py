@@ -1,7 +1,7 @@
 """A store of an earlier commit is opened, migrated, and goes on as if nothing had happened.
 
-The store ends amid a life, in the final stage. ``python -m benchmarks.regression --keep-store tests/data/store_baseline``
-makes all files of the folder with the baseline commit.
+The store ends amid a life, in the final stage. All files of the folder are made with the baseline commit by
+``python -m benchmarks.regression --keep-store tests/data/store_baseline``.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from benchmarks.regression.observe import of_store
 from tests.faults.daemons import call
@@ -46,9 +47,9 @@ def test_a_store_of_the_baseline_goes_on_with_the_same_onset_and_the_same_next_r
         assert_same(name, found[f"store/{name}"][following], values)
 
 
-def assert_same(name: str, found: Any, values: list[Any]) -> None:
-    if found.dtype.kind != "f" or name.rpartition("/")[2] in EXACT:
-        assert np.where(np.isnan(found), None, found).tolist() == values if found.dtype.kind == "f" else True, name
-        assert found.dtype.kind == "f" or found.tolist() == values, name
+def assert_same(name: str, found: NDArray[Any], values: list[Any]) -> None:
+    if found.dtype.kind != "f":
+        assert found.tolist() == values, name
     else:
-        np.testing.assert_allclose(found, np.array(values, dtype=float), rtol=TOLERANCE, err_msg=name)
+        tolerance = 0.0 if name.rpartition("/")[2] in EXACT else TOLERANCE
+        np.testing.assert_allclose(found, np.array(values, dtype=float), rtol=tolerance, err_msg=name)
