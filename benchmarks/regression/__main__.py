@@ -88,7 +88,10 @@ class Judged:
     def row(self) -> Row:
         """Return the row of the table."""
         counts = {key: getattr(self.comparison, key) for key in ("records", "values", "events", "forecasts")}
-        times = {"baseline s": "cached" if self.cached else round(self.baseline_s, 1), "present s": self.present_s}
+        times = {
+            "baseline s": "cached" if self.cached else round(self.baseline_s, 1),
+            "present s": round(self.present_s, 1),
+        }
         return {"case": self.name, **counts, **times, "greatest change": self.comparison.greatest, "": self.verdict}
 
 
@@ -150,6 +153,8 @@ def cache_key(case: Case, options: argparse.Namespace) -> str:
     digest = hashlib.sha256(inspect.getsource(inspect.getmodule(case) or cases).encode())
     for module in (cases, machines, observe, trees):
         digest.update(inspect.getsource(module).encode())
+    for path in sorted((ROOT / "examples").glob("*.toml")):
+        digest.update(path.read_bytes())
     versions = [f"{name} {version(name)}" for name in ("numpy", "scipy", "numba", "pyfftw", "netCDF4")]
     digest.update(f"{sys.version} {platform.platform()} {platform.processor()} {versions} {options.quick}".encode())
     return f"{options.baseline[:12]}-{case.__name__}-{digest.hexdigest()[:16]}"
@@ -159,6 +164,7 @@ def parse() -> argparse.Namespace:
     """Parse the options."""
     parser = argparse.ArgumentParser(description="compare the present tree with a baseline commit")
     parser.add_argument("--baseline", default=BASELINE, metavar="COMMIT", help="compare with this commit")
+    parser.add_argument("--present", type=Path, default=ROOT, metavar="DIR", help="judge the tree of this folder")
     parser.add_argument("--case", nargs="+", choices=_BY_NAME, metavar="NAME", help=f"of {', '.join(_BY_NAME)}")
     parser.add_argument("--relative", type=float, default=0.0, metavar="SHARE", help="relative change allowed [0]")
     parser.add_argument("--texts", action="store_true", help="compare sentences for people, too")
@@ -188,7 +194,7 @@ def judge_of(options: argparse.Namespace, wanted: list[Case]) -> Iterator[Judge]
     with tempfile.TemporaryDirectory(prefix="regression-") as temporary:
         work = options.keep.resolve() / "work" if options.keep else Path(temporary)
         with baseline_tree(options.baseline, Path(temporary)) if missing else nullcontext() as baseline:
-            present = Tree("present", ROOT)
+            present = Tree("present", options.present.resolve())
             if any(case.__name__ in _COMPILED for case in wanted):
                 for tree in filter(None, (baseline, present)):
                     tree.call(Path(temporary), "warmup")
