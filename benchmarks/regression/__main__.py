@@ -25,15 +25,13 @@ from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
 from platformdirs import user_cache_path
 
 from benchmarks.common import Row, print_table, write_json
-from benchmarks.regression import cases, live, machines, observe, trees
+from benchmarks.regression import cases, live, machines, observe, store, trees
 from benchmarks.regression.cases import Bench, Case, SkippedError
 from benchmarks.regression.compare import Comparison, compare
 from benchmarks.regression.observe import Observation
-from benchmarks.regression.store import keep_store
 from benchmarks.regression.trees import ROOT, Tree, baseline_tree, full_hash
 
 BASELINE = "f3e37456e3515a3aa720639822e5029abe8bd675"
@@ -121,11 +119,8 @@ class Judge:
                 assert self.baseline is not None
                 shutil.rmtree(kept, ignore_errors=True)
                 observed, judged.baseline_s = self._run(case, self.baseline, kept / "files")
-                kept.mkdir(parents=True, exist_ok=True)
-                np.savez_compressed(kept / "observed.npz", **observed)
-                (kept / "done").touch()
-            with np.load(kept / "observed.npz", allow_pickle=False) as arrays:
-                before = {name: arrays[name] for name in arrays.files}
+                store.save(kept, observed)
+            before = store.load(kept)
             now, judged.present_s = self._run(case, self.present, kept / "files")
         except SkippedError as reason:
             return Judged(case.__name__, "skipped", problem=str(reason))
@@ -208,7 +203,9 @@ def main() -> None:
     with judge_of(options, wanted) as judge, ThreadPoolExecutor(options.jobs) as pool:
         judged = list(pool.map(judge.judge, wanted))
         if options.keep_store:
-            keep_store(judge.cache / cache_key(cases.store_migration, options), options.keep_store, options.baseline)
+            store.keep_store(
+                judge.cache / cache_key(cases.store_migration, options), options.keep_store, options.baseline
+            )
     print_table(f"present tree against {options.baseline[:12]}", [one.row() for one in judged])
     for one in judged:
         if one.problem:

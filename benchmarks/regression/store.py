@@ -1,4 +1,4 @@
-"""The store of the baseline that a test keeps: part of a life, all that goes on with it, and what must come next."""
+"""Results of the baseline: those that are kept between runs, and the store that a test goes on with."""
 
 from __future__ import annotations
 
@@ -16,6 +16,20 @@ from benchmarks.regression.observe import Observation
 EXPECTED = "expected.json"
 
 
+def save(result: Path, observed: Observation) -> None:
+    """Keep what was observed in the folder of a result; it is complete once its file ``done`` is there."""
+    result.mkdir(parents=True, exist_ok=True)
+    columns: dict[str, Any] = dict(observed)
+    np.savez_compressed(result / "observed.npz", **columns)
+    (result / "done").touch()
+
+
+def load(result: Path) -> Observation:
+    """Return what :func:`save` kept."""
+    with np.load(result / "observed.npz", allow_pickle=False) as columns:
+        return {name: columns[name] for name in columns.files}
+
+
 def keep_store(result: Path, out: Path, baseline: str) -> None:
     """Write the files of the case ``store_migration`` and the blocks that must come after the store.
 
@@ -27,8 +41,7 @@ def keep_store(result: Path, out: Path, baseline: str) -> None:
     out.mkdir(parents=True, exist_ok=True)
     for file in (result / "files").iterdir():
         shutil.copy(file, out)
-    with np.load(result / "observed.npz", allow_pickle=False) as arrays:
-        observed = {name: arrays[name] for name in arrays.files}
+    observed = load(result)
     onset = {key: float(observed[f"out/replay/channels/x/{key}"][0]) for key in ("t_fs_block", "t_fs_known_block")}
     made = f"python -m benchmarks.regression --keep-store {out}"
     values = {"made_by": made, "commit": baseline, "blocks": LIFE_CUT, "onset": onset, "columns": next_blocks(observed)}
@@ -49,5 +62,4 @@ def next_blocks(observed: Observation) -> dict[str, Any]:
 def _plain(column: NDArray[Any]) -> list[Any]:
     if column.dtype.kind != "f":
         return column.tolist()
-    values = np.where(np.isnan(column), None, column.astype(object))
-    return values.tolist()
+    return np.where(np.isnan(column), np.array(None), column.astype(object)).tolist()
