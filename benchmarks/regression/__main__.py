@@ -15,6 +15,7 @@ import hashlib
 import inspect
 import platform
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -198,6 +199,8 @@ def judge_of(options: argparse.Namespace, wanted: list[Case]) -> Iterator[Judge]
 
 def main() -> None:
     """Judge, print, and write what was asked for."""
+    # The worktree of the baseline is removed then, too.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("terminated"))
     options = parse()
     wanted = chosen(options)
     with judge_of(options, wanted) as judge, ThreadPoolExecutor(options.jobs) as pool:
