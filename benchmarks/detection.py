@@ -29,7 +29,7 @@ from models.bearing import kinematics
 from monitor.health import detect
 from monitor.health.channel import ChannelBlock, check_channel, step
 from monitor.health.condition import Quantity
-from monitor.health.naming import bins_needed, name_fault
+from monitor.health.naming import name_fault
 from monitor.health.quality import check_samples
 from monitor.health.settings import ChannelSettings
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
@@ -306,9 +306,8 @@ def time_table(quick: bool) -> list[Row]:
         rate, speed = 25600.0, 27.5
         bearing, lines = bearing_lines("PRONOSTIA", speed)
         x = impacts(np.random.default_rng(1), "outer", lines, rate=rate, duration=duration).astype(np.float32)
-        features = block_features(x, rate, FeatureSettings(rate, ((500.0, 6000.0),), fundamentals(lines)))
-        envelope = features.envelopes[0]
-        relative = envelope.amplitude[: bins_needed(lines, envelope.resolution)] / envelope.mean
+        asked = FeatureSettings(rate, ((500.0, 6000.0),), fundamentals(lines), speed=speed)
+        features = block_features(x, rate, asked)
         settings = ChannelSettings("damaged", bearing, bands=((500.0, 6000.0),))
         block = ChannelBlock(x, rate, 1, 0.0, check_samples(x), Quantity(speed, "configured"))
         given = detect.DetectInput(1, 0.0, 1.0, 1.0, 1.0)
@@ -316,10 +315,8 @@ def time_table(quick: bool) -> list[Row]:
         paths = {
             "kernel": calibration_kernel(),
             "quality_ms": partial(check_samples, x),
-            "features_ms": partial(
-                block_features, x, rate, FeatureSettings(rate, settings.bands or (), fundamentals(lines))
-            ),
-            "naming_ms": partial(name_fault, relative, envelope.resolution, kinematics(bearing, speed)),
+            "features_ms": partial(block_features, x, rate, asked),
+            "naming_ms": partial(name_fault, features.sought[0], kinematics(bearing, speed), features.families[0]),
             "detect_ms": partial(detect.step, learned, given, DEFAULTS),
             "all_stages_ms": partial(step, ChannelState(), block, settings),
         }

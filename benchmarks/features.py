@@ -32,8 +32,8 @@ from benchmarks.common import (
     write_json,
 )
 from monitor.health.spectrum import plans
+from monitor.health.spectrum.comb import FALSE_ALARM, fault_lines, line_spectrum
 from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features
-from monitor.health.spectrum.harmonics import FALSE_ALARM, fault_lines
 from monitor.health.spectrum.indicators import time_indicators
 from monitor.health.spectrum.plans import Effort, Precision
 from monitor.health.spectrum.transform import Band, BlockTransform
@@ -171,7 +171,7 @@ def line_table(quick: bool) -> list[Row]:
         x = 0.01 * rng.standard_normal(n)
         for h in range(1, 6):
             x += np.cos(2.0 * np.pi * (h * true * t + rng.uniform()))
-        errors.append(fault_lines(oracle.hann_spectrum(x), rate / n, nominal).amplitude - 1.0)
+        errors.append(fault_lines(line_spectrum(oracle.hann_spectrum(x), rate / n), nominal).amplitude - 1.0)
     flat = np.concatenate(errors)
     worst = float(flat[np.argmax(np.abs(flat))])
     return [{"line": "unit, anywhere", "lines": flat.size, "mean error": float(flat.mean()), "worst error": worst}]
@@ -187,8 +187,9 @@ def false_alarm_table(quick: bool) -> list[Row]:
     thresholds: dict[tuple[str, float], float] = {}
     for _ in range(count):
         envelope = transform(rng.standard_normal(n, dtype=np.float32)).envelopes[0]
+        spectrum = line_spectrum(envelope.amplitude, envelope.resolution)
         for fault in FAULTS:
-            find = partial(fault_lines, envelope.amplitude, envelope.resolution, FUNDAMENTALS[fault])
+            find = partial(fault_lines, spectrum, FUNDAMENTALS[fault])
             score = find().score
             for p in stated:
                 if (fault, p) not in thresholds:

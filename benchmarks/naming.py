@@ -31,11 +31,12 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from models.bearing import Kinematics, catalogue, kinematics
-from monitor.health.naming import LEAST_DEPTH, SEARCH, Naming, bins_needed, name_fault
-from monitor.health.spectrum.average import Spectra
+from monitor.health.naming import MIN_DEPTH, Naming, name_fault
+from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import candidate_bands, find_band
-from monitor.health.spectrum.features import FAULTS, fundamentals
-from monitor.health.spectrum.transform import Band, get_transform
+from monitor.health.spectrum.comb import SEARCH
+from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features, fundamentals
+from monitor.health.spectrum.transform import Band
 from streams.block import Block
 from tests.conftest import recordings_folder
 from tests.recordings import CASES, Case, watch
@@ -73,11 +74,11 @@ class Named:
             "named": "stopped" if naming is None else (naming.fault or "none"),
             "verdict": self.verdict,
             "best": naming and naming.best,
-            "score": evidence and evidence.score,
+            "score": evidence and evidence.comb_score,
             "threshold": naming and naming.threshold,
             "rival": None if naming is None or np.isnan(naming.rival) else naming.rival,
             "depth": evidence and evidence.depth,
-            "snr": evidence and evidence.snr,
+            "snr": evidence and evidence.family_snr,
             "speed_factor": evidence and evidence.speed_factor,
         }
 
@@ -98,7 +99,7 @@ def standing(naming: Naming) -> float:
     if evidence is None:
         return 0.0
     rival = 0.0 if np.isnan(naming.rival) else naming.rival
-    return min(evidence.score / max(naming.threshold, rival), evidence.depth / LEAST_DEPTH)
+    return min(evidence.comb_score / max(naming.threshold, rival), evidence.depth / MIN_DEPTH)
 
 
 def margin_rows(found: list[Named]) -> list[Row]:
@@ -123,15 +124,22 @@ def judged(fault: str | None, expected: str | None) -> str:
     return "right" if fault == expected else "wrong"
 
 
-def relative_envelopes(
-    x: NDArray[np.floating], rate: float, bands: tuple[Band, ...], lines: Kinematics
-) -> list[tuple[NDArray[np.float32], float]]:
-    """Return for each band the envelope spectrum over the mean envelope, as far as naming looks, and its resolution."""
-    spectra = get_transform(x.size, rate, bands, raw_limit=0.0)(x)
-    return [
-        ((e.amplitude[: bins_needed(lines, e.resolution)] / e.mean).astype(np.float32), e.resolution)
-        for e in spectra.envelopes
+def namings(
+    x: NDArray[np.floating],
+    rate: float,
+    bands: tuple[Band, ...],
+    lines: Kinematics,
+    recent: RecentSpectra | None = None,
+    average: int = 1,
+) -> tuple[list[Naming], RecentSpectra]:
+    """Return the verdict in each band, and the recent spectra with those of this block."""
+    settings = FeatureSettings(rate, bands, fundamentals(lines), speed=lines.speed, average_blocks=average)
+    features = block_features(x, rate, settings, recent)
+    found = [
+        name_fault(spectrum, lines, families)
+        for spectrum, families in zip(features.sought, features.families, strict=True)
     ]
+    return found, features.recent
 
 
 def band_rows(folder: Path) -> list[Row]:
@@ -150,9 +158,8 @@ def band_rows(folder: Path) -> list[Row]:
                 x = block.samples[block.channels.index(channel)]
                 candidates = candidate_bands(block.rate, max(fundamentals(lines).values()))
                 chosen = find_band([x], block.rate, fundamentals(lines))
-                envelopes = relative_envelopes(x, block.rate, candidates, lines)
-                for band, (amplitude, resolution) in zip(candidates, envelopes, strict=True):
-                    naming = name_fault(amplitude, resolution, lines)
+                found, _ = namings(x, block.rate, candidates, lines)
+                for band, naming in zip(candidates, found, strict=True):
                     verdict = judged(naming.fault, case.expected)
                     if verdict == "wrong" and naming.evidence is not None:
                         wrong.append(
@@ -235,16 +242,17 @@ def null_row(signal: str, bearing: str, speed: float, duration: float, average: 
     named, scores, threshold = 0, [], 0.0
     for _ in range(count):
         machine = HealthyMachine.draw(rng, speed, lines.bpfo)
-        spectra, resolution = Spectra(), 0.0
+        recent: RecentSpectra | None = None
+        naming: Naming | None = None
         for i in range(average):
             x = machine.block(rng, 1.0, rate, n) if signal == "healthy" else rng.standard_normal(n)
             if signal == "impacts" and i == average // 2:
                 x += pulses(n, rate, rng.uniform(0.0, 0.03) + np.arange(5) / lines.bpfo, 300.0)
-            ((amplitude, resolution),) = relative_envelopes(x.astype(np.float32), rate, ((1000.0, 9000.0),), lines)
-            spectra = spectra.add((amplitude,), average)
-        naming = name_fault(spectra.averages()[0], resolution, lines, average)
+            (naming,), recent = namings(x.astype(np.float32), rate, ((1000.0, 9000.0),), lines, recent, average)
+        if naming is None:
+            raise AssertionError("no block was averaged")
         named += naming.fault is not None
-        scores.append(0.0 if naming.evidence is None else naming.evidence.score)
+        scores.append(0.0 if naming.evidence is None else naming.evidence.comb_score)
         threshold = naming.threshold
     return {
         "signal": signal,
@@ -281,10 +289,7 @@ def damage_rows(quick: bool) -> list[Row]:
                 depths = []
                 for seed in range(count):
                     x = impacts(np.random.default_rng(seed), fault, lines, duration=duration, height=height)
-                    ((amplitude, resolution),) = relative_envelopes(
-                        x.astype(np.float32), rate, ((1000.0, 9000.0),), lines
-                    )
-                    naming = name_fault(amplitude, resolution, lines)
+                    (naming,), _ = namings(x.astype(np.float32), rate, ((1000.0, 9000.0),), lines)
                     counts[judged(naming.fault, fault)] += 1
                     depths.append(naming.families[fault].depth)
                 rows.append(

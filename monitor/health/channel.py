@@ -14,11 +14,11 @@ from models.bearing import Kinematics, kinematics
 from monitor.health import detect
 from monitor.health.condition import Quantity
 from monitor.health.damage import tracker as damage
-from monitor.health.naming import Naming, bins_needed, name_fault
+from monitor.health.naming import Naming, name_fault
 from monitor.health.output import ChannelOutput
 from monitor.health.quality import Verdict, check_samples
 from monitor.health.settings import ChannelSettings
-from monitor.health.spectrum.average import Spectra
+from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import candidate_bands
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.transform import Band
@@ -76,7 +76,15 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
     features = block_features(
         block.samples,
         block.rate,
-        FeatureSettings(rate=block.rate, bands=bands, fundamentals=fundamentals(lines), rms_band=settings.rms_band),
+        FeatureSettings(
+            rate=block.rate,
+            bands=bands,
+            fundamentals=fundamentals(lines),
+            rms_band=settings.rms_band,
+            speed=lines.speed,
+            average_blocks=settings.average_blocks,
+        ),
+        state.spectra if verdict.for_baseline else None,
     )
     state = _run_clock(state, block)
     naming: Naming | None = None
@@ -132,37 +140,22 @@ def _vote(state: ChannelState, block: ChannelBlock, lines: Kinematics) -> Channe
     """Count the vote of one of the first blocks for a band; fix the band once there are enough votes."""
     votes = (state.votes or BandVotes()).add(block.samples, block.rate, fundamentals(lines))
     if votes.enough:
-        return replace(state, votes=None, bands=(votes.best(),), band_source="learning", spectra=Spectra())
+        return replace(state, votes=None, bands=(votes.best(),), band_source="learning", spectra=RecentSpectra())
     return replace(state, votes=votes)
 
 
 def _name(
     state: ChannelState, features: BlockFeatures, lines: Kinematics, average_blocks: int
 ) -> tuple[ChannelState, Naming, int]:
-    """Name the damaged part from the mean of the latest envelope spectra, each over its own mean envelope.
-
-    The number is the place of the band that shows it, 0 where no part is named. The division, and a weight of one over
-    its noise, keep one loud or knocking block from deciding for all.
-    """
-    needed = bins_needed(lines, features.envelopes[0].resolution)
-    relative = tuple(
-        np.asarray(envelope.amplitude[:needed], dtype=np.float32) / max(envelope.mean, np.finfo(np.float32).tiny)
-        for envelope in features.envelopes
-    )
-    spectra = state.spectra.add(relative, average_blocks)
+    """Name the damaged part; the number is the place of the band that shows it, 0 where no part is named."""
     namings = [
-        name_fault(amplitude, features.envelopes[0].resolution, lines, spectra.count)
-        for amplitude in spectra.averages()
+        name_fault(spectrum, lines, families)
+        for spectrum, families in zip(features.sought, features.families, strict=True)
     ]
-    place = max(range(len(namings)), key=lambda i: (namings[i].fault is not None, _relative_score(namings[i])))
+    place = max(range(len(namings)), key=lambda i: (namings[i].fault is not None, namings[i].relative_score))
     best = namings[place]
-    kept = spectra if average_blocks > 1 else Spectra()
+    kept = features.recent if average_blocks > 1 else RecentSpectra()
     return replace(state, spectra=kept), best, place if best.fault is not None else 0
-
-
-def _relative_score(naming: Naming) -> float:
-    """Return the score of the best family over the threshold of the score."""
-    return 0.0 if naming.evidence is None else naming.evidence.score / naming.threshold
 
 
 def detect_input(features: BlockFeatures, block: ChannelBlock, *, absolute: bool, usable: bool) -> detect.DetectInput:
@@ -228,7 +221,7 @@ def _latch_name(state: ChannelState, naming: Naming | None, sequence: int) -> Ch
     named = None
     if naming.fault is not None and naming.evidence is not None:
         found = naming.evidence
-        named = Named(naming.fault, found.snr, found.depth, _relative_score(naming), sequence)
+        named = Named(naming.fault, found.family_snr, found.depth, naming.relative_score, sequence)
     if state.detect.t_fs is None and state.detect.t_eol is None:
         return replace(state, named=named)
     if named is not None and (state.named is None or named.standing > state.named.standing):

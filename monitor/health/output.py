@@ -16,8 +16,8 @@ from monitor.health.detect import DetectOutput, DetectState
 from monitor.health.naming import Naming
 from monitor.health.quality import Verdict
 from monitor.health.record import plain
+from monitor.health.spectrum.comb import FaultLines
 from monitor.health.spectrum.features import FAULTS, BlockFeatures, fundamentals
-from monitor.health.spectrum.harmonics import FaultLines
 from monitor.health.spectrum.transform import Band
 from monitor.health.waterfall import SpectrumRow
 from streams.block import Block
@@ -93,9 +93,9 @@ def record_values(
         evidence = output.naming.evidence
         values |= {
             "fault": output.naming.fault,
-            "fault_snr": evidence.snr,
+            "fault_snr": evidence.family_snr,
             "fault_depth": evidence.depth,
-            "fault_score": evidence.score,
+            "fault_score": evidence.comb_score,
         }
     if output.damage is not None:
         values |= {name: getattr(output.damage, name) for name in _DAMAGE}

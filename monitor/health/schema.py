@@ -55,7 +55,7 @@ OPTIONAL_DIMENSIONS = frozenset({"band", "threshold"})
 
 Kind = Literal["float", "int", "flag", "mask"]
 
-_SEARCH = "monitor/health/spectrum/harmonics.py"
+_SEARCH = "monitor/health/spectrum/comb.py"
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from monitor.health.detect import DetectState
 from monitor.health.quality import OrderState
 from monitor.health.record import Record
 from monitor.health.settings import SourceSettings
-from monitor.health.spectrum.average import Spectra
+from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.transform import Band
 from monitor.health.spectrum.votes import BandVotes
 from monitor.health.waterfall import WaterfallState
@@ -67,7 +67,7 @@ class ChannelState:
     bands: tuple[Band, ...] = ()
     band_source: str = "provisional"
     votes: BandVotes | None = None
-    spectra: Spectra = field(default_factory=Spectra)
+    spectra: RecentSpectra = field(default_factory=RecentSpectra)
     running_time: float = 0.0
     last_time: float | None = None
     was_running: bool = False
@@ -106,7 +106,7 @@ class ChannelState:
             bands=tuple((float(low), float(high)) for low, high in stored["bands"]),
             band_source=stored["band_source"],
             votes=None if stored["votes"] is None else BandVotes.from_dict(stored["votes"]),
-            spectra=Spectra.from_list(stored["spectra"]),
+            spectra=RecentSpectra.from_list(stored["spectra"]),
             running_time=stored["running_time"],
             last_time=stored["last_time"],
             was_running=stored["was_running"],

@@ -15,8 +15,9 @@ from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.path.contour import part_paths
 from models.scene import Defect, Part, Scene, Slip, Waviness
-from monitor.health.naming import bins_needed, name_fault
-from monitor.health.spectrum.transform import get_transform
+from monitor.health.naming import name_fault
+from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.spectrum.transform import EnvelopeSpectrum
 from tests.effort import effort_count
 from tests.oracles.time_domain_oracle import Case, Oracle, edge_depth
 
@@ -119,13 +120,12 @@ def damaged(part: Part, designation: str, speed: float, duration: float) -> Time
     return simulate_time(scene, duration, RATE)
 
 
-def envelope(response: TimeResponse) -> tuple[NDArray[np.float32], float]:
-    """Return the envelope spectrum over the mean envelope of the signal in noise, and its resolution, Hz."""
-    signal = response.acceleration[0]
+def features_in_noise(response: TimeResponse) -> BlockFeatures:
+    """Return the features of the signal in noise."""
+    signal, lines = response.acceleration[0], response.kinematics
     noisy = signal + np.random.default_rng(0).normal(0.0, 0.2 * float(np.std(signal)), signal.size)
-    (spectrum,) = get_transform(signal.size, RATE, (BAND,), raw_limit=0.0)(noisy.astype(np.float32)).envelopes
-    needed = bins_needed(response.kinematics, spectrum.resolution)
-    return (spectrum.amplitude[:needed] / spectrum.mean).astype(np.float32), spectrum.resolution
+    settings = FeatureSettings(RATE, (BAND,), fundamentals(lines), speed=lines.speed)
+    return block_features(noisy.astype(np.float32), RATE, settings)
 
 
 @pytest.mark.parametrize(
@@ -134,14 +134,15 @@ def envelope(response: TimeResponse) -> tuple[NDArray[np.float32], float]:
 @pytest.mark.parametrize("part", ["outer", "inner", "ball"])
 def test_the_monitor_names_the_damaged_part(part: Part, designation: str, speed: float, duration: float) -> None:
     response = damaged(part, designation, speed, duration)
-    naming = name_fault(*envelope(response), response.kinematics)
+    features = features_in_noise(response)
+    naming = name_fault(features.sought[0], response.kinematics, features.families[0])
     assert naming.fault == part
     assert naming.families[part].speed_factor == pytest.approx(1.0, abs=2e-3)
 
 
-def prominence(amplitude: NDArray[np.float32], resolution: float, frequency: float) -> float:
+def prominence(spectrum: EnvelopeSpectrum, frequency: float) -> float:
     """Return a line's amplitude over the median around it (twenty bins to either side)."""
-    at = round(frequency / resolution)
+    at, amplitude = round(frequency / spectrum.resolution), spectrum.amplitude
     return float(amplitude[at - 1 : at + 2].max() / np.median(amplitude[at - 20 : at + 21]))
 
 
@@ -150,18 +151,18 @@ def test_lines_and_sidebands_of_each_part() -> None:
     parts: tuple[Part, ...] = ("outer", "inner", "ball")
     found = {part: damaged(part, "6205", 30.0, 4.0) for part in parts}
     lines = found["outer"].kinematics
-    spectra = {part: envelope(response) for part, response in found.items()}
+    spectra = {part: features_in_noise(response).envelopes[0] for part, response in found.items()}
     combs = {
         "outer": [lines.bpfo, 2.0 * lines.bpfo],
         "inner": [lines.bpfi, lines.bpfi - lines.speed, lines.bpfi + lines.speed],
         "ball": [2.0 * lines.bsf, 2.0 * lines.bsf - lines.ftf, 2.0 * lines.bsf + lines.ftf],
     }
     for part, comb in combs.items():
-        for other, (amplitude, resolution) in spectra.items():
-            clear = [prominence(amplitude, resolution, f) for f in comb]
+        for other, spectrum in spectra.items():
+            clear = [prominence(spectrum, f) for f in comb]
             assert (min(clear) > 10.0) == (part == other), (part, other, clear)
     for shift in (-lines.speed, lines.speed):
-        assert prominence(*spectra["outer"], lines.bpfo + shift) < 8.0
+        assert prominence(spectra["outer"], lines.bpfo + shift) < 8.0
 
 
 def test_an_unbalance_is_a_line_of_the_shaft() -> None:

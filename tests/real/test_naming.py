@@ -59,5 +59,5 @@ def test_the_evidence_says_why_the_hard_ones_are_not_named(data_dir: Path) -> No
         assert naming is not None
         assert naming.evidence is not None
         assert naming.best == "outer"
-        assert naming.evidence.score > naming.threshold
+        assert naming.evidence.comb_score > naming.threshold
         assert record.channels["drive_end"]["fault"] is None

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False)
-class Spectra:
+class RecentSpectra:
     """The latest envelope spectra of a channel, in power and relative to the mean envelope, oldest first.
 
     Attributes:
@@ -26,15 +26,15 @@ class Spectra:
         """How many blocks there are."""
         return len(self.rows)
 
-    def add(self, amplitudes: tuple[NDArray[np.float32], ...], most: int) -> Spectra:
-        """Return the spectra with those of one more block (one array a band), and at most ``most`` blocks.
+    def add(self, amplitudes: tuple[NDArray[np.float32], ...], limit: int) -> RecentSpectra:
+        """Return the spectra with those of one more block (one array a band), and at most ``limit`` blocks.
 
-        Spectra of another number of bins or bands start anew: they cannot be averaged with what was.
+        RecentSpectra of another number of bins or bands start anew: they cannot be averaged with what was.
         """
         length = min(amplitude.size for amplitude in amplitudes)
         row = np.square(np.stack([amplitude[:length] for amplitude in amplitudes]), dtype=np.float32)
         earlier = self.rows if self.rows and self.rows[-1].shape == row.shape else ()
-        return Spectra((*earlier, row)[-most:])
+        return RecentSpectra((*earlier, row)[-limit:])
 
     def averages(self) -> tuple[NDArray[np.float64], ...]:
         """Return the root of the mean power of each band, shape (bin,), each block weighted by one over its noise.
@@ -50,7 +50,7 @@ class Spectra:
     def __eq__(self, other: object) -> bool:
         """Equal where all rows are equal bit for bit."""
         return (
-            isinstance(other, Spectra)
+            isinstance(other, RecentSpectra)
             and self.count == other.count
             and all(np.array_equal(a, b) for a, b in zip(self.rows, other.rows, strict=True))
         )
@@ -65,7 +65,7 @@ class Spectra:
         ]
 
     @classmethod
-    def from_list(cls, rows: list[Mapping[str, Any]]) -> Spectra:
+    def from_list(cls, rows: list[Mapping[str, Any]]) -> RecentSpectra:
         """Return what :meth:`to_list` wrote."""
         return cls(
             tuple(

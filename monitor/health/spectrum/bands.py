@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.spectrum.comb import MIN_FLOOR_BINS, noise_floor
 from monitor.health.spectrum.indicators import sample_range
 from monitor.health.spectrum.plans import envelope_length
 from monitor.health.spectrum.transform import Band, band_bins, fast_length
@@ -161,7 +162,7 @@ def _score(
     if not powers or high - low < 8:
         return BandScore(band, 0.0, 0.0, 0.0, 0.0)
     power = np.median(powers, axis=0).astype(np.float64) if len(powers) > 2 else np.mean(powers, axis=0)
-    floor = _running_floor(power)
+    floor = noise_floor(power, MIN_FLOOR_BINS)
     stands_out = power > floor * (1.0 + _LINE_OVER_FLOOR / math.sqrt(len(powers)))
     excess = np.where(stands_out, power - floor, 0.0)
     depth = math.sqrt(float(excess.sum()) / 1.5)
@@ -169,11 +170,3 @@ def _score(
     kurtosis = float(np.median(kurtoses))
     impulsive = max(kurtosis, 0.0)
     return BandScore(band, depth, contrast, kurtosis, contrast * depth * impulsive / (1.0 + impulsive))
-
-
-def _running_floor(power: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Median power of neighbouring bins (24 to 64 of them), joined linearly, as a mean: (n,)."""
-    width = min(power.size, max(24, min(64, power.size // 8)))
-    n_parts = power.size // width
-    medians = np.median(power[: n_parts * width].reshape(n_parts, width), axis=1) / math.log(2.0)
-    return np.interp(np.arange(power.size), (np.arange(n_parts) + 0.5) * width - 0.5, medians)

@@ -10,19 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Kinematics
-from monitor.health.spectrum.harmonics import FaultLines, fault_lines
+from monitor.health.spectrum.average import RecentSpectra
+from monitor.health.spectrum.comb import SEARCH, FaultLines, LineSpectrum, fault_lines, line_spectrum
 from monitor.health.spectrum.indicators import TimeIndicators, time_indicators
 from monitor.health.spectrum.plans import Effort, Precision
 from monitor.health.spectrum.transform import (
     AmplitudeSpectrum,
     Band,
     EnvelopeSpectrum,
-    average_envelopes,
     get_transform,
 )
 
@@ -47,6 +48,8 @@ class FeatureSettings:
         bands: bands to demodulate, (lo, hi) in Hz; the first is the one whose sums are the channel's H_or and so on.
         fundamentals: frequency of the first line of each of ``FAULTS``, Hz (2 BSF of a ball: it meets both races).
         rms_band: band of RMS and A*, Hz, or None for the full bandwidth.
+        speed: stated shaft speed, Hz, or None: then lines of the shaft are not told from those of the bearing.
+        average_blocks: neighbouring blocks in whose mean envelope spectrum the families are sought.
         search: half width of the range of the speed factor.
         precision: arithmetic of the transforms.
         effort: planning of the transforms; "estimate" gives the same bits everywhere and every time.
@@ -56,7 +59,9 @@ class FeatureSettings:
     bands: tuple[Band, ...]
     fundamentals: Mapping[str, float]
     rms_band: Band | None = None
-    search: float = 0.02
+    speed: float | None = None
+    average_blocks: int = 1
+    search: float = SEARCH
     precision: Precision = "float32"
     effort: Effort = "estimate"
 
@@ -82,9 +87,12 @@ class BlockFeatures:
         bpfo_amplitude: (6,) BPFO harmonics of the raw spectrum, m/s2; 0 where ``bpfo_resolved`` is False.
         bpfo_resolved: (6,) whether the raw spectrum shows the harmonic: inside it, in the RMS band, four bins apart.
         a_star: root of the sum of squares of the first five (Eq. 57), m/s2.
-        lines: for each band, in order, the lines of each fault family.
+        lines: for each band, in order, the lines of each fault family in the block's own envelope spectrum, m/s2.
         envelopes: the envelope spectrum of each band, of this block alone.
-        averaged: the spectra in which the lines were sought: ``envelopes``, or their average with those given.
+        sought: for each band the spectrum in which the families were sought, relative to the mean envelope: that of
+            the block, or its average with the recent ones.
+        families: the families found in each of them.
+        recent: the recent spectra, this block's included.
         speed_factor: that of the detected family that stands highest above its threshold, or None where none is
             detected.
         values: what each of ``FUNCTIONS`` gives, by name.
@@ -98,7 +106,9 @@ class BlockFeatures:
     a_star: float
     lines: tuple[Mapping[str, FaultLines], ...]
     envelopes: tuple[EnvelopeSpectrum, ...]
-    averaged: tuple[EnvelopeSpectrum, ...]
+    sought: tuple[LineSpectrum, ...]
+    families: tuple[Mapping[str, FaultLines], ...]
+    recent: RecentSpectra
     speed_factor: float | None
     values: Mapping[str, Value] = field(default_factory=dict)
 
@@ -152,10 +162,7 @@ def fundamentals(kinematics: Kinematics) -> dict[str, float]:
 
 
 def block_features(
-    x: NDArray[np.number],
-    rate: float,
-    settings: FeatureSettings,
-    earlier: Sequence[tuple[EnvelopeSpectrum, ...]] = (),
+    x: NDArray[np.number], rate: float, settings: FeatureSettings, recent: RecentSpectra | None = None
 ) -> BlockFeatures:
     """Return the features of one block of one channel.
 
@@ -163,11 +170,11 @@ def block_features(
         x: (n_samples,) acceleration, m/s2, any real type; not written to.
         rate: its sampling rate, Hz.
         settings: of the channel.
-        earlier: ``envelopes`` of the neighbouring blocks to average with (short records), of equal length.
+        recent: spectra of the neighbouring blocks to average with, or None.
 
     Raises:
-        ValueError: if the rate is not the one of the settings, the block is too short for its bands, a sample is not
-            finite, or an earlier spectrum does not fit. The quality stage keeps such blocks from coming here.
+        ValueError: if the rate is not the one of the settings, the block is too short for its bands, or a sample is not
+            finite. The quality stage rejects such blocks before.
     """
     if rate != settings.rate:
         raise ValueError(f"the settings are for {settings.rate:g} Hz, the block has {rate:g} Hz")
@@ -184,13 +191,21 @@ def block_features(
         effort=settings.effort,
     )
     spectra = transform(x)
-    averaged = _averaged(spectra.envelopes, earlier)
-    lines = tuple(envelope_lines(envelope, settings) for envelope in averaged)
-    leader = _leader(lines, FAULTS)
-    raw = _raw_lines(spectra.raw, _leader(lines, ("outer",)), settings)
+    relative = tuple(_relative(envelope, settings) for envelope in spectra.envelopes)
+    recent = (recent or RecentSpectra()).add(relative, settings.average_blocks)
+    sought = tuple(
+        line_spectrum(amplitude, envelope.resolution, speed=settings.speed, n_averages=recent.count)
+        for amplitude, envelope in zip(
+            recent.averages() if recent.count > 1 else relative, spectra.envelopes, strict=True
+        )
+    )
+    families = tuple(_families(spectrum, settings) for spectrum in sought)
+    lines = tuple(map(partial(_own_lines, settings, averaged=recent.count > 1), spectra.envelopes, relative, families))
+    raw = _raw_lines(spectra.raw, _leader(families, ("outer",)), settings)
     shown = raw.resolved & _inside(settings.rms_band, outer * raw.speed_factor)
     amplitude = np.where(shown, raw.amplitude, 0.0)
     indicators = time_indicators(x)
+    leader = _leader(families, FAULTS)
     found = BlockFeatures(
         n_used=spectra.n_used,
         rms=indicators.rms if spectra.band_rms is None else spectra.band_rms,
@@ -200,47 +215,62 @@ def block_features(
         a_star=float(np.sqrt(np.sum(np.square(amplitude[:N_HARMONICS])))),
         lines=lines,
         envelopes=spectra.envelopes,
-        averaged=averaged,
+        sought=sought,
+        families=families,
+        recent=recent,
         speed_factor=None if leader is None else leader.speed_factor,
     )
     return replace(found, values={name: function(x, found) for name, function in FUNCTIONS.items()})
 
 
-def envelope_lines(envelope: EnvelopeSpectrum, settings: FeatureSettings) -> dict[str, FaultLines]:
-    """Return the lines of each fault family in one (averaged) envelope spectrum."""
+def highest_rival(fundamentals: Mapping[str, float], speed: float | None) -> float:
+    """Return the highest fundamental that competes with the families: ten shaft speeds, or a tenth above them, Hz."""
+    return max(10.0 * (speed or 0.0), 1.1 * max(fundamentals.values()))
+
+
+def _relative(envelope: EnvelopeSpectrum, settings: FeatureSettings) -> NDArray[np.float32]:
+    """Return an envelope spectrum over the mean envelope, as far as combs are sought."""
+    highest = N_HARMONICS * highest_rival(settings.fundamentals, settings.speed) * 1.05
+    needed = math.ceil(highest / envelope.resolution) + 10
+    mean = max(envelope.mean, float(np.finfo(np.float32).tiny))
+    return np.asarray(envelope.amplitude[:needed], dtype=np.float32) / np.float32(mean)
+
+
+def _families(spectrum: LineSpectrum, settings: FeatureSettings) -> dict[str, FaultLines]:
+    """Return the lines of each fault family, each at its own speed factor."""
     return {
-        fault: fault_lines(
-            envelope.amplitude,
-            envelope.resolution,
-            settings.fundamentals[fault],
-            n_harmonics=N_HARMONICS,
-            search=settings.search,
-            n_averages=envelope.n_averages,
-        )
+        fault: fault_lines(spectrum, settings.fundamentals[fault], n_harmonics=N_HARMONICS, search=settings.search)
         for fault in FAULTS
+    }
+
+
+def _own_lines(
+    settings: FeatureSettings,
+    envelope: EnvelopeSpectrum,
+    relative: NDArray[np.float32],
+    families: Mapping[str, FaultLines],
+    *,
+    averaged: bool,
+) -> dict[str, FaultLines]:
+    """Return the lines of the block itself, m/s2, at the speed factors of the families found in the average."""
+    if not averaged:
+        return {fault: found.scaled(envelope.mean) for fault, found in families.items()}
+    own = line_spectrum(relative, envelope.resolution, speed=settings.speed)
+    return {
+        fault: fault_lines(own, settings.fundamentals[fault], speed_factor=found.speed_factor).scaled(envelope.mean)
+        for fault, found in families.items()
     }
 
 
 def _raw_lines(raw: AmplitudeSpectrum, found: FaultLines | None, settings: FeatureSettings) -> FaultLines:
     """BPFO harmonics of the raw spectrum, at the speed that the envelope shows, or else at the best one."""
     return fault_lines(
-        raw.amplitude,
-        raw.resolution,
+        line_spectrum(raw.amplitude, raw.resolution, speed=settings.speed),
         settings.fundamentals["outer"],
         n_harmonics=N_RAW_HARMONICS,
         search=settings.search,
         speed_factor=None if found is None else found.speed_factor,
     )
-
-
-def _averaged(
-    envelopes: tuple[EnvelopeSpectrum, ...], earlier: Sequence[tuple[EnvelopeSpectrum, ...]]
-) -> tuple[EnvelopeSpectrum, ...]:
-    if not earlier:
-        return envelopes
-    if any(len(spectra) != len(envelopes) for spectra in earlier):
-        raise ValueError(f"earlier: expected {len(envelopes)} envelope spectra of each block, one for each band")
-    return tuple(average_envelopes(bands) for bands in zip(*earlier, envelopes, strict=True))
 
 
 def _leader(lines: Sequence[Mapping[str, FaultLines]], faults: Sequence[str]) -> FaultLines | None:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing, kinematics
+from monitor.health.spectrum.comb import MIN_FLOOR_BINS, noise_floor
 from monitor.health.spectrum.transform import AmplitudeSpectrum, Band, get_transform
 
 SHAFT_ORDERS = 8
@@ -24,7 +25,6 @@ _SLIP = np.linspace(-0.02, 0.01, 13)
 """Of cage and passages against pure rolling, as in the search for fault lines."""
 _CAP = 4.0
 """Most that one line adds, ln of power over the floor: a comb is several lines, not one tall one."""
-_FLOOR_WIDTH = 61
 _STEP = 0.3
 """Step of the search, in bins at the highest multiple of the shaft."""
 _NEAR = 0.015
@@ -71,13 +71,10 @@ class SpeedEstimate:
 
 def whitened(spectrum: AmplitudeSpectrum) -> NDArray[np.float64]:
     """Return ln(power over local floor) of each bin, a constant taken off for noise, between 0 and the cap."""
-    # Everything that reads a configuration imports this module, and hardly anything estimates a speed.
-    from scipy.ndimage import median_filter
-
     power = np.square(spectrum.amplitude, dtype=np.float64)
-    floor = median_filter(power, size=min(_FLOOR_WIDTH, power.size), mode="nearest") / math.log(2.0)
     tiny = np.finfo(np.float64).tiny
-    height = np.clip(np.log(np.maximum(power, tiny) / np.maximum(floor, tiny)) - math.log(3.0), 0.0, _CAP)
+    floor = np.maximum(noise_floor(power, MIN_FLOOR_BINS), tiny)
+    height = np.clip(np.log(np.maximum(power, tiny) / floor) - math.log(3.0), 0.0, _CAP)
     height[:3] = 0.0
     return height
 

@@ -62,12 +62,10 @@ class EnvelopeSpectrum(AmplitudeSpectrum):
     Attributes:
         band: (lo, hi) of the demodulated band, Hz.
         mean: mean of the envelope, in the unit of the signal.
-        n_averages: how many spectra were averaged in power to give this one.
     """
 
     band: Band
     mean: float
-    n_averages: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,36 +307,3 @@ def get_transform(
             kept.popitem(last=False)
     kept.move_to_end(key)
     return transform
-
-
-def average_spectra(amplitudes: Sequence[NDArray[np.floating]]) -> NDArray[np.float64]:
-    """Return the amplitude spectrum of the mean power of several: (n_bins,) arrays of equal length.
-
-    Raises:
-        ValueError: if there are none, or their lengths differ.
-    """
-    if not amplitudes:
-        raise ValueError("there is no spectrum to average")
-    if len({a.shape for a in amplitudes}) > 1:
-        raise ValueError(f"spectra of different lengths cannot be averaged: {sorted({a.size for a in amplitudes})}")
-    power = np.zeros(amplitudes[0].shape)
-    for amplitude in amplitudes:
-        power += np.square(amplitude, dtype=np.float64)
-    return np.sqrt(power / len(amplitudes))
-
-
-def average_envelopes(spectra: Sequence[EnvelopeSpectrum]) -> EnvelopeSpectrum:
-    """Return the average, in power, of the envelope spectra of one band over neighbouring blocks.
-
-    Raises:
-        ValueError: if there are none, or they are of different bands, resolutions or lengths.
-    """
-    amplitude = average_spectra([s.amplitude for s in spectra])
-    first = spectra[0]
-    if any(s.band != first.band or s.resolution != first.resolution for s in spectra):
-        raise ValueError("envelope spectra of different bands or resolutions cannot be averaged")
-    weights = [s.n_averages for s in spectra]
-    if len(set(weights)) > 1:
-        raise ValueError(f"envelope spectra that are averages of different counts cannot be averaged: {weights}")
-    mean = sum(s.mean for s in spectra) / len(spectra)
-    return EnvelopeSpectrum(first.resolution, amplitude, first.band, mean, n_averages=sum(weights))

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from models.bearing import Bearing, kinematics
+from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
 from tests.effort import effort_count
 from tests.oracles import features_oracle as oracle
@@ -70,11 +71,11 @@ def test_raw_harmonics_and_a_star(kind: str) -> None:
 
 def test_raw_harmonics_take_the_speed_that_the_envelope_shows() -> None:
     t = np.arange(64_000) / RATE
-    x = modulated(64_000, 98.6, DEPTHS, noise=0.05) + 0.2 * np.cos(2.0 * np.pi * 98.6 * t)
+    x = modulated(64_000, 98.8, DEPTHS, noise=0.05) + 0.2 * np.cos(2.0 * np.pi * 98.8 * t)
     # A stronger line beside it, that a search of the raw spectrum alone would take.
     x += 0.5 * np.cos(2.0 * np.pi * 97.0 * t)
     features = block_features(x, RATE, SETTINGS)
-    assert features.lines[0]["outer"].speed_factor == pytest.approx(98.6 / 97.8, abs=1e-4)
+    assert features.lines[0]["outer"].speed_factor == pytest.approx(98.8 / 97.8, abs=1e-4)
     assert features.bpfo_amplitude[0] == pytest.approx(0.2, rel=0.05)
 
 
@@ -107,29 +108,32 @@ def test_noise_is_not_detected() -> None:
 
 
 def test_short_records_are_averaged_with_their_neighbours() -> None:
-    settings_ = FeatureSettings(
-        RATE, ((1000.0, 12_000.0),), {"outer": 154.3, "inner": 203.2, "ball": 197.4, "cage": 11.9}
-    )
+    alone = FeatureSettings(RATE, ((1000.0, 12_000.0),), {"outer": 154.3, "inner": 203.2, "ball": 197.4, "cage": 11.9})
+    together = dataclasses.replace(alone, average_blocks=24)
     rng = np.random.default_rng(3)
     t = np.arange(2560) / RATE
-    earlier: list[tuple] = []
+    recent = RecentSpectra()
     single: list[bool] = []
     features: BlockFeatures | None = None
+    x = np.zeros(0)
     for k in range(24):
         # One record alone seldom shows lines as weak as these.
         depth = 1.0 + 0.08 * sum(np.cos(2.0 * np.pi * 154.3 * h * (t + 0.37 * k)) for h in (1, 2, 3))
         x = depth * rng.standard_normal(2560)
-        single.append(block_features(x, RATE, settings_).lines[0]["outer"].detected)
-        features = block_features(x, RATE, settings_, earlier)
-        earlier.append(features.envelopes)
+        single.append(block_features(x, RATE, alone).families[0]["outer"].detected)
+        features = block_features(x, RATE, together, recent)
+        recent = features.recent
     assert features is not None
-    assert features.averaged[0].n_averages == 24
-    assert features.envelopes[0].n_averages == 1
-    assert features.lines[0]["outer"].detected
+    assert recent.count == features.sought[0].n_averages == 24
+    assert features.families[0]["outer"].detected
     assert sum(single) < 12
-    assert not features.lines[0]["cage"].resolved.any()
-    with pytest.raises(ValueError, match="one for each band"):
-        block_features(np.ones(2560), RATE, settings_, [earlier[0] * 2])
+    assert not features.families[0]["cage"].resolved.any()
+    # What was found in the average is read from the block's own spectrum at that speed.
+    assert features.lines[0]["outer"].speed_factor == features.families[0]["outer"].speed_factor
+    assert features.lines[0]["outer"].threshold > features.families[0]["outer"].threshold
+    # Spectra of another number of bands are not averaged with the earlier ones.
+    both = dataclasses.replace(together, bands=(*together.bands, (2000.0, 9000.0)))
+    assert block_features(x, RATE, both, recent).recent.count == 1
 
 
 @pytest.mark.parametrize("value", [0.0, 1.5])

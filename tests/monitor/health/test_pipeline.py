@@ -21,7 +21,7 @@ from monitor.health.output import ChannelOutput, record_values
 from monitor.health.quality import Verdict, with_flags
 from monitor.health.record import Record
 from monitor.health.settings import ChannelSettings
-from monitor.health.spectrum.average import Spectra
+from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.votes import ENOUGH_VOTES
 from monitor.health.state import ChannelState
 from tests.signals import HealthyMachine, bearing_lines, impacts
@@ -306,10 +306,10 @@ def test_what_the_detector_takes_is_in_the_features() -> None:
 
 
 def test_spectra_of_another_length_start_anew() -> None:
-    rows = Spectra().add((np.ones(50, np.float32),), 4).add((np.ones(50, np.float32),), 4)
+    rows = RecentSpectra().add((np.ones(50, np.float32),), 4).add((np.ones(50, np.float32),), 4)
     assert rows.count == 2
     assert rows.add((np.ones(60, np.float32),), 4).count == 1
-    assert Spectra.from_list(json.loads(json.dumps(rows.to_list()))) == rows
+    assert RecentSpectra.from_list(json.loads(json.dumps(rows.to_list()))) == rows
 
 
 def test_a_state_of_another_version_is_refused() -> None:

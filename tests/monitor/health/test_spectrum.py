@@ -12,9 +12,6 @@ from scipy.fft import next_fast_len, prev_fast_len
 from monitor.health.spectrum import plans
 from monitor.health.spectrum.transform import (
     BlockTransform,
-    EnvelopeSpectrum,
-    average_envelopes,
-    average_spectra,
     band_bins,
     fast_length,
     get_transform,
@@ -262,23 +259,3 @@ def test_estimate_gives_the_same_bits_whatever_was_measured_before() -> None:
     finally:
         plans.forget_wisdom()
         plans.import_wisdom(kept)
-
-
-def test_spectra_are_averaged_in_power() -> None:
-    np.testing.assert_allclose(average_spectra([np.array([3.0, 0.0]), np.array([4.0, 2.0])]), [12.5**0.5, 2.0**0.5])
-    with pytest.raises(ValueError, match="no spectrum"):
-        average_spectra([])
-    with pytest.raises(ValueError, match="different lengths"):
-        average_spectra([np.zeros(3), np.zeros(4)])
-
-
-def test_envelopes_of_the_same_band_are_averaged() -> None:
-    a = EnvelopeSpectrum(10.0, np.array([0.0, 3.0]), (1.0, 2.0), 1.0)
-    b = EnvelopeSpectrum(10.0, np.array([0.0, 4.0]), (1.0, 2.0), 3.0)
-    mean = average_envelopes([a, b])
-    assert (mean.n_averages, mean.mean, mean.band, mean.resolution) == (2, 2.0, (1.0, 2.0), 10.0)
-    assert average_envelopes([mean, mean]).n_averages == 4
-    with pytest.raises(ValueError, match="bands or resolutions"):
-        average_envelopes([a, EnvelopeSpectrum(10.0, np.zeros(2), (1.0, 3.0), 1.0)])
-    with pytest.raises(ValueError, match="different counts"):
-        average_envelopes([a, mean])
