@@ -1,7 +1,8 @@
 """A store of an earlier commit is opened, migrated, and goes on as if nothing had happened.
 
 The store ends amid a life, in the final stage. All files of the folder are made with the baseline commit by
-``python -m benchmarks.regression --keep-store tests/data/store_baseline``.
+``python -m benchmarks.regression --keep-store tests/data/store_baseline``; the columns named under ``renewed`` in
+expected.json are those after the single comb, which changed them on purpose.
 """
 
 from __future__ import annotations
