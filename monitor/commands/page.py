@@ -10,7 +10,7 @@ import click
 from monitor.commands import option
 from monitor.commands.common import read_config
 from monitor.config.fleet import load_fleet
-from monitor.service.logs import set_up_log
+from monitor.service.systemd import set_up_log
 
 
 @click.command("page")

@@ -15,7 +15,7 @@ import click
 from monitor.commands import option
 from monitor.commands.common import read_config
 from monitor.config.load import ConfigError
-from monitor.service.logs import set_up_log
+from monitor.service.systemd import set_up_log
 
 
 @click.command("run")

@@ -1,7 +1,7 @@
-"""The archive of forecasts: every one as it was issued, so that it can be scored once the end is known.
+"""The archive of forecasts as issued, which are scored once the end is known.
 
-A forecast is committed with the record that it came with and is never changed. Its body is what the record says of it,
-word for word; the columns beside it say when it was committed, up to when it knew data, and what it leaned on.
+A forecast is committed with its record and never changed. Its body is that of the record; further columns hold the
+time of the commit, the time of the latest data, and the hashes of its inputs.
 """
 
 from __future__ import annotations
@@ -38,22 +38,17 @@ class Archived:
     """One forecast as it was issued.
 
     Attributes:
-        source: source of the block that it came with.
-        block: number of that block.
+        source, block: of the block that it came with.
         dated: whether ``data_until`` is UTC seconds since 1970 rather than seconds from the first block.
-        channel: that it is about.
-        method: "thesis", "library", ...
         threshold_mm2: V_th, mm3 per mm.
         status: as in ``monitor.health.schema.TT_STATUSES``.
         issued_utc: when it was committed, UTC seconds since 1970, which for a replay is when it was replayed; None
             where a store of an older version did not keep it.
-        data_until: time of the latest block that it knew.
+        data_until: time of its latest block, s.
         tt_s: time to threshold (the median where there is a distribution), s, or None.
         interval_level: probability of its interval, or None for a single number.
         quantiles: seconds by level, rising; empty without a value.
-        library_hash: of the library it leaned on, or None.
-        map_hash: of the RMS map, or None.
-        config_hash: of the configuration, or None.
+        library_hash, map_hash, config_hash: of its inputs, or None.
     """
 
     source: str
@@ -79,13 +74,10 @@ def forecast_values(
     """Return what stands in the ``COLUMNS`` for one forecast.
 
     Args:
-        body: as in :class:`monitor.health.record.Record`. Keys known here: ``channel``, ``method``,
-            ``threshold_mm2``, ``status``, ``tt_s``, ``tt_lower_s``, ``tt_upper_s``, ``interval``, ``quantiles_s``
-            (an object of seconds by level), ``library_hash``, ``map_hash``.
-        run: attributes of the run that commits it (:meth:`monitor.records.store.Store.describe`), for what the body
-            does not say: ``interval_level``, ``library_hash``, ``map_hash``, ``config_hash``; each one value, or values
-            by channel as "NAME: VALUE; NAME: VALUE".
-        data_until: time of the latest block that it knew, s.
+        body: as in :class:`monitor.health.record.Record`; ``quantiles_s`` is an object of seconds by level.
+        run: attributes of the run (:meth:`monitor.records.store.Store.describe`), for what the body lacks; each one
+            value, or values by channel as "NAME: VALUE; NAME: VALUE".
+        data_until: time of its latest block, s.
         issued_utc: when it was committed, UTC seconds since 1970, or None where unknown.
     """
     channel = body.get("channel")
@@ -109,16 +101,7 @@ def insert_forecasts(
     data_until: float,
     issued_utc: float,
 ) -> None:
-    """Archive the forecasts of one block, within the transaction that commits it.
-
-    Args:
-        connection: of the store, inside a transaction.
-        block: number in the ledger.
-        bodies: the forecasts, as the record has them.
-        run: attributes of the run.
-        data_until: time of the block on its axis, s.
-        issued_utc: now, UTC seconds since 1970.
-    """
+    """Archive the forecasts of a block within its transaction; arguments as of :func:`forecast_values`."""
     marks = ", ".join("?" for _ in range(2 + len(COLUMNS)))
     connection.executemany(
         f"INSERT INTO forecasts (block, body, {', '.join(COLUMNS)}) VALUES ({marks})",

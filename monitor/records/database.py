@@ -1,4 +1,4 @@
-"""The tables of ``state.db``, and opening a database file that may be anything."""
+"""The tables of ``state.db``: open, check, make and migrate them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, Self
 
 from models.errors import WrongInputError
@@ -67,7 +66,6 @@ CREATE TABLE published (
 ) WITHOUT ROWID;
 """
 
-
 _SPECTRA = """
 CREATE TABLE IF NOT EXISTS spectra (
     source TEXT NOT NULL, channel TEXT NOT NULL, sequence INTEGER NOT NULL, time REAL, kind INTEGER NOT NULL,
@@ -75,7 +73,6 @@ CREATE TABLE IF NOT EXISTS spectra (
 )
 """
 """Outside the versions of the schema: made where it is missing when a store is opened for writing."""
-
 
 _ROLLUP = """
 CREATE TABLE IF NOT EXISTS rollup (
@@ -96,6 +93,22 @@ class UnstorableError(StoreError):
     """A record does not fit the tables; repeating the commit is useless, the store itself is intact."""
 
 
+class Closing:
+    """Base of what a ``with`` statement closes at its end."""
+
+    def close(self) -> None:
+        """Close it; closing twice does nothing."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        """Return the object itself."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Close it."""
+        self.close()
+
+
 class Presence:
     """Detects that an open database was removed or replaced: SQLite would go on in the removed file."""
 
@@ -105,11 +118,7 @@ class Presence:
         self._files: list[tuple[int, int] | None] = [None, None]
 
     def check(self) -> None:
-        """Compare the files with those of the first call, within a transaction.
-
-        Raises:
-            StoreError: the database or its log is removed or replaced at present.
-        """
+        """Compare the files with those of the first call, within a transaction; StoreError where they differ."""
         files = [_identity(path) for path in self._paths]
         self._files = [first or now for first, now in zip(self._files, files, strict=True)]
         for path, first, now in zip(self._paths, self._files, files, strict=True):
@@ -132,7 +141,7 @@ def refuse_unsuitable(path: Path, *, create: bool, look_inside: bool = True) -> 
     """Refuse files and file systems that cannot hold a store; return whether the store has to be made.
 
     Args:
-        path: database file, existing or to be made.
+        path: database file.
         create: whether a missing store is made.
         look_inside: whether to check the first bytes of the file. False where this process may have it open: closing a
             file releases all POSIX locks of the process on it, also those of SQLite.
@@ -168,11 +177,7 @@ def refuse_unsuitable(path: Path, *, create: bool, look_inside: bool = True) -> 
 
 
 def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
-    """Open the database, make its tables if it is new, and check its version; a writer migrates an older one.
-
-    Raises:
-        StoreError: naming the file and the cause.
-    """
+    """Open the database, make its tables if it is new, and check its version; a writer migrates an older one."""
     try:
         connection = sqlite3.connect(
             f"{path.absolute().as_uri()}?mode={'ro' if read_only else 'rwc'}",
@@ -238,11 +243,7 @@ def _migrate(connection: sqlite3.Connection, found: int) -> None:
 
 
 def _check_version(connection: sqlite3.Connection, path: Path) -> int:
-    """Return the version of the tables.
-
-    Raises:
-        StoreError: a database of another program, or of a newer version.
-    """
+    """Return the version of the tables; raise StoreError where they are of another program or a newer version."""
     if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
         raise StoreError(f"{path}: is a database of another program, not a store of records")
     row = connection.execute("SELECT value FROM meta WHERE key = 'schema_version'").fetchone()
@@ -254,7 +255,7 @@ def _check_version(connection: sqlite3.Connection, path: Path) -> int:
     return int(found)
 
 
-class SharedConnection:
+class SharedConnection(Closing):
     """A connection beside that of the store's writer, for one statement at a time from any thread.
 
     All methods raise :class:`StoreError`, naming the file, where the database cannot be opened, read or written, and
@@ -269,13 +270,13 @@ class SharedConnection:
         synchronous: Literal["FULL", "NORMAL"] = "FULL",
         tables: tuple[str, ...] = (),
     ) -> None:
-        """Open the database of a store.
+        """Open the database of a store, which must exist.
 
         Args:
-            path: the database file, which must exist.
-            write: whether more than reading is done; each statement is then a transaction of its own.
+            path: the database file.
+            write: whether statements write; each is then a transaction of its own.
             synchronous: FULL: what was written survives a power cut; NORMAL: the latest of it may be lost.
-            tables: statements that make missing tables, which need ``write``.
+            tables: statements that make missing tables; they need ``write``.
         """
         self._path = path
         self._lock = threading.Lock()
@@ -317,13 +318,3 @@ class SharedConnection:
         """Close the connection; closing twice does nothing."""
         with self._lock:
             self._connection.close()
-
-    def __enter__(self) -> Self:
-        """Return the connection itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close it."""
-        self.close()

@@ -41,16 +41,11 @@ _LEDGER_TEXTS = {
 
 
 def to_dataset(items: Iterable[Stored], *, dated: bool, attributes: Mapping[str, Any]) -> xr.Dataset:
-    """Build the dataset of some records.
+    """Build the dataset of records in any order, with global attributes.
 
-    Args:
-        items: records as they are stored, in any order.
-        dated: whether the time axis is UTC rather than seconds from the first block.
-        attributes: global attributes, plain values.
-
-    Returns:
-        Dataset with dimensions ``time``, ``channel``, ``fault``, ``harmonic``, ``bpfo_harmonic``, ``coefficient``, and
-        ``band`` and ``threshold`` where there are several. SI values, NaN where there is none.
+    Its time axis is UTC where ``dated``, else seconds from the first block. Dimensions are ``time``, ``channel``,
+    ``fault``, ``harmonic``, ``bpfo_harmonic``, ``coefficient``, and ``band`` and ``threshold`` where there are several.
+    Values are SI, NaN where there is none.
     """
     rows = sorted(items, key=lambda item: (item.filing.time, item.source, item.sequence))
     groups = _groups(rows)
@@ -72,14 +67,7 @@ def to_dataset(items: Iterable[Stored], *, dated: bool, attributes: Mapping[str,
 
 
 def words(array: xr.DataArray) -> NDArray[np.object_]:
-    """Decode a variable of words: "" where there is no value, words of a mask joined by "|".
-
-    Args:
-        array: integers with the CF attributes ``flag_values`` or ``flag_masks``, and ``flag_meanings``.
-
-    Returns:
-        Strings, same shape.
-    """
+    """Decode integers with CF flag attributes to strings, "" without a value, words of a mask joined by "|"."""
     meanings = str(array.attrs["flag_meanings"]).split()
     values = np.asarray(array.values)
     result = np.full(values.shape, "", dtype=object)
@@ -138,7 +126,7 @@ def _groups(rows: Sequence[Stored]) -> list[_Group]:
 
 
 def _ledger(rows: Sequence[Stored]) -> dict[str, xr.Variable]:
-    """Build the variables over time alone: what each block was and what became of it."""
+    """Build the variables over time alone: the ledger entries."""
     variables = {
         name: xr.Variable(
             "time", np.array([getattr(row, name) for row in rows], dtype=object), {"long_name": long_name}

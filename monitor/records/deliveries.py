@@ -10,8 +10,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from monitor.records.database import SharedConnection
 
@@ -43,7 +41,7 @@ class Delivered:
     sent: tuple[float, ...] = ()
 
 
-class Deliveries:
+class Deliveries(SharedConnection):
     """The progress of all notification channels; its methods may be called from any thread.
 
     All raise :class:`monitor.records.database.StoreError` where the database cannot be read or written. A write is one
@@ -52,27 +50,23 @@ class Deliveries:
 
     def __init__(self, path: Path) -> None:
         """Open the store at ``path``, and make the tables that it lacks."""
-        self._shared = SharedConnection(path, write=True, synchronous="NORMAL", tables=_TABLES)
+        super().__init__(path, write=True, synchronous="NORMAL", tables=_TABLES)
         # Checkpoints are left to the connection that commits blocks.
-        self._shared.rows("PRAGMA wal_autocheckpoint = 0")
+        self.rows("PRAGMA wal_autocheckpoint = 0")
 
     def begin(self, channels: Sequence[str], utc: float) -> None:
         """Set the progress of new channels to the end of the log, and delete that of removed channels.
 
-        A notice of a salvage that is less than a day old is delivered by new channels, too.
-
-        Args:
-            channels: names of all channels.
-            utc: now, seconds since 1970.
+        New channels also deliver a notice of a salvage that is less than a day old at ``utc``, seconds since 1970.
         """
         event, notice = self._end()
-        for channel, *_ in self._shared.rows("SELECT way FROM told"):
+        for channel, *_ in self.rows("SELECT way FROM told"):
             if channel not in channels:
-                self._shared.rows("DELETE FROM told WHERE way = ?", channel)
+                self.rows("DELETE FROM told WHERE way = ?", channel)
         for channel in channels:
             known = self.progress(channel)
             if known is None:
-                salvage = self._shared.rows(_SALVAGE, utc - _SALVAGE_NEWS_S)[0][0]
+                salvage = self.rows(_SALVAGE, utc - _SALVAGE_NEWS_S)[0][0]
                 self.save(channel, Delivered(event, notice if salvage is None else salvage))
             elif known.event > event or known.notice > notice:
                 # The store was made anew and has fewer of them.
@@ -81,7 +75,7 @@ class Deliveries:
 
     def progress(self, channel: str) -> Delivered | None:
         """Return the progress of a channel, or None where it is new."""
-        found = self._shared.rows("SELECT event, notice, left_out, sent FROM told WHERE way = ?", channel)
+        found = self.rows("SELECT event, notice, left_out, sent FROM told WHERE way = ?", channel)
         if not found:
             return None
         event, notice, left_out, sent = found[0]
@@ -91,34 +85,20 @@ class Deliveries:
         """Write the progress of a channel."""
         sent = json.dumps([round(item, 1) for item in progress.sent])
         values = (channel, progress.event, progress.notice, progress.left_out, sent)
-        self._shared.rows("INSERT OR REPLACE INTO told VALUES (?, ?, ?, ?, ?)", *values)
+        self.rows("INSERT OR REPLACE INTO told VALUES (?, ?, ?, ?, ?)", *values)
 
     def mark_found(self, utc: float) -> None:
         """Note that all events up to the newest are found by now; delete marks that no channel needs any more."""
         event = self._end()[0]
-        if event and not self._shared.rows("SELECT 1 FROM event_marks WHERE event >= ? LIMIT 1", event):
-            self._shared.rows("INSERT OR IGNORE INTO event_marks VALUES (?, ?)", event, utc)
-            self._shared.rows("DELETE FROM event_marks WHERE event < (SELECT min(event) FROM told)")
+        if event and not self.rows("SELECT 1 FROM event_marks WHERE event >= ? LIMIT 1", event):
+            self.rows("INSERT OR IGNORE INTO event_marks VALUES (?, ?)", event, utc)
+            self.rows("DELETE FROM event_marks WHERE event < (SELECT min(event) FROM told)")
 
     def found(self, event: int) -> float | None:
         """Return when an event was found, UTC seconds since 1970, or None where that was not noted."""
-        rows = self._shared.rows("SELECT utc FROM event_marks WHERE event >= ? ORDER BY event LIMIT 1", event)
+        rows = self.rows("SELECT utc FROM event_marks WHERE event >= ? ORDER BY event LIMIT 1", event)
         return rows[0][0] if rows else None
 
     def _end(self) -> tuple[int, int]:
-        ends = [self._shared.rows(f"SELECT coalesce(max(id), 0) FROM {table}")[0][0] for table in ("events", "notices")]
+        ends = [self.rows(f"SELECT coalesce(max(id), 0) FROM {table}")[0][0] for table in ("events", "notices")]
         return ends[0], ends[1]
-
-    def close(self) -> None:
-        """Close the connection; closing twice does nothing."""
-        self._shared.close()
-
-    def __enter__(self) -> Self:
-        """Return the deliveries themselves."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the connection."""
-        self.close()

@@ -50,15 +50,7 @@ def note_block(
     forecasts: Iterable[Mapping[str, Any]],
     events: Iterable[Mapping[str, Any]],
 ) -> None:
-    """Write the digests of a block within its transaction.
-
-    Args:
-        connection: of the store, inside a transaction.
-        block: number in the ledger.
-        ledger: the ledger entry, see :func:`ledger_digest`.
-        packed: layout and row.
-        forecasts, events: of the record.
-    """
+    """Write the digests of a block within its transaction; arguments as of the two digests."""
     content = content_digest(*packed, map(json.dumps, forecasts), map(json.dumps, events))
     values = (block, ledger_digest(ledger), content)
     connection.execute("INSERT INTO digests (block, ledger, content) VALUES (?, ?, ?)", values)

@@ -11,8 +11,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from monitor.records.database import SharedConnection
 
@@ -74,7 +73,7 @@ class LoggedEvent:
         return not self.acknowledgements and self.body.get("kind") not in WITHOUT_ACKNOWLEDGEMENT
 
 
-class EventLog:
+class EventLog(SharedConnection):
     """The log of a store, on a connection of its own; its methods may be called from any thread.
 
     All raise :class:`StoreError` where the database cannot be read or written.
@@ -82,26 +81,26 @@ class EventLog:
 
     def __init__(self, path: Path) -> None:
         """Open the log of the store at ``path``, and make the tables that it lacks."""
-        self._shared = SharedConnection(path, write=True, tables=_TABLES)
+        super().__init__(path, write=True, tables=_TABLES)
 
     def events(self, *, limit: int = 200, before: int | None = None) -> list[LoggedEvent]:
         """Return the newest events of blocks, newest first, with numbers below ``before`` where it is given."""
         condition, values = ("", ()) if before is None else ("WHERE events.id < ?", (before,))
         query = f"{_EVENTS} {condition} ORDER BY events.id DESC LIMIT ?"
-        return [self._logged(row[1:]) for row in self._shared.rows(query, *values, limit)]
+        return [self._logged(row[1:]) for row in self.rows(query, *values, limit)]
 
     def after(self, number: int, *, limit: int = 500) -> list[tuple[int, LoggedEvent]]:
         """Return the oldest events after a number, with their numbers."""
-        rows = self._shared.rows(f"{_EVENTS} WHERE events.id > ? ORDER BY events.id LIMIT ?", number, limit)
+        rows = self.rows(f"{_EVENTS} WHERE events.id > ? ORDER BY events.id LIMIT ?", number, limit)
         return [(row[0], self._logged(row[1:])) for row in rows]
 
     def notices(self, *, limit: int = 200) -> list[LoggedEvent]:
         """Return the newest notices, newest first."""
-        return [self._logged(row[1:]) for row in self._shared.rows(f"{_NOTICES} ORDER BY id DESC LIMIT ?", limit)]
+        return [self._logged(row[1:]) for row in self.rows(f"{_NOTICES} ORDER BY id DESC LIMIT ?", limit)]
 
     def notices_after(self, number: int, *, limit: int = 500) -> list[tuple[int, LoggedEvent]]:
         """Return the oldest notices after a number, with their numbers."""
-        rows = self._shared.rows(f"{_NOTICES} WHERE id > ? ORDER BY id LIMIT ?", number, limit)
+        rows = self.rows(f"{_NOTICES} WHERE id > ? ORDER BY id LIMIT ?", number, limit)
         return [(row[0], self._logged(row[1:])) for row in rows]
 
     def event(self, name: str) -> LoggedEvent | None:
@@ -110,13 +109,13 @@ class EventLog:
         query, number = (f"{_NOTICES} WHERE id", name[1:]) if notice else (f"{_EVENTS} WHERE events.id", name)
         if not (number.isascii() and number.isdigit() and len(number) < 19):
             return None
-        found = self._shared.rows(f"{query} = ?", int(number))
+        found = self.rows(f"{query} = ?", int(number))
         return self._logged(found[0][1:]) if found else None
 
     def notice(self, utc: float, body: Mapping[str, Any]) -> str:
         """Add a notice, and return its name in the log."""
         text = json.dumps(body, allow_nan=False)
-        with self._shared.use() as connection:
+        with self.use() as connection:
             return f"n{connection.execute('INSERT INTO notices (utc, body) VALUES (?, ?)', (utc, text)).lastrowid}"
 
     def acknowledge(self, name: str, who: str, note: str, utc: float) -> LoggedEvent:
@@ -134,7 +133,7 @@ class EventLog:
         if found is None:
             raise ValueError(f"there is no event {name!r}")
         query = "INSERT INTO acknowledgements (event, utc, who, note) VALUES (?, ?, ?, ?)"
-        self._shared.rows(query, found.id, utc, who, note)
+        self.rows(query, found.id, utc, who, note)
         return self.event(name) or found
 
     def unacknowledged(self) -> int:
@@ -145,29 +144,15 @@ class EventLog:
         events = wanted.format(name="CAST(events.id AS TEXT)")
         notices = wanted.format(name="'n' || notices.id")
         query = f"SELECT (SELECT count(*) FROM events WHERE {events}) + (SELECT count(*) FROM notices WHERE {notices})"
-        return self._shared.rows(query)[0][0]
+        return self.rows(query)[0][0]
 
     def acknowledged_alarms(self, after: int = 0) -> Iterator[tuple[int, float, LoggedEvent]]:
         """Yield number, time (UTC seconds since 1970) and alarm of each acknowledgement after a number, in order."""
-        for number, utc, *event in self._shared.rows(_ACKNOWLEDGED, after):
+        for number, utc, *event in self.rows(_ACKNOWLEDGED, after):
             yield number, utc, self._logged(event)
 
     def _logged(self, row: Any) -> LoggedEvent:
         name, source, block, utc, body = row
         query = "SELECT who, utc, note FROM acknowledgements WHERE event = ? ORDER BY id"
-        given = tuple(Acknowledgement(*item) for item in self._shared.rows(query, name))
+        given = tuple(Acknowledgement(*item) for item in self.rows(query, name))
         return LoggedEvent(name, source, block, utc, json.loads(body), given)
-
-    def close(self) -> None:
-        """Close the log; closing twice does nothing."""
-        self._shared.close()
-
-    def __enter__(self) -> Self:
-        """Return the log itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the log."""
-        self.close()

@@ -1,4 +1,4 @@
-"""Where a record stands on the time axis, and a record as the tables hold it."""
+"""The place of a record on the time axis, and a record as the tables hold it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LAST_TIME = 253402300800.0
 
 
 class Filing(NamedTuple):
-    """Where a record stands on the time axis.
+    """The place of a record on the time axis.
 
     Attributes:
         day: UTC day as a number of days since 1970, or None for the undated axis.
@@ -33,10 +33,7 @@ class Stored(NamedTuple):
     """A record as it is stored.
 
     Attributes:
-        filing: where it stands on the time axis.
         layout: which place of ``row`` holds what, see :mod:`monitor.records.packing`.
-        row: its values.
-        source, sequence, name, content_hash, status, reason, time, elapsed: as in :class:`Record`.
         flags: the flags, separated by blanks.
         forecasts, events: JSON arrays.
     """

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterable
-from types import TracebackType
-from typing import Self
 
 from monitor.health.record import storable
-from monitor.records.database import SharedConnection
+from monitor.records.database import Closing, SharedConnection
 from monitor.records.store import Store
 from streams.block import Rejected
 from streams.ledger import FileProgress
@@ -33,7 +31,7 @@ SALVAGED_UP_TO = "salvaged_up_to"
 """Key in the table ``meta`` of the id of the last block that a salvage left in the store."""
 
 
-class StoreLedger:
+class StoreLedger(Closing):
     """A :class:`streams.ledger.Ledger` on an open store; reading is allowed from any thread.
 
     All methods raise :class:`StoreError` where the database cannot be read or written.
@@ -52,16 +50,6 @@ class StoreLedger:
     def close(self) -> None:
         """Close the ledger's own connection."""
         self._reader.close()
-
-    def __enter__(self) -> Self:
-        """Return the ledger itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the ledger."""
-        self.close()
 
     def committed(self, source: str) -> int:
         """Return the highest committed sequence number of a source, 0 where there is none."""

@@ -22,13 +22,11 @@ from monitor.health.schema import VARIABLES, Variable
 
 
 class Entry(NamedTuple):
-    """Where one value of a layout is.
+    """The place of one value in a row.
 
     Attributes:
-        channel: name of the channel.
-        variable: name of the variable.
-        shape: its shape, () for a single number; None where the value of several numbers is absent as a whole.
-        start: place of its first number in the row.
+        shape: () for a single number; None where a value of several numbers is absent as a whole.
+        start: place of its first number.
     """
 
     channel: str
@@ -91,11 +89,9 @@ def _entries(layout: str) -> Iterator[Entry]:
 
 @lru_cache(maxsize=256)
 def places_of(layout: str, names: tuple[str, ...]) -> dict[str, NDArray[np.intp]]:
-    """Return by channel where in the row the first number of each variable stands, -1 where it has none.
+    """Return by channel the places of the first number of each variable in the row, shape (name,), -1 for none.
 
-    Args:
-        layout: of the row.
-        names: variables; the places, shape (name,), are in their order. The result is cached: do not change it.
+    The result is cached: do not change it.
     """
     order = {name: place for place, name in enumerate(names)}
     places = {channel: np.full(len(names), -1, dtype=np.intp) for channel, _ in json.loads(layout)}
@@ -106,15 +102,7 @@ def places_of(layout: str, names: tuple[str, ...]) -> dict[str, NDArray[np.intp]
 
 
 def columns_of(numbers: NDArray[np.float64], places: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return the numbers at places of rows of one layout, NaN where the place is -1.
-
-    Args:
-        numbers: the rows, shape (row, number).
-        places: as :func:`places_of` gives them, shape (name,).
-
-    Returns:
-        Shape (row, name).
-    """
+    """Return the numbers of rows, shape (row, number), at places, shape (name,), NaN where the place is -1."""
     columns = np.full((numbers.shape[0], places.size), np.nan)
     there = places >= 0
     columns[:, there] = numbers[:, places[there]]

@@ -49,11 +49,10 @@ def publish(
     Args:
         store: open for reading or writing.
         records_dir: folder of the files, made where it is missing.
-        machine: name of the machine, which must be the store's.
-        attributes: global attributes of every file written now; they override those of the runs that committed its
-            records (:meth:`Store.describe`).
+        machine: if given, it must be the store's.
+        attributes: global attributes, which override those of the runs (:meth:`Store.describe`).
         rebuild: write all days again.
-        note: called with each written file; by default the store notes it where it is open for writing.
+        note: called with each written file; by default a store that is open for writing notes it.
 
     Returns:
         The files written, by day, the undated one first.
@@ -81,7 +80,7 @@ def publish(
 
 
 def file_name(machine: str, day: int | None) -> str:
-    """Return the name of the file of a UTC day (days since 1970): MACHINE-YYYYMMDD.nc, or MACHINE-undated.nc.
+    """Return MACHINE-YYYYMMDD.nc for a UTC day (days since 1970), or MACHINE-undated.nc.
 
     Raises:
         PublishError: the machine's name cannot be part of a file name.

@@ -106,14 +106,10 @@ def read_spectra(
 
     Args:
         place: the store, or its file.
-        channel: name of the channel.
-        source: its source, or None for any.
-        at: only the spectrum of this block.
+        channel, source: of the spectra; None for any source.
+        at: only the spectrum of the block of this number.
         before: only those of blocks before this number.
         newest: greatest number of spectra, counted from the newest, or None for all.
-
-    Raises:
-        StoreError: the store cannot be read.
     """
     conditions, values = _conditions(channel, source, at, before)
     query = f"SELECT {_ROW} FROM spectra WHERE {conditions} ORDER BY sequence DESC LIMIT ?"
@@ -122,22 +118,18 @@ def read_spectra(
 
 
 def kept_blocks(place: Path | Queryable, channel: str, *, source: str | None = None) -> list[tuple[int, float | None]]:
-    """Return number and time of the blocks with a kept spectrum, in order.
-
-    Raises:
-        StoreError: the store cannot be read.
-    """
+    """Return number and time of the blocks with a kept spectrum, in order."""
     conditions, values = _conditions(channel, source, None, None)
     query = f"SELECT sequence, time FROM spectra WHERE {conditions} ORDER BY sequence"
     return [(sequence, time) for sequence, time in _read(place, query, values)]
 
 
 def binned(rows: Sequence[SpectrumRow], bins: int, highest: float | None = None) -> tuple[Any, Any]:
-    """Return the highest amplitude of each spectrum in common bins of frequency, for a picture.
+    """Return the highest amplitude of each spectrum of a channel in common bins of frequency.
 
     Args:
         rows: of one channel.
-        bins: greatest number of bins; no more than the coarsest spectrum has, so that none is empty in between.
+        bins: greatest number of bins; the coarsest spectrum limits it, too.
         highest: upper end, Hz, or None for that of the widest spectrum.
 
     Returns:

@@ -13,14 +13,13 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, NamedTuple, Self
 
 from monitor import __version__
 from monitor.health.record import Record
 from monitor.health.waterfall import SpectrumChange
 from monitor.records.archive import ARCHIVE_QUERY, Archived, archived_of, insert_forecasts
-from monitor.records.database import UNFIT, Presence, StoreError, UnstorableError, connect, refuse_unsuitable
+from monitor.records.database import UNFIT, Closing, Presence, StoreError, UnstorableError, connect, refuse_unsuitable
 from monitor.records.digests import note_block, note_states
 from monitor.records.filesystem import release_lock, take_lock
 from monitor.records.filing import STORED_QUERY, Filing, Stored, file_record
@@ -42,7 +41,7 @@ class Published(NamedTuple):
     size: int
 
 
-class Store:
+class Store(Closing):
     """The database of one machine, with one writer; made by :meth:`open`.
 
     All methods raise :class:`StoreError`, naming the file and the cause, where the database cannot be read or written;
@@ -50,7 +49,7 @@ class Store:
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection, lock: int | None) -> None:
-        """Take over an open connection and the writer's lock, None for a reader."""
+        """Own an open connection and the writer's lock, None for a reader."""
         self.path = path
         self._connection = connection
         self._lock = lock
@@ -69,12 +68,12 @@ class Store:
         read_only: bool = False,
         attributes: Mapping[str, Any] | None = None,
     ) -> Self:
-        """Open a store, or make one.
+        """Open a store, or make one where it is missing and ``create``.
 
         Args:
             path: the database file, on a local disk.
             machine: name of the machine, which must be that of the store; needed to make one.
-            create: whether a missing store is made.
+            create: make a missing store.
             read_only: open for reading beside the writer.
             attributes: of the run that will write, see :meth:`describe`; by default the software version alone.
 
@@ -155,11 +154,10 @@ class Store:
         beside: Callable[[sqlite3.Connection], None] | None = None,
         spectra: Iterable[SpectrumChange] = (),
     ) -> Commit:
-        """Commit one block, as :meth:`commit_many` does.
+        """Commit one block, as :meth:`commit_many` does; return the outcome.
 
-        Returns:
-            "committed"; "duplicate" where this block is in the ledger already; "changed" where a block of another
-            content has its number. In the last two cases nothing is overwritten and the offer is counted.
+        It is "duplicate" where the block is in the ledger already and "changed" where a block of another content has
+        its number; then nothing is overwritten and the offer is counted.
         """
         return self.commit_many([(record, states)], beside, spectra)[0]
 
@@ -336,16 +334,6 @@ class Store:
         release_lock(self._lock)
         self._lock = None
 
-    def __enter__(self) -> Self:
-        """Return the store itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the store."""
-        self.close()
-
     def rows(self, query: str, *values: Any) -> list[Any]:
         """Return all rows of a query over the tables."""
         try:
@@ -355,11 +343,7 @@ class Store:
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
-        """Run a block of statements as one transaction, rolled back where anything fails.
-
-        Raises:
-            StoreError: open for reading only, removed or replaced, or the database refuses (locked, full, damaged).
-        """
+        """Run statements as one transaction, rolled back where anything fails."""
         if self._lock is None:
             raise StoreError(f"{self.path}: is open for reading only")
         connection = self._connection
@@ -379,11 +363,7 @@ class Store:
 
 
 def _state_text(name: str, state: Mapping[str, Any]) -> str:
-    """Return a stage's state as JSON.
-
-    Raises:
-        UnstorableError: it holds what JSON cannot, such as NaN.
-    """
+    """Return a stage's state as JSON; raise UnstorableError where it has NaN or other values without JSON."""
     try:
         return json.dumps(state, allow_nan=False, separators=(",", ":"))
     except (TypeError, ValueError) as error:
@@ -391,7 +371,6 @@ def _state_text(name: str, state: Mapping[str, Any]) -> str:
 
 
 def _lock(path: Path) -> int:
-    """Take the writer's lock."""
     lock = take_lock(path)
     if lock is None:
         raise StoreError(f"{path}: another process is writing to it")

@@ -1,8 +1,9 @@
-"""The daemon: follows all sources of a machine until it is told to stop, and says all the while how it is doing."""
+"""The daemon: follows all sources of a machine until it is stopped, and writes its status."""
 
 from __future__ import annotations
 
 import logging
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -16,7 +17,6 @@ from monitor.records.events import EventLog
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.service.acknowledging import Acknowledgements
 from monitor.service.companions import Companions
-from monitor.service.disk import DiskGuard, free_bytes
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus
 from monitor.service.silence import SilenceLog
@@ -26,12 +26,48 @@ from monitor.service.systemd import ServiceManager
 from monitor.words.events import event_text
 
 _LOG = logging.getLogger(__name__)
-_STATUS_EVERY = 1.0
-_LOOK_EVERY = 1.0
+_MIN_STATUS_S, _MAX_STATUS_S = 1.0, 5.0
+"""Seconds between two writes of the status file; readers take one of 15 s for that of a daemon that hangs."""
 _STATUS_SHARE = 50.0
-_STATUS_AT_LEAST = 5.0
-"""s: whoever reads it takes a status that is three times as old for that of a daemon that hangs."""
-_PAUSE = 0.5
+"""Least ratio of the time between two writes to the processor time of one."""
+_POLL_LOG_S = 1.0
+_PAUSE_S = 0.5
+_CHECK_DISK_S = 5.0
+_DISK_HYSTERESIS = 1.25
+
+
+def free_bytes(folder: Path) -> int:
+    """Return the bytes that are free for users other than root; OSError where the folder cannot be reached."""
+    found = os.statvfs(folder)
+    return found.f_bavail * found.f_frsize
+
+
+class DiskGuard:
+    """Detects a file system that is too full to go on, with hysteresis."""
+
+    def __init__(self, folder: Path, free: Callable[[Path], int], least: int) -> None:
+        """Keep folder, reader of its free bytes, and the bytes below which it is full until a quarter more is free."""
+        self._folder, self._free, self._least = folder, free, least
+        self._due = float("-inf")
+        self.problem: str | None = None
+        """Why nothing may be written, or None."""
+
+    def check(self, now: float) -> bool:
+        """Check the file system every five seconds of the monotonic time ``now``; return whether there is room."""
+        if now >= self._due:
+            self._due = now + _CHECK_DISK_S
+            self.problem = self._poll()
+        return self.problem is None
+
+    def _poll(self) -> str | None:
+        try:
+            free = self._free(self._folder)
+        except OSError as error:
+            return f"{self._folder}: cannot be looked at ({error.strerror or error})"
+        least = self._least if self.problem is None else self._least * _DISK_HYSTERESIS
+        if free >= least:
+            return None
+        return f"{self._folder}: the disk is nearly full, {free / 1e6:.0f} MB are free, {least / 1e6:.0f} MB are needed"
 
 
 class Daemon:
@@ -46,21 +82,21 @@ class Daemon:
         clock: Callable[[], float] = time.time,
         free: Callable[[Path], int] = free_bytes,
     ) -> None:
-        """Take the configuration; nothing is opened yet.
+        """Keep the configuration; nothing is opened yet.
 
         Args:
             config: the machine.
-            path: its file, where the daemon is to have a page.
-            monotonic: seconds that never go back, for everything that is waited for.
-            clock: UTC seconds since 1970, against which the times of blocks are held.
-            free: gives the free bytes of a folder's file system.
+            path: file of the configuration, for a page; None for no page.
+            monotonic: seconds that never go back.
+            clock: UTC seconds since 1970.
+            free: returns the free bytes of a folder's file system.
         """
         self._config, self._path = config, path
         self._monotonic, self._clock, self._free = monotonic, clock, free
         self._manager = ServiceManager()
         self._began = monotonic()
         self._since = clock()
-        self._status_due = self._look_due = float("-inf")
+        self._status_due = self._poll_due = float("-inf")
         self._status_problem: str | None = None
         self._log_problem: str | None = None
         self._held_up = False
@@ -76,7 +112,7 @@ class Daemon:
         with ExitStack() as opened:
             self._file = opened.enter_context(StatusFile.open(machine.state_dir))
             database, name = machine.state_dir / "state.db", machine.name
-            # What a salvage saved and lost is in the log, and in the event log, which is told from there.
+            # A salvage writes what it saved and lost to the log and the event log.
             self._store, _ = open_or_salvage(
                 database, machine=name, records_dir=machine.records_dir, clock=self._clock, beat=self._starting
             )
@@ -105,7 +141,7 @@ class Daemon:
             self._end()
 
     def _starting(self) -> None:
-        # A service manager would end, and start again for ever, what takes longer to start than usual.
+        # A service manager restarts a service whose start takes longer than usual.
         self._manager.send("EXTEND_TIMEOUT_USEC=60000000", "STATUS=saving what can be read of a damaged store")
 
     def _follow(self, stop: threading.Event) -> None:
@@ -113,34 +149,34 @@ class Daemon:
             if not self._beat():
                 # Nothing is taken, so nothing is acknowledged: senders and folders keep what they have.
                 self._held_up = True
-                stop.wait(_PAUSE)
+                stop.wait(_PAUSE_S)
                 continue
             if self._held_up:
                 self._held_up = False
                 self._status.resumed()
-            self._look()
+            self._poll_log()
             record = self._ingest.step(stop)
             if record is not None:
-                self._seen(record)
+                self._note_record(record)
 
     def _end(self) -> None:
         self._companions.end(room=self._disk.problem is None)
         self._write_status("stopped")
         _LOG.info("stopped; %d blocks were committed", self._status.blocks)
 
-    def _seen(self, record: Record) -> None:
-        self._status.seen(record)
+    def _note_record(self, record: Record) -> None:
+        self._status.note(record)
         self._companions.committed(events=bool(record.events))
         for event in record.events:
-            said = event_text(event, absolute=self._status.absolute(event.get("channel")))
-            _LOG.warning("%s: block %d: %s: %s", record.source, record.sequence, event.get("channel"), said)
+            text = event_text(event, absolute=self._status.absolute(event.get("channel")))
+            _LOG.warning("%s: block %d: %s: %s", record.source, record.sequence, event.get("channel"), text)
         if not record.accepted:
             _LOG.warning("%s: block %d rejected: %s: %s", record.source, record.sequence, record.status, record.reason)
         else:
             _LOG.debug("%s: block %d: %s", record.source, record.sequence, record.status)
 
     def _stuck(self) -> None:
-        """Go on with all else while the store cannot commit."""
+        """Do all other work while the store cannot commit."""
         self._held_up = True
         self._beat()
 
@@ -159,15 +195,15 @@ class Daemon:
             began = time.thread_time()
             self._write_status("running")
             spent = time.thread_time() - began
-            self._status_due = now + min(max(_STATUS_EVERY, _STATUS_SHARE * spent), _STATUS_AT_LEAST)
+            self._status_due = now + min(max(_MIN_STATUS_S, _STATUS_SHARE * spent), _MAX_STATUS_S)
         return room
 
-    def _look(self) -> None:
-        """See now and then what was acknowledged, and which sources fell silent."""
+    def _poll_log(self) -> None:
+        """Read new acknowledgements and log silent sources, once a second."""
         now = self._monotonic()
-        if now < self._look_due:
+        if now < self._poll_due:
             return
-        self._look_due = now + _LOOK_EVERY
+        self._poll_due = now + _POLL_LOG_S
         try:
             self._acknowledgements.poll()
         except StoreError as error:
@@ -184,7 +220,7 @@ class Daemon:
         try:
             self._status.page = None if status == "stopped" else self._companions.url
             self._file.write(self._status.values(status, self.problems()))
-        except Exception as error:  # Whatever cannot be said of the machine must not end what listens to it.
+        except Exception as error:  # A status that cannot be composed must not end the daemon.
             reason = getattr(error, "strerror", None) or error
             problem = f"{self._file.path}: cannot be written ({reason})"
             if problem != self._status_problem:
@@ -194,7 +230,7 @@ class Daemon:
         self._status_problem = None
 
     def problems(self) -> dict[str, str]:
-        """Return what is wrong by now, in one sentence each, by the name of a source or of what else it is."""
+        """Return the present problems, one sentence each, by the name of the source or the part."""
         others = {"disk": self._disk.problem, "events": self._log_problem or self._silences.problem}
         failing = self._ingest.problems() | self._companions.problems()
         return failing | {name: problem for name, problem in others.items() if problem is not None}

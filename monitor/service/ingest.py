@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from types import TracebackType
 from typing import Any, Self
 
 from monitor.config.load import Config, ConfigError
@@ -17,7 +16,7 @@ from monitor.health.record import Record
 from monitor.health.settings import SourceSettings
 from monitor.health.state import SourceState
 from monitor.health.step import SourceOutput, rejected_record, rejection_of, step
-from monitor.records.database import StoreError, UnstorableError
+from monitor.records.database import Closing, StoreError, UnstorableError
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.store import Store
 from monitor.service.setup import source_settings, source_spec
@@ -34,7 +33,7 @@ _RETRY_S = 1.0
 Result = tuple[SourceState, SourceOutput]
 
 
-class Ingest:
+class Ingest(Closing):
     """Takes deliveries from sources in turn and commits them, in one thread.
 
     A block whose number the ledger has already is counted as ``duplicate`` or ``changed`` and is not analysed. Where
@@ -285,16 +284,6 @@ class Ingest:
         for source in self.sources:
             source.close()
         self._ledger.close()
-
-    def __enter__(self) -> Self:
-        """Return the ingest itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the ingest."""
-        self.close()
 
 
 def _stored_state(store: Store, settings: SourceSettings) -> SourceState:

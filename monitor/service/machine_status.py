@@ -72,7 +72,7 @@ class MachineStatus:
         """Events and notices that need an acknowledgement."""
         self._latest = {name: _latest_block(store, name) for name in ingest.settings}
 
-    def seen(self, record: Record) -> None:
+    def note(self, record: Record) -> None:
         """Note a committed block."""
         self.blocks += 1
         limit = silence_limit(self._ingest.state(record.source).order.interval)

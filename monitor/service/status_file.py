@@ -8,17 +8,16 @@ import os
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
-from monitor.records.database import StoreError
+from monitor.records.database import Closing, StoreError
 
 _NAME = "status.json"
 _LOCK = "daemon.lock"
 _LOCK_S = 1.0
 
 
-class StatusFile:
+class StatusFile(Closing):
     """Written by the one daemon of a state folder, replaced atomically; use :meth:`open`."""
 
     def __init__(self, path: Path, lock: int) -> None:
@@ -62,16 +61,6 @@ class StatusFile:
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
-
-    def __enter__(self) -> Self:
-        """Return the file itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Release the lock."""
-        self.close()
 
 
 def read_status(state_dir: Path) -> dict[str, Any]:

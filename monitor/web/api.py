@@ -1,8 +1,8 @@
-"""What machines, channels and their trends answer: plain functions of what is asked, called in threads."""
+"""Answers of the HTTP API about machines, channels, trends and health; called in threads."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
@@ -12,21 +12,29 @@ from models.bearing import Bearing, kinematics
 from monitor import __version__
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.spectrum.features import fundamentals
+from monitor.records.database import StoreError
 from monitor.records.packing import columns_of, numbers_of, places_of
 from monitor.records.points import SeriesKey
 from monitor.records.trends import TrendTable, read_trends
-from monitor.web.answers import Query, numbers, optional_number, times, whole_number
+from monitor.web.answers import Query, numbers, optional_number, times, whole_number, without_folders
 from monitor.web.machines import Machine, Machines
 from monitor.words.features import FEATURES, TRENDS
 
-MOST_POINTS = 5000
+MAX_POINTS = 5000
 _POINTS = 1000
 _MARKS = ("t_fs", "t_fs_known", "t_eol", "t_fs_block", "speed", "load")
 _RECENT = 200
+_MAX_STATUS_AGE_S = 15.0
+_NOT_RUNNING = {
+    "never_ran": "has never run",
+    "died": "does not run: it died",
+    "stopped": "does not run: it was stopped",
+    "starting": "is starting",
+}
 
 
 def machines(site: Machines) -> dict[str, Any]:
-    """Return all machines with all that their daemons say."""
+    """Return the status of all machines."""
     return {
         "server": {"version": __version__, "utc": datetime.now(UTC).isoformat(timespec="milliseconds")},
         "machines": [machine.status().values for machine in site],
@@ -34,7 +42,7 @@ def machines(site: Machines) -> dict[str, Any]:
 
 
 def blocks(machine: Machine, query: Query) -> dict[str, Any]:
-    """Return how many blocks have which status, and the latest of those that are not ``ok``."""
+    """Return the number of blocks by status, and the latest of those that are not ``ok``."""
     limit = whole_number(query, "limit", 200, 1, 1000)
     source = query.get("source") or None
     sources = machine.status().values.get("sources", {})
@@ -52,7 +60,7 @@ def blocks(machine: Machine, query: Query) -> dict[str, Any]:
 
 
 def channel(machine: Machine, name: str) -> dict[str, Any]:
-    """Return what a channel is: its bearing, units, levels and marks on the axis of time."""
+    """Return bearing, units, levels of a channel, and its marks on the axis of time."""
     section, config = machine.channel(name), machine.config
     bearing = config.bearing_of(section)
     state = machine.status().values.get("channels", {}).get(name, {})
@@ -93,7 +101,7 @@ def _bearing(bearing: Bearing) -> dict[str, Any]:
 
 
 def _levels(machine: Machine, name: str, state: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the levels of a channel as its daemon says them, or as they are configured where none has run."""
+    """Return the levels in the status of the daemon, or as configured where no daemon has run."""
     if "levels" in state:
         return state["levels"]
     rules = machine.config.alarms.to_settings(name, 0).rules
@@ -140,7 +148,7 @@ def latest_values(machine: Machine, source: str, name: str) -> dict[str, float]:
 def records(machine: Machine, name: str, query: Query) -> dict[str, Any]:
     """Return the trends of a channel over a span of time."""
     section = machine.channel(name)
-    points = whole_number(query, "points", _POINTS, 10, MOST_POINTS)
+    points = whole_number(query, "points", _POINTS, 10, MAX_POINTS)
     since, until = optional_number(query, "from"), optional_number(query, "to")
     dated = is_dated(machine, section.source)
     with machine.store.connection() as connection:
@@ -182,7 +190,39 @@ def _counted(table: TrendTable, statuses: tuple[str, ...]) -> list[int]:
 
 
 def is_dated(machine: Machine, source: str) -> bool:
-    """Return whether the blocks of a source have dates; one that was rejected before it had any does not count."""
+    """Return whether the blocks of a source have dates; blocks rejected without a time do not count."""
     query = "SELECT day FROM blocks WHERE source = ? AND time_status = 'given' ORDER BY sequence DESC LIMIT 1"
     rows = machine.store.rows(query, source)
     return bool(rows) and rows[0][0] is not None
+
+
+def health(site: Machines) -> tuple[int, dict[str, Any]]:
+    """Return the HTTP status, and ``ok`` or ``failing`` with the reasons.
+
+    Reasons: a daemon that does not run or whose status is old, a silent source, a store that cannot be used.
+    """
+    reasons = [f"machine {machine.name}: {reason}" for machine in site for reason in _reasons(machine)]
+    return (503 if reasons else 200), {"status": "failing" if reasons else "ok", "reasons": reasons}
+
+
+def _reasons(machine: Machine) -> Iterator[str]:
+    status = machine.status()
+    values = status.values
+    if not values.get("running") or values.get("status") == "starting":
+        yield f"the daemon {_NOT_RUNNING.get(str(values.get('status')), 'does not run')}"
+        return
+    if status.age is None or status.age > _MAX_STATUS_AGE_S:
+        yield f"the daemon said nothing for {status.age or 0.0:.0f} s"
+    try:
+        machine.store.rows("SELECT max(id) FROM blocks")
+    except StoreError as error:
+        yield f"the store cannot be read: {without_folders(str(error))}"
+    for what in ("store", "disk"):
+        if what in values["problems"]:
+            yield values["problems"][what]
+    silent: dict[str, str] = {}
+    for channel in values["channels"].values():
+        if channel["state"] == "no_data":
+            silent.setdefault(channel["source"], channel["reason"])
+    for source, reason in silent.items():
+        yield f"source {source}: {reason}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import threading
 from collections.abc import AsyncGenerator, Callable, Mapping
@@ -15,7 +16,7 @@ from typing import Any, BinaryIO, Self
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import Response, StreamingResponse
+from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Send
 
@@ -24,22 +25,20 @@ from monitor.web import api, event_view, map_view, spectra_view
 from monitor.web.answers import Answer, Query, RequestError, answer_of, json_answer, without_folders
 from monitor.web.auth import Doorkeeper
 from monitor.web.files import open_published, published_files, static_file
-from monitor.web.health import health, ready
-from monitor.web.login import login_routes
 from monitor.web.machines import Machine, Machines
 from monitor.web.metrics import METRICS_TYPE, Measures, metrics
 from monitor.web.security import MAX_BODY_BYTES, Doors, Guard
 from monitor.web.stream import Hub
-from monitor.web.upkeep import keep_up
 
 _LOG = logging.getLogger(__name__)
 _THREADS = 4
 _MAX_WAITING = 64
-_PART = 1 << 18
+_PART_BYTES = 1 << 18
+_NOT_KEPT = {"cache-control": "no-store"}
 
 
 class Site:
-    """What all requests of a page share."""
+    """State that all requests of a page share."""
 
     def __init__(self, machines: Machines, doors: Doors, keeper: Doorkeeper, max_streams: int) -> None:
         """Keep the machines and the rules of access."""
@@ -49,7 +48,7 @@ class Site:
         self._threads = ThreadPoolExecutor(_THREADS, "answer")
         self._waiting = 0
         self._ending = threading.Event()
-        self._upkeep = threading.Thread(target=keep_up, args=(machines, self._ending), name="upkeep", daemon=True)
+        self._upkeep = threading.Thread(target=machines.keep_counting, args=(self._ending,), name="upkeep", daemon=True)
 
     async def run(self, make: Callable[..., Any], *values: Any) -> Any:
         """Call a function in one of the few threads.
@@ -74,7 +73,7 @@ class Site:
         return _response(request, found)
 
     def __enter__(self) -> Self:
-        """Begin to keep the trends up to date."""
+        """Begin to count blocks."""
         self._upkeep.start()
         return self
 
@@ -117,7 +116,7 @@ def _response(request: Request, answer: Answer) -> Response:
 
 def application(site: Site) -> ASGIApp:
     """Return the guarded ASGI application of a site."""
-    routes = [*_page_routes(site), *_api_routes(site), *login_routes(site.doors, site.keeper)]
+    routes = [*_page_routes(site), *_api_routes(site), *_login_routes(site.doors, site.keeper)]
     app = Starlette(routes=routes, exception_handlers={HTTPException: _unknown})
     app.router.redirect_slashes = False
     return Guard(app, site.doors, site.keeper, site.measures.answered)
@@ -151,14 +150,14 @@ def _page_routes(site: Site) -> list[Route]:
 
     async def healthy(request: Request) -> Response:
         def make() -> Answer:
-            status, found = health(site.machines)
+            status, found = api.health(site.machines)
             return json_answer(found, status)
 
         return await site.answer(request, make)
 
     async def is_ready(request: Request) -> Response:
         # Answered without a thread, however busy they are.
-        return _response(request, json_answer(ready()))
+        return _response(request, json_answer({"status": "ready"}))
 
     return [
         Route("/", static, methods=["GET"]),
@@ -174,7 +173,7 @@ async def _parts(site: Site, file: BinaryIO, size: int) -> AsyncGenerator[bytes]
     """Yield exactly ``size`` bytes of a file, which is replaced, never changed."""
     with file:
         while size > 0:
-            found = await site.run(file.read, min(_PART, size))
+            found = await site.run(file.read, min(_PART_BYTES, size))
             if not found:
                 return
             size -= len(found)
@@ -270,3 +269,51 @@ class _Stream(StreamingResponse):
     async def stream_response(self, send: Send) -> None:
         async with aclosing(self._parts):
             await super().stream_response(send)
+
+
+def _login_routes(doors: Doors, keeper: Doorkeeper) -> list[Route]:
+    """Return the addresses for logging in and out: a cookie that scripts cannot read replaces the token."""
+
+    async def login(request: Request) -> Response:
+        body = await request.body()
+        try:
+            token = json.loads(body[:MAX_BODY_BYTES])["token"]
+        except (ValueError, KeyError, TypeError):
+            token = None
+        if not isinstance(token, str):
+            return _login_error(400, "the body must be a JSON object with the token")
+        if not keeper.knows(token.strip()):
+            waited = await keeper.delay_wrong_token()
+            return (
+                _login_error(401, "the token is wrong")
+                if waited
+                else _login_error(429, "too many wrong tokens; try later")
+            )
+        response = Response(status_code=204, headers=_NOT_KEPT)
+        response.set_cookie(
+            doors.cookie, keeper.open_session(), httponly=True, samesite="strict", secure=doors.secure, path="/"
+        )
+        return response
+
+    async def logout(request: Request) -> Response:
+        await request.body()
+        if request.state.session is not None:
+            keeper.close_session(request.state.session)
+        response = Response(status_code=204, headers=_NOT_KEPT)
+        response.delete_cookie(doors.cookie, httponly=True, samesite="strict", secure=doors.secure, path="/")
+        return response
+
+    async def session(request: Request) -> Response:
+        authorized = bool(request.state.authorized)
+        found = {"authorized": authorized, "needs_token": doors.reading, "can_acknowledge": authorized}
+        return JSONResponse(found, headers=_NOT_KEPT)
+
+    return [
+        Route("/login", login, methods=["POST"]),
+        Route("/logout", logout, methods=["POST"]),
+        Route("/api/session", session, methods=["GET"]),
+    ]
+
+
+def _login_error(status: int, sentence: str) -> Response:
+    return JSONResponse({"error": sentence}, status, headers=_NOT_KEPT)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,13 +12,17 @@ from typing import Any
 
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection
+from monitor.records.database import StoreError
 from monitor.service.status_file import read_status
 from monitor.web.answers import RequestError, without_folders
-from monitor.web.latest import LatestValues
 from monitor.web.ledger_tally import LedgerTally
-from monitor.web.reading import StoreReader
+from monitor.web.reading import LatestValues, StoreReader
 
-_FRESH = 0.2
+_LOG = logging.getLogger(__name__)
+_FRESH_S = 0.2
+_COUNT_S = 1.0
+_COUNT_PAUSE_S = 0.01
+"""Pause between two steps of a count that is behind, for the answers."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,7 @@ class Machine:
     """One machine; its methods may be called from any thread."""
 
     def __init__(self, config: Config) -> None:
-        """Keep a configuration; nothing is opened yet."""
+        """Keep a configuration; nothing is opened."""
         self.config = config
         self.name = config.machine.name
         self.channels: dict[str, ChannelSection] = {channel.name: channel for channel in config.channel}
@@ -61,18 +66,14 @@ class Machine:
         return self.config.machine.records_dir
 
     def channel(self, name: str) -> ChannelSection:
-        """Return a channel of the configuration.
-
-        Raises:
-            RequestError: 404.
-        """
+        """Return a channel of the configuration; raise :class:`RequestError` 404 where there is none."""
         found = self.channels.get(name)
         if found is None:
             raise RequestError(404, f"machine {self.name} has no such channel")
         return found
 
     def absolute(self, channel: str | None) -> bool:
-        """Return whether the accelerations of a channel are in m/s2; a channel of the past counts as such."""
+        """Return whether the accelerations of a channel are in m/s2; those of a removed channel are."""
         section = self.channels.get(channel or "")
         return section is None or section.unit != "unknown"
 
@@ -80,7 +81,7 @@ class Machine:
         """Return the status of its daemon, at most 0.2 s old."""
         with self._lock:
             now = time.monotonic()
-            if self._read is None or now - self._read >= _FRESH:
+            if self._read is None or now - self._read >= _FRESH_S:
                 self._read = now
                 found = {
                     "name": self.name,
@@ -109,11 +110,7 @@ class Machines:
     """All machines of a page, by name."""
 
     def __init__(self, configs: Sequence[Config]) -> None:
-        """Take configurations.
-
-        Raises:
-            ValueError: two machines have the same name.
-        """
+        """Raise ValueError where two machines have the same name."""
         self._machines = {config.machine.name: Machine(config) for config in configs}
         if len(self._machines) < len(configs):
             raise ValueError("two machines have the same name; names of machines must be different")
@@ -127,12 +124,30 @@ class Machines:
         return len(self._machines)
 
     def machine(self, name: str) -> Machine:
-        """Return a machine by name.
-
-        Raises:
-            RequestError: 404.
-        """
+        """Return a machine by name; raise :class:`RequestError` 404 where there is none."""
         found = self._machines.get(name)
         if found is None:
             raise RequestError(404, "there is no such machine")
         return found
+
+    def keep_counting(self, ending: threading.Event) -> None:
+        """Count new blocks of all stores, in turn, until ``ending`` is set; a store that fails is tried again."""
+        failing: dict[str, str] = {}
+        while not ending.is_set():
+            more = False
+            for machine in self:
+                if ending.is_set():
+                    return
+                try:
+                    more = (machine.store.identity() is not None and machine.tally.update()) or more
+                except StoreError as error:
+                    if failing.get(machine.name) != str(error):
+                        _LOG.warning("count of blocks: %s", error)
+                    failing[machine.name] = str(error)
+                except Exception:
+                    _LOG.exception("count of blocks of machine %s", machine.name)
+                    failing[machine.name] = "program error"
+                    ending.wait(_COUNT_S)
+                else:
+                    failing.pop(machine.name, None)
+            ending.wait(_COUNT_PAUSE_S if more else _COUNT_S)

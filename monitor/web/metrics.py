@@ -25,8 +25,8 @@ from monitor.health.alarms import SEVERITIES
 from monitor.health.detect import STAGES
 from monitor.records.database import StoreError
 from monitor.web.event_view import unacknowledged
-from monitor.web.latest import NAMES
 from monitor.web.machines import Machines
+from monitor.web.reading import NAMES
 from monitor.words.features import FEATURES, Feature
 
 METRICS_TYPE = "text/plain; version=0.0.4; charset=utf-8"

@@ -1,33 +1,37 @@
-"""Reading a store beside its writer: connections that are lent, and queries that end in time."""
+"""Read a store beside its writer: connections that are lent, queries with a time limit, latest values."""
 
 from __future__ import annotations
 
 import sqlite3
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from monitor.records.database import APPLICATION_ID, STORE_VERSION, StoreError, refuse_unsuitable
+import numpy as np
+from numpy.typing import NDArray
 
-_MOST_IDLE = 4
-_LONGEST = 10.0
+from monitor.records.database import APPLICATION_ID, STORE_VERSION, StoreError, refuse_unsuitable
+from monitor.records.packing import columns_of, numbers_of, places_of
+
+_MAX_IDLE = 4
+_MAX_LOAN_S = 10.0
 _INSTRUCTIONS = 10_000
+NAMES = ("rms", "h_or", "v_eq", "v_eq_lower", "v_eq_upper", "tt", "tt_lower", "tt_upper", "p_threshold", "speed")
+_LATEST = """
+SELECT layout, row FROM blocks JOIN records ON block = id
+WHERE source = ? AND length(row) > 0 ORDER BY sequence DESC LIMIT 1
+"""
 
 
 class StoreReader:
     """The store of a machine, read from any thread; it may be missing, damaged or replaced at any time."""
 
-    def __init__(self, path: Path, longest: float = _LONGEST) -> None:
-        """Take the path of the database; nothing is opened yet.
-
-        Args:
-            path: ``state.db``.
-            longest: seconds after which a loan's queries are given up.
-        """
-        self.path, self._longest = path, longest
+    def __init__(self, path: Path, max_loan_s: float = _MAX_LOAN_S) -> None:
+        """Keep the path of ``state.db``; queries end after ``max_loan_s`` of a loan."""
+        self.path, self._max_loan_s = path, max_loan_s
         self._lock = threading.Lock()
         self._idle: list[sqlite3.Connection] = []
         self._file: tuple[int, int] | None = None
@@ -40,7 +44,7 @@ class StoreReader:
             StoreError: there is no store, it cannot be read, or it took too long.
         """
         connection, file = self._take()
-        until = time.monotonic() + self._longest
+        until = time.monotonic() + self._max_loan_s
         connection.set_progress_handler(lambda: time.monotonic() > until, _INSTRUCTIONS)
         try:
             yield connection
@@ -53,29 +57,25 @@ class StoreReader:
             raise
         connection.set_progress_handler(None, 0)
         with self._lock:
-            if file == self._file and len(self._idle) < _MOST_IDLE:
+            if file == self._file and len(self._idle) < _MAX_IDLE:
                 self._idle.append(connection)
                 return
         connection.close()
 
     def rows(self, query: str, *values: Any) -> list[Any]:
-        """Return all rows of a query.
-
-        Raises:
-            StoreError: as :meth:`connection`.
-        """
+        """Return all rows of a query; raise StoreError as :meth:`connection` does."""
         with self.connection() as connection:
             return connection.execute(query, values).fetchall()
 
     def close(self) -> None:
-        """Close the connections that nobody has."""
+        """Close the connections that are not lent."""
         with self._lock:
             idle, self._idle, self._file = self._idle, [], None
         for connection in idle:
             connection.close()
 
     def identity(self) -> tuple[int, int] | None:
-        """Return what tells the file from another of the same name, or None where there is none."""
+        """Return device and inode of the file, or None where there is none."""
         try:
             found = self.path.stat()
         except OSError:
@@ -85,7 +85,7 @@ class StoreReader:
     def _take(self) -> tuple[sqlite3.Connection, tuple[int, int] | None]:
         file = self.identity()
         with self._lock:
-            # A store that was put aside would be read for ever by who has it open.
+            # An open connection would go on reading a store that was replaced.
             old = self._idle if file != self._file else []
             if old:
                 self._idle = []
@@ -115,3 +115,37 @@ def _open(path: Path) -> sqlite3.Connection:
         connection.close()
         raise StoreError(f"{path}: is not a store that this version of the program can read")
     return connection
+
+
+class LatestValues:
+    """Values in the latest record of each source that has any, SI; may be asked from any thread."""
+
+    def __init__(self, store: StoreReader) -> None:
+        """Keep the store."""
+        self._store = store
+        self._lock = threading.Lock()
+        self._newest: tuple[object, int] | None = None
+        self._values: dict[str, dict[str, dict[str, float]]] = {}
+
+    def of(self, sources: Mapping[str, list[str]]) -> Mapping[str, Mapping[str, Mapping[str, float]]]:
+        """Return the values by source, channel and name, of channels by source; StoreError where it cannot be read."""
+        with self._lock, self._store.connection() as connection:
+            newest = connection.execute("SELECT coalesce(max(id), 0) FROM blocks").fetchone()[0]
+            if self._newest == (self._store.identity(), newest):
+                return self._values
+            values: dict[str, dict[str, dict[str, float]]] = {}
+            for source, channels in sources.items():
+                found = connection.execute(_LATEST, (source,)).fetchone()
+                if found is None:
+                    continue
+                (layout,) = connection.execute("SELECT layout FROM layouts WHERE id = ?", (found[0],)).fetchone()
+                places, row = places_of(layout, NAMES), numbers_of(found[1])[None, :]
+                values[source] = {
+                    channel: _finite(columns_of(row, places[channel])[0]) for channel in channels if channel in places
+                }
+            self._newest, self._values = (self._store.identity(), newest), values
+            return values
+
+
+def _finite(values: NDArray[np.float64]) -> dict[str, float]:
+    return {name: value for name, value in zip(NAMES, values.tolist(), strict=True) if np.isfinite(value)}

@@ -1,4 +1,4 @@
-"""The process of the page: a child of a daemon, or ``spallwatch page``."""
+"""The process of the page, a child of a daemon or ``spallwatch page``; time limits against slow clients."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import h11
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from models.errors import WrongInputError
 from monitor.config.load import Config, ConfigError, load_config
@@ -25,16 +27,72 @@ from monitor.service.systemd import ServiceManager
 from monitor.web.app import Site, application
 from monitor.web.auth import Doorkeeper, TokenError, load_token
 from monitor.web.machines import Machines
-from monitor.web.protocol import LimitedProtocol
 from monitor.web.security import Doors
 from monitor.words.numbers import count
 
+Report = Callable[[dict[str, Any]], object]
+
 _LOG = logging.getLogger(__name__)
-_ALIVE_EVERY = 5.0
-_HEAD = 8192
-_KEPT_ALIVE = 15
+MAX_CONNECTIONS = 256
+HEAD_S = 10.0
+_MAX_STUCK = 3
+_ALIVE_S = 5.0
+_MAX_HEAD_BYTES = 8192
+_KEEP_ALIVE_S = 15
 _BACKLOG = 128
-Say = Callable[[dict[str, Any]], object]
+
+
+class LimitedProtocol(H11Protocol):
+    """Limit the number of connections; close those without a request or with an unread answer."""
+
+    head_within = HEAD_S
+    """Seconds for the head of a request, from its first byte or from the connection."""
+    _head: asyncio.TimerHandle | None = None
+    _watch: asyncio.TimerHandle | None = None
+    _pending = 0
+    _stuck = 0
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]  # as the class above does
+        """Start the timers."""
+        super().connection_made(transport)
+        if len(self.connections) > MAX_CONNECTIONS:
+            transport.abort()
+            return
+        self._head = self.loop.call_later(self.head_within, self._give_up)
+        self._watch = self.loop.call_later(self.head_within, self._check_progress)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Stop the timers."""
+        for timer in (self._head, self._watch):
+            if timer is not None:
+                timer.cancel()
+        self._head = self._watch = None
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Process data; a head that has begun must be complete in time."""
+        super().data_received(data)
+        incomplete = self.conn.their_state is h11.IDLE and not self.transport.is_closing()
+        if not incomplete and self._head is not None:
+            self._head.cancel()
+            self._head = None
+        elif incomplete and self._head is None and self.timeout_keep_alive_task is None:
+            self._head = self.loop.call_later(self.head_within, self._give_up)
+
+    def _give_up(self) -> None:
+        self._head = None
+        if not self.transport.is_closing():
+            self.transport.abort()
+
+    def _check_progress(self) -> None:
+        """End the connection if waiting data has not moved for a while."""
+        pending = self.transport.get_write_buffer_size()
+        self._stuck = self._stuck + 1 if pending and pending == self._pending else 0
+        self._pending = pending
+        if self._stuck >= _MAX_STUCK:
+            self.transport.abort()
+            return
+        self._watch = self.loop.call_later(self.head_within, self._check_progress)
 
 
 class PageError(WrongInputError):
@@ -54,14 +112,14 @@ class _Server(uvicorn.Server):
         await asyncio.gather(*self.server_state.tasks, return_exceptions=True)
 
 
-async def serve(machines: Machines, web: WebSection, state_dir: Path, say: Say, port: int | None = None) -> None:
+async def serve(machines: Machines, web: WebSection, state_dir: Path, report: Report, port: int | None = None) -> None:
     """Serve the page until the task is cancelled.
 
     Args:
-        machines: what it shows.
-        web: where it listens, and to whom.
-        state_dir: where the token is kept if none is configured.
-        say: called with ``url`` once it listens, then with ``alive`` every few seconds.
+        machines: of the page.
+        web: address and access.
+        state_dir: folder of the token if none is configured.
+        report: called with ``url`` once it listens, then with ``alive`` every few seconds.
         port: in place of the configured one.
 
     Raises:
@@ -76,7 +134,7 @@ async def serve(machines: Machines, web: WebSection, state_dir: Path, say: Say, 
         site = Site(machines, doors, Doorkeeper(token), web.max_streams)
         server = _Server(_settings(site, web))
         with site:
-            beside = [asyncio.create_task(_beat(say, _url(web, doors))), asyncio.create_task(site.hub.run())]
+            beside = [asyncio.create_task(_beat(report, _url(web, doors))), asyncio.create_task(site.hub.run())]
             serving = asyncio.create_task(server.serve([listening]))
             try:
                 await asyncio.shield(serving)
@@ -98,8 +156,8 @@ def _settings(site: Site, web: WebSection) -> uvicorn.Config:
         access_log=False,
         server_header=False,
         proxy_headers=False,
-        h11_max_incomplete_event_size=_HEAD,
-        timeout_keep_alive=_KEPT_ALIVE,
+        h11_max_incomplete_event_size=_MAX_HEAD_BYTES,
+        timeout_keep_alive=_KEEP_ALIVE_S,
         ssl_certfile=web.cert_file,
         ssl_keyfile=web.key_file,
     )
@@ -112,11 +170,11 @@ def _settings(site: Site, web: WebSection) -> uvicorn.Config:
     return settings
 
 
-async def _beat(say: Say, url: str) -> None:
-    say({"url": url})
+async def _beat(report: Report, url: str) -> None:
+    report({"url": url})
     while True:
-        await asyncio.sleep(_ALIVE_EVERY)
-        say({"alive": True})
+        await asyncio.sleep(_ALIVE_S)
+        report({"alive": True})
 
 
 def _listen(web: WebSection, port: int) -> socket.socket:
@@ -153,17 +211,17 @@ def child() -> None:
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(asctime)s %(levelname)s page: %(message)s")
 
-    def say(said: dict[str, Any]) -> None:
+    def report(values: dict[str, Any]) -> None:
         try:
-            print(json.dumps(said), flush=True)
+            print(json.dumps(values), flush=True)
         except OSError:
             os._exit(0)
 
     web, state_dir = WebSection.model_validate(given["web"]), Path(given["state_dir"])
     try:
-        asyncio.run(serve(Machines([load_config(Path(given["config"]))]), web, state_dir, say))
+        asyncio.run(serve(Machines([load_config(Path(given["config"]))]), web, state_dir, report))
     except (PageError, ConfigError) as error:
-        say({"problem": str(error)})
+        report({"problem": str(error)})
         sys.exit(1)
 
 
@@ -177,26 +235,19 @@ def _end_with_parent() -> None:
 def serve_until_signal(configs: Sequence[Config], web: WebSection, state_dir: Path, port: int | None = None) -> None:
     """Serve the page in this process until SIGTERM or SIGINT; its address is printed on standard output.
 
-    Args:
-        configs: the machines.
-        web: where it listens, and to whom.
-        state_dir: where the token is kept if none is configured.
-        port: in place of the configured one.
-
-    Raises:
-        PageError: the address is taken, or the token or the certificate cannot be used.
+    Arguments and errors are those of :func:`serve`.
     """
     manager = ServiceManager()
 
-    def say(said: dict[str, Any]) -> None:
-        if "url" in said:
-            print(said["url"], flush=True)
-            _LOG.info("the page of %s is at %s", count(len(configs), "machine"), said["url"])
-            manager.send("READY=1", f"STATUS=the page of {count(len(configs), 'machine')} is at {said['url']}")
+    def report(values: dict[str, Any]) -> None:
+        if "url" in values:
+            print(values["url"], flush=True)
+            _LOG.info("the page of %s is at %s", count(len(configs), "machine"), values["url"])
+            manager.send("READY=1", f"STATUS=the page of {count(len(configs), 'machine')} is at {values['url']}")
         manager.feed_watchdog(time.monotonic())
 
     async def run() -> None:
-        serving = asyncio.create_task(serve(Machines(configs), web, state_dir, say, port))
+        serving = asyncio.create_task(serve(Machines(configs), web, state_dir, report, port))
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, serving.cancel)
         with suppress(asyncio.CancelledError):

@@ -12,9 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from monitor.records.database import StoreError
+from monitor.records.points import ENTRY_QUERY, BlockEntry, read_points
+from monitor.records.trends import TrendTable
+from monitor.web.api import columns, is_dated
 from monitor.web.event_view import marker, unacknowledged
 from monitor.web.machines import Machine, Machines
-from monitor.web.new_records import newest_id, records_after
 from monitor.web.spectra_view import newest_block
 
 _LOG = logging.getLogger(__name__)
@@ -22,6 +24,7 @@ _POLL_S = 0.5
 _HEARTBEAT_S = 5.0
 _COMMENT_S = 15.0
 _MAX_WAITING = 64
+_MAX_RECORDS = 5000
 _RESTLESS = ("updated_utc", "up_s", "channels", "sources", "blocks")
 """Keys that change all the time; they are sent with other changes, or with the heartbeat."""
 Subject = tuple[str, str]
@@ -44,7 +47,7 @@ class Subscriber:
 
 @dataclass
 class _Seen:
-    """What was sent of a machine last."""
+    """State of a machine as it was sent last."""
 
     version: int = -1
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -134,7 +137,7 @@ class Hub:
             channels = [subject[1]] if subject is not None and subject[0] == machine.name else []
             try:
                 if seen.newest is None:
-                    seen.newest, seen.marker = newest_id(machine), marker(machine)
+                    seen.newest, seen.marker = _newest_id(machine), marker(machine)
                 for channel in channels:
                     seen.spectra.setdefault(channel, newest_block(machine, channel))
             except StoreError as error:
@@ -185,13 +188,13 @@ class Hub:
     @staticmethod
     def _of_channels(machine: Machine, seen: _Seen, channels: list[str]) -> Iterator[_Update]:
         """Yield records and spectra of the channels that are followed."""
-        newest = newest_id(machine)
+        newest = _newest_id(machine)
         if seen.newest is None or newest < seen.newest:
             seen.newest = newest
         for channel in channels:
             subject = (machine.name, channel)
             if newest > seen.newest:
-                yield _Update(message("records", records_after(machine, channel, seen.newest, newest)), subject)
+                yield _Update(message("records", _records_after(machine, channel, seen.newest, newest)), subject)
             block = newest_block(machine, channel)
             if channel in seen.spectra and block is not None and block != seen.spectra[channel]:
                 yield _Update(
@@ -238,3 +241,29 @@ def _difference(seen: _Seen, machine: Machine, beating: bool) -> dict[str, Any] 
 
 def _without_age(channel: Mapping[str, Any] | None) -> dict[str, Any]:
     return {key: value for key, value in (channel or {}).items() if key != "last_block_age_s"}
+
+
+def _newest_id(machine: Machine) -> int:
+    """Return the number of the newest block in the ledger, 0 where there is no block or no store."""
+    if machine.store.identity() is None:
+        return 0
+    return machine.store.rows("SELECT coalesce(max(id), 0) FROM blocks")[0][0]
+
+
+def _records_after(machine: Machine, channel: str, after: int, until: int) -> dict[str, Any]:
+    """Return the newest records of a channel with ledger numbers above ``after``, up to ``until``."""
+    section = machine.channel(channel)
+    dated = is_dated(machine, section.source)
+    query = f"{ENTRY_QUERY} WHERE id > ? AND id <= ? AND +source = ? ORDER BY id DESC LIMIT ?"
+    with machine.store.connection() as connection:
+        rows = connection.execute(query, (after, until, section.source, _MAX_RECORDS)).fetchall()
+        entries = [entry for row in reversed(rows) if (entry := BlockEntry(*row)).dated == dated]
+        entries.sort(key=lambda entry: (entry.time, entry.id))
+        table = TrendTable.of_points(read_points(connection, entries, channel), dated=dated)
+    return {
+        "machine": machine.name,
+        "channel": channel,
+        "dated": dated,
+        "resolution_s": None,
+        "columns": columns(table, absolute=section.unit != "unknown"),
+    }

@@ -7,7 +7,7 @@ from monitor.service.broker import TIMEOUT, BrokerError, BrokerLink
 from monitor.service.notify.channels import Message, NotifyError, check_files, read_secret
 
 
-class MqttChannel:
+class Channel:
     """One connection a message: alarms are too rare to stay connected."""
 
     name = "mqtt"
@@ -17,7 +17,7 @@ class MqttChannel:
         self._section = section
 
     def check(self) -> None:
-        """Check that the files that it needs can be read; raise :class:`NotifyError` otherwise."""
+        """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
         section = self._section
         check_files(section.ca_file, section.username_file, section.password_file)
 

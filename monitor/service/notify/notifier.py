@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from monitor.config.fields import Section
 from monitor.config.load import Config
 from monitor.config.notify import NotifySection
 from monitor.records.database import StoreError
@@ -14,7 +16,7 @@ from monitor.service.notify.channels import NotificationChannel
 from monitor.service.notify.follower import Clocks, Follower, LogReader
 from monitor.service.notify.message import Sender
 
-_FIRST_PAUSE = 5.0
+_FIRST_PAUSE_S = 5.0
 
 
 class Notifier:
@@ -31,7 +33,7 @@ class Notifier:
         settings: NotifySection,
         store: Path,
         *,
-        first_pause: float = _FIRST_PAUSE,
+        first_pause: float = _FIRST_PAUSE_S,
         monotonic: Callable[[], float] = time.monotonic,
         clock: Callable[[], float] = time.time,
     ) -> None:
@@ -62,21 +64,7 @@ class Notifier:
     @classmethod
     def from_settings(cls, config: Config, store: Path) -> Notifier:
         """Return one with the channels of a configuration, for the store at a path."""
-        settings = config.notify
-        channels: list[NotificationChannel] = []
-        if settings.smtp is not None:
-            from monitor.service.notify.smtp import SmtpChannel
-
-            channels.append(SmtpChannel(settings.smtp))
-        if settings.webhook is not None:
-            from monitor.service.notify.webhook import WebhookChannel
-
-            channels.append(WebhookChannel(settings.webhook))
-        if settings.mqtt is not None:
-            from monitor.service.notify.mqtt import MqttChannel
-
-            channels.append(MqttChannel(settings.mqtt))
-        return cls(Sender.of_config(config), channels, settings, store)
+        return cls(Sender.of_config(config), configured_channels(config.notify), config.notify, store)
 
     def wake(self) -> None:
         """Note that the log has something new; returns at once."""
@@ -96,3 +84,13 @@ class Notifier:
         for follower in self._followers:
             follower.join(max(0.0, until - time.monotonic()))
         self._reader.close()
+
+
+def configured_channels(settings: NotifySection) -> list[NotificationChannel]:
+    """Return the configured channels: section ``name`` belongs to class ``Channel`` of the module of that name here."""
+    sections = {name: getattr(settings, name) for name in NotifySection.model_fields}
+    return [
+        importlib.import_module(f"{__package__}.{name}").Channel(section)
+        for name, section in sections.items()
+        if isinstance(section, Section)
+    ]

@@ -10,7 +10,7 @@ from monitor.config.notify import SmtpSection
 from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, check_files, read_secret, tls_context
 
 
-class SmtpChannel:
+class Channel:
     """Sends one e-mail a message."""
 
     name = "smtp"
@@ -20,7 +20,7 @@ class SmtpChannel:
         self._section = section
 
     def check(self) -> None:
-        """Check that the files that it needs can be read; raise :class:`NotifyError` otherwise."""
+        """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
         section = self._section
         check_files(section.ca_file, section.username_file, section.password_file)
 

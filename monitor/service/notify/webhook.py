@@ -9,7 +9,7 @@ from monitor.config.notify import WebhookSection
 from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, check_files, read_secret, tls_context
 
 
-class WebhookChannel:
+class Channel:
     """One request a message; redirections are not followed, as they would send the token elsewhere."""
 
     name = "webhook"
@@ -20,7 +20,7 @@ class WebhookChannel:
         self._url = urlsplit(section.url)
 
     def check(self) -> None:
-        """Check that the files that it needs can be read; raise :class:`NotifyError` otherwise."""
+        """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
         check_files(self._section.ca_file, self._section.token_file)
 
     def send(self, message: Message) -> None:

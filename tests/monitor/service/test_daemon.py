@@ -19,8 +19,7 @@ from monitor.health.record import Record
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog
 from monitor.records.store import Store
-from monitor.service.daemon import Daemon
-from monitor.service.disk import DiskGuard, free_bytes
+from monitor.service.daemon import Daemon, DiskGuard, free_bytes
 from monitor.service.machine_status import channel_state
 from monitor.service.publisher import Publisher
 from monitor.service.status_file import StatusFile, read_status
@@ -110,7 +109,7 @@ def test_a_restart_knows_what_was_and_goes_on(tmp_path: Path) -> None:
 def test_without_room_on_the_disk_nothing_is_taken_until_there_is_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("monitor.service.disk._EVERY", 0.05)
+    monkeypatch.setattr("monitor.service.daemon._CHECK_DISK_S", 0.05)
     config = make_machine(tmp_path)
     free = [10**9]
     put(config, 1)

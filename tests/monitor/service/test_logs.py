@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from monitor.service.logs import JournalFormatter, to_journal
+from monitor.service.systemd import JournalFormatter, to_journal
 from tests.faults.daemons import ROOT, make_machine, wait_for
 
 

@@ -15,14 +15,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.config.notify import NotifySection
+from monitor.config.notify import MqttSection, NotifySection, SmtpSection, WebhookSection
 from monitor.health.record import Record
 from monitor.records.deliveries import Delivered, Deliveries
 from monitor.records.events import EventLog
 from monitor.records.store import Store
 from monitor.service.notify.channels import Message, NotifyError
 from monitor.service.notify.message import Sender
-from monitor.service.notify.notifier import Notifier
+from monitor.service.notify.notifier import Notifier, configured_channels
 
 PRESS = Sender("press")
 NOW = 1.79e9
@@ -33,6 +33,16 @@ def wait_until(condition: Callable[[], object]) -> None:
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.01)
+
+
+def test_each_section_has_its_channel() -> None:
+    sections = NotifySection(
+        smtp=SmtpSection(host="mail", sender="a@b.example", to=("c@d.example",)),
+        webhook=WebhookSection(url="http://127.0.0.1:1/hook"),
+        mqtt=MqttSection(url="mqtt://127.0.0.1:1/alarms"),
+    )
+    assert [channel.name for channel in configured_channels(sections)] == ["smtp", "webhook", "mqtt"]
+    assert configured_channels(NotifySection()) == []
 
 
 class Recorder:

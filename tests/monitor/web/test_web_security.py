@@ -17,8 +17,8 @@ from monitor.config.web import WebSection
 from monitor.records.events import EventLog
 from monitor.records.store import Store
 from monitor.web.auth import Doorkeeper, TokenError, load_token
-from monitor.web.protocol import LimitedProtocol
 from monitor.web.security import Doors
+from monitor.web.server import LimitedProtocol
 from tests.faults.daemons import make_machine, wait_for
 from tests.pages import Page, page_of
 
@@ -264,7 +264,7 @@ def test_whoever_sends_slowly_is_not_waited_for(tmp_path: Path, monkeypatch: pyt
 
 
 def test_too_many_connections_are_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("monitor.web.protocol.MAX_CONNECTIONS", 3)
+    monkeypatch.setattr("monitor.web.server.MAX_CONNECTIONS", 3)
     with page_of(machine_with_event(tmp_path)) as page:
         held = [page.dial() for _ in range(3)]
         wait_for(lambda: _closed_at_once(page))
