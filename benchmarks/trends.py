@@ -248,11 +248,9 @@ def keeping(folder: Path, count: int) -> list[Row]:
             states = {"waterfall": state.to_dict()}
             spent["without"].append(_thread_ms(lambda r=record, s=states: without.commit(r, s)))
             began = time.thread_time()
-            state, choice = step(state, record.time, plan)
+            state, kind, thin = step(state, record.time, plan)
             row = _row(record, spectra[place % 16])
-            store.commit(
-                record, {"waterfall": state.to_dict()}, spectra=[SpectrumChange(row, choice.kind, choice.thin)]
-            )
+            store.commit(record, {"waterfall": state.to_dict()}, spectra=[SpectrumChange(row, kind, thin)])
             spent["with"].append(1e3 * (time.thread_time() - began))
         kept = read_spectra(store, CHANNEL)
     worst = 0.0

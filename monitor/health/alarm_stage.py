@@ -32,15 +32,7 @@ Events = list[dict[str, Any]]
 
 @dataclass(frozen=True)
 class Acknowledgement:
-    """An alarm that a person has acknowledged.
-
-    Attributes:
-        channel: for which it was raised.
-        rule: that raised it.
-        severity: "alert" or "danger".
-        sequence: number of the block that raised it.
-        utc: when it was acknowledged, seconds since 1970.
-    """
+    """Acknowledgement of an alarm; ``sequence`` is the block that raised it, ``utc`` s since 1970."""
 
     channel: str
     rule: str
@@ -72,9 +64,8 @@ def alarm_step(
 
     Args:
         state: of the source, its channels as they are after the block.
-        record: of the block, without alarm events.
+        record: without alarm events.
         verdicts: by channel, none where the block was rejected as a whole.
-        settings: of the source.
         acknowledgements: since the block before.
     """
     states, events = dict(state.alarms), Events()

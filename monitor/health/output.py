@@ -1,4 +1,4 @@
-"""What the stages found in a block, and what a record and the kept spectra hold of it."""
+"""Output of the stages for a block, and the values of a record and the kept spectrum made of it."""
 
 from __future__ import annotations
 
@@ -30,17 +30,16 @@ _SPECTRUM_LINES = 6.5
 
 @dataclass(frozen=True)
 class ChannelOutput:
-    """What one block gives for one channel; None for stages that a rejection or a gate kept from running.
+    """Output of one block for one channel; None for stages that did not run.
 
     Attributes:
-        verdict: of quality.
         stage: stage of life after the block.
         absolute: whether levels are in m/s2.
         speed: of the shaft, Hz.
         load: N.
         bands: bands that were demodulated, Hz.
         band_source: "configured", "learning", "recording" (chosen from a single short recording) or "provisional".
-        leading: place, among the bands, of that on which the fault was named; 0 where none was.
+        leading: index of the band on which the fault was named; 0 where none was.
         naming: of the damaged part, from the averaged envelope spectrum.
         damage: equivalent damaged volume, or None where the channel is not tracked.
         forecasts: one for each threshold.
@@ -69,7 +68,7 @@ def record_values(
     Args:
         detector: state of the onset detector after the block.
         output: of the channel.
-        truth: what a simulated rig knows (``v_eq_true``, ``tt_true``); it is taken where the channel is tracked.
+        truth: ``v_eq_true`` and ``tt_true`` of a simulated rig, for a channel that is tracked.
     """
     values: dict[str, Any] = {
         "quality_status": output.verdict.status,

@@ -1,4 +1,4 @@
-"""Record: what one block said about the health of each channel, and its exact JSON form."""
+"""Record: the result of one block for each channel, and its exact JSON form."""
 
 from __future__ import annotations
 
@@ -28,13 +28,7 @@ class RecordError(SpallwatchError, ValueError):
 
 
 def plain(value: Any) -> Any:
-    """Return a value as records carry it: Python numbers, tuples for sequences and arrays, None for what is not finite.
-
-    A NaN becomes None because in a record an absent value is None and its status stands beside it.
-
-    Args:
-        value: a number, a string, None, an array, or sequences and mappings of these.
-    """
+    """Return a value as records hold it: Python numbers, tuples for sequences and arrays, None for NaN and infinity."""
     if isinstance(value, str | bool) or value is None:
         return value
     if isinstance(value, np.ndarray | np.generic):
@@ -49,31 +43,27 @@ def plain(value: Any) -> Any:
 
 
 def storable(text: str) -> str:
-    """Return a text that a database takes: bytes of a file's name that are no UTF-8 stand escaped."""
+    """Return a text for a database, in which bytes of a file name that are not UTF-8 are escaped."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 @dataclass(frozen=True)
 class Record:
-    """What one block of one source said. Equal records are equal bit for bit.
+    """The result of one block of one source. Equal records are equal bit for bit.
 
-    Absent values are None (so is a value of several numbers none of which is there), NaN and infinities are refused;
-    sequences become tuples, so that a record equals the one read back from its JSON. See :func:`plain` for values that
-    come from arrays.
+    An absent value is None, also one of several numbers that are all absent; NaN and infinities are refused. Sequences
+    become tuples, so that a record equals the one read back from its JSON. :func:`plain` converts arrays.
 
     Attributes:
-        source: name of the source.
-        sequence: 1-based number of the block in its source.
+        sequence: number of the block in its source, from 1.
         name: where the block came from, for people.
         content_hash: digest of the block's bytes; with source and sequence it is the block's identity.
         status: "ok", a flag, or a rejection status of the interface.
-        flags: all flags of the block.
         reason: one sentence where the status is not "ok".
         time: UTC seconds since 1970 of the first sample, None if undated.
         elapsed: seconds since the first sample of the source, None if unknown.
         channels: values by channel and variable (``VARIABLES``), SI. A variable may be left out.
-        forecasts: forecasts as issued with this block.
-        events: events of this block, such as the start of the final stage becoming known.
+        forecasts: as issued with this block.
 
     Raises:
         RecordError: naming the block, the key, what was expected and what came.
@@ -128,11 +118,7 @@ class Record:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Record:
-        """Return the record that :meth:`to_json` wrote.
-
-        Raises:
-            RecordError: the text is no JSON object of this schema.
-        """
+        """Return the record that :meth:`to_json` wrote; raise RecordError for a text that is none."""
         try:
             values = json.loads(text)
             return cls(**values)
@@ -146,11 +132,7 @@ def mask_names(variable: Variable, value: int) -> tuple[str, ...]:
 
 
 def _value(name: str, value: Any, where: str) -> Any:
-    """Check one value of one channel and return it normalised.
-
-    Raises:
-        RecordError: unknown variable, wrong type, shape or word, or a number that is not finite.
-    """
+    """Check one value of one channel and return it normalised."""
     variable = VARIABLES.get(name)
     if variable is None:
         raise RecordError(f"{where}: unknown variable {name!r}; docs/reference/records.md lists those there are")
@@ -187,7 +169,7 @@ def _nested(variable: Variable, value: Any, dims: tuple[str, ...], where: str) -
 
 
 def _is_absent(value: Any) -> bool:
-    """Return whether a value of several numbers holds none: all of them None."""
+    """Return whether all of several numbers are None."""
     return all(_is_absent(item) for item in value) if isinstance(value, list | tuple) else value is None
 
 
@@ -214,7 +196,7 @@ def _scalar(variable: Variable, value: Any, where: str) -> float | int | str | N
 
 
 def _mask(variable: Variable, value: Any, where: str) -> str | None:
-    """Bring a set of words, given as text joined by "|", as a sequence or as bits, into the order of the schema."""
+    """Return words, given as text joined by "|", as a sequence or as bits, in the order of the schema."""
     if isinstance(value, bool) or not isinstance(value, int | str | list | tuple):
         raise RecordError(f"{where}: expected words joined by '|', a sequence of them or bits, got {value!r}")
     if isinstance(value, int):
@@ -241,7 +223,7 @@ def _number(value: Any, where: str) -> float | None:
 
 
 def _free(value: Any, where: str) -> Any:
-    """Bring a forecast or an event, whose keys are its maker's, into the form that JSON gives back."""
+    """Return a forecast or an event, with any keys, in the form that JSON gives back."""
     if isinstance(value, Mapping):
         return {str(key): _free(item, f"{where}.{key}") for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -63,17 +63,14 @@ class Variable:
     """One quantity of a health record, given for every block and channel.
 
     Attributes:
-        name: its name in records and files, lower case.
-        dims: dimensions beyond (time, channel), of "band", "fault", "harmonic", "bpfo_harmonic", "threshold",
-            "coefficient".
+        dims: dimensions beyond (time, channel).
         units: UDUNITS string of the SI unit, "1" for a pure number, "time" for a moment on the record's time axis,
             None where a unit has no meaning.
-        long_name: what it is, in words.
-        symbol: the symbol of the source, in ASCII.
+        symbol: that of the source, in ASCII.
         source: where it is defined.
         kind: "float", "int", "flag" (one word of ``values``) or "mask" (any number of words of ``values``).
-        values: the words allowed, in the order of their integers.
-        optional: whether files leave it out where no record has it; all others are always there.
+        values: allowed words, in the order of their integers.
+        optional: whether files leave it out where no record has it.
     """
 
     name: str

@@ -237,7 +237,7 @@ def _spectra(
             continue
         found = output.detection
         onset = found is not None and found.alarm
-        after[name], keeping = waterfall_step(
+        after[name], kind, thin = waterfall_step(
             waterfall,
             row.time,
             channel.waterfall,
@@ -246,5 +246,5 @@ def _spectra(
             end=found is not None and found.end,
         )
         began = states[name].detect.t_fs if onset else None
-        changes.append(SpectrumChange(row, keeping.kind, keeping.thin, None if began is None else began.sequence))
+        changes.append(SpectrumChange(row, kind, thin, None if began is None else began.sequence))
     return after, tuple(changes)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Kind = Literal["newest", "kept", "pinned"]
+"""How long a spectrum is kept: until the next one comes, until it is thinned out, always."""
 
 _PINNED_AFTER = 3
 _SLACK = 1e-3
@@ -26,8 +27,6 @@ class SpectrumRow:
     """The envelope spectrum of one block of one channel, not averaged.
 
     Attributes:
-        source: name of the source.
-        channel: name of the channel.
         sequence: number of the block in its source.
         time: of its first sample, UTC seconds since 1970, or seconds from the first block where undated; None unknown.
         resolution: spacing of the bins, Hz; bin k is at k times it.
@@ -63,8 +62,6 @@ class SpectrumChange:
     """Changes by one block in the spectra of one channel.
 
     Attributes:
-        row: the spectrum of the block.
-        kind: as in :class:`Keeping`.
         thin: drop every other one of the kept ones first.
         pin_before: pin the last kept one before the block of this number, or None.
     """
@@ -117,19 +114,6 @@ class WaterfallState:
         return cls(**values)
 
 
-@dataclass(frozen=True)
-class Keeping:
-    """How long the spectrum of a block is kept.
-
-    Attributes:
-        kind: "newest": until the next comes; "kept": until it is thinned out; "pinned": always.
-        thin: drop every other one of the kept ones first.
-    """
-
-    kind: Kind
-    thin: bool = False
-
-
 def step(
     state: WaterfallState,
     time: float | None,
@@ -138,16 +122,15 @@ def step(
     clock_valid: bool = True,
     onset: bool = False,
     end: bool = False,
-) -> tuple[WaterfallState, Keeping]:
-    """Take one block that has a spectrum and is in order.
+) -> tuple[WaterfallState, Kind, bool]:
+    """Return the state after a block with a spectrum, how long to keep it, and whether to drop every other kept one.
 
     Args:
         state: the waterfall so far.
         time: of the block, s, or None where blocks have none: then each counts as an interval after the one before.
         settings: of the channel.
         clock_valid: whether the time is used; if not, the spectrum is at most the newest.
-        onset: whether the final stage became known with it.
-        end: whether the end of life became known with it.
+        onset, end: whether the final stage, the end of life became known with the block.
     """
     interval = settings.interval if state.interval is None else state.interval
     to_pin = max(state.to_pin, _PINNED_AFTER) if onset else state.to_pin
@@ -156,10 +139,10 @@ def step(
     due = clock_valid and (time is None or state.last is None or time < state.last or time - state.last >= wait)
     if onset or end or (due and to_pin):
         last = time if clock_valid else state.last
-        return replace(state, interval=interval, last=last, to_pin=max(0, to_pin - 1)), Keeping("pinned")
+        return replace(state, interval=interval, last=last, to_pin=max(0, to_pin - 1)), "pinned", False
     if not due:
-        return replace(state, interval=interval), Keeping("newest")
+        return replace(state, interval=interval), "newest", False
     thin = state.count >= 2 * settings.rows
     count = (state.count + 1) // 2 if thin else state.count
     interval = 2.0 * interval if thin else interval
-    return replace(state, interval=interval, count=count + 1, last=time), Keeping("kept", thin)
+    return replace(state, interval=interval, count=count + 1, last=time), "kept", thin

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from monitor.config.load import Config, ConfigError, validate
 from monitor.health.record import Record
 from monitor.health.state import Stored
-from monitor.health.waterfall import Keeping, SpectrumChange, SpectrumRow, WaterfallSettings, WaterfallState, step
+from monitor.health.waterfall import SpectrumChange, SpectrumRow, WaterfallSettings, WaterfallState, step
 from monitor.records.database import StoreError
 from monitor.records.ledger import StoreLedger
 from monitor.records.spectra import binned, kept_blocks, pack_amplitude, read_spectra
@@ -303,16 +303,16 @@ def test_there_are_never_too_many_and_never_two_too_close(steps: list[float], ro
     pinned: list[float] = []
     for place, gap in enumerate(steps):
         now += gap
-        state, keeping = step(state, now, plan, onset=place == onset)
+        state, kind, thin = step(state, now, plan, onset=place == onset)
         state = WaterfallState.from_dict(state.to_dict())
-        if keeping.thin:
+        if thin:
             kept = kept[::2]
-        if keeping.kind == "kept":
+        if kind == "kept":
             kept.append(now)
-        elif keeping.kind == "pinned":
+        elif kind == "pinned":
             pinned.append(now)
         assert len(kept) == state.count <= 2 * rows
-        assert keeping.thin <= (len(kept) > rows)
+        assert thin <= (len(kept) > rows)
         assert state.interval is not None
         assert all(later - earlier >= 0.99 * 60.0 for earlier, later in pairwise(kept))
         # No stretch of the life between two rows is longer than the while and what the blocks leave out.
@@ -322,8 +322,8 @@ def test_there_are_never_too_many_and_never_two_too_close(steps: list[float], ro
 
 
 def test_a_pin_is_not_thinned_and_the_last_before_it_is_found() -> None:
-    state, keeping = step(WaterfallState(), 0.0, WaterfallSettings(rows=1), end=True)
-    assert keeping == Keeping("pinned")
+    state, kind, thin = step(WaterfallState(), 0.0, WaterfallSettings(rows=1), end=True)
+    assert (kind, thin) == ("pinned", False)
     assert state.count == 0
     with pytest.raises(ValueError, match="version 7"):
         WaterfallState.from_dict({"version": 7})

@@ -70,7 +70,7 @@ def test_the_database_of_another_program_is_not_read(tmp_path: Path) -> None:
 
 def test_a_query_that_takes_too_long_is_given_up(tmp_path: Path) -> None:
     fill(tmp_path / "state.db", ["ok"])
-    reader = StoreReader(tmp_path / "state.db", longest=0.05)
+    reader = StoreReader(tmp_path / "state.db", max_loan_s=0.05)
     endless = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT count(*) FROM n"
     with pytest.raises(StoreError, match="takes too long"):
         reader.rows(endless)

@@ -100,7 +100,7 @@ def test_a_listener_that_takes_nothing_is_dropped_and_holds_nothing_up(
 ) -> None:
     monkeypatch.setattr("monitor.web.stream._POLL_S", 0.001)
     monkeypatch.setattr("monitor.web.stream._HEARTBEAT_S", 0.0)
-    monkeypatch.setattr("monitor.web.machines._FRESH", 0.0)
+    monkeypatch.setattr("monitor.web.machines._FRESH_S", 0.0)
     config = make_machine(tmp_path)
     hub = Hub(Machines([load_config(config)]))
     (tmp_path / "state").mkdir()
