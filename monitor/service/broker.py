@@ -13,14 +13,14 @@ from typing import Any
 from models.errors import SpallwatchError
 from monitor.config.publish import BrokerSection
 
-TIMEOUT = 10.0
+TIMEOUT_S = 10.0
 """Seconds that a connection may take."""
 _KEEPALIVE = 15
 _IN_FLIGHT = 100
 
 
 class BrokerError(SpallwatchError):
-    """The broker cannot be reached, refuses, or is gone; no secret is in the text."""
+    """The broker cannot be reached, refuses, or is lost; no secret is in the text."""
 
 
 class BrokerLink:
@@ -43,7 +43,7 @@ class BrokerLink:
             section: the broker.
             read_secret: returns the secret in a file.
             will: topic and text that the broker publishes, retained, when the connection breaks.
-            wake: called from another thread whenever a message is confirmed or the connection is lost.
+            wake: called from another thread when a message is confirmed or the connection is lost.
 
         Raises:
             BrokerError: paho-mqtt is missing, or a certificate cannot be read.
@@ -60,7 +60,7 @@ class BrokerLink:
         self._lost: str | None = None
         self._confirmed: set[int] = set()
         client = Client(CallbackAPIVersion.VERSION2, reconnect_on_failure=False)
-        client.connect_timeout = TIMEOUT
+        client.connect_timeout = TIMEOUT_S
         client.max_inflight_messages_set(_IN_FLIGHT)
         if section.username_file is not None:
             password = None if section.password_file is None else read_secret(section.password_file)
@@ -85,7 +85,7 @@ class BrokerLink:
             raise BrokerError(f"{self._where}: {error}") from None
         self._client.loop_start()
         with self._state:
-            answered = self._state.wait_for(lambda: self._accepted or self._lost is not None, TIMEOUT)
+            answered = self._state.wait_for(lambda: self._accepted or self._lost is not None, TIMEOUT_S)
         if not answered:
             raise BrokerError(f"{self._where}: the broker does not answer")
         self.check()

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from models.errors import SpallwatchError
 
-TIMEOUT = 10.0
+TIMEOUT_S = 10.0
 """Seconds that any connection may take."""
 _MAX_SECRET_CHARACTERS = 4096
 
@@ -22,13 +22,7 @@ class NotifyError(SpallwatchError):
 
 @dataclass(frozen=True)
 class Message:
-    """A notification, made by :func:`monitor.service.notify.message.compose`.
-
-    Attributes:
-        title: one line.
-        text: the whole, for people.
-        values: the same for programs, plain values.
-    """
+    """A notification: one line, the whole for people, and plain values for programs."""
 
     title: str
     text: str
@@ -45,24 +39,16 @@ class NotificationChannel(Protocol):
     name: str
 
     def check(self) -> None:
-        """Check that the files that it needs can be read; raise :class:`NotifyError` otherwise."""
+        """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
         ...
 
     def send(self, message: Message) -> str | None:
-        """Deliver one message; raise :class:`NotifyError` if that fails.
-
-        Returns:
-            A problem in spite of the delivery, in one sentence, or None.
-        """
+        """Deliver one message, or raise :class:`NotifyError`; return a problem in spite of the delivery, or None."""
         ...
 
 
 def tls_context(ca_file: Path | None) -> ssl.SSLContext:
-    """Return a context that verifies certificate and name of a server, by public authorities or those in a file.
-
-    Raises:
-        NotifyError: the file cannot be used.
-    """
+    """Return a context that verifies servers by public authorities or those in a file; NotifyError without it."""
     try:
         return ssl.create_default_context(cafile=None if ca_file is None else str(ca_file))
     except OSError as error:
@@ -70,11 +56,7 @@ def tls_context(ca_file: Path | None) -> ssl.SSLContext:
 
 
 def check_files(ca_file: Path | None, *secrets: Path | None) -> None:
-    """Read the files of a channel, so that a missing one is found before the first alarm.
-
-    Raises:
-        NotifyError: a file cannot be read, or holds no certificates.
-    """
+    """Read the files of a channel, so that a missing one raises NotifyError before the first alarm."""
     for path in secrets:
         if path is not None:
             read_secret(path)
@@ -83,11 +65,7 @@ def check_files(ca_file: Path | None, *secrets: Path | None) -> None:
 
 
 def read_secret(path: Path) -> str:
-    """Return the first line of a file; it is read for each message, so that a secret can change without a restart.
-
-    Raises:
-        NotifyError: it cannot be read or is empty.
-    """
+    """Return the first line of a file, read for each message, as secrets change; NotifyError where there is none."""
     try:
         with path.open(encoding="utf-8") as file:
             line = file.readline(_MAX_SECRET_CHARACTERS).strip()

@@ -24,7 +24,7 @@ from monitor.words.numbers import count
 _LOG = logging.getLogger(__name__)
 _MAX_PAUSE_S = 900.0
 _POLL_S = 60.0
-_HOUR = 3600.0
+_HOUR_S = 3600.0
 _MIN_UTC_S = 315532800.0
 """1980; an earlier time comes from a clock that was not set."""
 _NOT_DELIVERED = ("alarm_released",)
@@ -42,27 +42,21 @@ class LogReader:
     """The event log of a store and the positions of all channels in it; opened on first use, closed once."""
 
     def __init__(self, path: Path, channels: tuple[str, ...], clock: Callable[[], float]) -> None:
-        """Keep the store and the names of all channels; nothing is opened yet."""
+        """Keep the path; nothing is opened yet."""
         self.path, self._channels, self._clock = path, channels, clock
         self._lock = threading.Lock()
         self._opened: tuple[EventLog, Deliveries] | None = None
         self._closed = False
 
     def open(self) -> tuple[EventLog, Deliveries]:
-        """Return log and positions; a new channel begins at the present end.
-
-        Raises:
-            StoreError: the database cannot be read or written, or this is closed.
-        """
+        """Return log and positions; a new channel begins at the present end. StoreError where this is impossible."""
         with self._lock:
             if self._closed:
                 raise StoreError(f"{self.path}: the event log is closed")
             if self._opened is None:
                 with contextlib.ExitStack() as opened:
-                    log, deliveries = (
-                        opened.enter_context(EventLog(self.path)),
-                        opened.enter_context(Deliveries(self.path)),
-                    )
+                    log = opened.enter_context(EventLog(self.path))
+                    deliveries = opened.enter_context(Deliveries(self.path))
                     deliveries.begin(self._channels, self._clock())
                     opened.pop_all()
                 self._opened = log, deliveries
@@ -95,13 +89,13 @@ class Follower:
         self._machine, self._channel, self._settings, self._reader = machine, channel, settings, reader
         self._first_pause, self._clocks = first_pause, clocks
         self._pause = first_pause
-        self._complaint: str | None = None
-        self._place: Delivered | None = None
+        self._warning: str | None = None
+        self._progress: Delivered | None = None
         self._saved = True
-        self._since: dict[str, float] = {}
+        self._waiting_since: dict[str, float] = {}
         self._sent: deque[float] = deque()
         self._wake = threading.Condition()
-        self._news, self._ending = True, False
+        self._changed, self._ending = True, False
         self._thread = threading.Thread(target=self._work, name=f"notify-{channel.name}", daemon=True)
 
     def start(self) -> None:
@@ -111,11 +105,11 @@ class Follower:
     def wake(self) -> None:
         """Note that the log has something new."""
         with self._wake:
-            self._news = True
+            self._changed = True
             self._wake.notify()
 
     def end(self) -> None:
-        """Ask the thread to end; what was not tried yet is tried once."""
+        """Let the thread end; new events are tried once."""
         with self._wake:
             self._ending = True
             self._wake.notify()
@@ -128,20 +122,20 @@ class Follower:
         healthy = True
         while True:
             with self._wake:
-                if self._ending and not (self._news and healthy):
+                if self._ending and not (self._changed and healthy):
                     return
-                self._news = False
-            wait = self._turn()
+                self._changed = False
+            wait = self._attempt()
             healthy = not wait
             with self._wake:
                 if wait is None:
-                    self._wake.wait_for(lambda: self._news or self._ending, _POLL_S)
+                    self._wake.wait_for(lambda: self._changed or self._ending, _POLL_S)
                 elif wait > 0.0:
                     self._wake.wait_for(lambda: self._ending, wait)
                 else:
-                    self._news = True
+                    self._changed = True
 
-    def _turn(self) -> float | None:
+    def _attempt(self) -> float | None:
         """Deliver what waits; return the seconds until the next attempt, None if nothing waits."""
         try:
             return self._deliver()
@@ -149,7 +143,7 @@ class Follower:
             if self.problem is None and not self._ending:
                 _LOG.error("notification by %s fails, it is tried again: %s", self.name, error)
             self.problem = str(error)
-        except Exception as error:  # A fault of one channel must not end its thread unnoticed.
+        except Exception as error:  # A fault of a channel must not end its thread.
             _LOG.exception("notification by %s fails", self.name)
             self.problem = f"{self.name}: {type(error).__name__}"
         wait, self._pause = self._pause, min(2.0 * self._pause, _MAX_PAUSE_S)
@@ -157,75 +151,76 @@ class Follower:
 
     def _deliver(self) -> float | None:
         log, deliveries = self._reader.open()
-        place = self._current(deliveries)
-        # What waits is delivered on a full disk, too.
+        progress = self._load_progress(deliveries)
+        # A full disk does not prevent a delivery.
         with contextlib.suppress(StoreError):
             deliveries.mark_found(self._clocks.utc())
         most = self._settings.queue_events
-        events = log.after(place.event, limit=most)
-        notices = log.notices_after(place.notice, limit=most)
+        events = log.after(progress.event, limit=most)
+        notices = log.notices_after(progress.notice, limit=most)
         after = replace(
-            place,
-            event=events[-1][0] if events else place.event,
-            notice=notices[-1][0] if notices else place.notice,
+            progress,
+            event=events[-1][0] if events else progress.event,
+            notice=notices[-1][0] if notices else progress.notice,
         )
         more = 0.0 if most in (len(events), len(notices)) else None
         waiting = [
             (number, event) for number, event in (*events, *notices) if event.body.get("kind") not in _NOT_DELIVERED
         ]
-        self._age(deliveries, waiting)
-        if not waiting and not place.left_out:
-            self._keep(deliveries, after)
+        self._note_ages(deliveries, waiting)
+        if not waiting and not progress.left_out:
+            self._save_progress(deliveries, after)
             # A missing password is found before the first alarm.
             self._channel.check()
-            self.problem, self._pause = self._complaint, self._first_pause
+            self.problem, self._pause = self._warning, self._first_pause
             return more
-        wait = self._until_allowed()
+        wait = self._wait_allowed()
         if wait > 0.0:
             return wait
         try:
-            self._complaint = self._send(waiting, place.left_out)
+            self._warning = self._send(waiting, progress.left_out)
         except Exception:
-            self._give_up(deliveries, place, waiting)
+            self._give_up(deliveries, progress, waiting)
             raise
         now = self._clocks.monotonic()
         self._sent.append(now)
         utc = self._clocks.utc()
-        self._keep(deliveries, replace(after, left_out=0, sent=tuple(utc - (now - item) for item in self._sent)))
-        self.problem, self._pause = self._complaint, self._first_pause
+        sent = tuple(utc - (now - item) for item in self._sent)
+        self._save_progress(deliveries, replace(after, left_out=0, sent=sent))
+        self.problem, self._pause = self._warning, self._first_pause
         return more
 
-    def _current(self, deliveries: Deliveries) -> Delivered:
+    def _load_progress(self, deliveries: Deliveries) -> Delivered:
         """Return the present position, from the store at the start; write it if that failed before."""
-        if self._place is None:
-            self._place = deliveries.progress(self.name) or Delivered()
+        if self._progress is None:
+            self._progress = deliveries.progress(self.name) or Delivered()
             now, utc = self._clocks.monotonic(), self._clocks.utc()
-            self._sent.extend(now - (utc - item) for item in sorted(self._place.sent) if 0.0 <= utc - item < _HOUR)
+            self._sent.extend(now - (utc - item) for item in sorted(self._progress.sent) if 0.0 <= utc - item < _HOUR_S)
         if not self._saved:
-            self._keep(deliveries, self._place)
-        return self._place
+            self._save_progress(deliveries, self._progress)
+        return self._progress
 
-    def _keep(self, deliveries: Deliveries, place: Delivered) -> None:
+    def _save_progress(self, deliveries: Deliveries, progress: Delivered) -> None:
         """Move to a position and write it; if the disk is full, messages are delivered again after a restart."""
-        changed, self._place = place != self._place, place
+        changed, self._progress = progress != self._progress, progress
         if changed or not self._saved:
             self._saved = False
             with contextlib.suppress(StoreError):
-                deliveries.save(self.name, place)
+                deliveries.save(self.name, progress)
                 self._saved = True
 
-    def _age(self, deliveries: Deliveries, waiting: list[tuple[int, LoggedEvent]]) -> None:
+    def _note_ages(self, deliveries: Deliveries, waiting: list[tuple[int, LoggedEvent]]) -> None:
         """Note since when each event waits (s, monotonic), and sort them by that."""
         now, utc = self._clocks.monotonic(), self._clocks.utc()
-        known, self._since = self._since, {}
+        known, self._waiting_since = self._waiting_since, {}
         for number, event in waiting:
             since = known.get(event.id)
             if since is None:
                 found = event.utc if event.id.startswith("n") else deliveries.found(number)
                 age = 0.0 if found is None or found < _MIN_UTC_S else max(0.0, utc - found)
                 since = now - age
-            self._since[event.id] = since
-        waiting.sort(key=lambda item: self._since[item[1].id])
+            self._waiting_since[event.id] = since
+        waiting.sort(key=lambda item: self._waiting_since[item[1].id])
 
     def _send(self, waiting: list[tuple[int, LoggedEvent]], left_out: int) -> str | None:
         events = [event for _, event in waiting]
@@ -233,43 +228,43 @@ class Follower:
         ranked = sorted(range(len(events)), key=lambda index: (-badness(events[index].body), -index))
         listed = [events[index] for index in sorted(ranked[:MAX_LISTED])]
         later = self._clocks.utc() - self._clocks.monotonic()
-        items = [Item(event, found=self._since[event.id] + later) for event in listed]
+        items = [Item(event, found=self._waiting_since[event.id] + later) for event in listed]
         # Without a readable record the message lacks its values only.
         with contextlib.suppress(StoreError, ValueError), Store.open(self._reader.path, read_only=True) as store:
             items = [replace(item, values=_values(store, item.event)) for item in items]
         message = compose(self._machine, items, left_out + len(events) - len(items))
-        complaint = self._channel.send(message)
+        warning = self._channel.send(message)
         _LOG.info("delivered by %s: %s", self.name, message.title)
-        if complaint is not None:
-            _LOG.error("delivered by %s, but %s", self.name, complaint)
-        return complaint
+        if warning is not None:
+            _LOG.error("delivered by %s, but %s", self.name, warning)
+        return warning
 
-    def _give_up(self, deliveries: Deliveries, place: Delivered, waiting: list[tuple[int, LoggedEvent]]) -> None:
+    def _give_up(self, deliveries: Deliveries, progress: Delivered, waiting: list[tuple[int, LoggedEvent]]) -> None:
         """Skip what has been waiting for too long; the next message counts it."""
-        oldest = self._clocks.monotonic() - self._settings.give_up_hours * _HOUR
-        old = [(number, event) for number, event in waiting if self._since[event.id] < oldest]
+        oldest = self._clocks.monotonic() - self._settings.give_up_hours * _HOUR_S
+        old = [(number, event) for number, event in waiting if self._waiting_since[event.id] < oldest]
         if not old:
             return
         _LOG.error("%s: given up after %g h: %s", self.name, self._settings.give_up_hours, count(len(old), "event"))
         notices = [number for number, event in old if event.id.startswith("n")]
         events = [number for number, event in old if not event.id.startswith("n")]
-        self._keep(
+        self._save_progress(
             deliveries,
             replace(
-                place,
-                event=max(events, default=place.event),
-                notice=max(notices, default=place.notice),
-                left_out=place.left_out + len(old),
+                progress,
+                event=max(events, default=progress.event),
+                notice=max(notices, default=progress.notice),
+                left_out=progress.left_out + len(old),
             ),
         )
 
-    def _until_allowed(self) -> float:
+    def _wait_allowed(self) -> float:
         """Return the seconds until the rate limit lets another message through."""
         now = self._clocks.monotonic()
-        while self._sent and now - self._sent[0] >= _HOUR:
+        while self._sent and now - self._sent[0] >= _HOUR_S:
             self._sent.popleft()
         most = self._settings.most_per_hour
-        return 0.0 if len(self._sent) < most else self._sent[-most] + _HOUR - now
+        return 0.0 if len(self._sent) < most else self._sent[-most] + _HOUR_S - now
 
 
 def _values(store: Store, event: LoggedEvent) -> Mapping[str, Any]:

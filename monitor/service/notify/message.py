@@ -17,7 +17,7 @@ from monitor.words.statuses import fault_words
 
 MAX_LISTED = 20
 """Events that a message lists; of more, the worst are listed and all are counted."""
-_LONGEST_TITLE = 180
+_MAX_TITLE_CHARACTERS = 180
 _STAGES = {
     "learning": "the baseline is being learned",
     "healthy": "healthy",
@@ -37,7 +37,7 @@ class Sender:
 
     @classmethod
     def of_config(cls, config: Config) -> Sender:
-        """Return that of a configuration; the page's address is known where its port is."""
+        """Return that of a configuration; without a fixed port, the page has no address."""
         web, page = config.web, config.notify.page_url
         if page is None and web.enabled and web.port:
             host = f"[{web.host}]" if ":" in web.host else web.host
@@ -47,12 +47,11 @@ class Sender:
 
 @dataclass(frozen=True)
 class Item:
-    """An event, with what the record of its block says of its channel.
+    """An event with the values of its channel in the record of its block.
 
     Attributes:
-        event: of the log.
-        values: of the record, SI; empty where there is none.
-        found: UTC seconds at which it was found, which say when where its block has no date.
+        values: SI; empty where there is no record.
+        found: time of detection, UTC s, shown where the block has no date.
     """
 
     event: LoggedEvent
@@ -61,9 +60,9 @@ class Item:
 
     def when(self, zone: str) -> str:
         """Return its time in a time zone and in UTC; the time of detection if its block has no date."""
-        known = local_moment(self.event.utc, zone)
-        if known is not None:
-            return known
+        dated = local_moment(self.event.utc, zone)
+        if dated is not None:
+            return dated
         found = local_moment(self.found, zone)
         return "" if found is None else f"found {found}"
 
@@ -79,24 +78,18 @@ class Item:
 
 
 def compose(machine: Sender, items: Sequence[Item], left_out: int = 0) -> Message:
-    """Return the message of some events.
-
-    Args:
-        machine: the sender.
-        items: in the order in which they were found, at most :data:`MAX_LISTED`.
-        left_out: how many more there were.
-    """
+    """Return the message of events in the order of detection, at most :data:`MAX_LISTED`, and the number left out."""
     worst = max(items, key=lambda item: badness(item.event.body), default=None)
     many = len(items) + left_out
     name = clean(machine.name) or "machine"
     if worst is None:
         title = f"{name}: {_number(many)} could not be told in time"
     else:
-        said = f"{worst.where}: {worst.text}" if worst.where else worst.text
-        title = f"{name}: " + (f"{many} events, worst: {said}" if many > 1 else said)
+        headline = f"{worst.where}: {worst.text}" if worst.where else worst.text
+        title = f"{name}: " + (f"{many} events, worst: {headline}" if many > 1 else headline)
     title = clean(title)
-    if len(title) > _LONGEST_TITLE:
-        title = title[: _LONGEST_TITLE - 1].rstrip() + "…"
+    if len(title) > _MAX_TITLE_CHARACTERS:
+        title = title[: _MAX_TITLE_CHARACTERS - 1].rstrip() + "…"
     lines = [title, ""]
     if many > 1:
         lines += [_line(machine, item) for item in items]

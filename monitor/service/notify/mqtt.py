@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from monitor.config.notify import MqttSection
-from monitor.service.broker import TIMEOUT, BrokerError, BrokerLink
+from monitor.service.broker import TIMEOUT_S, BrokerError, BrokerLink
 from monitor.service.notify.channels import Message, NotifyError, check_files, read_secret
 
 
@@ -27,7 +27,7 @@ class Channel:
             link = BrokerLink(self._section, read_secret)
             try:
                 link.connect()
-                link.wait_confirmed({link.publish(self._section.topic, message.to_json())}, TIMEOUT)
+                link.wait_confirmed({link.publish(self._section.topic, message.to_json())}, TIMEOUT_S)
             finally:
                 link.close()
         except BrokerError as error:

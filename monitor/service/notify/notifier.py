@@ -37,13 +37,13 @@ class Notifier:
         monotonic: Callable[[], float] = time.monotonic,
         clock: Callable[[], float] = time.time,
     ) -> None:
-        """Start a thread for each channel.
+        """Start a thread for each channel, on the event log of the database ``store``.
 
         Args:
             machine: sender of the messages.
-            channels: to deliver over.
+            channels: channels of delivery.
             settings: limits.
-            store: the database with the event log.
+            store: path of the database.
             first_pause: seconds before the second attempt; the pauses double, up to 15 minutes.
             monotonic: seconds that never go back.
             clock: UTC seconds since 1970.
@@ -53,7 +53,7 @@ class Notifier:
         self._followers = [
             Follower(machine, channel, settings, self._reader, first_pause, clocks) for channel in channels
         ]
-        # All that is committed from now on is delivered; on a full disk the threads repeat this.
+        # Positions are set now, so that later events are delivered; on a full disk the threads repeat this.
         with contextlib.suppress(StoreError):
             self._reader.open()
         if not self._followers:

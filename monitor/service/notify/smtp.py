@@ -7,7 +7,7 @@ from email.message import EmailMessage
 from email.utils import formatdate, make_msgid
 
 from monitor.config.notify import SmtpSection
-from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, check_files, read_secret, tls_context
+from monitor.service.notify.channels import TIMEOUT_S, Message, NotifyError, check_files, read_secret, tls_context
 
 
 class Channel:
@@ -16,7 +16,7 @@ class Channel:
     name = "smtp"
 
     def __init__(self, section: SmtpSection) -> None:
-        """Take the configured server and addresses."""
+        """Keep the configured server and addresses."""
         self._section = section
 
     def check(self) -> None:
@@ -25,11 +25,7 @@ class Channel:
         check_files(section.ca_file, section.username_file, section.password_file)
 
     def send(self, message: Message) -> str | None:
-        """Send a message; raise :class:`NotifyError` if the server rejects all recipients.
-
-        Returns:
-            The rejected recipients, or None. They are not tried again, as the others have the message.
-        """
+        """Send a message, or raise :class:`NotifyError`; return the rejected recipients, if not all, or None."""
         section = self._section
         mail = EmailMessage()
         mail["Subject"] = message.title
@@ -56,11 +52,11 @@ class Channel:
     def _connect(self) -> smtplib.SMTP:
         section = self._section
         if section.security == "none":
-            return smtplib.SMTP(section.host, section.port, timeout=TIMEOUT)
+            return smtplib.SMTP(section.host, section.port, timeout=TIMEOUT_S)
         context = tls_context(section.ca_file)
         if section.security == "tls":
-            return smtplib.SMTP_SSL(section.host, section.port, timeout=TIMEOUT, context=context)
-        server = smtplib.SMTP(section.host, section.port, timeout=TIMEOUT)
+            return smtplib.SMTP_SSL(section.host, section.port, timeout=TIMEOUT_S, context=context)
+        server = smtplib.SMTP(section.host, section.port, timeout=TIMEOUT_S)
         try:
             server.starttls(context=context)
         except BaseException:

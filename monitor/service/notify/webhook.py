@@ -6,7 +6,7 @@ import http.client
 from urllib.parse import urlsplit
 
 from monitor.config.notify import WebhookSection
-from monitor.service.notify.channels import TIMEOUT, Message, NotifyError, check_files, read_secret, tls_context
+from monitor.service.notify.channels import TIMEOUT_S, Message, NotifyError, check_files, read_secret, tls_context
 
 
 class Channel:
@@ -15,7 +15,7 @@ class Channel:
     name = "webhook"
 
     def __init__(self, section: WebhookSection) -> None:
-        """Take the configured address."""
+        """Keep the configured address."""
         self._section = section
         self._url = urlsplit(section.url)
 
@@ -46,5 +46,5 @@ class Channel:
         host = self._url.hostname or ""
         if self._url.scheme == "https":
             context = tls_context(self._section.ca_file)
-            return http.client.HTTPSConnection(host, self._url.port, timeout=TIMEOUT, context=context)
-        return http.client.HTTPConnection(host, self._url.port, timeout=TIMEOUT)
+            return http.client.HTTPSConnection(host, self._url.port, timeout=TIMEOUT_S, context=context)
+        return http.client.HTTPConnection(host, self._url.port, timeout=TIMEOUT_S)
