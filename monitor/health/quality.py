@@ -41,6 +41,7 @@ _STOPPED_SHARE = 0.05
 _STOPPED_RMS = 0.03
 """The same before a level is learned, m/s2 (3 mg): above the noise of the electronics."""
 _CLIP_SHARE = 1e-3
+_PROVING_STRIDE = 16
 _RAIL = 0.995
 _EARLIEST = 315532800.0
 """1980-01-01 UTC: an earlier time is that of a clock that was never set."""
@@ -118,9 +119,11 @@ def check_samples(
         return rejected("out_of_range", f"peak {max(-low, high):.4g} exceeds what the sensor can give ({limit:.4g})")
     if low == high or _stuck(samples):
         return Verdict("flat", ("flat",), "the sensor gives a constant")
-    rms = float(np.std(samples, dtype=np.float64))
-    if _stopped(rms, reference_rms, absolute):
-        return Verdict("stopped", ("stopped",), f"RMS {rms:.3g}: the machine stands still")
+    least_rms = _STOPPED_SHARE * reference_rms if reference_rms is not None else (_STOPPED_RMS if absolute else 0.0)
+    if not _exceeds(samples, least_rms):
+        rms = float(np.std(samples, dtype=np.float64))
+        if rms < least_rms:
+            return Verdict("stopped", ("stopped",), f"RMS {rms:.3g}: the machine stands still")
     if _clipped(samples, low, high, signal_range):
         return Verdict("clipped", ("clipped",), f"clipped at {max(-low, high):.4g}")
     return Verdict()
@@ -135,10 +138,11 @@ def _stuck(samples: NDArray[np.floating]) -> bool:
     return any(bool(np.all(samples[i * step : (i + 1) * step] == samples[i * step])) for i in same)
 
 
-def _stopped(rms: float, reference_rms: float | None, absolute: bool) -> bool:
-    if reference_rms is not None:
-        return rms < _STOPPED_SHARE * reference_rms
-    return absolute and rms < _STOPPED_RMS
+def _exceeds(samples: NDArray[np.floating], rms: float) -> bool:
+    """Return whether a part of the samples alone proves that the RMS about the mean exceeds a value."""
+    part = samples[::_PROVING_STRIDE]
+    # The squares about the mean of all samples sum to no less than those of a part about the mean of the part.
+    return float(np.var(part, dtype=np.float64)) * part.size > rms**2 * samples.size
 
 
 def _clipped(samples: NDArray[np.floating], low: float, high: float, signal_range: float | None) -> bool:
@@ -148,7 +152,8 @@ def _clipped(samples: NDArray[np.floating], low: float, high: float, signal_rang
     least = max(3, int(_CLIP_SHARE * samples.size))
     for extreme in (low, high):
         # Within 1e-6 of the span: the last bit of a scaled integer may differ.
-        at_rail = np.abs(samples - extreme) <= 1e-6 * (high - low)
+        within = 1e-6 * (high - low)
+        at_rail = samples >= extreme - within if extreme == high else samples <= extreme + within
         if np.count_nonzero(at_rail) >= least and bool(np.any(at_rail[2:] & at_rail[1:-1] & at_rail[:-2])):
             # A coarsely quantised small signal meets its extremes often without any rail being near.
             return np.unique(samples[:: max(1, samples.size // 4096)]).size > 64
