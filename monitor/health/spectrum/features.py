@@ -92,7 +92,7 @@ class BlockFeatures:
         sought: for each band the spectrum in which the families were sought, relative to the mean envelope: that of
             the block, or its average with the recent ones.
         families: the families found in each of them.
-        recent: the recent spectra, this block's included.
+        recent: the recent spectra, this block's included; none where blocks are not averaged.
         speed_factor: that of the detected family that stands highest above its threshold, or None where none is
             detected.
         values: what each of ``FUNCTIONS`` gives, by name.
@@ -192,9 +192,10 @@ def block_features(
     )
     spectra = transform(x)
     relative = tuple(_relative(envelope, settings) for envelope in spectra.envelopes)
-    recent = (recent or RecentSpectra()).add(relative, settings.average_blocks)
+    averages = settings.average_blocks > 1
+    recent = (recent or RecentSpectra()).add(relative, settings.average_blocks) if averages else RecentSpectra()
     sought = tuple(
-        line_spectrum(amplitude, envelope.resolution, speed=settings.speed, n_averages=recent.count)
+        line_spectrum(amplitude, envelope.resolution, speed=settings.speed, n_averages=max(1, recent.count))
         for amplitude, envelope in zip(
             recent.averages() if recent.count > 1 else relative, spectra.envelopes, strict=True
         )
