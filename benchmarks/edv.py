@@ -30,9 +30,10 @@ from benchmarks.common import (
     write_json,
 )
 from monitor.health.damage.thesis import edv, forecast
-from monitor.health.damage.thesis.edv import EdvState, EdvStatus, MapSlice
-from monitor.health.damage.thesis.forecast import ForecastState, TtStatus, fit_quadratic
-from monitor.health.damage.thesis.level_set import least_volume
+from monitor.health.damage.thesis.edv import EdvState, EdvStatus
+from monitor.health.damage.thesis.forecast import ForecastState, TtStatus
+from monitor.health.damage.thesis.level_set import LevelMap, least_volume
+from monitor.health.damage.thesis.quadratic import fit_quadratic
 from tests.oracles.edv_oracle import scan_least_volume
 
 Floats = NDArray[np.float64]
@@ -47,7 +48,7 @@ NOISE = 0.02
 """Scatter of one block's RMS, as a share of it."""
 
 
-def analytic_map(stripes: float, at_no_depth: float) -> MapSlice:
+def analytic_map(stripes: float, at_no_depth: float) -> LevelMap:
     """A surface with the traits of simulated maps, 51 x 33 points from 0 to 50 degrees and 0 to 32 um.
 
     Args:
@@ -61,7 +62,7 @@ def analytic_map(stripes: float, at_no_depth: float) -> MapSlice:
     wave = 1.0 + stripes * np.sin(2.0 * np.pi * extent[None, :] / 7.6)
     rough = at_no_depth * np.sqrt(extent[None, :] / 50.0)
     rms = 0.5 + np.hypot(3.0 * depth[:, None] ** 0.55 * extent[None, :] ** 0.1, rough) * wave
-    return MapSlice(np.radians(extent), depth * 1e-6, rms, RADIUS)
+    return LevelMap(np.radians(extent), depth * 1e-6, rms, RADIUS)
 
 
 MAPS = {
@@ -104,11 +105,11 @@ def draw_life(rng: np.random.Generator) -> Life:
     return Life(law, duration, t, v_eq, np.minimum(v_eq / (RADIUS * h_d), math.radians(50.0)), h_d)
 
 
-def time_updates(name: str, map_slice: MapSlice, blocks: int, scans: int) -> Row:
+def time_updates(name: str, map_slice: LevelMap, blocks: int, scans: int) -> Row:
     """Cost of ``edv.step`` over a noisy rise through the map, and its error against the scan on some of its updates."""
     rng = np.random.default_rng(1)
-    span = map_slice.rms_most - map_slice.rms_least
-    clean = map_slice.rms_least + span * np.linspace(0.05, 0.85, blocks)
+    span = map_slice.rms_max - map_slice.rms_min
+    clean = map_slice.rms_min + span * np.linspace(0.05, 0.85, blocks)
     state, spent, statuses = EdvState(), [], []
     queries: list[tuple[float, float, float]] = []
     for rms in clean * (1.0 + NOISE * rng.standard_normal(blocks)):
@@ -133,9 +134,9 @@ def time_updates(name: str, map_slice: MapSlice, blocks: int, scans: int) -> Row
     }
 
 
-def time_first_point(map_slice: MapSlice, share: float) -> float:
+def time_first_point(map_slice: LevelMap, share: float) -> float:
     """Median cost in us of the first update, at an RMS that lies at a share of the map's range."""
-    rms = map_slice.rms_least + share * (map_slice.rms_most - map_slice.rms_least)
+    rms = map_slice.rms_min + share * (map_slice.rms_max - map_slice.rms_min)
     spent = []
     for _ in range(51):
         begun = time.thread_time_ns()
@@ -144,7 +145,7 @@ def time_first_point(map_slice: MapSlice, share: float) -> float:
     return statistics.median(spent)
 
 
-def compare_with_scan(map_slice: MapSlice, queries: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
+def compare_with_scan(map_slice: LevelMap, queries: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
     """Most that the closed form lies above the scan, most that it lies below, and by how much the scan may be high."""
     above, below, most_slack = 0.0, 0.0, 0.0
     for level, dphi_from, h_from in queries:
@@ -180,7 +181,7 @@ def time_forecasts(points: int) -> Row:
     }
 
 
-def follow(life: Life, map_slice: MapSlice, rng: np.random.Generator) -> tuple[Floats, list[forecast.ForecastResult]]:
+def follow(life: Life, map_slice: LevelMap, rng: np.random.Generator) -> tuple[Floats, list[forecast.ForecastResult]]:
     """V_eq tracked over one life, shape (blocks,), and the forecast after each block."""
     tracker, state = EdvState(), ForecastState()
     tracked, issued = [], []
@@ -193,7 +194,7 @@ def follow(life: Life, map_slice: MapSlice, rng: np.random.Generator) -> tuple[F
     return np.array(tracked), issued
 
 
-def score_method(name: str, map_slice: MapSlice, lives: int) -> list[Row]:
+def score_method(name: str, map_slice: LevelMap, lives: int) -> list[Row]:
     """How the tracked volume and the forecast compare with the truth, by quarter of the life.
 
     The tracker knows the very map that the lives are drawn from: what is left is the method. A forecast without a root

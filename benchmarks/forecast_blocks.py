@@ -25,6 +25,7 @@ from monitor.health.damage.filter import particle_filter as physical
 from monitor.health.damage.library import forecaster as stage
 from monitor.health.damage.library.model import Library
 from monitor.health.damage.thesis import edv, forecast
+from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.report.score import baselines
 from monitor.report.score.metrics import crps_from_quantiles, mean_over_runs
 
@@ -80,7 +81,7 @@ def by_thesis(rms_map: RmsMap) -> Method:
     def begin(life: LifeHistory) -> Callable[[int], Answer]:
         map_slice = slice_of(rms_map, life)
         tracked, fit = edv.EdvState(), forecast.ForecastState()
-        level_map = edv.MapSlice(map_slice.dphi_d, map_slice.h_d, map_slice.rms, rms_map.outer_race_radius)
+        level_map = LevelMap(map_slice.dphi_d, map_slice.h_d, map_slice.rms, rms_map.outer_race_radius)
 
         def answer(k: int) -> Answer:
             nonlocal tracked, fit

@@ -20,14 +20,15 @@ from models.maps.file import cached_map
 from models.maps.plan import MapPlan
 from models.scene import Floor
 from monitor.health.damage.thesis import edv, forecast
-from monitor.health.damage.thesis.edv import EdvState, MapSlice
+from monitor.health.damage.thesis.edv import EdvState
 from monitor.health.damage.thesis.forecast import ForecastState, TtStatus
+from monitor.health.damage.thesis.level_set import LevelMap
 
 _ANSWERED = (TtStatus.OK, TtStatus.ALREADY_CROSSED)
 _EXTENTS = tuple(math.radians(0.5 * i) for i in range(101))
 _DEPTHS = tuple(1e-6 * i for i in range(33))
 
-SliceOf = Callable[[LifeHistory], MapSlice]
+SliceOf = Callable[[LifeHistory], LevelMap]
 
 
 def map_plan(floor: Floor | None = None, *, coarse: bool = False) -> MapPlan:
@@ -46,9 +47,9 @@ def map_plan(floor: Floor | None = None, *, coarse: bool = False) -> MapPlan:
 def on_map(rms_map: RmsMap) -> SliceOf:
     """Return what gives each life its slice of a map."""
 
-    def slice_of(life: LifeHistory) -> MapSlice:
+    def slice_of(life: LifeHistory) -> LevelMap:
         at = rms_map.slice_at(float(life.load[0]), float(life.speed[0]))
-        return MapSlice(at.dphi_d, at.h_d, at.rms, rms_map.outer_race_radius)
+        return LevelMap(at.dphi_d, at.h_d, at.rms, rms_map.outer_race_radius)
 
     return slice_of
 
@@ -58,7 +59,7 @@ def rough_map() -> SliceOf:
     return on_map(cached_map(map_plan(Floor("rough", sd=0.9e-6, seed=1))))
 
 
-def exact_maps(life: LifeHistory) -> MapSlice:
+def exact_maps(life: LifeHistory) -> LevelMap:
     """Return a map of a smooth floor at the very load and speed of a life."""
     plan = MapPlan(
         load=(float(life.load[0]),),
@@ -70,7 +71,7 @@ def exact_maps(life: LifeHistory) -> MapSlice:
     return on_map(build_map(plan))(life)
 
 
-def tracked(life: LifeHistory, map_slice: MapSlice, blocks: int) -> tuple[Floats, list[forecast.ForecastResult]]:
+def tracked(life: LifeHistory, map_slice: LevelMap, blocks: int) -> tuple[Floats, list[forecast.ForecastResult]]:
     """Return V_eq (NaN where none) and forecast after each of the first blocks of a life."""
     state, forecasts = EdvState(), ForecastState()
     v_eq, issued = np.empty(blocks), []

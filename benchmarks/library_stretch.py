@@ -80,7 +80,7 @@ def moments_of(fit: FeatureFit) -> Moments:
     truth = said + fit.error[rows, 1]
     alike = np.array(
         [
-            fit.alike(1, float(fit.said[row, 1]), float(fit.ln_elapsed[row]), NEIGHBOURS, int(fit.life[row]))
+            fit.nearest_moments(1, float(fit.said[row, 1]), float(fit.ln_elapsed[row]), NEIGHBOURS, int(fit.life[row]))
             for row in rows
         ]
     )

@@ -32,8 +32,9 @@ from models.maps.plan import MapPlan
 from models.scene import Floor
 from models.simulate import simulate
 from monitor.health.damage.thesis import edv, forecast
-from monitor.health.damage.thesis.edv import EdvState, EdvStatus, MapSlice
+from monitor.health.damage.thesis.edv import EdvState, EdvStatus
 from monitor.health.damage.thesis.forecast import ForecastState, TtStatus
+from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from monitor.service.setup import to_slice
 from streams.rig import CHANNELS, INTERVAL, SimulatedRig, draw_life
@@ -83,7 +84,7 @@ class Tracked:
     statuses: list[EdvStatus]
 
 
-def make_maps(rough: int) -> dict[str, MapSlice]:
+def make_maps(rough: int) -> dict[str, LevelMap]:
     """The map of the demo, and maps of one rough floor each, as rough as the mean rig; built once and kept."""
     floors = {"smooth floor": Floor()}
     floors |= {f"rough floor {seed}": Floor(kind="rough", sd=0.65e-6, seed=seed) for seed in range(1, rough + 1)}
@@ -169,7 +170,7 @@ def compare_with_blocks(rigs: int, background: float) -> list[Row]:
     ]
 
 
-def track(heard: Heard, map_slice: MapSlice) -> Tracked:
+def track(heard: Heard, map_slice: LevelMap) -> Tracked:
     """Follow one life with the tracker of the thesis."""
     state, found = EdvState(), []
     for rms in heard.rms.tolist():

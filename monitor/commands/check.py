@@ -125,7 +125,7 @@ def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
     if damage is not None and damage.map_at is not None and damage.map_at(load, speed)[0] is None:
         yield f"channel {channel.name!r}: its map does not cover the configured load and speed"
     library = None if damage is None else damage.library
-    if library is not None and (load is None or speed is None or not library.knows_conditions(load, speed)):
+    if library is not None and (load is None or speed is None or not library.covers_conditions(load, speed)):
         yield f"channel {channel.name!r}: its library does not cover the configured load and speed"
 
 

@@ -110,7 +110,7 @@ def _library_on_volumes(
             raise InputError(f"{path}: row {row}: v_eq must be a volume, got {v_eq * 1e6:g} mm3/mm")
         block = LibraryInput(t=t, v_eq=v_eq)
         with input_errors("--library"):
-            state, found = ask_library(state, block, asked["library"], asked["asking"], thresholds=thresholds)
+            state, found = ask_library(state, block, asked["library"], asked["library_settings"], thresholds=thresholds)
         issued.append(tuple(damage.Remaining.of_library(result) for result in found.forecasts))
     return times, _on_axis(issued, times, running)
 
@@ -126,7 +126,7 @@ def _library_on_records(
     state, issued = damage.DamageState(), []
     for reading in readings:
         with input_errors("--library"):
-            state, _, forecasts = damage.step(state, reading, damage.Stage(), settings)
+            state, _, forecasts = damage.step(state, reading, damage.DamageGate(), settings)
         issued.append(forecasts)
     return times, _on_axis(issued, times, [reading.time for reading in readings])
 

@@ -16,7 +16,7 @@ import numpy as np
 from monitor.commands.common import InputError, output_errors
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
-from monitor.health.damage.tracker import Reading
+from monitor.health.damage.tracker import DamageInput
 from monitor.records.library_file import load_library
 from streams.block import STANDARD_GRAVITY
 
@@ -33,7 +33,7 @@ def is_records(path: Path) -> bool:
 
 def read_readings(
     path: Path, channel: str | None, *, load: float | None, speed: float | None
-) -> tuple[list[float], list[Reading]]:
+) -> tuple[list[float], list[DamageInput]]:
     """Read the history that a tracker takes.
 
     Args:
@@ -62,7 +62,7 @@ def read_readings(
     loads = columns.get("load_newton") or [_required(load, "load_newton", path)] * rows
     speeds = columns.get("speed_hz") or [_required(speed, "speed_hz", path)] * rows
     readings = [
-        Reading(
+        DamageInput(
             time=columns["time_s"][i],
             rms=columns["rms_g"][i] * STANDARD_GRAVITY,
             harmonics=tuple(columns[name][i] * STANDARD_GRAVITY for name in HARMONICS) if given else None,
@@ -87,12 +87,12 @@ def _required(value: float | None, column: str, path: Path) -> float:
 
 def _readings_of_records(
     path: Path, channel: str | None, *, load: float | None, speed: float | None
-) -> tuple[list[float], list[Reading]]:
+) -> tuple[list[float], list[DamageInput]]:
     from monitor.records.histories import read_history
 
     history = read_history(path, channel)
     readings = [
-        Reading(
+        DamageInput(
             time=float(history.running[i]),
             rms=float(history.rms[i]),
             harmonics=_resolved(history.harmonics[i].tolist()),
@@ -241,7 +241,8 @@ def library_settings(
         library.fit_for(features)
     except ValueError as error:
         raise InputError(f"--library {error}") from None
-    return {"library": library, "asking": LibrarySettings(features=features, interval=interval, window=window)}
+    settings = LibrarySettings(features=features, interval=interval, window=window)
+    return {"library": library, "library_settings": settings}
 
 
 def prior_of(library: Library | None) -> str | None:

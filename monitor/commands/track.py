@@ -135,16 +135,16 @@ def _only(rms_map: RmsMap | None, name: str) -> float | None:
     return axis[0] if len(axis) == 1 else None
 
 
-def _track(readings: Sequence[damage.Reading], settings: damage.DamageSettings) -> list[damage.Damage]:
+def _track(readings: Sequence[damage.DamageInput], settings: damage.DamageSettings) -> list[damage.Damage]:
     state, found = damage.DamageState(), []
     for reading in readings:
-        state, one, _ = damage.step(state, reading, damage.Stage(), settings)
+        state, one, _ = damage.step(state, reading, damage.DamageGate(), settings)
         found.append(one)
     return found
 
 
 def _others(
-    rms_map: RmsMap, found: Sequence[damage.Damage], readings: Sequence[damage.Reading], other: _Other
+    rms_map: RmsMap, found: Sequence[damage.Damage], readings: Sequence[damage.DamageInput], other: _Other
 ) -> dict[str, Any]:
     """Return the histories of the RMS under the other condition, m/s2, by the name of their column."""
     load = other.load if other.load is not None else readings[0].load

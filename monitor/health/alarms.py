@@ -300,11 +300,6 @@ def machine_state(*states: str) -> str:
     return min(states, key=_WORST_FIRST.index, default=NO_DATA)
 
 
-def is_silent(age: float, interval: float, intervals: float) -> bool:
-    """Return whether a channel has no data: its newest block is older (``age``, s) than so many intervals (s)."""
-    return age > intervals * interval
-
-
 def _worst(value: Any, side: str) -> float | None:
     """Return the worst of one or several values, or None where there is none."""
     items = value if isinstance(value, list | tuple) else (value,)

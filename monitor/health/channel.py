@@ -19,10 +19,9 @@ from monitor.health.output import ChannelOutput
 from monitor.health.quality import Verdict, check_samples
 from monitor.health.settings import ChannelSettings
 from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.bands import candidate_bands
+from monitor.health.spectrum.bands import BandVotes, candidate_bands
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.transform import Band
-from monitor.health.spectrum.votes import BandVotes
 from monitor.health.state import ChannelState, Named
 
 
@@ -197,20 +196,20 @@ def _damage(
     if settings.damage is None:
         return state, None, ()
     resolved = bool(np.all(features.bpfo_resolved))
-    reading = damage.Reading(
+    damage_input = damage.DamageInput(
         time=state.running_time,
         rms=features.rms,
         harmonics=tuple(float(value) for value in features.bpfo_amplitude) if resolved else None,
         load=block.load.value,
         speed=block.speed.value,
     )
-    stage = damage.Stage(
+    gate = damage.DamageGate(
         final=state.detect.t_fs is not None,
         raised=state.detect.elevated is not None,
         usable=block.verdict.for_tracker,
         absolute=settings.absolute,
     )
-    after, found, forecasts = damage.step(state.damage, reading, stage, settings.damage)
+    after, found, forecasts = damage.step(state.damage, damage_input, gate, settings.damage)
     return replace(state, damage=after), found, forecasts
 
 

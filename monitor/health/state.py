@@ -19,8 +19,8 @@ from monitor.health.quality import OrderState
 from monitor.health.record import Record
 from monitor.health.settings import SourceSettings
 from monitor.health.spectrum.average import RecentSpectra
+from monitor.health.spectrum.bands import BandVotes
 from monitor.health.spectrum.transform import Band
-from monitor.health.spectrum.votes import BandVotes
 from monitor.health.waterfall import WaterfallState
 
 STATE_VERSION = 2

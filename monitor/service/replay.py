@@ -19,9 +19,8 @@ from monitor.health.damage.library.model import Library
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.record import Record
 from monitor.health.settings import SourceSettings
-from monitor.health.spectrum.bands import find_band
+from monitor.health.spectrum.bands import ENOUGH_VOTES, find_band
 from monitor.health.spectrum.features import fundamentals
-from monitor.health.spectrum.votes import ENOUGH_VOTES
 from monitor.health.state import SourceState
 from monitor.health.step import SourceOutput, misfit, step
 from monitor.health.waterfall import SpectrumChange

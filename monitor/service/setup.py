@@ -20,7 +20,8 @@ from monitor.config.source import ChannelSection, SourceSection
 from monitor.health.damage.filter.particle_filter import FilterSettings
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
-from monitor.health.damage.thesis.edv import EdvSettings, EdvStatus, MapSlice
+from monitor.health.damage.thesis.edv import EdvSettings, EdvStatus
+from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.damage.tracker import DamageSettings, MapAt, SpreadAt
 from monitor.health.settings import ChannelSettings, SourceSettings
 from monitor.records.library_file import LibraryError, load_library
@@ -222,7 +223,7 @@ def _damage_settings(config: Config, rms_map: RmsMap | None, library: Library | 
         filter=None if rms_map is None else filter_settings(rms_map, config.track.features, config.forecast.interval),
         thresholds=config.forecast.thresholds,
         library=library,
-        asking=LibrarySettings(
+        library_settings=LibrarySettings(
             features="+".join(config.track.features),
             interval=config.forecast.interval,
             window=None if window is None else window * 3600.0,
@@ -267,7 +268,7 @@ class _Lookup(Generic[Slice]):
         return self._slices[key], None
 
 
-def to_slice(rms_map: RmsMap, load: float, speed: float) -> MapSlice:
+def to_slice(rms_map: RmsMap, load: float, speed: float) -> LevelMap:
     """Return the map of one operating point as the tracker takes it, m/s2."""
     at = rms_map.slice_at(load, speed)
-    return MapSlice(dphi_d=at.dphi_d, h_d=at.h_d, rms=at.rms, outer_race_radius=rms_map.outer_race_radius)
+    return LevelMap(dphi_d=at.dphi_d, h_d=at.h_d, rms=at.rms, outer_race_radius=rms_map.outer_race_radius)

@@ -26,7 +26,7 @@ def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> d
     libraries = {
         name: settings.library.hash
         for name, settings in with_prior.items()
-        if settings.asks_library and settings.library is not None
+        if settings.uses_library and settings.library is not None
     }
 
     def listed(values: Mapping[str, Any]) -> str:

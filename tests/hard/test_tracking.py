@@ -17,14 +17,15 @@ from monitor.health.damage.filter.particle_filter import FilterSettings
 from monitor.health.damage.library.fit import fit_library
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
-from monitor.health.damage.thesis.edv import EdvStatus, MapSlice
+from monitor.health.damage.thesis.edv import EdvStatus
+from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.damage.tracker import (
     Damage,
+    DamageGate,
+    DamageInput,
     DamageSettings,
     DamageState,
-    Reading,
     Remaining,
-    Stage,
     TrackMethod,
     step,
 )
@@ -57,8 +58,8 @@ class Map:
     def axes(self) -> tuple[Array, Array]:
         return np.radians(np.linspace(0.0, 50.0, self.rms.shape[1])), np.linspace(0.0, 32e-6, self.rms.shape[0])
 
-    def narrow(self) -> MapSlice:
-        return MapSlice(*self.axes, self.rms, RADIUS)
+    def narrow(self) -> LevelMap:
+        return LevelMap(*self.axes, self.rms, RADIUS)
 
     def wide(self) -> map_data.MapSlice:
         dphi_d, h_d = self.axes
@@ -109,7 +110,7 @@ def settings_of(method: TrackMethod, made: Map, library: Library) -> DamageSetti
         filter=FilterSettings(outer_race_radius=RADIUS, particles=200),
         thresholds=(THRESHOLD,),
         library=library,
-        asking=LibrarySettings(features="rms+harmonics"),
+        library_settings=LibrarySettings(features="rms+harmonics"),
     )
 
 
@@ -136,8 +137,8 @@ def follow(
     for t, level, harmonics in zip(times.tolist(), rms.tolist(), lines.tolist(), strict=True):
         if through_json:
             state = DamageState.from_dict(json.loads(json.dumps(state.to_dict(), allow_nan=False)))
-        reading = Reading(t, level, tuple(harmonics), LOAD, SPEED)
-        state, damage, (forecast,) = step(state, reading, Stage(), settings)
+        reading = DamageInput(t, level, tuple(harmonics), LOAD, SPEED)
+        state, damage, (forecast,) = step(state, reading, DamageGate(), settings)
         damages.append(damage)
         forecasts.append(forecast)
     return damages, forecasts, state
@@ -348,8 +349,8 @@ def test_conditions_without_a_map_or_lives_keep_the_block_out(method: TrackMetho
         map_at=lambda load, speed: (None, EdvStatus.OUTSIDE_CONDITIONS),
         spread_at=lambda load, speed: (None, EdvStatus.OUTSIDE_CONDITIONS),
     )
-    reading = Reading(times[0], rms[0], tuple(lines[0]), 9000.0, SPEED)
-    state, damage, forecasts = step(DamageState(), reading, Stage(), settings)
+    reading = DamageInput(times[0], rms[0], tuple(lines[0]), 9000.0, SPEED)
+    state, damage, forecasts = step(DamageState(), reading, DamageGate(), settings)
     check([damage], forecasts)
     assert damage.status == "outside_conditions"
     assert (state.edv.dphi_d, state.filter.count, state.library.history) == (None, 0, None)
@@ -362,7 +363,7 @@ def test_features_configured_anew_begin_a_new_history_and_break_nothing(method: 
     fewer = replace(
         settings,
         filter=FilterSettings(outer_race_radius=RADIUS, particles=200, lines=0),
-        asking=LibrarySettings(features="rms"),
+        library_settings=LibrarySettings(features="rms"),
     )
     *_, state = follow(times[:30], rms[:30], lines[:30], settings)
     damages, forecasts, _ = follow(times[30:], rms[30:], lines[30:], fewer, state)

@@ -9,9 +9,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from monitor.health.damage.thesis.edv import EdvSettings, EdvState, EdvStatus, MapSlice
+from monitor.health.damage.thesis.edv import EdvSettings, EdvState, EdvStatus
 from monitor.health.damage.thesis.edv import step as track
-from monitor.health.damage.thesis.forecast import ForecastState, QuadraticFit, TtStatus, step
+from monitor.health.damage.thesis.forecast import ForecastState, TtStatus, step
+from monitor.health.damage.thesis.level_set import LevelMap
+from monitor.health.damage.thesis.quadratic import QuadraticFit
 
 MM2, MINUTE = 1e-6, 60.0
 TABLE_22 = {
@@ -61,7 +63,7 @@ def test_rms_of_a_known_growth_is_tracked_and_forecast_within_one_percent(test: 
     """
     dphi_d, h_d, radius = np.radians(np.linspace(0, 50, 51)), np.linspace(0, 32e-6, 33), 0.02291
     slope = 10.0 / (radius * dphi_d[-1] * h_d[-1])
-    map_slice = MapSlice(dphi_d, h_d, 0.5 + slope * radius * np.outer(h_d, dphi_d), radius)
+    map_slice = LevelMap(dphi_d, h_d, 0.5 + slope * radius * np.outer(h_d, dphi_d), radius)
     law = curve(test)
     true = law.first_crossing(0.05 * MM2) or 0.0
     tracker, state, t = EdvState(), ForecastState(), 0.0

@@ -1,1 +1,1 @@
-"""V_eq and TT, by the thesis, by a particle filter or by a library of simulated lives."""
+"""V_eq and TT by the thesis, by a particle filter or by a library of simulated lives."""

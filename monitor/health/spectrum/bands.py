@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,10 @@ _LEAST_WIDTH = 6.0
 _LINE_OVER_FLOOR = 12.0
 _LEAST_KURTOSIS = 0.5
 _SEGMENT = 0.25
-_MOST_SAMPLES = 2_000_000
+_MAX_SAMPLES = 2_000_000
+ENOUGH_VOTES = 20
+"""Blocks that decide. They are the first ones, in which the bearing runs in and nothing is learned yet: the choice
+looks at no later block, and costs the learning of the baseline no time."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,7 @@ def rank_bands(
     if len({block.shape for block in blocks}) > 1:
         raise ValueError(f"blocks of different lengths: {sorted({block.size for block in blocks})}")
     n_used = fast_length(blocks[0].size)
-    stride = max(1, math.ceil(len(blocks) * n_used / _MOST_SAMPLES))
+    stride = max(1, math.ceil(len(blocks) * n_used / _MAX_SAMPLES))
     # Odd strides keep clear of alternating machine states.
     chosen = blocks[:: stride + 1 - stride % 2] if stride > 1 else blocks
     spectra = [_spectrum(block[:n_used]) for block in chosen]
@@ -170,3 +174,51 @@ def _score(
     kurtosis = float(np.median(kurtoses))
     impulsive = max(kurtosis, 0.0)
     return BandScore(band, depth, contrast, kurtosis, contrast * depth * impulsive / (1.0 + impulsive))
+
+
+@dataclass(frozen=True)
+class BandVotes:
+    """How many blocks found each band the best.
+
+    Attributes:
+        counts: (lo, hi) in Hz and the number of blocks that chose it, in the order in which they were first chosen.
+    """
+
+    counts: tuple[tuple[Band, int], ...] = ()
+
+    @property
+    def total(self) -> int:
+        """How many blocks have voted."""
+        return sum(count for _, count in self.counts)
+
+    @property
+    def enough(self) -> bool:
+        """Whether enough blocks have voted."""
+        return self.total >= ENOUGH_VOTES
+
+    def add(self, samples: NDArray[np.floating], rate: float, fundamentals: Mapping[str, float]) -> BandVotes:
+        """Return the votes with that of one more block: the band that would be chosen on it alone."""
+        choice = find_band([samples], rate, fundamentals)
+        counts = dict(self.counts)
+        counts[choice] = counts.get(choice, 0) + 1
+        return BandVotes(tuple(counts.items()))
+
+    def best(self) -> Band:
+        """Return the band with most votes, of equals the widest.
+
+        Raises:
+            ValueError: if nobody has voted.
+        """
+        if not self.counts:
+            raise ValueError("no block has voted for a band")
+        return max(self.counts, key=lambda item: (item[1], item[0][1] - item[0][0]))[0]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the votes as plain values for JSON."""
+        return {"counts": [[list(band), count] for band, count in self.counts]}
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> BandVotes:
+        """Return what :meth:`to_dict` gave."""
+        counts: Sequence[Any] = stored["counts"]
+        return cls(tuple(((float(low), float(high)), int(count)) for (low, high), count in counts))

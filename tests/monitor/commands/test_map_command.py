@@ -102,7 +102,7 @@ def test_uneven_axes_are_tracked_like_even_ones(tmp_path: Path) -> None:
     surface = to_slice(rms_map, 4000.0, 40.0)
     radius = rms_map.outer_race_radius
     for share in (0.2, 0.5, 0.8):
-        level = share * surface.rms_most
+        level = share * surface.rms_max
         point = least_volume(surface, level, 0.0, 0.0)
         assert point is not None
         assert surface.value_at(point.dphi_d, point.h_d) == pytest.approx(level, rel=1e-9)

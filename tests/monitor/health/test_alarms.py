@@ -20,7 +20,6 @@ from monitor.health.alarms import (
     Level,
     Rule,
     acknowledge,
-    is_silent,
     limit_of,
     machine_state,
     step,
@@ -128,8 +127,6 @@ def test_the_worst_channel_speaks_for_the_machine() -> None:
     assert machine_state("normal", "no_data", "maintenance_required") == "no_data"
     assert machine_state("no_data", "failure") == "failure"
     assert machine_state("maintenance_required", "out_of_specification") == "out_of_specification"
-    assert is_silent(11.0, 1.0, 10.0)
-    assert not is_silent(10.0, 1.0, 10.0)
 
 
 BLOCKS = st.lists(

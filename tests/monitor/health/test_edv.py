@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from monitor.health.damage.thesis import level_set
-from monitor.health.damage.thesis.edv import EdvSettings, EdvState, EdvStatus, MapSlice, step
-from monitor.health.damage.thesis.level_set import least_volume, step_back
+from monitor.health.damage.thesis.edv import EdvSettings, EdvState, EdvStatus, step
+from monitor.health.damage.thesis.level_set import LevelMap, least_volume, step_back
 from tests.effort import effort_count
 from tests.oracles.edv_oracle import scan_least_volume
 
@@ -24,23 +24,23 @@ def grid(n: int = 51, m: int = 33) -> tuple[NDArray[np.float64], NDArray[np.floa
     return np.radians(np.linspace(0, 50, n)), np.linspace(0, 32 * MICRON, m)
 
 
-def striped_map(n: int = 51, m: int = 33) -> MapSlice:
+def striped_map(n: int = 51, m: int = 33) -> LevelMap:
     """Grows with depth, hardly with extent, and oscillates along the extent, as the simulated maps do."""
     dphi_d, h_d = grid(n, m)
     stripes = 1 + 0.3 * np.sin(2 * np.pi * np.degrees(dphi_d)[None, :] / 7.6)
     rms = 0.3 + (h_d[:, None] / MICRON) ** 0.6 * (np.degrees(dphi_d)[None, :] + 0.1) ** 0.1 * stripes
-    return MapSlice(dphi_d, h_d, rms, RADIUS)
+    return LevelMap(dphi_d, h_d, rms, RADIUS)
 
 
-def rising_map() -> MapSlice:
+def rising_map() -> LevelMap:
     dphi_d, h_d = grid(11, 9)
     dphi_d = dphi_d + np.radians(2)
     rms = 1 + np.degrees(dphi_d)[None, :] / 50 + 3 * h_d[:, None] / h_d[-1]
-    return MapSlice(dphi_d, h_d, rms, RADIUS)
+    return LevelMap(dphi_d, h_d, rms, RADIUS)
 
 
 @st.composite
-def maps(draw: st.DrawFn, *, monotone: bool, holes: bool = False) -> MapSlice:
+def maps(draw: st.DrawFn, *, monotone: bool, holes: bool = False) -> LevelMap:
     """Small maps on uneven grids; half of them of whole numbers, which have plateaus and levels through corners."""
     n, m = draw(st.integers(2, 6)), draw(st.integers(2, 6))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
@@ -56,18 +56,18 @@ def maps(draw: st.DrawFn, *, monotone: bool, holes: bool = False) -> MapSlice:
     h_d = (start + np.cumsum(rng.uniform(0.5, 4, m)) - 0.5) * MICRON
     if start == 0.0:
         dphi_d[0] = h_d[0] = 0.0
-    return MapSlice(dphi_d, h_d, rms, RADIUS)
+    return LevelMap(dphi_d, h_d, rms, RADIUS)
 
 
 def inside(axis: NDArray[np.float64], share: float) -> float:
     return min(float(axis[0] + share * np.ptp(axis)), float(axis[-1]))
 
 
-def check_against_scan(map_slice: MapSlice, share: float, corner: tuple[float, float]) -> None:
-    level = map_slice.rms_least + share * (map_slice.rms_most - map_slice.rms_least)
+def check_against_scan(map_slice: LevelMap, share: float, corner: tuple[float, float]) -> None:
+    level = map_slice.rms_min + share * (map_slice.rms_max - map_slice.rms_min)
     dphi_from, h_from = inside(map_slice.dphi_d, corner[0]), inside(map_slice.h_d, corner[1])
     found = least_volume(map_slice, level, dphi_from, h_from)
-    with mock.patch.object(level_set, "FEW_CELLS", 0):
+    with mock.patch.object(level_set, "MAX_SCANNED_CELLS", 0):
         assert least_volume(map_slice, level, dphi_from, h_from) == found
     scanned, slack = scan_least_volume(
         map_slice.dphi_d, map_slice.h_d, map_slice.rms, RADIUS, level, (dphi_from, h_from)
@@ -82,7 +82,7 @@ def check_against_scan(map_slice: MapSlice, share: float, corner: tuple[float, f
     assert dphi_from <= found.dphi_d <= map_slice.dphi_d[-1]
     assert h_from <= found.h_d <= map_slice.h_d[-1]
     if not map_slice.has_holes:
-        assert map_slice.value_at(found.dphi_d, found.h_d) == pytest.approx(level, abs=1e-9 * map_slice.rms_most)
+        assert map_slice.value_at(found.dphi_d, found.h_d) == pytest.approx(level, abs=1e-9 * map_slice.rms_max)
 
 
 shares = st.one_of(st.floats(0, 1), st.sampled_from([0.0, 1 / 3, 0.5, 2 / 3, 1.0]))
@@ -92,7 +92,7 @@ corners = st.one_of(st.just((0.0, 0.0)), st.tuples(st.floats(0, 1), st.floats(0,
 @settings(max_examples=effort_count(quick=150, full=3000), deadline=None)
 @given(maps(monotone=False), shares, corners)
 def test_least_volume_is_that_of_the_scan_on_any_map(
-    map_slice: MapSlice, share: float, corner: tuple[float, float]
+    map_slice: LevelMap, share: float, corner: tuple[float, float]
 ) -> None:
     check_against_scan(map_slice, share, corner)
 
@@ -100,7 +100,7 @@ def test_least_volume_is_that_of_the_scan_on_any_map(
 @settings(max_examples=effort_count(quick=100, full=2000), deadline=None)
 @given(maps(monotone=True), shares, corners)
 def test_least_volume_is_that_of_the_scan_on_monotone_maps(
-    map_slice: MapSlice, share: float, corner: tuple[float, float]
+    map_slice: LevelMap, share: float, corner: tuple[float, float]
 ) -> None:
     check_against_scan(map_slice, share, corner)
 
@@ -108,18 +108,18 @@ def test_least_volume_is_that_of_the_scan_on_monotone_maps(
 @settings(max_examples=effort_count(quick=100, full=2000), deadline=None)
 @given(maps(monotone=False, holes=True), shares, corners)
 def test_least_volume_is_that_of_the_scan_on_maps_with_holes(
-    map_slice: MapSlice, share: float, corner: tuple[float, float]
+    map_slice: LevelMap, share: float, corner: tuple[float, float]
 ) -> None:
     check_against_scan(map_slice, share, corner)
 
 
 @settings(max_examples=effort_count(quick=60, full=600), deadline=None)
 @given(maps(monotone=True), st.lists(st.floats(0, 1), min_size=2, max_size=12))
-def test_rising_rms_on_a_monotone_map_never_widens_and_never_shrinks(map_slice: MapSlice, shares: list[float]) -> None:
-    span = map_slice.rms_most - map_slice.rms_least
+def test_rising_rms_on_a_monotone_map_never_widens_and_never_shrinks(map_slice: LevelMap, shares: list[float]) -> None:
+    span = map_slice.rms_max - map_slice.rms_min
     state, before = EdvState(), (0.0, 0.0, 0.0)
     for share in sorted(shares):
-        level = map_slice.rms_least + share * span
+        level = map_slice.rms_min + share * span
         state, result = step(state, level, map_slice=map_slice, settings=EdvSettings(smoothing_blocks=1))
         now = (result.dphi_d, result.h_d, result.v_eq)
         assert result.status is EdvStatus.OK
@@ -134,14 +134,14 @@ def test_the_shortlist_of_a_large_map_loses_nothing(seed: int, whole: bool, shar
     dphi_d, h_d = grid()
     rms = rng.uniform(0, 4, (33, 51)) if not whole else rng.integers(0, 4, (33, 51)).astype(float)
     rms += np.linspace(0, 10, 33)[:, None] * rng.integers(0, 2)
-    map_slice = MapSlice(dphi_d, h_d, rms, RADIUS)
-    level = map_slice.rms_least + share * (map_slice.rms_most - map_slice.rms_least)
+    map_slice = LevelMap(dphi_d, h_d, rms, RADIUS)
+    level = map_slice.rms_min + share * (map_slice.rms_max - map_slice.rms_min)
     short = least_volume(map_slice, level, 0.0, 0.0)
-    with mock.patch.object(level_set, "FEW_CELLS", 10_000):
+    with mock.patch.object(level_set, "MAX_SCANNED_CELLS", 10_000):
         assert least_volume(map_slice, level, 0.0, 0.0) == short
 
 
-def widen_slowly(map_slice: MapSlice, level: float, dphi_from: float, h_from: float) -> tuple[int, float]:
+def widen_slowly(map_slice: LevelMap, level: float, dphi_from: float, h_from: float) -> tuple[int, float]:
     for count in range(1, map_slice.dphi_d.size + map_slice.h_d.size):
         back = step_back(map_slice.dphi_d, dphi_from, count), step_back(map_slice.h_d, h_from, count)
         point = least_volume(map_slice, level, *back)
@@ -153,9 +153,9 @@ def widen_slowly(map_slice: MapSlice, level: float, dphi_from: float, h_from: fl
 @settings(max_examples=effort_count(quick=150, full=2000), deadline=None)
 @given(maps(monotone=False), shares, corners)
 def test_widening_goes_back_one_grid_step_at_a_time_and_no_further(
-    map_slice: MapSlice, share: float, corner: tuple[float, float]
+    map_slice: LevelMap, share: float, corner: tuple[float, float]
 ) -> None:
-    level = map_slice.rms_least + share * (map_slice.rms_most - map_slice.rms_least)
+    level = map_slice.rms_min + share * (map_slice.rms_max - map_slice.rms_min)
     dphi_from, h_from = inside(map_slice.dphi_d, corner[0]), inside(map_slice.h_d, corner[1])
     state = EdvState(dphi_d=dphi_from, h_d=h_from)
     after, result = step(state, level, map_slice=map_slice)
@@ -173,7 +173,7 @@ def test_widening_goes_back_one_grid_step_at_a_time_and_no_further(
 @given(st.floats(0.05, 5), st.floats(0.05, 5), st.floats(0.01, 0.98))
 def test_a_minimum_inside_the_cell_is_the_one_of_calculus(x0: float, y0: float, level: float) -> None:
     """X = u v on a cell from (x0, y0): the volume (x0 + u)(y0 + X/u) is least at u = sqrt(x0 X / y0)."""
-    map_slice = MapSlice(np.array([x0, x0 + 1]), np.array([y0, y0 + 1]), np.array([[0.0, 0.0], [0.0, 1.0]]), 1.0)
+    map_slice = LevelMap(np.array([x0, x0 + 1]), np.array([y0, y0 + 1]), np.array([[0.0, 0.0], [0.0, 1.0]]), 1.0)
     point = least_volume(map_slice, level, x0, y0)
     assert point is not None
     u = min(max(math.sqrt(x0 * level / y0), level), 1.0)
@@ -261,7 +261,7 @@ def test_without_a_map_the_answer_is_no_map() -> None:
 def test_a_level_swallowed_by_a_hole_is_no_map() -> None:
     dphi_d, h_d = grid(5, 2)
     row = np.array([1.0, 2.0, math.nan, 5.0, 6.0])
-    map_slice = MapSlice(dphi_d, h_d, np.array([row, row]), RADIUS)
+    map_slice = LevelMap(dphi_d, h_d, np.array([row, row]), RADIUS)
     _, result = step(EdvState(), 3.5, map_slice=map_slice)
     assert result.status is EdvStatus.NO_MAP
 
@@ -275,7 +275,7 @@ def test_a_map_that_is_not_zero_at_no_depth_answers_with_no_volume_at_the_least_
     """The weakness of the method on rough maps: a wide defect of no depth has the least volume of all."""
     dphi_d, h_d = grid(11, 9)
     rms = 1 + 0.5 * np.sin(np.linspace(0, 9, 11))[None, :] + 2 * h_d[:, None] / h_d[-1]
-    result = step(EdvState(), 1.3, map_slice=MapSlice(dphi_d, h_d, rms, RADIUS))[1]
+    result = step(EdvState(), 1.3, map_slice=LevelMap(dphi_d, h_d, rms, RADIUS))[1]
     row = rms[0] - 1.3
     first = int(np.flatnonzero(row[:-1] * row[1:] < 0)[0])
     assert result.v_eq == 0.0
@@ -316,7 +316,7 @@ def test_what_is_not_a_map_is_refused(change: dict[str, object], message: str) -
     good: dict[str, object] = {"dphi_d": [0.0, 1.0], "h_d": [0.0, 1.0], "rms": [[0.0, 1.0], [2.0, 3.0]]}
     parts = {"outer_race_radius": RADIUS, **good, **change}
     with pytest.raises(ValueError, match=message):
-        MapSlice(**parts)  # pyright: ignore[reportArgumentType] - wrong values are what is tested
+        LevelMap(**parts)  # pyright: ignore[reportArgumentType] - wrong values are what is tested
 
 
 def test_a_mean_over_nothing_is_refused() -> None:

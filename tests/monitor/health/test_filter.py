@@ -18,8 +18,18 @@ from monitor.health.damage.filter.particle_filter import (
     FilterStatus,
     step,
 )
-from monitor.health.damage.filter.particles import GAIN, LN_H, LN_V, Particles, draw, forget, grow, listen, resample
-from monitor.health.damage.filter.prior import ErrorModel, GrowthPrior, heard_map
+from monitor.health.damage.filter.particles import (
+    GAIN,
+    LN_H,
+    LN_V,
+    Particles,
+    assimilate,
+    decorrelate,
+    draw,
+    grow,
+    resample,
+)
+from monitor.health.damage.filter.prior import ErrorModel, GrowthPrior, build_lookup
 from tests.effort import effort_count
 from tests.oracles.filter_oracle import latest_b_and_z, posterior_of_one_block, strangeness
 
@@ -59,7 +69,7 @@ TOY = toy_map()
 
 
 def toy_life(blocks: int = 60, *, seed: int = 1, at: MapSlice = TOY) -> tuple[list[FilterInput], np.ndarray]:
-    """A quadratic growth on the toy map, heard with a gain of 1.1 and 2 % of scatter."""
+    """A quadratic growth on the toy map, lookup with a gain of 1.1 and 2 % of scatter."""
     rng = np.random.default_rng(seed)
     t = 300.0 * np.arange(blocks)
     v = (0.002 + 0.05 * np.linspace(0.0, 1.0, blocks) ** 2) * MM2
@@ -76,8 +86,8 @@ def follow(
     inputs: list[FilterInput], options: FilterSettings = SETTINGS, at: MapSlice = TOY
 ) -> tuple[FilterState, list[FilterResult]]:
     state, results = FilterState(), []
-    for heard in inputs:
-        state, result = step(state, heard, map_slice=at, settings=options)
+    for lookup in inputs:
+        state, result = step(state, lookup, map_slice=at, settings=options)
         results.append(result)
     return state, results
 
@@ -94,10 +104,10 @@ def test_a_life_with_lines_is_followed_and_inside_its_interval() -> None:
 
 def test_lines_of_bpfo_narrow_the_interval_that_rms_alone_leaves_wide() -> None:
     inputs, _ = toy_life()
-    sure = ErrorModel(gain_sd=0.05, rms_gain_sd=0.02, harmonic_gain_sd=0.02, rms_doubt=0.2, harmonic_doubt=0.2)
+    sure = ErrorModel(gain_sd=0.05, rms_gain_sd=0.02, harmonic_gain_sd=0.02, rms_model_sd=0.2, harmonic_model_sd=0.2)
     options = replace(SETTINGS, errors=sure)
     _, with_lines = follow(inputs, options)
-    _, without = follow([replace(heard, harmonics=None) for heard in inputs], options)
+    _, without = follow([replace(lookup, harmonics=None) for lookup in inputs], options)
 
     def width(results: list[FilterResult]) -> float:
         return float(np.median([math.log(r.v_eq_upper / r.v_eq_lower) for r in results]))
@@ -110,8 +120,8 @@ def test_lines_of_bpfo_narrow_the_interval_that_rms_alone_leaves_wide() -> None:
 def test_the_kalman_filters_of_a_path_are_one_large_gaussian(seed: int, blocks: int) -> None:
     rng = np.random.default_rng(seed)
     errors = ErrorModel(freedom=1e12)
-    heard = heard_map(TOY, errors, 2)
-    assert heard is not None
+    lookup = build_lookup(TOY, errors, 2)
+    assert lookup is not None
     first = draw(rng, 1, 3, GrowthPrior(), errors)
     particles = Particles(first.core[:2], np.full(2, 0.5), first.mean[:2], first.cov[:2])
     noise = rng.uniform(1e-3, 0.1, (blocks, 3))
@@ -123,9 +133,9 @@ def test_the_kalman_filters_of_a_path_are_one_large_gaussian(seed: int, blocks: 
             core = particles.core.copy()
             core[:, [LN_V, LN_H]] += rng.uniform(0.0, 0.05, (2, 2))
             moved = Particles(core, particles.weight, particles.mean, particles.cov)
-            particles = forget(moved, np.tile(distance[k], (2, 1)))
-        rows.append(heard.at(*particles.sizes(RADIUS)))
-        particles = listen(particles, heard, RADIUS, ln_x[k], noise[k], errors)
+            particles = decorrelate(moved, np.tile(distance[k], (2, 1)))
+        rows.append(lookup.at(*particles.sizes(RADIUS)))
+        particles = assimilate(particles, lookup, RADIUS, ln_x[k], noise[k], errors)
     gains = np.array([errors.rms_gain_sd, errors.harmonic_gain_sd, errors.harmonic_gain_sd]) ** 2
     total = np.zeros(2)
     for n in range(2):
@@ -148,18 +158,18 @@ def test_the_first_block_is_bayes_theorem() -> None:
     rms = 3.0 * (depth.h_d[:, None] / MICRON) ** 0.5 * np.ones_like(depth.rms)
     flat = replace(depth, rms=rms, rms_std=0.1 * rms)
     growth = GrowthPrior(h_threshold=(12e-6, 12.0001e-6), depth_share=(0.5, 0.50001))
-    errors = ErrorModel(background_rms=1e-9, rms_doubt=0.1, freedom=1e9)
+    errors = ErrorModel(background_rms=1e-9, rms_model_sd=0.1, freedom=1e9)
     options = FilterSettings(RADIUS, particles=20000, lines=0, growth=growth, errors=errors, widening_rms=1.0)
-    heard = 3.0 * math.sqrt(12.0 * math.sqrt(0.004 / 0.05))
-    _, result = step(FilterState(), FilterInput(0.0, heard), map_slice=flat, settings=options)
+    lookup = 3.0 * math.sqrt(12.0 * math.sqrt(0.004 / 0.05))
+    _, result = step(FilterState(), FilterInput(0.0, lookup), map_slice=flat, settings=options)
     ln_v = np.log(np.geomspace(1e-4, 0.0475, 20001) * MM2)
     prior = -0.5 * ((ln_v - math.log(growth.v_start)) / growth.v_start_sd) ** 2
     spread = math.sqrt(math.log1p(0.01))
     h_d = 12.0 * np.sqrt(np.exp(ln_v) / (0.05 * MM2))
     # Bilinear between nodes 1 um apart.
     expected = np.log(np.interp(h_d, flat.h_d / MICRON, rms[:, 0])) - 0.5 * spread**2
-    variance = errors.gain_sd**2 + errors.rms_gain_sd**2 + spread**2 + errors.scatter**2 + errors.rms_doubt**2
-    like = -0.5 * (math.log(heard) - expected) ** 2 / variance
+    variance = errors.gain_sd**2 + errors.rms_gain_sd**2 + spread**2 + errors.scatter**2 + errors.rms_model_sd**2
+    like = -0.5 * (math.log(lookup) - expected) ** 2 / variance
     low, middle, high = posterior_of_one_block(ln_v, prior, like, (0.1, 0.5, 0.9))
     assert math.log(result.v_eq) == pytest.approx(middle, abs=0.03)
     assert math.log(result.v_eq_lower) == pytest.approx(low, abs=0.03)
@@ -167,7 +177,7 @@ def test_the_first_block_is_bayes_theorem() -> None:
 
 
 def test_growth_without_chance_solves_its_differential_equation() -> None:
-    growth = GrowthPrior(haste_sd=0.0, kicks=0.0, jumps=0.0, roughness=1e-3, path_sd=0.0)
+    growth = GrowthPrior(growth_noise_sd=0.0, kicks=0.0, jumps=0.0, roughness=1e-3, path_sd=0.0)
     v, h_d, rate, power, share = 0.004 * MM2, 5e-6, 2e-12, 0.4, 0.3
     core = np.array([[math.log(v), math.log(h_d), math.log(rate), power, share, 0.0, 0.0]])
     particles = Particles(core, np.ones(1), np.zeros((1, 1, 2)), np.zeros((1, 1, 3)))
@@ -197,8 +207,8 @@ def test_a_restart_changes_no_bit(cut: int) -> None:
     _, whole = follow(inputs)
     state, _ = follow(inputs[:cut])
     state = FilterState.from_dict(json.loads(json.dumps(state.to_dict())))
-    for heard, expected in zip(inputs[cut:], whole[cut:], strict=True):
-        state, result = step(state, heard, map_slice=TOY, settings=SETTINGS)
+    for lookup, expected in zip(inputs[cut:], whole[cut:], strict=True):
+        state, result = step(state, lookup, map_slice=TOY, settings=SETTINGS)
         assert (result.v_eq, result.v_eq_lower, result.v_eq_upper) == (
             expected.v_eq,
             expected.v_eq_lower,
@@ -318,9 +328,9 @@ def test_holes_of_a_map_take_their_neighbours() -> None:
 
 
 def test_a_map_without_spread_gets_the_one_of_the_simulated_bench() -> None:
-    heard = heard_map(toy_map(spread=0.0), ErrorModel(), 1)
-    assert heard is not None
-    shallow, deep = heard.at(np.array([0.3, 0.3]), np.array([2e-6, 28e-6]))[2]
+    lookup = build_lookup(toy_map(spread=0.0), ErrorModel(), 1)
+    assert lookup is not None
+    shallow, deep = lookup.at(np.array([0.3, 0.3]), np.array([2e-6, 28e-6]))[2]
     assert shallow == pytest.approx([0.29, 0.18])
     assert deep == pytest.approx([0.1, 0.1])
 
@@ -342,8 +352,8 @@ def test_several_sensors_are_averaged_and_one_may_fall_silent() -> None:
     other, _ = toy_life(40, seed=2)
     state, results = FilterState(), []
     for k, pair in enumerate(zip(inputs, other, strict=True)):
-        heard = [pair[0], replace(pair[1], rms=math.nan)] if k > 25 else list(pair)
-        state, result = step(state, heard, map_slice=TOY, settings=SETTINGS)
+        lookup = [pair[0], replace(pair[1], rms=math.nan)] if k > 25 else list(pair)
+        state, result = step(state, lookup, map_slice=TOY, settings=SETTINGS)
         results.append(result)
     assert state.sensors == (1, 1, 1, 1)
     assert abs(math.log(results[-1].v_eq / v[-1])) < 0.5
@@ -364,7 +374,7 @@ def test_two_kinds_of_volume_are_called_ambiguous() -> None:
     x = np.degrees(TOY.dphi_d)[None, :]
     rms = TOY.rms * np.where((x > 4.0) & (x < 18.0), 0.05, 1.0)
     growth = GrowthPrior(v_start=0.004 * MM2, v_start_sd=1.5)
-    errors = ErrorModel(rms_doubt=0.05)
+    errors = ErrorModel(rms_model_sd=0.05)
     options = replace(SETTINGS, particles=2000, lines=0, growth=growth, errors=errors, ambiguous_ratio=1e9)
     split = replace(TOY, rms=rms, rms_std=0.05 * rms)
     _, result = step(FilterState(), FilterInput(0.0, 14.0), map_slice=split, settings=options)

@@ -15,12 +15,10 @@ from monitor.health.damage.thesis.forecast import (
     ForecastResult,
     ForecastSettings,
     ForecastState,
-    QuadraticFit,
     TtStatus,
-    fit_quadratic,
     step,
 )
-from monitor.health.damage.thesis.quadratic import RunningFit
+from monitor.health.damage.thesis.quadratic import QuadraticFit, RunningFit, fit_quadratic
 from tests.effort import effort_count
 
 MM2 = 1e-6

@@ -134,9 +134,9 @@ def test_alike_moments_are_the_nearest_of_all(away: float) -> None:
             for s, e in zip(fit.said[:, target], fit.ln_elapsed, strict=True)
         ]
         nearest = sorted(range(len(distance)), key=distance.__getitem__)[:50]
-        assert set(fit.alike(target, said, ln_elapsed, 50)) == set(nearest)
+        assert set(fit.nearest_moments(target, said, ln_elapsed, 50)) == set(nearest)
         own = int(fit.life[7])
-        assert own not in fit.life[fit.alike(target, said, ln_elapsed, 50, without=own)]
+        assert own not in fit.life[fit.nearest_moments(target, said, ln_elapsed, 50, without=own)]
 
 
 @settings(max_examples=effort_count(quick=50, full=500), deadline=None)

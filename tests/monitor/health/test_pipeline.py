@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from monitor.health.channel import ChannelBlock, check_channel, detect_input, step
 from monitor.health.condition import Quantity
 from monitor.health.damage.thesis import edv, forecast
+from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.damage.tracker import DamageSettings
 from monitor.health.detect import DetectSettings
 from monitor.health.output import ChannelOutput, record_values
@@ -22,7 +23,7 @@ from monitor.health.quality import Verdict, with_flags
 from monitor.health.record import Record
 from monitor.health.settings import ChannelSettings
 from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.votes import ENOUGH_VOTES
+from monitor.health.spectrum.bands import ENOUGH_VOTES
 from monitor.health.state import ChannelState
 from tests.signals import HealthyMachine, bearing_lines, impacts
 
@@ -33,10 +34,10 @@ FIRST_BAD = 60
 BANDS = ((500.0, 6000.0),)
 
 
-def map_slice() -> edv.MapSlice:
+def map_slice() -> LevelMap:
     dphi_d, h_d = np.radians(np.linspace(0.0, 50.0, 26)), np.linspace(0.0, 32e-6, 17)
     rms = 0.2 + 8.0 * (h_d[:, None] / 32e-6) + np.degrees(dphi_d)[None, :] / 25.0
-    return edv.MapSlice(dphi_d, h_d, rms, 0.0229)
+    return LevelMap(dphi_d, h_d, rms, 0.0229)
 
 
 def base(**changes: object) -> ChannelSettings:

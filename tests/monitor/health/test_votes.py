@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.health.spectrum.bands import candidate_bands, find_band
+from monitor.health.spectrum.bands import ENOUGH_VOTES, BandVotes, candidate_bands, find_band
 from monitor.health.spectrum.features import fundamentals
-from monitor.health.spectrum.votes import ENOUGH_VOTES, BandVotes
 from tests.signals import RESONANCE, bearing_lines, impacts
 
 RATE = 25600.0

@@ -128,7 +128,7 @@ def test_without_a_method_a_library_is_taken_where_there_is_one(small_map, libra
     damage = damage_of(c, libraries={"c": library})
     assert (damage.track_method, damage.forecast_method) == ("library", "library")
     assert damage.prior == library.prior
-    assert damage.asking.features == "rms+harmonics"
+    assert damage.library_settings.features == "rms+harmonics"
     mixed = c.model_copy(update={"track": c.track.model_copy(update={"method": "filter"})})
     damage = damage_of(mixed, maps={"c": small_map}, libraries={"c": library})
     assert (damage.track_method, damage.forecast_method) == ("filter", "library")

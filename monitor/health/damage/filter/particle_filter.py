@@ -1,11 +1,8 @@
-"""The physical tracker: what may be damaged, as a posterior over extent, depth and growth rate.
+"""The physical tracker: a posterior over extent, depth and growth rate (a particle filter).
 
-Where the thesis' method takes the one defect of least volume that is as loud as what is heard, this one keeps many
-that may be (a particle filter, ``filter_particles``), each with its growth, and weighs them by how well they explain
-the RMS and the first lines of BPFO, given how far a map may be from the bearing (``filter_model``). RMS hardly sees the
-extent of a defect and the lines do: with RMS alone the interval is wide, and leans on the prior of the growth.
-
-It tracks; it is no forecast.
+The particles (``particles.py``) are candidate defects with their growth, weighted by how well they explain the RMS and
+the first lines of BPFO, given the errors of the map (``prior.py``). RMS depends weakly on the extent of a defect, the
+lines depend on it more: with RMS alone the interval is wide and depends on the prior of the growth.
 """
 
 from __future__ import annotations
@@ -19,21 +16,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from monitor.health.damage.filter.particles import (
-    HASTE,
+    GROWTH_NOISE,
     LN_H,
     LN_R,
     LN_V,
     POWER,
     Particles,
+    assimilate,
+    decorrelate,
     draw,
-    forget,
     grow,
-    listen,
     quantiles,
     resample,
     two_peaks,
 )
-from monitor.health.damage.filter.prior import ErrorModel, GrowthPrior, HeardMap, heard_map
+from monitor.health.damage.filter.prior import ErrorModel, GrowthPrior, MapLookup, build_lookup
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,19 +41,19 @@ if TYPE_CHECKING:
 
 STATE_VERSION = 1
 WIDENING_RMS = 1.0
-"""Factor on the half widths of ln V_eq where RMS alone is heard (``benchmarks/filter.py``, "widening")."""
+"""Factor on the half widths of ln V_eq with RMS alone (``benchmarks/filter.py``, "widening")."""
 WIDENING_HARMONICS = 1.27
-"""The same where lines of BPFO are heard too."""
+"""The same with lines of BPFO."""
 _BINS = 24
 _OUTSIDE_SD = 3.0
 
 
 class FilterStatus(StrEnum):
-    """What became of one block.
+    """Outcome of one block.
 
-    ``ok`` and ``ambiguous`` carry values; ``ambiguous`` says that the volumes that may be are of two kinds, or wide
-    apart. ``below_map`` and ``above_map`` say that no defect of the map is so quiet or so loud, or that the damage has
-    grown off the map. The others are verdicts of what comes before, except ``no_map``, also for a map without values.
+    Only ``ok`` and ``ambiguous`` carry values; with ``ambiguous`` the volumes are of two kinds, or far apart.
+    ``below_map`` and ``above_map``: no defect of the map has this RMS, or the damage has grown beyond the map. The
+    others are verdicts of earlier stages, except ``no_map``, also given for a map without values.
     """
 
     OK = "ok"
@@ -76,24 +73,21 @@ GATES = frozenset(FilterStatus) - {
     FilterStatus.BELOW_MAP,
     FilterStatus.ABOVE_MAP,
 }
-"""Verdicts of earlier stages with which a block does not reach the tracker."""
+"""Verdicts of earlier stages that keep a block from the tracker."""
 
 
 @dataclass(frozen=True)
 class FilterSettings:
-    """How the tracker works.
+    """Settings of the physical tracker.
 
     Attributes:
         outer_race_radius: r_o of Eq. 90, m.
-        particles: how many.
-        lines: how many lines of BPFO are read beside the RMS, 0 to 6.
+        lines: number of BPFO lines used beside the RMS, 0 to 6.
         interval: level of the interval of V_eq.
-        ambiguous_ratio: upper over lower bound from which on the answer is called ambiguous.
-        seed: of everything that is drawn; with it a block's draws depend on the number of blocks before it alone.
-        growth: the prior of the growth.
-        errors: how far what is heard may be from the map.
-        widening_rms: factor on the half widths of ln V_eq where RMS alone is heard.
-        widening_harmonics: the same where lines are heard too.
+        ambiguous_ratio: upper over lower bound from which the result is ambiguous.
+        seed: of all draws; those of a block depend only on it and the number of blocks before.
+        widening_rms: factor on the half widths of ln V_eq with RMS alone.
+        widening_harmonics: the same with lines.
     """
 
     outer_race_radius: float
@@ -108,11 +102,7 @@ class FilterSettings:
     widening_harmonics: float = WIDENING_HARMONICS
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be tracked with.
-
-        Raises:
-            ValueError: naming the field and what it is.
-        """
+        """Raise ValueError naming the field that is out of range."""
         if not (math.isfinite(self.outer_race_radius) and self.outer_race_radius > 0.0):
             raise ValueError(f"outer_race_radius must be positive, got {self.outer_race_radius!r} m")
         if self.particles < 50:
@@ -125,12 +115,12 @@ class FilterSettings:
 
 @dataclass(frozen=True)
 class FilterInput:
-    """What one sensor heard in one block.
+    """Features of one sensor in one block.
 
     Attributes:
-        t: time that the damage has had, s: the machine's running time from anywhere.
+        t: damage time, s.
         rms: RMS in the band of the map, m/s2.
-        harmonics: amplitudes of BPFO lines 1, 2, ..., m/s2, or None; what is not positive counts as not heard.
+        harmonics: amplitudes of BPFO lines 1, 2, ..., m/s2, or None; values that are not positive count as missing.
     """
 
     t: float
@@ -140,16 +130,15 @@ class FilterInput:
 
 @dataclass(frozen=True, eq=False)
 class FilterState:
-    """All that the tracker remembers.
+    """State of the tracker.
 
     Attributes:
-        count: blocks taken in.
+        count: blocks used.
         t: time of the latest, s.
-        load: load of the map at the latest, N.
-        speed: speed of the map at the latest, Hz.
-        sensors: how many sensors gave each feature at the latest block that had it.
-        particles: the posterior, or None before the first block.
-        version: layout of this state.
+        load: of the map at the latest, N.
+        speed: of the map at the latest, Hz.
+        sensors: number of sensors that gave each feature at the latest block that had it.
+        particles: None before the first block.
     """
 
     count: int = 0
@@ -161,7 +150,7 @@ class FilterState:
     version: int = STATE_VERSION
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the state as JSON can hold it; it comes back bit for bit."""
+        """Return the state as plain values for JSON, bit for bit."""
         return {
             "version": self.version,
             "count": self.count,
@@ -174,10 +163,10 @@ class FilterState:
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> FilterState:
-        """Return the state that ``to_dict`` wrote.
+        """Restore a state written by :meth:`to_dict`.
 
         Raises:
-            ValueError: the state was written in a layout that this version does not know.
+            ValueError: the state has another version.
         """
         if stored.get("version") != STATE_VERSION:
             raise ValueError(f"filter state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
@@ -195,12 +184,12 @@ class FilterState:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Where the defect may be, for drawing.
+    """Posterior of the defect's sizes, for drawing.
 
     Attributes:
         dphi_d: edges of the bins of the extent, rad, shape (25,).
         h_d: edges of the bins of the depth, m, shape (25,).
-        probability: shape (24, 24), depth first; what lies beyond the map is missing from its sum.
+        probability: shape (24, 24), depth first; excludes what lies beyond the map.
     """
 
     dphi_d: Floats
@@ -210,18 +199,15 @@ class Posterior:
 
 @dataclass(frozen=True, eq=False)
 class FilterResult:
-    """What one block says of the damage; NaN and None wherever ``status`` says that there is no value.
+    """Damage after one block; NaN and None wherever ``status`` says that there is no value.
 
     Attributes:
-        status: how the values came about, or why there are none.
         v_eq: median of the volume per width, m2.
         v_eq_lower: lower bound of the interval, m2.
-        v_eq_upper: its upper bound, m2.
         dphi_d: median of the extent, rad.
         h_d: median of the depth, m.
-        rate: median of the rate at which V_eq grows now, m2/s.
-        effective: effective number of particles after this block.
-        posterior: for drawing.
+        rate: median of dV_eq/dt now, m2/s.
+        effective: effective number of particles.
     """
 
     status: FilterStatus
@@ -245,16 +231,14 @@ def step(
 ) -> tuple[FilterState, FilterResult]:
     """Track one block.
 
-    Several sensors that hear the same bearing in the same direction are averaged in the logarithm: their own scatter
-    is less so, the error of the map is common to them. A block that is gated, or that no defect of the map explains,
-    leaves the state alone.
+    Several sensors in the same direction on the bearing are averaged in the logarithm: that reduces their scatter, not
+    the error of the map. A block that is gated, or that no defect of the map explains, leaves the state unchanged.
 
     Args:
-        state: what the tracker remembers; ``FilterState()`` at t_fs.
-        inputs: what the sensor heard, or what each sensor heard in the same block.
-        map_slice: the map at the block's load and speed, or None where there is none.
-        settings: how to track.
-        gate: the verdict of an earlier stage that keeps this block out (one of ``GATES``), or None.
+        state: ``FilterState()`` at t_fs.
+        inputs: features of one sensor, or of each sensor in the same block.
+        map_slice: the map at the block's load and speed, or None.
+        gate: verdict of an earlier stage that keeps this block out (one of ``GATES``), or None.
 
     Returns:
         The next state and the block's result. A block without a positive, finite RMS is ``bad_block``.
@@ -271,19 +255,19 @@ def step(
     if not usable:
         return state, FilterResult(FilterStatus.BAD_BLOCK)
     t = _time(state, usable)
-    heard = None if map_slice is None else heard_map(map_slice, settings.errors, settings.lines)
-    if heard is None:
+    lookup = None if map_slice is None else build_lookup(map_slice, settings.errors, settings.lines)
+    if lookup is None:
         return state, FilterResult(FilterStatus.NO_MAP)
     ln_x, sensors = _features(usable, settings.lines)
-    outside = _outside(heard, ln_x[0], settings.errors)
+    outside = _outside(lookup, ln_x[0], settings.errors)
     if outside is not None:
         return state, FilterResult(outside)
-    particles = _advance(state, t, heard, ln_x, sensors, settings)
+    particles = _advance(state, t, lookup, ln_x, sensors, settings)
     remembered = tuple(
         int(n) if n else old for n, old in zip(sensors, state.sensors or (0,) * len(sensors), strict=True)
     )
-    following = FilterState(state.count + 1, t, heard.load, heard.speed, remembered, particles)
-    return following, _result(particles, heard, settings, lines_heard=bool(np.any(sensors[1:] > 0)))
+    following = FilterState(state.count + 1, t, lookup.load, lookup.speed, remembered, particles)
+    return following, _result(particles, lookup, settings, with_lines=bool(np.any(sensors[1:] > 0)))
 
 
 def _time(state: FilterState, inputs: Sequence[FilterInput]) -> float:
@@ -295,7 +279,7 @@ def _time(state: FilterState, inputs: Sequence[FilterInput]) -> float:
 
 
 def _features(inputs: Sequence[FilterInput], lines: int) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the mean over sensors of the logarithm of each feature, NaN where none has it, and their numbers."""
+    """Return the mean logarithm of each feature over sensors, NaN where missing, and the numbers of sensors."""
     values = np.full((len(inputs), 1 + lines), np.nan)
     for row, sensor in zip(values, inputs, strict=True):
         row[0] = sensor.rms
@@ -307,9 +291,9 @@ def _features(inputs: Sequence[FilterInput], lines: int) -> tuple[Floats, NDArra
     return np.where(sensors > 0, sums / np.maximum(sensors, 1), np.nan), sensors
 
 
-def _outside(heard: HeardMap, ln_rms: float, errors: ErrorModel) -> FilterStatus | None:
-    """Say whether the RMS is lower or higher than at any node of the map, three standard deviations allowed for."""
-    value, w, s = (a[:, 0] for a in heard.heard(heard.table))
+def _outside(lookup: MapLookup, ln_rms: float, errors: ErrorModel) -> FilterStatus | None:
+    """Return the status of an RMS more than three standard deviations beyond the map, or None."""
+    value, w, s = (a[:, 0] for a in lookup.log_features(lookup.table))
     sd = np.sqrt(w**2 * (errors.gain_sd**2 + errors.rms_gain_sd**2 + s**2) + errors.scatter**2)
     if ln_rms < np.min(value - _OUTSIDE_SD * sd):
         return FilterStatus.BELOW_MAP
@@ -319,7 +303,7 @@ def _outside(heard: HeardMap, ln_rms: float, errors: ErrorModel) -> FilterStatus
 def _advance(
     state: FilterState,
     t: float,
-    heard: HeardMap,
+    lookup: MapLookup,
     ln_x: Floats,
     sensors: NDArray[np.int64],
     settings: FilterSettings,
@@ -328,7 +312,7 @@ def _advance(
     rng = np.random.default_rng((settings.seed, state.count))
     errors, radius = settings.errors, settings.outer_race_radius
     if state.particles is None or state.t is None:
-        particles = draw(rng, settings.particles, heard.features, settings.growth, errors)
+        particles = draw(rng, settings.particles, lookup.features, settings.growth, errors)
     else:
         before = state.particles.sizes(radius)
         particles = grow(state.particles, rng, t - state.t, settings.growth)
@@ -336,13 +320,13 @@ def _advance(
         moved = [np.abs(new - old)[:, None] for new, old in zip(after, before, strict=True)]
         lengths = np.array([errors.rms_length] + [errors.harmonic_length] * settings.lines).T
         distance = moved[0] / lengths[0] + moved[1] / lengths[1]
-        distance += abs(math.log(heard.load / state.load)) / errors.load_length
-        distance += abs(math.log(heard.speed / state.speed)) / errors.speed_length
-        particles = forget(particles, distance)
+        distance += abs(math.log(lookup.load / state.load)) / errors.load_length
+        distance += abs(math.log(lookup.speed / state.speed)) / errors.speed_length
+        particles = decorrelate(particles, distance)
         particles = _other_sensors(particles, sensors, state.sensors, errors)
-    doubt = np.array([errors.rms_doubt] + [errors.harmonic_doubt] * settings.lines)
-    variance = errors.scatter**2 / np.maximum(sensors, 1) + doubt**2
-    particles = listen(particles, heard, radius, ln_x, variance, errors)
+    model_sd = np.array([errors.rms_model_sd] + [errors.harmonic_model_sd] * settings.lines)
+    variance = errors.scatter**2 / np.maximum(sensors, 1) + model_sd**2
+    particles = assimilate(particles, lookup, radius, ln_x, variance, errors)
     if particles.weight.size != settings.particles or particles.effective < 0.5 * settings.particles:
         particles = resample(particles, rng, settings.particles)
     return particles.rounded()
@@ -351,7 +335,7 @@ def _advance(
 def _other_sensors(
     particles: Particles, sensors: NDArray[np.int64], before: tuple[int, ...], errors: ErrorModel
 ) -> Particles:
-    """Return the particles with the gain of a feature less certain where other sensors give it than before."""
+    """Increase the variance of a feature's gain where the number of its sensors changes."""
     old = np.array(before)
     changed = (sensors > 0) & (old > 0) & (sensors != old)
     if not np.any(changed):
@@ -361,21 +345,21 @@ def _other_sensors(
     return replace(particles, cov=cov)
 
 
-def _result(particles: Particles, heard: HeardMap, settings: FilterSettings, *, lines_heard: bool) -> FilterResult:
+def _result(particles: Particles, lookup: MapLookup, settings: FilterSettings, *, with_lines: bool) -> FilterResult:
     dphi_d, h_d = particles.sizes(settings.outer_race_radius)
     weight = particles.weight / np.sum(particles.weight)
-    beyond = float(np.sum(weight[(dphi_d > heard.dphi_d[-1]) | (h_d > heard.h_d[-1])]))
+    beyond = float(np.sum(weight[(dphi_d > lookup.dphi_d[-1]) | (h_d > lookup.h_d[-1])]))
     if beyond > 0.5:
         return FilterResult(FilterStatus.ABOVE_MAP, effective=particles.effective)
     ln_v = particles.core[:, LN_V]
     tail = 0.5 * (1.0 - settings.interval)
     low, middle, high = quantiles(ln_v, weight, (tail, 0.5, 1.0 - tail))
-    widening = settings.widening_harmonics if lines_heard else settings.widening_rms
+    widening = settings.widening_harmonics if with_lines else settings.widening_rms
     lower, upper = middle - widening * (middle - low), middle + widening * (high - middle)
     ambiguous = upper - lower > math.log(settings.ambiguous_ratio) or two_peaks(ln_v, weight)
     power = particles.core[:, POWER] * (ln_v - math.log(settings.growth.threshold))
-    rate = quantiles(particles.core[:, LN_R] + particles.core[:, HASTE] + power, weight, (0.5,))[0]
-    edges = tuple(np.linspace(axis[0], axis[-1], _BINS + 1) for axis in (heard.h_d, heard.dphi_d))
+    rate = quantiles(particles.core[:, LN_R] + particles.core[:, GROWTH_NOISE] + power, weight, (0.5,))[0]
+    edges = tuple(np.linspace(axis[0], axis[-1], _BINS + 1) for axis in (lookup.h_d, lookup.dphi_d))
     return FilterResult(
         status=FilterStatus.AMBIGUOUS if ambiguous else FilterStatus.OK,
         v_eq=math.exp(middle),

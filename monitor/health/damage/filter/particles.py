@@ -1,7 +1,7 @@
-"""Particles of the physical tracker: defects that may be, how they grow, and how well each explains what is heard.
+"""Particles of the physical tracker: candidate defects, their growth, and how well each explains the observations.
 
-A particle is a defect with its growth and the gain; what the module ``filter_model`` calls b and z is Gaussian given
-the particle's path, and is carried exactly, as mean and covariance of a Kalman filter for each feature.
+A particle is a defect with its growth and the gain; b and z of ``monitor.health.damage.filter.prior`` are Gaussian
+given the particle's path and are carried exactly, as mean and covariance of a Kalman filter for each feature.
 """
 
 from __future__ import annotations
@@ -13,37 +13,35 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from monitor.health.damage.filter.prior import ErrorModel, GrowthPrior, HeardMap
+from monitor.health.damage.filter.prior import ErrorModel, GrowthPrior, MapLookup
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
 
-LN_V, LN_H, LN_R, POWER, SHARE, GAIN, HASTE = range(7)
+LN_V, LN_H, LN_R, POWER, SHARE, GAIN, GROWTH_NOISE = range(7)
 """Columns of ``Particles.core``."""
 
-_FIRST_DRAWS = 6
-# Size of the blur with which copies of a particle part, in standard deviations of all.
+_DRAWS_PER_PARTICLE = 6
+# Blur of the copies of a particle, in standard deviations of all particles.
 _BLUR = 0.08
-_FURTHEST = 5.0
-_LEAST_SLOWNESS = 1e-3
-# Bins of ln V_eq in which two peaks are looked for, and what makes them two.
+_MAX_LN_U = 5.0
+_MIN_SLOWNESS = 1e-3
+# Bins of ln V_eq; highest valley between two peaks, as a share of the lower; least weight of each.
 _PEAK_BINS = 40
-_VALLEY = 0.5
-_LEAST_PEAK = 0.15
+_MAX_VALLEY = 0.5
+_MIN_PEAK_WEIGHT = 0.15
 _ARRAYS = ("core", "weight", "mean", "cov")
 
 
 @dataclass(frozen=True, eq=False)
 class Particles:
-    """N particles of F features.
-
-    The values are those of single precision, in which they are stored.
+    """N particles of F features, in the single precision in which they are stored.
 
     Attributes:
-        core: shape (N, 7): ln V_eq, ln h_d, ln R of ``GrowthPrior``, its m, the share of ln V_eq that ln h_d takes, c,
-            and the haste of the growth; SI.
+        core: shape (N, 7): ln V_eq, ln h_d, ln R of ``GrowthPrior``, its m, d ln h_d / d ln V_eq, c, and the
+            growth-rate noise; SI.
         weight: shape (N,), of sum 1.
         mean: of b and z, shape (N, F, 2).
         cov: variance of b, covariance, variance of z, shape (N, F, 3).
@@ -65,11 +63,11 @@ class Particles:
         return np.exp(self.core[:, LN_V]) / (outer_race_radius * h_d), h_d
 
     def rounded(self) -> Particles:
-        """Return the particles as they come back when stored."""
+        """Round to the stored precision."""
         return Particles(*(getattr(self, name).astype(np.float32).astype(np.float64) for name in _ARRAYS))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the particles as JSON can hold them, every bit kept."""
+        """Return the particles as plain values for JSON, bit for bit."""
         return {
             name: {
                 "shape": list(getattr(self, name).shape),
@@ -80,7 +78,7 @@ class Particles:
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> Particles:
-        """Return what ``to_dict`` wrote."""
+        """Restore particles written by :meth:`to_dict`."""
         return cls(
             *(
                 np.frombuffer(base64.b64decode(stored[name]["float32"]), dtype="<f4")
@@ -92,8 +90,8 @@ class Particles:
 
 
 def draw(rng: np.random.Generator, count: int, features: int, growth: GrowthPrior, errors: ErrorModel) -> Particles:
-    """Return particles drawn from what is believed before the first block; several times ``count`` of them."""
-    n = _FIRST_DRAWS * count
+    """Draw several times ``count`` particles from the prior."""
+    n = _DRAWS_PER_PARTICLE * count
 
     def uniform(limits: tuple[float, float]) -> Floats:
         return rng.uniform(limits[0], limits[1], n)
@@ -112,7 +110,7 @@ def draw(rng: np.random.Generator, count: int, features: int, growth: GrowthPrio
             power,
             share,
             errors.gain_sd * rng.standard_normal(n),
-            growth.haste_sd * rng.standard_normal(n),
+            growth.growth_noise_sd * rng.standard_normal(n),
         )
     )
     gains = np.array([errors.rms_gain_sd] + [errors.harmonic_gain_sd] * (features - 1))
@@ -122,26 +120,28 @@ def draw(rng: np.random.Generator, count: int, features: int, growth: GrowthPrio
 
 
 def grow(particles: Particles, rng: np.random.Generator, dt: float, growth: GrowthPrior) -> Particles:
-    """Return the particles after ``dt`` seconds: dV/dt = R (V / V_th)^m, with all that may happen meanwhile."""
+    """Advance the particles by ``dt`` seconds: dV/dt = R (V / V_th)^m, with noise, steps and jumps."""
     if dt <= 0.0:
         return particles
     core = particles.core.copy()
     n, blocks = core.shape[0], dt / growth.interval
     kept = np.exp(-dt / growth.memory)
-    core[:, HASTE] = kept * core[:, HASTE] + growth.haste_sd * np.sqrt(1.0 - kept**2) * rng.standard_normal(n)
+    core[:, GROWTH_NOISE] = kept * core[:, GROWTH_NOISE] + growth.growth_noise_sd * np.sqrt(
+        1.0 - kept**2
+    ) * rng.standard_normal(n)
     kicked = rng.uniform(size=n) < -np.expm1(-growth.kicks * blocks)
-    core[:, HASTE] += np.where(kicked, growth.kick_sd * rng.standard_normal(n), 0.0)
+    core[:, GROWTH_NOISE] += np.where(kicked, growth.kick_sd * rng.standard_normal(n), 0.0)
     shape = blocks / growth.roughness**2
     rough = rng.gamma(shape, 1.0 / shape, n)
     slow = _slowness(core[:, POWER])
     ln_u = core[:, LN_V] - np.log(growth.threshold)
     # u^slow grows by slow times this share of itself; where that leaves nothing, u has gone to infinity.
-    share = slow * rough * dt * np.exp(core[:, LN_R] + core[:, HASTE] - np.log(growth.threshold) - slow * ln_u)
+    share = slow * rough * dt * np.exp(core[:, LN_R] + core[:, GROWTH_NOISE] - np.log(growth.threshold) - slow * ln_u)
     ln_grown = ln_u + np.log1p(np.maximum(share, -1.0 + 1e-9)) / slow
     jumped = rng.uniform(size=n) < -np.expm1(-growth.jumps * blocks)
     jump = np.where(jumped, growth.jump * rng.exponential(size=n), 0.0)
     # Beyond any map; a long gap must not overflow.
-    ln_grown = np.minimum(np.log(np.exp(np.minimum(ln_grown, _FURTHEST)) + jump), _FURTHEST)
+    ln_grown = np.minimum(np.log(np.exp(np.minimum(ln_grown, _MAX_LN_U)) + jump), _MAX_LN_U)
     step = np.maximum(ln_grown - ln_u, 0.0)
     core[:, LN_V] += step
     core[:, LN_H] += core[:, SHARE] * step + growth.path_sd * np.sqrt(step) * rng.standard_normal(n)
@@ -149,13 +149,13 @@ def grow(particles: Particles, rng: np.random.Generator, dt: float, growth: Grow
 
 
 def _slowness(power: Floats) -> Floats:
-    """Return 1 - m, kept off zero, where the formulas below have their limit."""
+    """Return 1 - m, kept off zero."""
     slow = 1.0 - power
-    return np.where(np.abs(slow) < _LEAST_SLOWNESS, _LEAST_SLOWNESS, slow)
+    return np.where(np.abs(slow) < _MIN_SLOWNESS, _MIN_SLOWNESS, slow)
 
 
-def forget(particles: Particles, distance: Floats) -> Particles:
-    """Return the particles after z has lost what it loses over a distance (in correlation lengths, shape (N, F))."""
+def decorrelate(particles: Particles, distance: Floats) -> Particles:
+    """Decorrelate z over a distance (in correlation lengths, shape (N, F))."""
     rho = np.exp(-distance)
     mean, cov = particles.mean.copy(), particles.cov.copy()
     mean[:, :, 1] *= rho
@@ -164,26 +164,22 @@ def forget(particles: Particles, distance: Floats) -> Particles:
     return Particles(particles.core, particles.weight, mean, cov)
 
 
-def listen(
+def assimilate(
     particles: Particles,
-    heard: HeardMap,
+    lookup: MapLookup,
     outer_race_radius: float,
     ln_x: Floats,
     variance: Floats,
     errors: ErrorModel,
 ) -> Particles:
-    """Return the particles after one block: weights by how well they explain it, b and z learned from it.
+    """Update the weights, b and z of the particles by one block.
 
     Args:
-        particles: before the block.
-        heard: the map.
-        outer_race_radius: r_o, m.
-        ln_x: logarithms of the features, NaN where one is missing, shape (F,).
+        ln_x: logarithms of the features, NaN where missing, shape (F,).
         variance: of e, shape (F,).
-        errors: the error model.
     """
     known = np.isfinite(ln_x)
-    expected, w, s = heard.at(*particles.sizes(outer_race_radius))
+    expected, w, s = lookup.at(*particles.sizes(outer_race_radius))
     b, z = particles.mean[:, :, 0], particles.mean[:, :, 1]
     p_bb, p_bz, p_zz = (particles.cov[:, :, k] for k in range(3))
     gap = np.where(known, ln_x, 0.0) - expected - w * (particles.core[:, GAIN, None] + b + s * z)
@@ -191,20 +187,20 @@ def listen(
     c_b, c_z = w * (p_bb + s * p_bz), w * (p_bz + s * p_zz)
     total = w * (c_b + s * c_z) + variance
     square = gap**2 / total
-    # Without the factor 1 / sqrt(total): blocks differ by less than they are doubted by, and with it the particles
-    # that are doubted least, those that hardly move, would win over a run whatever is heard.
+    # The factor 1 / sqrt(total) is left out: the assumed errors exceed the real scatter, so with it the particles of
+    # least variance, which hardly move, would win over a run whatever is observed.
     ln_like = -0.5 * (errors.freedom + 1.0) * np.log1p(square / errors.freedom)
     ln_weight = np.log(np.maximum(particles.weight, 1e-300)) + np.sum(np.where(known, ln_like, 0.0), axis=1)
     weight = np.exp(ln_weight - np.max(ln_weight))
-    doubt = np.maximum(1.0, (errors.freedom + square) / (errors.freedom + 1.0))
-    per_gap = np.where(known, 1.0 / (total * doubt), 0.0)
+    inflation = np.maximum(1.0, (errors.freedom + square) / (errors.freedom + 1.0))
+    per_gap = np.where(known, 1.0 / (total * inflation), 0.0)
     mean = np.stack((b + c_b * per_gap * gap, z + c_z * per_gap * gap), axis=2)
     cov = np.stack((p_bb - c_b * c_b * per_gap, p_bz - c_b * c_z * per_gap, p_zz - c_z * c_z * per_gap), axis=2)
     return Particles(particles.core, weight / np.sum(weight), mean, cov)
 
 
 def resample(particles: Particles, rng: np.random.Generator, count: int) -> Particles:
-    """Return ``count`` particles of equal weight, systematically drawn; copies part by a small blur."""
+    """Resample systematically to ``count`` particles of equal weight, blurring copies."""
     total = np.cumsum(particles.weight)
     places = (rng.uniform() + np.arange(count)) / count * total[-1]
     index = np.minimum(np.searchsorted(total, places), total.size - 1)
@@ -225,10 +221,10 @@ def quantiles(values: Floats, weight: Floats, levels: Sequence[float]) -> list[f
 
 
 def two_peaks(ln_v: Floats, weight: Floats) -> bool:
-    """Say whether the volumes are of two kinds: two smoothed peaks with a deep valley and much weight on both sides."""
+    """Return whether ln V_eq has two peaks with a deep valley and much weight on both sides."""
     counts, _ = np.histogram(ln_v, bins=_PEAK_BINS, weights=weight)
     smooth = np.convolve(counts, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0, mode="same")
     left, right = np.maximum.accumulate(smooth), np.maximum.accumulate(smooth[::-1])[::-1]
-    valley = smooth < _VALLEY * np.minimum(left, right)
+    valley = smooth < _MAX_VALLEY * np.minimum(left, right)
     share = np.cumsum(counts)
-    return bool(np.any(valley & (share > _LEAST_PEAK) & (share < 1.0 - _LEAST_PEAK)))
+    return bool(np.any(valley & (share > _MIN_PEAK_WEIGHT) & (share < 1.0 - _MIN_PEAK_WEIGHT)))

@@ -1,14 +1,14 @@
-"""What the physical tracker believes beforehand: how damage grows, and how far a map may be from the bearing.
+"""Priors of the physical tracker: growth of damage, and errors of a map.
 
-A defect of extent dphi_d and depth h_d is heard as
+A defect of extent dphi_d and depth h_d gives for each feature x (the RMS and the first lines of BPFO)
 
     ln x = 1/2 ln(X(dphi_d, h_d)^2 + n^2) + w (c + b + s z) + e,    w = X^2 / (X^2 + n^2),
 
-for each feature x (the RMS and the first lines of BPFO): X is the map's value, n what the sensor picks up besides, c
-the gain of bench against model that all features share, b that of one feature, both constant over a life; s is the
-standard deviation of ln X over floors and rig parameters, z (mean 0, variance 1) the error of the map where the defect
-is, and e what scatters from block to block. z keeps its value over a distance on the map: a floor does not change as
-the defect grows over it, so that a second block at nearly the same defect tells nearly nothing new.
+X is the map's value, n the background of the sensor, c the gain of bench against model that all features share, b that
+of one feature, both constant over a life; s is the standard deviation of ln X over floors and rig parameters, z (mean
+0, variance 1) the error of the map at the defect, and e the scatter from block to block. z is correlated over a
+distance on the map: a floor does not change as the defect grows over it, so a second block at nearly the same defect
+adds little information.
 """
 
 from __future__ import annotations
@@ -31,29 +31,29 @@ _DEPTHS = np.array([2e-6, 9e-6, 18e-6, 28e-6])
 # Standard deviation of ln X over floors and rig parameters at these depths, where a map does not say (RMS, line 1, and
 # lines beyond): the median over extents of a map of rough floors with drawn rigs (benchmarks/filter.py, "spread").
 _SPREAD = np.array([[0.29, 0.14, 0.06, 0.03], [0.18, 0.05, 0.02, 0.02], [0.44, 0.15, 0.07, 0.02]])
-_LEAST_SPREAD, _MOST_SPREAD = 0.1, 0.6
+_MIN_SPREAD, _MAX_SPREAD = 0.1, 0.6
 
 
 @dataclass(frozen=True)
 class GrowthPrior:
-    """How damage is taken to grow before anything is heard: dV/dt = R (V / V_th)^m, hasting and resting, with jumps.
+    """Prior of the growth: dV/dt = R (V / V_th)^m, with random speed-ups, stalls and jumps.
 
     Attributes:
-        threshold: V_th, to which the others refer, m2.
+        threshold: V_th to which the other values refer, m2.
         v_start: V_eq at the first block: median, m2.
         v_start_sd: standard deviation of its logarithm.
-        durations: range of the time to the threshold, s, uniform in the logarithm.
-        exponents: range of m, uniform: 0 is a straight line, 1 an exponential, more is faster still.
-        haste_sd: standard deviation of the haste, the logarithm of a factor on the growth that comes and goes.
-        memory: time after which the haste is forgotten, s.
-        h_threshold: range of the depth at the threshold, m, uniform in the logarithm.
-        depth_share: range of the share of ln V_eq that ln h_d takes, uniform.
-        path_sd: standard deviation by which ln h_d leaves that path while ln V_eq grows by one.
-        roughness: standard deviation of the factor on the growth within ``interval``.
-        kicks: probability within ``interval`` that the haste changes by a standard deviation of ``kick_sd`` at once.
-        kick_sd: see ``kicks``.
-        jumps: probability within ``interval`` that V_eq jumps, by ``jump`` times ``threshold`` on average.
-        jump: see ``jumps``; the size is exponentially distributed.
+        durations: time to the threshold, s, uniform in the logarithm.
+        exponents: range of m, uniform: 0 is a straight line, 1 an exponential.
+        growth_noise_sd: standard deviation of the growth-rate noise, the logarithm of a random factor on the growth.
+        memory: correlation time of the growth-rate noise, s.
+        h_threshold: depth at the threshold, m, uniform in the logarithm.
+        depth_share: d ln h_d / d ln V_eq, uniform.
+        path_sd: standard deviation of ln h_d about that path while ln V_eq grows by one.
+        roughness: standard deviation of the growth factor within ``interval``.
+        kicks: probability within ``interval`` of a step of the growth-rate noise.
+        kick_sd: standard deviation of that step.
+        jumps: probability within ``interval`` of a jump of V_eq.
+        jump: its mean over ``threshold``; exponentially distributed.
         interval: time to which the rates refer, s.
     """
 
@@ -62,7 +62,7 @@ class GrowthPrior:
     v_start_sd: float = 0.65
     durations: tuple[float, float] = (11000.0, 55000.0)
     exponents: tuple[float, float] = (0.3, 1.3)
-    haste_sd: float = 0.2
+    growth_noise_sd: float = 0.2
     memory: float = 6000.0
     h_threshold: tuple[float, float] = (4e-6, 20e-6)
     depth_share: tuple[float, float] = (0.2, 0.7)
@@ -77,32 +77,32 @@ class GrowthPrior:
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """How far what is heard may be from the map.
+    """Errors of observations against the map.
 
     Attributes:
-        gain_sd: standard deviation of c, the logarithm of the gain that all features share.
+        gain_sd: standard deviation of c, a logarithm.
         rms_gain_sd: standard deviation of b for the RMS.
         harmonic_gain_sd: standard deviation of b for a line of BPFO.
-        scatter: standard deviation of e that a measured figure has by itself.
-        rms_doubt: standard deviation by which the RMS of one block is doubted besides.
-        harmonic_doubt: the same for a line of BPFO. Both are several times what a block's error is seen to be: errors
-            of a map are correlated in more ways than z has, and blocks are no independent witnesses.
-        spread_factor: factor on the spread that a map states.
-        rms_length: (extent, rad; depth, m) over which the error of the RMS of a map keeps its value.
+        scatter: standard deviation of the measured value alone.
+        rms_model_sd: additional model error of the RMS (SD per block).
+        harmonic_model_sd: the same for a line of BPFO. Both are several times the observed scatter: errors of a map and
+            of neighbouring blocks are correlated beyond what z describes.
+        spread_factor: factor on the spread of the map.
+        rms_length: correlation length (extent, rad; depth, m) of the map's error of the RMS.
         harmonic_length: the same for a line of BPFO.
-        load_length: the same for the logarithm of the load.
-        speed_length: the same for the logarithm of the speed.
-        freedom: degrees of freedom of the Student distribution by which an unlikely figure is doubted.
-        background_rms: RMS of what the sensor picks up besides the bearing, m/s2.
-        background_harmonic: the same at each line of BPFO, as an amplitude, m/s2.
+        load_length: the same in the logarithm of the load.
+        speed_length: the same in the logarithm of the speed.
+        freedom: degrees of freedom of the Student distribution of the errors.
+        background_rms: RMS of the background of the sensor, m/s2.
+        background_harmonic: the same at each line of BPFO, an amplitude, m/s2.
     """
 
     gain_sd: float = 0.12
     rms_gain_sd: float = 0.12
     harmonic_gain_sd: float = 0.19
     scatter: float = 0.02
-    rms_doubt: float = 0.4
-    harmonic_doubt: float = 0.5
+    rms_model_sd: float = 0.4
+    harmonic_model_sd: float = 0.5
     spread_factor: float = 1.0
     rms_length: tuple[float, float] = (math.radians(1.2), 0.6e-6)
     harmonic_length: tuple[float, float] = (math.radians(6.0), 10e-6)
@@ -114,14 +114,14 @@ class ErrorModel:
 
 
 @dataclass(frozen=True, eq=False)
-class HeardMap:
+class MapLookup:
     """A map as the tracker reads it: F features (the RMS, then lines of BPFO) at each node.
 
     Attributes:
         dphi_d: extents, rad, shape (D,).
         h_d: depths, m, shape (H,).
         table: at each node the features' values, m/s2, and standard deviations of their logarithm, shape (H * D, 2 F).
-        background: what the sensor picks up besides, m/s2, shape (F,).
+        background: of the sensor, m/s2, shape (F,).
         load: N.
         speed: Hz.
     """
@@ -139,15 +139,7 @@ class HeardMap:
         return self.background.size
 
     def at(self, dphi_d: Floats, h_d: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return what the map says of some defects; those beyond it count as on its edge.
-
-        Args:
-            dphi_d: rad, shape (N,).
-            h_d: m, shape (N,).
-
-        Returns:
-            ln x without errors, w and s of the module's equation, shape (N, F) each.
-        """
+        """Return ln x without errors, w and s at some defects, shape (N, F) each; clamped to the map."""
         i, u = _cells(self.dphi_d, dphi_d)
         j, v = _cells(self.h_d, h_d)
         width = self.dphi_d.size
@@ -155,9 +147,9 @@ class HeardMap:
         low = self.table[node] * (1.0 - u) + self.table[node + 1] * u
         high = self.table[node + width] * (1.0 - u) + self.table[node + width + 1] * u
         value = low + v * (high - low)
-        return self.heard(value)
+        return self.log_features(value)
 
-    def heard(self, value: Floats) -> tuple[Floats, Floats, Floats]:
+    def log_features(self, value: Floats) -> tuple[Floats, Floats, Floats]:
         """Return ln x without errors, w and s of rows of the table, shape (N, F) each."""
         n = self.features
         power = value[:, :n] ** 2
@@ -166,21 +158,19 @@ class HeardMap:
 
 
 def _cells(axis: Floats, x: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Return the node below each value and the fraction of the way to the next, the latter as a column."""
+    """Return the node below each value, and the fraction of the way to the next as a column."""
     x = np.clip(x, axis[0], axis[-1])
     index = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, axis.size - 2)
     return index, ((x - axis[index]) / (axis[index + 1] - axis[index]))[:, None]
 
 
-def heard_map(map_slice: MapSlice, errors: ErrorModel, lines: int) -> HeardMap | None:
+def build_lookup(map_slice: MapSlice, errors: ErrorModel, lines: int) -> MapLookup | None:
     """Return a map slice as the tracker reads it, or None where it is too small or has no values.
 
-    A node without values takes those of the mean of its neighbours.
+    A node without values takes the mean of its neighbours.
 
     Args:
-        map_slice: the map at one load and speed.
-        errors: background and spread.
-        lines: how many lines of BPFO to read, at most 6.
+        lines: number of BPFO lines, at most 6.
     """
     shape = (map_slice.h_d.size, map_slice.dphi_d.size)
     if min(shape) < 2:
@@ -196,7 +186,7 @@ def heard_map(map_slice: MapSlice, errors: ErrorModel, lines: int) -> HeardMap |
     # The mean over floors lies above the median, about which the logarithm is symmetric.
     table = np.concatenate((value * np.exp(-0.5 * spread**2), spread), axis=2).reshape(shape[0] * shape[1], -1)
     background = np.array([errors.background_rms] + [errors.background_harmonic] * lines)
-    return HeardMap(map_slice.dphi_d, map_slice.h_d, table, background, map_slice.load, map_slice.speed)
+    return MapLookup(map_slice.dphi_d, map_slice.h_d, table, background, map_slice.load, map_slice.speed)
 
 
 def _spread(value: Floats, std: Floats, h_d: Floats, factor: float) -> Floats:
@@ -207,11 +197,11 @@ def _spread(value: Floats, std: Floats, h_d: Floats, factor: float) -> Floats:
     else:
         rows = [_SPREAD[min(k, 2)] for k in range(value.shape[2])]
         spread = np.stack([np.interp(h_d, _DEPTHS, row) for row in rows], axis=1)[:, None, :] * np.ones(value.shape)
-    return np.clip(factor * spread, _LEAST_SPREAD, _MOST_SPREAD)
+    return np.clip(factor * spread, _MIN_SPREAD, _MAX_SPREAD)
 
 
 def _filled(values: Floats) -> Floats:
-    """Return an array (H, D, F) with its holes filled from around, ring by ring."""
+    """Return an array (H, D, F) with its holes filled from their neighbours, ring by ring."""
     filled = values.copy()
     while np.any(np.isnan(filled)):
         padded = np.pad(filled, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)

@@ -104,7 +104,7 @@ def _differences(library: Library, fit: FeatureFit, run: RecordedRun, target: in
     levels = levels_of(fit.features, run.rms, run.harmonics, run.rms)
     usable = (run.t < run.end) & np.all(np.isfinite(levels), axis=1) & (run.rms > 0.0)
     conditions = zip(run.load.tolist(), run.speed.tolist(), strict=True)
-    blocks = np.flatnonzero(usable & np.array([library.knows_conditions(load, speed) for load, speed in conditions]))
+    blocks = np.flatnonzero(usable & np.array([library.covers_conditions(load, speed) for load, speed in conditions]))
     if not len(blocks):
         return []
     wanted = set(np.linspace(0, len(blocks) - 1, _MOMENTS).astype(int).tolist())
@@ -115,11 +115,11 @@ def _differences(library: Library, fit: FeatureFit, run: RecordedRun, target: in
         load, speed = float(run.load[block]), float(run.speed[block])
         bounded, known = fit.bounded(relative[number])
         history = history.add(float(run.t[block]), bounded)
-        if number not in wanted or not known or history.count < _LEAST_POINTS or not fit.knows_pace(history):
+        if number not in wanted or not known or history.count < _LEAST_POINTS or not fit.covers_pace(history):
             continue
         x = fit.inputs(history, load, speed)
         said = float(fit.regression.predict(x[None])[0, target])
-        errors = fit.error[fit.alike(target, said, float(x[0]), _NEIGHBOURS), target]
+        errors = fit.error[fit.nearest_moments(target, said, float(x[0]), _NEIGHBOURS), target]
         low, middle, high = np.quantile(errors, (0.1, 0.5, 0.9))
         truth = math.log((run.end - float(run.t[block])) / fit.interval + OFFSET)
         found.append((truth - said - float(middle), max(float(high - low), 1e-3) / _EIGHTY))

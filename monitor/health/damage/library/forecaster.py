@@ -199,7 +199,7 @@ def step(
         return state, nothing(library, thresholds, settings, bad, cannot)
     outside = LibraryStatus.OUTSIDE_LIBRARY
     own_levels = settings.features == "v_eq"
-    if not own_levels and not library.knows_conditions(block.load, block.speed):
+    if not own_levels and not library.covers_conditions(block.load, block.speed):
         conditions = LibraryStatus.OUTSIDE_CONDITIONS
         return state, nothing(library, thresholds, settings, conditions, outside)
     relative = fit.relative_levels(_levels(block, settings.features), np.array([block.load]), np.array([block.speed]))
@@ -207,9 +207,9 @@ def step(
     history = (state.history or History.empty(fit.channels)).add(float(block.t), bounded)
     changes = state.conditions if own_levels else state.conditions.add(block.load, block.speed)
     state = LibraryState(library.hash, settings.features, history, changes)
-    if not library.knows_changes(*changes.spreads):
+    if not library.covers_changes(*changes.spreads):
         return state, nothing(library, thresholds, settings, LibraryStatus.OUTSIDE_CONDITIONS, outside)
-    if not known or not fit.knows_pace(history):
+    if not known or not fit.covers_pace(history):
         return state, nothing(library, thresholds, settings, outside, outside)
     return state, _answer(library, history, block, settings, thresholds)
 

@@ -128,7 +128,7 @@ class FeatureFit:
         bounded = np.clip(relative, self.lowest - _MARGIN, self.highest + _MARGIN)
         return bounded, bool(np.array_equal(bounded, relative))
 
-    def knows_pace(self, history: History) -> bool:
+    def covers_pace(self, history: History) -> bool:
         """Say whether the elapsed time and the time between blocks are those of the library's lives."""
         if history.elapsed > self.longest:
             return False
@@ -146,7 +146,7 @@ class FeatureFit:
             return np.concatenate((summary, *(extrapolations(summary, float(v)) for v in self.thresholds)))
         return np.append(summary, (math.log(load), math.log(speed)))
 
-    def alike(
+    def nearest_moments(
         self, target: int, said: float, ln_elapsed: float, count: int, without: int | None = None
     ) -> NDArray[np.int64]:
         """Return the ``count`` moments of the library of which most nearly the same was said, after as long.
@@ -187,12 +187,12 @@ class FeatureFit:
 
     def sample_v_eq(self, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:
         """Return an ascending sample of V_eq, m2."""
-        error = self.error[self.alike(0, said, ln_elapsed, count, without), 0]
+        error = self.error[self.nearest_moments(0, said, ln_elapsed, count, without), 0]
         return np.sort(np.exp(said + self.shift[0] + self.stretch[0] * error))
 
     def sample_tt(self, target: int, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:
         """Return an ascending sample of the time to the threshold of a target, s; zero where it had been reached."""
-        moments = self.alike(target, said, ln_elapsed, count, without)
+        moments = self.nearest_moments(target, said, ln_elapsed, count, without)
         ln_tt = said + self.shift[target] + self.stretch[target] * self.error[moments, target]
         tt = np.maximum(np.exp(ln_tt) - OFFSET, 0.0) * self.interval
         return np.sort(np.where(self.crossed[moments, target - 1], 0.0, tt))
@@ -231,7 +231,7 @@ class Library:
         """Hash of all that is in it: equal hashes, equal answers."""
         return _hash(self)
 
-    def knows_conditions(self, load: float, speed: float) -> bool:
+    def covers_conditions(self, load: float, speed: float) -> bool:
         """Say whether lives at this load and speed are within the library."""
         slack = _CONDITION_TOLERANCE
         return all(
@@ -239,7 +239,7 @@ class Library:
             for value, (low, high) in ((load, self.load), (speed, self.speed))
         )
 
-    def knows_changes(self, load_spread: float, speed_spread: float) -> bool:
+    def covers_changes(self, load_spread: float, speed_spread: float) -> bool:
         """Say whether a load and a speed that change so much within a history are those of the library's lives."""
         return (
             load_spread <= self.load_spread + _SPREAD_TOLERANCE[0]

@@ -1,11 +1,11 @@
 """The equivalent damaged volume (EDV), tracked from the RMS as in section 5.2.2 of the thesis.
 
-Each block's RMS, smoothed by a trailing mean, is looked up in an RMS map: of all defects (dphi_d, h_d) that would sound
-as loud, the one with the least volume V_eq = r_o dphi_d h_d (Eqs. 90 and 91) is taken, and from then on the damage may
-shrink in neither size, unless nothing is left, when the search goes back by one grid step at a time.
+Each block's RMS, smoothed by a trailing mean, is looked up in an RMS map: of all defects (dphi_d, h_d) with that RMS,
+the one with the least volume V_eq = r_o dphi_d h_d (Eqs. 90 and 91) is taken. Neither size may shrink afterwards,
+unless no point is left; the search then goes back by one grid step at a time.
 
-The method leans on one number a block, and RMS hardly sees the extent of a defect: what it gives is the least volume
-that explains the RMS, kept by a ratchet, and not a measurement. ``docs/explanation/tracking.md`` says what follows.
+RMS depends weakly on the extent of a defect: the result is the least volume that explains the RMS, kept by a ratchet,
+not a measurement. See ``docs/explanation/tracking.md``.
 """
 
 from __future__ import annotations
@@ -16,19 +16,17 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-from monitor.health.damage.thesis.level_set import LevelPoint, MapSlice, least_volume, step_back, widened_steps
-
-__all__ = ["EdvResult", "EdvSettings", "EdvState", "EdvStatus", "MapSlice", "step"]
+from monitor.health.damage.thesis.level_set import LevelMap, LevelPoint, least_volume, step_back, widened_steps
 
 STATE_VERSION = 1
 
 
 class EdvStatus(StrEnum):
-    """What became of one block.
+    """Outcome of one block.
 
-    ``ok`` and ``widened`` carry a V_eq; ``widened`` says that the search had to go back, so that V_eq may be lower than
-    before. ``below_map`` and ``above_map`` say that no defect of the map has this RMS. The others are verdicts of what
-    comes before, except ``no_map``, which is also the answer where a hole of the map swallowed the level.
+    Only ``ok`` and ``widened`` carry a V_eq; with ``widened`` the search went back, so V_eq may be lower than before.
+    ``below_map`` and ``above_map``: no defect of the map has this RMS. The others are verdicts of earlier stages,
+    except ``no_map``, which is also given where a hole of the map covers the level.
     """
 
     OK = "ok"
@@ -51,38 +49,37 @@ GATES = frozenset(
         EdvStatus.OUTSIDE_CONDITIONS,
     }
 )
-"""Verdicts of earlier stages with which a block does not reach the tracker."""
+"""Verdicts of earlier stages that keep a block from the tracker."""
 
 
 @dataclass(frozen=True)
 class EdvSettings:
-    """How the tracker works.
+    """Settings of the thesis' tracker.
 
     Attributes:
-        smoothing_blocks: length of the trailing mean of the RMS, in blocks (section 5.4.1: 6).
-        stop_outside_map: whether the first RMS outside the map ends the tracking for good, as step 3 of the thesis has
-            it; otherwise such a block answers with its status and the tracking goes on when the RMS is back.
+        smoothing_blocks: length of the trailing mean of the RMS (section 5.4.1: 6).
+        stop_outside_map: end the tracking for good at the first RMS outside the map (step 3 of the thesis); otherwise
+            the tracking goes on when the RMS is back.
     """
 
     smoothing_blocks: int = 6
     stop_outside_map: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse a mean over nothing."""
+        """Raise ValueError for a mean over no block."""
         if self.smoothing_blocks < 1:
             raise ValueError(f"smoothing_blocks must be 1 or more, got {self.smoothing_blocks}")
 
 
 @dataclass(frozen=True)
 class EdvState:
-    """All that the tracker remembers.
+    """State of the tracker.
 
     Attributes:
-        window: RMS of the latest blocks since t_fs, oldest first, at most ``smoothing_blocks`` of them, m/s2.
-        dphi_d: least angular extent still allowed, rad, or None before the first point.
+        window: RMS of the latest blocks since t_fs, oldest first, at most ``smoothing_blocks``, m/s2.
+        dphi_d: least extent still allowed, rad, or None before the first point.
         h_d: least depth still allowed, m, or None before the first point.
         stopped: the status that ended the tracking, or None.
-        version: layout of this state.
     """
 
     window: tuple[float, ...] = ()
@@ -92,15 +89,15 @@ class EdvState:
     version: int = STATE_VERSION
 
     def to_dict(self) -> dict[str, Any]:
-        """The state as JSON can hold it; floats come back as they were."""
+        """Return the state as plain values for JSON."""
         return {**asdict(self), "window": list(self.window)}
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> EdvState:
-        """The state that ``to_dict`` wrote.
+        """Restore a state written by :meth:`to_dict`.
 
         Raises:
-            ValueError: the state was written in a layout that this version does not know.
+            ValueError: the state has another version.
         """
         if stored.get("version") != STATE_VERSION:
             raise ValueError(f"edv state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
@@ -115,14 +112,13 @@ class EdvState:
 
 @dataclass(frozen=True)
 class EdvResult:
-    """What one block says about the damage; NaN wherever ``status`` says that there is no value.
+    """Damage after one block; NaN wherever ``status`` says that there is no value.
 
     Attributes:
         rms_smoothed: trailing mean of the RMS, m/s2.
-        dphi_d: angular extent of the equivalent defect, rad.
+        dphi_d: extent of the equivalent defect, rad.
         h_d: its depth, m.
         v_eq: equivalent damaged volume per width, m2 (1 mm3/mm is 1e-6 m2).
-        status: how the values came about, or why there are none.
     """
 
     rms_smoothed: float
@@ -136,22 +132,20 @@ def step(
     state: EdvState,
     rms: float,
     *,
-    map_slice: MapSlice | None,
+    map_slice: LevelMap | None,
     settings: EdvSettings | None = None,
     gate: EdvStatus | None = None,
 ) -> tuple[EdvState, EdvResult]:
     """Track one block (steps 2 to 8 of section 5.2.2).
 
-    The mean is over the blocks that reached the tracker since t_fs, at most ``smoothing_blocks`` of them, the present
-    one included and later ones never: the first point stands on one block, the second on two. A block that is gated
-    leaves the state alone; one outside the map enters the mean and changes nothing else.
+    The mean is over the blocks that reached the tracker since t_fs, the present one included. A gated block leaves the
+    state unchanged; one outside the map enters the mean only.
 
     Args:
-        state: what the tracker remembers; ``EdvState()`` at t_fs.
+        state: ``EdvState()`` at t_fs.
         rms: RMS of the block, m/s2, in the band of the map.
         map_slice: the map at the block's load and speed, or None where there is none.
-        settings: how to track.
-        gate: the verdict of an earlier stage that keeps this block out (one of ``GATES``), or None.
+        gate: verdict of an earlier stage that keeps this block out (one of ``GATES``), or None.
 
     Returns:
         The next state and the block's result. An ``rms`` that is negative or not finite is ``bad_block``.
@@ -181,11 +175,11 @@ def step(
     return advanced, EdvResult(smoothed, point.dphi_d, point.h_d, point.v_eq, status)
 
 
-def _find(map_slice: MapSlice, level: float, state: EdvState) -> tuple[LevelPoint | None, EdvStatus]:
-    """The point of Eq. 91 in the allowed quadrant, or in the least widening of it that has one (step 7)."""
-    if level < map_slice.rms_least - map_slice.tolerance:
+def _find(map_slice: LevelMap, level: float, state: EdvState) -> tuple[LevelPoint | None, EdvStatus]:
+    """Return the point of Eq. 91 in the allowed quadrant, or in its least widening that has one (step 7)."""
+    if level < map_slice.rms_min - map_slice.tolerance:
         return None, EdvStatus.BELOW_MAP
-    if level > map_slice.rms_most + map_slice.tolerance:
+    if level > map_slice.rms_max + map_slice.tolerance:
         return None, EdvStatus.ABOVE_MAP
     dphi_from = float(map_slice.dphi_d[0]) if state.dphi_d is None else state.dphi_d
     h_from = float(map_slice.h_d[0]) if state.h_d is None else state.h_d
@@ -205,7 +199,7 @@ def _find(map_slice: MapSlice, level: float, state: EdvState) -> tuple[LevelPoin
 
 
 def _remember(state: EdvState, window: tuple[float, ...], stopped: EdvStatus | None = None) -> EdvState:
-    """The state with a new window and nothing else, or stopped."""
+    """Return the state with a new window, stopped where ``stopped`` says so."""
     return EdvState(window=window, dphi_d=state.dphi_d, h_d=state.h_d, stopped=state.stopped or stopped)
 
 

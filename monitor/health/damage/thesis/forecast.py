@@ -1,10 +1,10 @@
-"""The time to threshold (TT) as in section 5.2.3.2 of the thesis: a quadratic through the first V_eq, and its root.
+"""The time to threshold (TT) of section 5.2.3.2 of the thesis: a quadratic through the first V_eq, and its root.
 
-After each block the curve v = a tau^2 + b tau + c, held to the first point of the final stage, is refitted to all V_eq
-up to now, and the time at which it reaches the threshold is the forecast: TT = t_th - t_c (Eq. 92). It is one number
-without an interval, and wild while the points are few; ``docs/explanation/tracking.md`` says more.
+After each block the curve v = a tau^2 + b tau + c, fixed at the first point of the final stage, is refitted to all V_eq
+up to now; the time at which it reaches the threshold is the forecast: TT = t_th - t_c (Eq. 92). It has no interval and
+varies strongly while the points are few; see ``docs/explanation/tracking.md``.
 
-Time here is damage time: hours in which the machine stands still are not to be counted by the caller's clock.
+Times are damage time: standstill does not count.
 """
 
 from __future__ import annotations
@@ -15,24 +15,13 @@ from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from monitor.health.damage.thesis.quadratic import QuadraticFit, RunningFit, fit_quadratic
-
-__all__ = [
-    "Crossing",
-    "ForecastResult",
-    "ForecastSettings",
-    "ForecastState",
-    "QuadraticFit",
-    "TtStatus",
-    "fit_quadratic",
-    "step",
-]
+from monitor.health.damage.thesis.quadratic import QuadraticFit, RunningFit
 
 STATE_VERSION = 1
 
 
 class TtStatus(StrEnum):
-    """What became of one forecast; where several apply, the first in this order is given.
+    """Outcome of one forecast; where several apply, the first in this order is given.
 
     ``not_final_stage``: the bearing is not in the final stage. ``already_crossed``: V_eq has reached the threshold; TT
     is zero from then on, whatever V_eq does later. ``too_few_points``: fewer points than ``min_points``, or fewer than
@@ -54,18 +43,18 @@ class TtStatus(StrEnum):
 
 @dataclass(frozen=True)
 class ForecastSettings:
-    """How the forecast works.
+    """Settings of the thesis' forecast.
 
     Attributes:
-        min_points: least number of V_eq points for a fit, the first included; 3 is the least that determine a curve.
-        horizon: longest TT that is given as ``ok``, s of damage time; a year by default, which no final stage lasts.
+        min_points: least number of V_eq points for a fit, the first included; 3 determine a curve.
+        horizon: longest TT that is given as ``ok``, s of damage time.
     """
 
     min_points: int = 3
     horizon: float = 365 * 86400.0
 
     def __post_init__(self) -> None:
-        """Refuse a fit to fewer points than determine it, or a horizon that is none."""
+        """Raise ValueError for too few points or a horizon that is not positive."""
         if self.min_points < 3:
             raise ValueError(f"min_points must be 3 or more, got {self.min_points}")
         if not self.horizon > 0:
@@ -74,12 +63,13 @@ class ForecastSettings:
 
 @dataclass(frozen=True)
 class Crossing:
-    """That V_eq has reached a threshold, and the curve as it stood then.
+    """The crossing of a threshold by V_eq, with the fit at that time.
 
     Attributes:
         threshold: m2.
-        t: when, interpolated between the points on either side, s; None where the threshold was asked for only later.
-        fit: the final fit, its last point interpolated onto the threshold; None where it is not determined.
+        t: interpolated between the points on either side, s; None where the threshold was first given after the
+            crossing.
+        fit: its last point interpolated onto the threshold; None where it is not determined.
     """
 
     threshold: float
@@ -89,15 +79,11 @@ class Crossing:
 
 @dataclass(frozen=True)
 class ForecastState:
-    """All that the forecast remembers; of the same size however long the history.
+    """State of the forecast, of constant size.
 
     Attributes:
-        fit: the running fit, or None before the first point.
-        t_last: time of the latest point, s, or None before the first.
-        v_last: V_eq of the latest point, m2, or None before the first.
-        v_most: largest V_eq so far, m2.
-        crossings: thresholds that have been reached.
-        version: layout of this state.
+        fit: None before the first point.
+        t_last: time of the latest point, s.
     """
 
     fit: RunningFit | None = None
@@ -108,16 +94,16 @@ class ForecastState:
     version: int = STATE_VERSION
 
     def to_dict(self) -> dict[str, Any]:
-        """The state as JSON can hold it; floats come back as they were."""
+        """Return the state as plain values for JSON."""
         stored = asdict(self)
         return {**stored, "crossings": list(stored["crossings"])}
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> ForecastState:
-        """The state that ``to_dict`` wrote.
+        """Restore a state written by :meth:`to_dict`.
 
         Raises:
-            ValueError: the state was written in a layout that this version does not know.
+            ValueError: the state has another version.
         """
         if stored.get("version") != STATE_VERSION:
             raise ValueError(f"forecast state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
@@ -139,13 +125,11 @@ class ForecastResult:
 
     Attributes:
         threshold: V_th, m2.
-        tt: time to threshold, s of damage time; zero once crossed. Given with ``ok``, ``already_crossed`` and, where it
-            is finite, ``beyond_horizon``.
-        t_threshold: when the curve reaches the threshold, or when V_eq did, s on the caller's clock; given as well for
-            ``crossing_in_past``.
+        tt: s of damage time; zero once crossed. Given with ``ok``, ``already_crossed`` and, where finite,
+            ``beyond_horizon``.
+        t_threshold: when the curve or V_eq reaches the threshold, s; also given with ``crossing_in_past``.
         coefficients: a in m2/s2, b in m2/s and c in m2 of a tau^2 + b tau + c, tau counted from the first point.
         r_squared: coefficient of determination of the fit.
-        status: how the values came about, or why there are none.
     """
 
     threshold: float
@@ -165,18 +149,17 @@ def step(
     settings: ForecastSettings | None = None,
     final_stage: bool = True,
 ) -> tuple[ForecastState, tuple[ForecastResult, ...]]:
-    """Take one V_eq into the fit and forecast each threshold.
+    """Add one V_eq to the fit and forecast each threshold.
 
     Args:
-        state: what the forecast remembers; ``ForecastState()`` at t_fs.
-        t: damage time of the block, s; may repeat, may not go back.
-        v_eq: V_eq of the block, m2; NaN where the tracker had none, and then the fit stays and is read at ``t``.
-        thresholds: V_th, one or several, m2.
-        settings: how to forecast.
-        final_stage: whether the bearing is in the final stage; where not, nothing is taken in.
+        state: ``ForecastState()`` at t_fs.
+        t: damage time, s; may repeat, may not go back.
+        v_eq: m2; NaN where the tracker had none: the fit is unchanged and read at ``t``.
+        thresholds: one or more V_th, m2.
+        final_stage: where False, the state is returned unchanged.
 
     Returns:
-        The next state, and one result a threshold, in their order.
+        The next state, and one result per threshold, in their order.
 
     Raises:
         ValueError: a time that is not finite or goes back, a V_eq that is negative or infinite, or thresholds that are
@@ -201,7 +184,7 @@ def step(
 
 
 def _take(state: ForecastState, t: float, v_eq: float, thresholds: Sequence[float]) -> ForecastState:
-    """The state with one more point, and with the thresholds that are reached by now."""
+    """Return the state with one more point and the thresholds reached by now."""
     known = {crossing.threshold for crossing in state.crossings}
     most = state.v_most if math.isnan(v_eq) else max(state.v_most, v_eq)
     reached = [v for v in dict.fromkeys(thresholds) if v not in known and v <= most]
@@ -213,11 +196,11 @@ def _take(state: ForecastState, t: float, v_eq: float, thresholds: Sequence[floa
 
 
 def _cross(state: ForecastState, t: float, v_eq: float, threshold: float) -> Crossing:
-    """The crossing of a threshold between the latest point and the present one (section 5.4.3)."""
+    """Return the crossing between the latest point and the present one (section 5.4.3)."""
     if state.fit is None or state.t_last is None or state.v_last is None:
         return Crossing(threshold, t, None)
     if state.v_most >= threshold:
-        # The threshold was asked for only after V_eq had passed it, and the points of that time are not kept.
+        # The threshold was first given after V_eq had passed it; the points of that time are not kept.
         return Crossing(threshold, None, None)
     share = (threshold - state.v_last) / (v_eq - state.v_last)
     t_cross = state.t_last + share * (t - state.t_last)
@@ -230,7 +213,7 @@ def _crossed(crossing: Crossing) -> ForecastResult:
 
 
 def _forecast(fit: QuadraticFit | None, t: float, threshold: float, horizon: float) -> ForecastResult:
-    """The root nearest ahead, which for a curve that begins below the threshold is its first."""
+    """Return the root nearest ahead; for a curve that begins below the threshold, its first."""
     if fit is None:
         return _result(threshold, TtStatus.TOO_FEW_POINTS)
     t_cross = fit.first_crossing(threshold)

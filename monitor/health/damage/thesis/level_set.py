@@ -1,13 +1,13 @@
-"""The points of an RMS map at which the map equals a measured RMS, and the least damaged volume among them.
+"""The points of an RMS map with a given RMS, and the least damaged volume among them.
 
 Inside one cell of the grid the map is the bilinear patch X = a + b u + c v + d u v with u and v from 0 to 1, so its
-level set is a hyperbola (or a line). On it the volume of Eq. 90, r_o (x0 + u dx)(y0 + v dy), is least either where the
-curve meets an edge of the cell or where the volume is stationary. Eliminating v leaves a quadratic in u,
+level set is a hyperbola (or a line). On it the volume of Eq. 90, r_o (x0 + u dx)(y0 + v dy), is least where the curve
+meets an edge of the cell or where the volume is stationary. Eliminating v leaves a quadratic in u,
 
     d dx q u^2 + 2 c dx q u + c (x0 q + dx p) - d x0 p = 0,    p = y0 c - dy (a - X),    q = y0 d - dy b,
 
-so that every candidate is known in closed form and no grid is scanned. A bilinear patch cut along a line u = const or
-v = const is again a bilinear patch: a quadrant of the continuous map is a smaller map, and needs no special case.
+so every candidate has a closed form and no grid is scanned. A bilinear patch cut along u = const or v = const is again
+a bilinear patch, so a quadrant of the map is a smaller map.
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-ON_LEVEL = 1e-12
-"""A value of the map within this fraction of the map's largest RMS counts as equal to the measured one (rounding)."""
+LEVEL_TOLERANCE = 1e-12
+"""Values within this fraction of the map's largest RMS are equal (rounding)."""
 
-SAME_VOLUME = 1e-12
+VOLUME_TOLERANCE = 1e-12
 """Volumes within this fraction of each other are the same volume."""
 
-SLACK = 1e-9
+BOUND_SLACK = 1e-9
 """Fraction by which bounds of the volume are widened against rounding."""
 
-FEW_CELLS = 16
-"""Up to so many cells are looked at one by one; of more, arrays first tell those that can hold the least volume."""
+MAX_SCANNED_CELLS = 16
+"""With more candidate cells than this, arrays first select those that can hold the least volume."""
 
 
 @dataclass(frozen=True, eq=False)
-class MapSlice:
-    """RMS over the extent and the depth of the defect, at one load and speed; bilinear between the points of the grid.
+class LevelMap:
+    """RMS over extent and depth of the defect at one load and speed, bilinear between the grid points.
 
-    What is derived from it is computed once and kept, so the same object should serve all blocks of one condition.
+    Derived values are cached: pass the same object for all blocks of one condition.
 
     Attributes:
-        dphi_d: angular extents, shape (n,), rad, ascending, not negative.
+        dphi_d: extents, shape (n,), rad, ascending, not negative.
         h_d: depths, shape (m,), m, ascending, not negative.
-        rms: RMS, shape (m, n), m/s2; NaN is a hole of the map, and every cell that touches it is none.
+        rms: shape (m, n), m/s2; NaN is a hole, and the cells that touch it are left out.
         outer_race_radius: r_o of Eq. 90, m.
     """
 
@@ -54,10 +54,10 @@ class MapSlice:
     outer_race_radius: float
 
     def __post_init__(self) -> None:
-        """Take float64 copies, and refuse what is not a map.
+        """Copy to float64 and validate.
 
         Raises:
-            ValueError: axes that are not ascending, shapes that do not fit, infinite values, or no complete cell.
+            ValueError: axes that do not ascend, shapes that do not fit, infinite values, or no complete cell.
         """
         for name in ("dphi_d", "h_d", "rms"):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
@@ -74,30 +74,30 @@ class MapSlice:
             raise ValueError("map slice: rms must be finite, or NaN where the map has a hole; got an infinite value")
         if not (math.isfinite(self.outer_race_radius) and self.outer_race_radius > 0):
             raise ValueError(f"map slice: outer_race_radius must be positive, got {self.outer_race_radius}")
-        if not np.any(np.isfinite(self.cell_least)):
+        if not np.any(np.isfinite(self.cell_min)):
             raise ValueError("map slice: rms has no cell with four finite corners")
 
     @cached_property
-    def cell_least(self) -> Array:
+    def cell_min(self) -> Array:
         """Least RMS of each cell, shape (m - 1, n - 1), m/s2; NaN in a hole."""
         z = self.rms
         return np.minimum(np.minimum(z[:-1, :-1], z[:-1, 1:]), np.minimum(z[1:, :-1], z[1:, 1:]))
 
     @cached_property
-    def cell_most(self) -> Array:
+    def cell_max(self) -> Array:
         """Largest RMS of each cell, shape (m - 1, n - 1), m/s2; NaN in a hole."""
         z = self.rms
         return np.maximum(np.maximum(z[:-1, :-1], z[:-1, 1:]), np.maximum(z[1:, :-1], z[1:, 1:]))
 
     @cached_property
-    def rms_least(self) -> float:
+    def rms_min(self) -> float:
         """Least RMS of all complete cells, m/s2."""
-        return float(np.nanmin(self.cell_least))
+        return float(np.nanmin(self.cell_min))
 
     @cached_property
-    def rms_most(self) -> float:
+    def rms_max(self) -> float:
         """Largest RMS of all complete cells, m/s2."""
-        return float(np.nanmax(self.cell_most))
+        return float(np.nanmax(self.cell_max))
 
     @cached_property
     def has_holes(self) -> bool:
@@ -107,18 +107,10 @@ class MapSlice:
     @cached_property
     def tolerance(self) -> float:
         """Difference of RMS below which two values are equal, m/s2."""
-        return ON_LEVEL * max(abs(self.rms_least), abs(self.rms_most))
+        return LEVEL_TOLERANCE * max(abs(self.rms_min), abs(self.rms_max))
 
     def value_at(self, dphi_d: float, h_d: float) -> float:
-        """RMS at a point of the continuous map, m/s2.
-
-        Args:
-            dphi_d: angular extent, rad; taken to the nearer end of the map where it lies outside.
-            h_d: depth, m; likewise.
-
-        Returns:
-            The bilinear interpolation, NaN in a hole.
-        """
+        """Return the RMS at a point, bilinear, m/s2; clamped to the map, NaN in a hole."""
         i, u = locate(self.dphi_d, dphi_d)
         j, v = locate(self.h_d, h_d)
         z = self.rms
@@ -127,19 +119,13 @@ class MapSlice:
         return float(lower + v * (upper - lower))
 
     def volume(self, dphi_d: float, h_d: float) -> float:
-        """V_eq of Eq. 90, m2 (volume per width)."""
+        """Return V_eq of Eq. 90, m2 (volume per width)."""
         return self.outer_race_radius * dphi_d * h_d
 
 
 @dataclass(frozen=True)
 class LevelPoint:
-    """A point of the map that has the RMS asked for.
-
-    Attributes:
-        dphi_d: angular extent, rad.
-        h_d: depth, m.
-        v_eq: r_o dphi_d h_d (Eq. 90), m2.
-    """
+    """A point of the map: extent in rad, depth in m and V_eq (Eq. 90) in m2."""
 
     dphi_d: float
     h_d: float
@@ -147,14 +133,10 @@ class LevelPoint:
 
 
 def locate(axis: Array, value: float) -> tuple[int, float]:
-    """The cell of an axis that holds a value, and where in it.
-
-    Args:
-        axis: grid of the axis, ascending.
-        value: the value; taken to the nearer end where it lies outside.
+    """Return the cell of an ascending axis that holds a value (clamped), and the fraction in it.
 
     Returns:
-        Index i of the cell and the fraction u in [0, 1], so that the value is axis[i] + u (axis[i+1] - axis[i]).
+        Index i and u in [0, 1]: the value is axis[i] + u (axis[i+1] - axis[i]).
     """
     i = min(max(int(axis.searchsorted(value, "right")) - 1, 0), axis.size - 2)
     low, high = float(axis[i]), float(axis[i + 1])
@@ -162,16 +144,7 @@ def locate(axis: Array, value: float) -> tuple[int, float]:
 
 
 def step_back(axis: Array, value: float, steps: int) -> float:
-    """The value that lies a number of grid steps before another, on the continuous index of the axis.
-
-    Args:
-        axis: grid of the axis, ascending; its steps need not be equal.
-        value: where to start.
-        steps: how many grid steps to go back.
-
-    Returns:
-        The earlier value, never before the first of the axis.
-    """
+    """Return the value a number of grid steps before another, on the continuous index; clamped to the first."""
     i, u = locate(axis, value)
     if i - steps < 0:
         return float(axis[0])
@@ -179,20 +152,11 @@ def step_back(axis: Array, value: float, steps: int) -> float:
     return low + u * (high - low)
 
 
-def least_volume(map_slice: MapSlice, level: float, dphi_from: float, h_from: float) -> LevelPoint | None:
-    """The point of least volume with RMS ``level`` in the quadrant dphi_d >= dphi_from, h_d >= h_from (Eq. 91).
+def least_volume(map_slice: LevelMap, level: float, dphi_from: float, h_from: float) -> LevelPoint | None:
+    """Return the least volume with RMS ``level`` where dphi_d >= dphi_from, h_d >= h_from (Eq. 91).
 
-    Of several points with the same volume (zero, on the axes), the one that advances least from the quadrant's corner
-    is taken, as a share of the map's size.
-
-    Args:
-        map_slice: the map.
-        level: RMS, m/s2.
-        dphi_from: least angular extent, rad.
-        h_from: least depth, m.
-
-    Returns:
-        The point, or None where the quadrant holds no such RMS.
+    Of several points with the same volume (zero, on the axes), the one nearest the quadrant's corner, relative to the
+    map's size, is taken. None where the quadrant holds no such RMS.
     """
     x, y, z = _quadrant(map_slice, dphi_from, h_from)
     s = z - level
@@ -209,10 +173,10 @@ def least_volume(map_slice: MapSlice, level: float, dphi_from: float, h_from: fl
     if cells.size == 0:
         return None
     row, column = np.divmod(cells, x.size - 1)
-    # Every cell left holds the level, so the least volume is at most that of the far corner which is least.
+    # Every cell left holds the level, so the least volume is at most the least volume of their far corners.
     useful = x[column] * y[row] <= (x[column + 1] * y[row + 1]).min()
     row, column = row[useful], column[useful]
-    if row.size > FEW_CELLS:
+    if row.size > MAX_SCANNED_CELLS:
         useful = _shortlist(x, y, s, row, column)
         row, column = row[useful], column[useful]
     points = [
@@ -223,23 +187,14 @@ def least_volume(map_slice: MapSlice, level: float, dphi_from: float, h_from: fl
     return _choose(map_slice, points, float(x[0]), float(y[0]))
 
 
-def widened_steps(map_slice: MapSlice, level: float, dphi_from: float, h_from: float) -> int | None:
-    """Grid steps below which no widening of the quadrant can reach a point with RMS ``level``.
+def widened_steps(map_slice: LevelMap, level: float, dphi_from: float, h_from: float) -> int | None:
+    """Return the least number of grid steps (>= 1) by which widening can reach RMS ``level``.
 
-    A cell that holds the level is touched by the quadrant after so many steps, and lies wholly inside after one more:
-    the least number of steps that finds a point is therefore the one given here, or the next.
-
-    Args:
-        map_slice: the map.
-        level: RMS, m/s2.
-        dphi_from: least angular extent so far, rad.
-        h_from: least depth so far, m.
-
-    Returns:
-        Number of steps, at least 1, or None where no cell of the whole map holds the level (holes).
+    A cell that holds the level is touched by the quadrant after this many steps and lies inside after one more, so a
+    point is found after this number or the next. None where no cell of the map holds the level.
     """
     tolerance = map_slice.tolerance
-    holds = (map_slice.cell_least <= level + tolerance) & (map_slice.cell_most >= level - tolerance)
+    holds = (map_slice.cell_min <= level + tolerance) & (map_slice.cell_max >= level - tolerance)
     row, column = np.nonzero(holds)
     if row.size == 0:
         return None
@@ -249,13 +204,13 @@ def widened_steps(map_slice: MapSlice, level: float, dphi_from: float, h_from: f
     return max(1, math.ceil(float(away.min())))
 
 
-def _quadrant(map_slice: MapSlice, dphi_from: float, h_from: float) -> tuple[Array, Array, Array]:
-    """Axes and RMS of the quadrant as a map of its own; the first row and column lie between the grid's."""
+def _quadrant(map_slice: LevelMap, dphi_from: float, h_from: float) -> tuple[Array, Array, Array]:
+    """Return axes and RMS of the quadrant as a map; its first row and column lie between grid points."""
     i, u = locate(map_slice.dphi_d, dphi_from)
     j, v = locate(map_slice.h_d, h_from)
     x, y = map_slice.dphi_d[i:].copy(), map_slice.h_d[j:].copy()
     z = map_slice.rms[j:, i:].copy()
-    # The corner itself, not its way through the fraction: the quadrant never begins a rounding error too early.
+    # The corner itself: recomputed from the fraction it could begin a rounding error too early.
     x[0] = min(max(dphi_from, float(x[0])), float(x[-1]))
     y[0] = min(max(h_from, float(y[0])), float(y[-1]))
     if u > 0:
@@ -266,10 +221,10 @@ def _quadrant(map_slice: MapSlice, dphi_from: float, h_from: float) -> tuple[Arr
 
 
 def _shortlist(x: Array, y: Array, s: Array, row: NDArray[np.intp], column: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Which cells can hold the least volume.
+    """Return which cells can hold the least volume, a mask of shape (cells,).
 
-    A branch of a hyperbola is monotone, so on the level set of a cell the least extent and the least depth are both
-    found where it crosses an edge. Their product is a bound from below, and any crossing one from above.
+    A branch of a hyperbola is monotone, so the least extent and the least depth on the level set of a cell are both on
+    its edges. Their product is a lower bound, and any crossing an upper bound.
 
     Args:
         x: extents, shape (n,).
@@ -277,9 +232,6 @@ def _shortlist(x: Array, y: Array, s: Array, row: NDArray[np.intp], column: NDAr
         s: RMS less the level, shape (m, n).
         row: index of each cell in depth, shape (cells,).
         column: index of each cell in extent, shape (cells,).
-
-    Returns:
-        Mask of shape (cells,).
     """
     f00, f10, f01, f11 = s[row, column], s[row, column + 1], s[row + 1, column], s[row + 1, column + 1]
     start, end = np.stack([f00, f01, f00, f10]), np.stack([f10, f11, f01, f11])
@@ -295,19 +247,16 @@ def _shortlist(x: Array, y: Array, s: Array, row: NDArray[np.intp], column: NDAr
     least = np.where(corner, x0 * y0, (x0 + dx * u.min(axis=0)) * (y0 + dy * v.min(axis=0)))
     crossing = np.where(hit, (x0 + dx * u) * (y0 + dy * v), np.inf)
     best = min(float(crossing.min()), float(np.where(corner, least, np.inf).min()))
-    return least <= best * (1.0 + SLACK)
+    return least <= best * (1.0 + BOUND_SLACK)
 
 
 def _candidates(x: list[float], y: list[float], f: list[list[float]]) -> Iterator[tuple[float, float]]:
-    """Points of a cell at which the volume can be least on the level set.
+    """Yield the points (extent, depth) of a cell at which the volume can be least on the level set.
 
     Args:
-        x: both ends of the cell in extent.
-        y: both ends of the cell in depth.
         f: RMS less the level at the corners, by depth and then by extent.
 
     Yields:
-        Extent and depth of the crossings of the four edges, of the stationary points, and of the first corner, which
         alone speaks for a plateau.
     """
     (f00, f10), (f01, f11) = f
@@ -330,7 +279,7 @@ def _candidates(x: list[float], y: list[float], f: list[list[float]]) -> Iterato
 
 
 def _roots(a: float, half_b: float, c: float) -> Iterator[float]:
-    """Real roots of a u^2 + 2 half_b u + c, without cancellation; where a vanishes, the one that stays finite."""
+    """Yield real roots of a u^2 + 2 half_b u + c without cancellation; for a = 0 the finite one."""
     discriminant = half_b * half_b - a * c
     if discriminant < 0.0:
         return
@@ -341,16 +290,16 @@ def _roots(a: float, half_b: float, c: float) -> Iterator[float]:
         yield -c / larger
 
 
-def _choose(map_slice: MapSlice, points: list[tuple[float, float]], x_from: float, y_from: float) -> LevelPoint | None:
-    """The point of least volume, and of several such points the one that advances least from the corner."""
+def _choose(map_slice: LevelMap, points: list[tuple[float, float]], x_from: float, y_from: float) -> LevelPoint | None:
+    """Return the point of least volume, of several the one nearest the corner."""
     if not points:
         return None
-    most = min(x * y for x, y in points) * (1.0 + SAME_VOLUME)
+    most = min(x * y for x, y in points) * (1.0 + VOLUME_TOLERANCE)
     dphi_range = float(map_slice.dphi_d[-1] - map_slice.dphi_d[0])
     h_range = float(map_slice.h_d[-1] - map_slice.h_d[0])
     _, x, y = min(((x - x_from) / dphi_range + (y - y_from) / h_range, x, y) for x, y in points if x * y <= most)
     return _point(map_slice, x, y)
 
 
-def _point(map_slice: MapSlice, dphi_d: float, h_d: float) -> LevelPoint:
+def _point(map_slice: LevelMap, dphi_d: float, h_d: float) -> LevelPoint:
     return LevelPoint(dphi_d, h_d, map_slice.volume(dphi_d, h_d))

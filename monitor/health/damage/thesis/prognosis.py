@@ -1,11 +1,9 @@
 """The thesis' first prognostic model (section 5.2.3.1): a tracked defect under another load or speed.
 
-The sizes (dphi_d, h_d)(t) that were tracked under one condition are given to the model under another, and what comes
-out is the history of the RMS there. It rests on the damage growing the same under both, so that both end together: it
-says how loud a bearing would be under the other condition with this damage, not when it would fail.
+The sizes (dphi_d, h_d)(t) tracked under one condition give the history of the RMS under another, assuming that the
+damage grows the same under both: it says how high the RMS would be with this damage, not when the bearing would fail.
 
-The RMS comes from a map, interpolated, or from a simulation of each size; side by side they show what interpolation
-costs. A map between whose nodes the RMS rises and falls is the cheaper of the two and the less exact one.
+The RMS comes from a map, interpolated, or from a simulation of each size, which is slower and more exact between nodes.
 """
 
 from __future__ import annotations
@@ -23,12 +21,7 @@ RmsAt = Callable[[float, float], float]
 
 
 def rms_from_map(rms_map: RmsMap, load: float, speed: float) -> RmsAt:
-    """Return the RMS by map interpolation, bilinear in extent and depth, linear in load and speed.
-
-    Args:
-        rms_map: the map.
-        load: N.
-        speed: Hz.
+    """Return the RMS by a map, bilinear in the sizes, linear in load (N) and speed (Hz).
 
     Raises:
         OutsideMapError: the map does not cover the load or the speed.
@@ -38,13 +31,7 @@ def rms_from_map(rms_map: RmsMap, load: float, speed: float) -> RmsAt:
 
 
 def rms_from_model(plan: MapPlan, load: float, speed: float) -> RmsAt:
-    """Return the RMS by direct simulation of what a map's plan describes, mean over its floors; needs numba.
-
-    Args:
-        plan: bearing, rig, floors and band.
-        load: N.
-        speed: Hz.
-    """
+    """Return the RMS by simulation of a map's plan, mean over its floors; needs numba."""
     from models.maps.nodes import scene_at, simulate_point
 
     def at(dphi_d: float, h_d: float) -> float:
@@ -57,15 +44,11 @@ def rms_from_model(plan: MapPlan, load: float, speed: float) -> RmsAt:
 
 
 def rms_history(dphi_d: ArrayLike, h_d: ArrayLike, rms_at: RmsAt) -> NDArray[np.float64]:
-    """Return the history of the RMS under the other condition; each size is asked for once.
+    """Return the RMS under the other condition, shape (n,), m/s2; NaN where there is no size or no RMS.
 
     Args:
         dphi_d: tracked extents, shape (n,), rad; NaN where the tracker had none.
         h_d: tracked depths, shape (n,), m.
-        rms_at: RMS of a size under the other condition.
-
-    Returns:
-        RMS, shape (n,), m/s2; NaN where there was no size or ``rms_at`` has none for it.
     """
     x, y = np.broadcast_arrays(np.asarray(dphi_d, dtype=np.float64), np.asarray(h_d, dtype=np.float64))
     sizes = list(zip(x.tolist(), y.tolist(), strict=True))

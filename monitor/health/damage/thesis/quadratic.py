@@ -1,9 +1,8 @@
-"""A quadratic through the first point of a history, refitted in constant time as points come (section 5.2.3.2).
+"""A quadratic through the first point of a history, refitted in constant time per point (section 5.2.3.2).
 
 With tau the time since the first point, the curve is v = a tau^2 + b tau + c with c the first value: two unknowns. The
-running fit keeps the triangular factor of its least-squares problem and turns each new row into it by Givens rotations
-(Golub and Van Loan, Matrix Computations, section 5.1.8). Unlike sums of powers it does not square the condition of the
-problem, and needs no scale of time: hours of seconds and years of seconds are fitted alike.
+running fit keeps the triangular factor of its least-squares problem and adds each row by Givens rotations (Golub and
+Van Loan, Matrix Computations, section 5.1.8), which does not square the condition of the problem as sums of powers do.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 DISTINCT = 1e-12
-"""Below this share of its size, what the second column has beyond the first is rounding, and the curve undetermined."""
+"""The curve is undetermined where the second column adds less than this share of its size to the first."""
 
 
 @dataclass(frozen=True)
@@ -24,11 +23,8 @@ class QuadraticFit:
 
     Attributes:
         t_first: time of the first point, s.
-        a: unit of v per s2.
-        b: unit of v per s.
-        c: value at the first point, unit of v.
-        r_squared: 1 - (squares of the residuals) / (squares about the mean), of all points, the first included; NaN
-            where all values are equal, and negative where the mean fits better than the curve.
+        r_squared: coefficient of determination over all points; NaN where all values are equal, negative where the mean
+            fits better.
     """
 
     t_first: float
@@ -38,19 +34,12 @@ class QuadraticFit:
     r_squared: float
 
     def value_at(self, t: float) -> float:
-        """The curve at time ``t``, in s of the same clock."""
+        """Return the curve at time ``t``, s."""
         tau = t - self.t_first
         return (self.a * tau + self.b) * tau + self.c
 
     def first_crossing(self, threshold: float) -> float | None:
-        """When the curve first reaches a threshold above its first value.
-
-        Args:
-            threshold: in the unit of v, above c.
-
-        Returns:
-            Time in s, which may be infinite where the curve is all but flat; None where it never gets there.
-        """
+        """Return the time (s) at which the curve first reaches a threshold above c, or None; may be inf."""
         gap = threshold - self.c
         bend = 2.0 * math.sqrt(abs(self.a)) * math.sqrt(gap)
         if self.a <= 0.0 and (self.b <= 0.0 or self.b < bend):
@@ -62,18 +51,12 @@ class QuadraticFit:
 
 @dataclass(frozen=True)
 class RunningFit:
-    """All that is kept of a history of any length.
+    """The running fit of a history of any length.
 
     Attributes:
-        points: number of points, the first included.
-        t_first: time of the first point, s.
-        v_first: value of the first point.
-        r11: triangular factor of the columns tau and tau^2, s.
-        r12: likewise, s2.
-        r22: likewise, s2.
-        z1: right-hand side turned with it, in the unit of v.
-        z2: likewise.
-        residual: sum of squares of the residuals, unit of v squared.
+        r11: triangular factor of the columns tau and tau^2, with r12 and r22.
+        z1: right-hand side turned with it, with z2.
+        residual: sum of squares of the residuals.
         mean: mean of all values.
         scatter: sum of squares about the mean (Welford's recurrence).
     """
@@ -92,11 +75,11 @@ class RunningFit:
 
     @classmethod
     def start(cls, t: float, v: float) -> RunningFit:
-        """The fit of the first point alone, at ``t`` in s with value ``v``."""
+        """Return the fit of the first point alone, at ``t`` in s with value ``v``."""
         return cls(points=1, t_first=t, v_first=v, mean=v)
 
     def add(self, t: float, v: float) -> RunningFit:
-        """The fit with one more point, at ``t`` in s with value ``v``; takes the same time however many came before."""
+        """Return the fit with one more point, in constant time."""
         tau, y = t - self.t_first, v - self.v_first
         r11, cos, sin = _rotation(self.r11, tau)
         r12, x = cos * self.r12 + sin * tau * tau, cos * tau * tau - sin * self.r12
@@ -119,7 +102,7 @@ class RunningFit:
         )
 
     def solve(self) -> QuadraticFit | None:
-        """The curve, or None where fewer than two distinct times follow the first."""
+        """Return the curve, or None where fewer than two distinct times follow the first."""
         if abs(self.r22) <= DISTINCT * math.hypot(self.r12, self.r22):
             return None
         a = self.z2 / self.r22
@@ -129,14 +112,13 @@ class RunningFit:
 
 
 def fit_quadratic(t: ArrayLike, v: ArrayLike) -> QuadraticFit | None:
-    """The quadratic through the first point of a whole history, by least squares.
+    """Return the least-squares quadratic through the first point of a whole history.
 
     Args:
-        t: times, shape (n,), s; not decreasing.
-        v: values, shape (n,), any unit.
+        t: not decreasing, shape (n,), s.
 
     Returns:
-        The curve, or None where fewer than two distinct times follow the first.
+        None where fewer than two distinct times follow the first.
 
     Raises:
         ValueError: shapes that differ or are not (n,), an empty history, or values that are not finite.
@@ -160,7 +142,7 @@ def fit_quadratic(t: ArrayLike, v: ArrayLike) -> QuadraticFit | None:
 
 
 def _rotation(f: float, g: float) -> tuple[float, float, float]:
-    """Length, cosine and sine of the Givens rotation that takes (f, g) to (length, 0)."""
+    """Return length, cosine and sine of the Givens rotation that takes (f, g) to (length, 0)."""
     length = math.hypot(f, g)
     if length == 0.0:
         return 0.0, 1.0, 0.0
