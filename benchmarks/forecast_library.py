@@ -12,7 +12,7 @@ from models.lives.life import LifeHistory
 from monitor.health.damage.library.fit import fit_library
 from monitor.health.damage.library.forecaster import Conditions, LibraryInput, LibrarySettings, LibraryState, step
 from monitor.health.damage.library.model import Library, levels_of
-from monitor.health.damage.library.summaries import History
+from monitor.health.damage.library.summaries import LevelHistory
 
 
 def fitted(lives: Sequence[LifeHistory]) -> Library:
@@ -71,7 +71,7 @@ def _states(library: Library, life: LifeHistory, features: str, blocks: Sequence
     fit = library.fit_for(features)
     levels = levels_of(features, life.rms, life.harmonics, life.v_eq)
     relative = fit.relative_levels(levels, life.load, life.speed)
-    history, changes, found = History.empty(fit.channels), Conditions(), []
+    history, changes, found = LevelHistory.empty(fit.channels), Conditions(), []
     for k in range(max(blocks)):
         found.append(LibraryState(library.hash, features, history if history.count else None, changes))
         if features != "v_eq":

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.health.damage.library.summaries import FIRST, RECENT, WHOLE, History, summarise, summary_names
+from monitor.health.damage.library.summaries import FIRST, RECENT, WHOLE, LevelHistory, summarise, summary_names
 from tests.effort import effort_count
 from tests.oracles.summaries_oracle import summarise_slowly
 
 INTERVAL = 300.0
 
 
-def read(times: np.ndarray, values: np.ndarray) -> History:
-    history = History.empty(values.shape[1])
+def read(times: np.ndarray, values: np.ndarray) -> LevelHistory:
+    history = LevelHistory.empty(values.shape[1])
     for t, row in zip(times, values, strict=True):
         history = history.add(float(t), row)
     return history
@@ -54,7 +54,7 @@ def test_only_the_ratio_of_times_to_the_interval_counts(run: tuple[np.ndarray, n
 
 def test_memory_does_not_grow() -> None:
     random = np.random.default_rng(1)
-    history = History.empty(3)
+    history = LevelHistory.empty(3)
     sizes = []
     for block in range(5000):
         history = history.add(10.0 * block, random.normal(size=3))
@@ -78,17 +78,17 @@ def test_long_histories_keep_their_middle() -> None:
 
 def test_state_survives_json() -> None:
     random = np.random.default_rng(2)
-    history = History.empty(2)
-    assert History.from_dict(json.loads(json.dumps(history.to_dict()))) == history
+    history = LevelHistory.empty(2)
+    assert LevelHistory.from_dict(json.loads(json.dumps(history.to_dict()))) == history
     for block in range(100):
         history = history.add(60.0 * block, random.normal(size=2))
-        stored = History.from_dict(json.loads(json.dumps(history.to_dict())))
+        stored = LevelHistory.from_dict(json.loads(json.dumps(history.to_dict())))
         assert stored == history
         history = stored
 
 
 def test_times_may_repeat_but_not_go_back() -> None:
-    history = History.empty(1).add(5.0, np.zeros(1)).add(5.0, np.ones(1))
+    history = LevelHistory.empty(1).add(5.0, np.zeros(1)).add(5.0, np.ones(1))
     assert history.elapsed == 0.0
     assert np.all(np.isfinite(summarise(history, 1.0)))
     for t in (4.9, math.nan, math.inf):
@@ -99,4 +99,4 @@ def test_times_may_repeat_but_not_go_back() -> None:
 def test_values_must_be_finite_and_of_the_right_number() -> None:
     for values in (np.array([math.nan]), np.zeros(2)):
         with pytest.raises(ValueError, match="values must be 1 finite numbers"):
-            History.empty(1).add(0.0, values)
+            LevelHistory.empty(1).add(0.0, values)

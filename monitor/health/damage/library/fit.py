@@ -1,9 +1,8 @@
-"""Fits of the library forecaster: summaries of simulated lives against what was true of them, errors out of fold.
+"""Fit of the library forecaster on simulated lives, with errors out of fold.
 
-Each life is read block by block into the history that a monitor would have of it; at some of its blocks, before and
-after the crossing, the summary is taken. A ridge regression on these gives ln V_eq and ln(TT + offset). Lives are split
-into folds: what fits that have not seen a life say of it gives the errors, the only measure of uncertainty here.
-numpy only; no files.
+Each life is read block by block into the history that a monitor would have; at some blocks, before and after the
+crossing, its summary is taken. A ridge regression on the summaries gives ln V_eq and ln(TT + offset). Lives are split
+into folds; the errors of fits on the other folds are the measure of uncertainty.
 """
 
 from __future__ import annotations
@@ -28,18 +27,18 @@ from monitor.health.damage.library.model import (
     levels_of,
     quantiles_of,
 )
-from monitor.health.damage.library.summaries import History
+from monitor.health.damage.library.summaries import LevelHistory
 
 SHARES = (0.25, 0.5, 0.75)
 """Shares of the time to the crossing at which unseen lives are scored."""
 SCORED_LEVEL = 0.8
-"""Level of the intervals that are scored."""
+"""Level of the scored intervals."""
 _SCORED_NEIGHBOURS = 300
 _REFERENCE_RIDGE = 1e-2
 
 
-class Life(Protocol):
-    """What the fit asks of a life; ``models.lives.life.LifeHistory`` has it."""
+class TrainingLife(Protocol):
+    """Inputs of the fit; ``models.lives.life.LifeHistory`` provides them."""
 
     @property
     def t(self) -> Array:
@@ -78,15 +77,15 @@ class Life(Protocol):
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How the fits are made.
+    """Settings of the fit.
 
     Attributes:
         seed: of the folds, of the moments and of the random features.
-        folds: number of parts that the lives are split into.
-        moments: blocks of each life at which its history is taken.
-        columns: number of random features.
+        folds: parts into which the lives are split.
+        moments: blocks of each life at which its summary is taken.
+        columns: random features.
         bandwidth: standard deviation of their frequencies times the root of the number of inputs.
-        ridge: penalty on all coefficients but the constant; inputs are standardised.
+        ridge: penalty on all coefficients but the constant, for standardised inputs.
     """
 
     seed: int = 0
@@ -97,14 +96,14 @@ class FitSettings:
     ridge: float = 30.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no split or no fit."""
+        """Raise ValueError for a split or a fit that cannot be made."""
         if self.folds < 2 or self.moments < 1 or self.columns < 1 or not self.ridge > 0.0:
             raise ValueError(f"folds must be 2 or more, moments and columns 1 or more, ridge positive, got {self}")
 
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """Moments of lives: inputs, targets, and which score (threshold and share) each belongs to, -1 for the fit."""
+    """Moments of lives: inputs, targets, and the score (threshold and share) of each, -1 for the fit."""
 
     x: Array
     y: Array
@@ -114,7 +113,7 @@ class _Table:
 
 
 def fit_library(
-    lives: Sequence[Life],
+    lives: Sequence[TrainingLife],
     *,
     thresholds: Sequence[float],
     interval: float,
@@ -122,18 +121,15 @@ def fit_library(
     made_of: Mapping[str, Any],
     settings: FitSettings | None = None,
 ) -> Library:
-    """Fit the forecaster on lives, for all sets of features.
+    """Fit the forecaster on lives, for all sets of features, and score it out of fold.
 
     Args:
-        lives: at least two a fold. Those that never reach the largest threshold are left out, and counted.
+        lives: at least two per fold. Those that never reach the largest threshold are left out, and counted.
         thresholds: V_th, m2.
-        interval: usual time between two blocks, s.
-        prior: in words, what the answers will lean on.
-        made_of: all that made the lives, as JSON can hold it; kept with the library.
-        settings: how to fit.
+        interval: usual block interval, s.
+        prior: assumptions of the library, as text.
+        made_of: all inputs of the lives, as plain values for JSON; kept with the library.
 
-    Returns:
-        The library, with its scores out of fold.
 
     Raises:
         ValueError: no thresholds, or too few lives that reach them.
@@ -173,9 +169,9 @@ def _range(arrays: Sequence[Array]) -> tuple[float, float]:
 
 
 def _fit_features(
-    features: str, lives: Sequence[Life], thresholds: tuple[float, ...], interval: float, settings: FitSettings
+    features: str, lives: Sequence[TrainingLife], thresholds: tuple[float, ...], interval: float, settings: FitSettings
 ) -> tuple[FeatureFit, _Table, Array]:
-    """Return the fit for a set of features, the moments it was made of, and what is said of each out of fold."""
+    """Return the fit for a set of features, its moments, and their predictions out of fold."""
     levels = [levels_of(features, life.rms, life.harmonics, life.v_eq) for life in lives]
     every = np.concatenate(levels)
     load, speed = (np.concatenate([getattr(life, name) for life in lives]) for name in ("load", "speed"))
@@ -183,7 +179,7 @@ def _fit_features(
     conditions = conditions_row(load, speed, knots)
     reference = np.zeros((conditions.shape[1], every.shape[1]))
     if features != "v_eq":
-        # Damage is in the fit only so that it does not pass for an effect of load or speed.
+        # Damage is a regressor so that its effect is not attributed to load or speed.
         ln_v = np.log(np.concatenate([life.v_eq for life in lives]) / thresholds[0])[:, None]
         design = np.concatenate((conditions, ln_v, ln_v**2), axis=1)
         gram = design.T @ design + _REFERENCE_RIDGE * np.eye(design.shape[1])
@@ -229,12 +225,12 @@ def _fit_features(
 
 def _table(
     fit: FeatureFit,
-    lives: Sequence[Life],
+    lives: Sequence[TrainingLife],
     relative: Sequence[Array],
     thresholds: tuple[float, ...],
     settings: FitSettings,
 ) -> _Table:
-    """Read all lives block by block, and take their histories at random moments and at those that are scored."""
+    """Take the summaries of all lives at random moments and at the scored ones."""
     rows: list[tuple[Array, list[float], list[bool], int, int]] = []
     for number, (life, values) in enumerate(zip(lives, relative, strict=True)):
         draw = np.random.default_rng([settings.seed, 2, number])
@@ -246,7 +242,7 @@ def _table(
         for trial, (crossing, share) in enumerate((c, s) for c in crossings for s in SHARES):
             block = int(np.searchsorted(life.t, share * crossing, side="right")) - 1
             wanted.setdefault(max(block, 0), []).append(trial)
-        history = History.empty(fit.channels)
+        history = LevelHistory.empty(fit.channels)
         for block in range(max(wanted) + 1):
             history = history.add(float(life.t[block]), values[block])
             if block not in wanted:
@@ -268,17 +264,16 @@ def _table(
 def fit_regression(
     x: Array, y: Array, fold: NDArray[np.int64], fitted: NDArray[np.bool_], settings: FitSettings
 ) -> tuple[Regression, Array]:
-    """Fit on all rows, and for each row on all folds but its own.
+    """Fit on all rows, and predict each row by a fit on the other folds.
 
     Args:
         x: inputs, shape (n, d).
         y: targets, shape (n, k).
-        fold: fold of each row, from 0 on, shape (n,).
-        fitted: rows that are fitted on; of the others it is only said what the fits make of them, shape (n,).
-        settings: number and bandwidth of the random features, ridge, seed.
+        fold: fold of each row, from 0, shape (n,).
+        fitted: rows used in the fits; the others are only predicted, shape (n,).
 
     Returns:
-        The fit on all fitted rows, and what is said of each row out of fold, shape (n, k).
+        The fit on all fitted rows, and the predictions out of fold, shape (n, k).
     """
     draw = np.random.default_rng([settings.seed, 3])
     inputs = x.shape[1]
@@ -312,7 +307,7 @@ def crps(sample: Array, truth: float) -> float:
 
 
 def _score(fit: FeatureFit, table: _Table, said: Array, thresholds: tuple[float, ...]) -> dict[str, Any]:
-    """Score what is said of unseen lives at shares of their time to each threshold."""
+    """Score the predictions for unseen lives at shares of their time to each threshold."""
     ends = [(1.0 - SCORED_LEVEL) / 2.0, 0.5, (1.0 + SCORED_LEVEL) / 2.0]
     scores: dict[str, Any] = {}
     for trial, (index, share) in enumerate((i, s) for i in range(len(thresholds)) for s in SHARES):
@@ -344,7 +339,7 @@ def _score(fit: FeatureFit, table: _Table, said: Array, thresholds: tuple[float,
 
 
 def _climatology(thresholds: tuple[float, ...], crossings: Array) -> dict[str, Any]:
-    """Score the lifetimes of the other lives that were longer than the time up to now, at the same moments."""
+    """Score, at the same moments, the remaining lifetimes of the other lives still running."""
     scores: dict[str, Any] = {}
     for threshold, times in zip(thresholds, crossings.T, strict=True):
         ascending = np.sort(times)

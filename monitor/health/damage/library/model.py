@@ -1,6 +1,6 @@
-"""What a library of simulated lives knows, as arrays: regressions, and the errors that they made on unseen lives.
+"""A fitted library of simulated lives, as arrays: regressions, and their errors on unseen lives.
 
-numpy only; how it is fitted is in ``library_fit.py``, how it is stored in ``monitor.records.library_file``.
+It is fitted by ``fit.py`` and stored by ``monitor.records.library_file``.
 """
 
 from __future__ import annotations
@@ -16,33 +16,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.damage.library.summaries import SLOPES, History, summarise, summary_names
+from monitor.health.damage.library.summaries import SLOPES, LevelHistory, summarise, summary_names
 
 Array = NDArray[np.float64]
 
 LINES = {"rms": 0, "rms+harmonics": 3, "v_eq": 0}
-"""The sets of features, and how many lines of BPFO each looks at."""
+"""The sets of features, and the number of BPFO lines of each."""
 
-LEAST_LEVEL = 1e-3
-"""Levels below this, m/s2, count as this: no machine is so quiet, and the logarithm exists."""
+MIN_LEVEL = 1e-3
+"""Levels are at least this, m/s2, so that the logarithm exists."""
 OFFSET = 6.0
-"""Intervals that are added to a time to threshold before its logarithm is taken."""
-_MARGIN = math.log(1.5)
-"""How far beyond the levels of the lives a level may lie."""
-_INTERVAL_FACTOR = 3.0
-"""How far the time between blocks may be from the library's, either way."""
+"""Intervals added to a time to threshold before its logarithm is taken."""
+_LEVEL_MARGIN = math.log(1.5)
+"""Allowed distance of a ln level from those of the lives."""
+_MAX_INTERVAL_FACTOR = 3.0
+"""Allowed ratio of the block interval to the library's, either way."""
 _CONDITION_TOLERANCE = 0.02
-"""How far load and speed may lie outside the library's range, as a share of it."""
+"""Allowed distance of load and speed from the library's range, relative."""
 _SPREAD_TOLERANCE = (0.06, 0.01)
-"""By how much the logarithms of load and speed may spread beyond the library's: 10 % either way, and 1.7 %."""
+"""Allowed excess of the standard deviations of ln load and ln speed (10 %, 1.7 % peak)."""
 _ELAPSED_WEIGHT = 0.15
-"""What a difference in the logarithm of the elapsed time counts against one in the prediction, among alike moments."""
-_ALIKE_SHARE, _LEAST_ALIKE = 30, 60
+"""Weight of a difference in ln elapsed time against one in the prediction, for similarity."""
+_MOMENTS_PER_NEIGHBOUR, _MIN_NEIGHBOURS = 30, 60
 _NAMES = summary_names(("v",))
 _LATEST, _POWER_PLACE = _NAMES.index("v:last_3"), _NAMES.index("v:slope_24")
 _SLOPE_PLACES = [_NAMES.index(f"v:slope_{count}") for count in SLOPES]
 _KNOTS = 12
-_LEAST_WIDTH = 1e-3
+_MIN_WIDTH = 1e-3
 _LOAD, _SPEED = 4000.0, 30.0
 
 
@@ -65,7 +65,7 @@ class Regression:
     coefficients: Array
 
     def design(self, x: Array) -> Array:
-        """Return the regressors of inputs (n, d), shape (n, 1 + d + c); beyond three standard deviations they end."""
+        """Return the regressors of inputs (n, d), clipped at three SD, shape (n, 1 + d + c)."""
         z = np.clip((x - self.centre) / self.scale, -3.0, 3.0)
         return np.concatenate((np.ones((len(z), 1)), z, np.cos(z @ self.weights + self.phases)), axis=1)
 
@@ -76,25 +76,24 @@ class Regression:
 
 @dataclass(frozen=True, eq=False)
 class FeatureFit:
-    """All that is fitted for one set of features; targets are ln V_eq and, for each threshold, ln(TT + offset).
+    """Fit for one set of features; targets are ln V_eq and, for each threshold, ln(TT + offset).
 
     Attributes:
-        features: name of the set.
-        interval: usual time between two blocks of the lives, s.
+        interval: usual block interval of the lives, s.
         thresholds: V_th, m2, shape (targets - 1,).
-        knots: logarithms of the speeds between which the levels may bend, see ``conditions_row``, shape (12,).
-        reference: what load and speed alone make of each level, coefficients of ``conditions_row``, shape (18, K).
-        lowest: least level less reference in any life, shape (K,).
+        knots: of ``conditions_row``, shape (12,).
+        reference: coefficients of ``conditions_row`` that give each level from load and speed, shape (18, K).
+        lowest: least level less reference over all lives, shape (K,).
         highest: largest, shape (K,).
-        longest: longest time that any life was followed, s.
+        longest: longest elapsed time of a life, s.
         regression: from the summary of a history to the targets.
-        said: what fits without the life in question said of each moment, shape (m, targets).
-        error: what was true less that, shape (m, targets).
+        said: out-of-fold prediction at each moment, shape (m, targets).
+        error: truth less prediction, shape (m, targets).
         crossed: whether each threshold had been reached, shape (m, targets - 1).
-        ln_elapsed: logarithm of the elapsed time plus six intervals, in intervals, of each moment, shape (m,).
+        ln_elapsed: logarithm of the elapsed time plus six intervals, in intervals, shape (m,).
         life: number of the life of each moment, shape (m,).
-        shift: what recorded runs add to each prediction, shape (targets,).
-        stretch: what they make the errors times, shape (targets,).
+        shift: added to each prediction by the calibration, shape (targets,).
+        stretch: factor of the calibration on the errors, shape (targets,).
     """
 
     features: str
@@ -116,20 +115,20 @@ class FeatureFit:
 
     @property
     def channels(self) -> int:
-        """Number of levels that are followed."""
+        """Number of levels K."""
         return self.reference.shape[1]
 
     def relative_levels(self, levels: Array, load: Array, speed: Array) -> Array:
-        """Return levels (n, K) less what load and speed make of them; those of V_eq as they are."""
+        """Return levels (n, K) less their reference; those of V_eq unchanged."""
         return levels if self.features == "v_eq" else levels - conditions_row(load, speed, self.knots) @ self.reference
 
     def bounded(self, relative: Array) -> tuple[Array, bool]:
-        """Return relative levels (K,) no further than the margin from those of the lives, and whether they were."""
-        bounded = np.clip(relative, self.lowest - _MARGIN, self.highest + _MARGIN)
+        """Return relative levels (K,) clipped to the lives' range with its margin, and whether they were inside."""
+        bounded = np.clip(relative, self.lowest - _LEVEL_MARGIN, self.highest + _LEVEL_MARGIN)
         return bounded, bool(np.array_equal(bounded, relative))
 
-    def covers_pace(self, history: History) -> bool:
-        """Say whether the elapsed time and the time between blocks are those of the library's lives."""
+    def covers_pace(self, history: LevelHistory) -> bool:
+        """Return whether the elapsed time and the block interval are covered by the lives."""
         if history.elapsed > self.longest:
             return False
         gaps = np.diff(history.recent[:, 0])
@@ -137,9 +136,9 @@ class FeatureFit:
         if not len(gaps):
             return True
         usual = float(np.sort(gaps)[len(gaps) // 2]) / self.interval
-        return 1.0 / _INTERVAL_FACTOR <= usual <= _INTERVAL_FACTOR
+        return 1.0 / _MAX_INTERVAL_FACTOR <= usual <= _MAX_INTERVAL_FACTOR
 
-    def inputs(self, history: History, load: float, speed: float) -> Array:
+    def inputs(self, history: LevelHistory, load: float, speed: float) -> Array:
         """Return the inputs of the regression, shape (d,)."""
         summary = summarise(history, self.interval)
         if self.features == "v_eq":
@@ -149,18 +148,16 @@ class FeatureFit:
     def nearest_moments(
         self, target: int, said: float, ln_elapsed: float, count: int, without: int | None = None
     ) -> NDArray[np.int64]:
-        """Return the ``count`` moments of the library of which most nearly the same was said, after as long.
+        """Return the ``count`` moments with the nearest predictions and elapsed times.
 
         Args:
             target: 0 for V_eq, 1 and up for the thresholds.
-            said: prediction.
-            ln_elapsed: as the attribute of that name.
-            count: how many; one in thirty of all where that is fewer (but 60, or all): alike must not mean any.
-            without: a life that is left out, for scores out of fold.
+            count: limited to one in thirty of all moments, but at least 60 (or all), so that the nearest stay similar.
+            without: a life to leave out, for scores out of fold.
         """
         order, column, elapsed, life = self._ascending[target]
         total = len(order)
-        count = min(count, max(total // _ALIKE_SHARE, _LEAST_ALIKE), total)
+        count = min(count, max(total // _MOMENTS_PER_NEIGHBOUR, _MIN_NEIGHBOURS), total)
         place, reach = int(np.searchsorted(column, said)), 4 * count
         while True:
             low, high = max(place - reach, 0), min(place + reach, total)
@@ -178,7 +175,7 @@ class FeatureFit:
 
     @cached_property
     def _ascending(self) -> list[tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]]:
-        """For each target the moments by what was said of them: their order, and said, elapsed and life in it."""
+        """For each target the moments sorted by prediction: order, said, ln_elapsed and life."""
         orders = [np.argsort(column, kind="stable") for column in self.said.T]
         return [
             (order, self.said[order, target], self.ln_elapsed[order], self.life[order])
@@ -191,7 +188,7 @@ class FeatureFit:
         return np.sort(np.exp(said + self.shift[0] + self.stretch[0] * error))
 
     def sample_tt(self, target: int, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:
-        """Return an ascending sample of the time to the threshold of a target, s; zero where it had been reached."""
+        """Return an ascending sample of the time to a target's threshold, s; zero where reached."""
         moments = self.nearest_moments(target, said, ln_elapsed, count, without)
         ln_tt = said + self.shift[target] + self.stretch[target] * self.error[moments, target]
         tt = np.maximum(np.exp(ln_tt) - OFFSET, 0.0) * self.interval
@@ -200,19 +197,19 @@ class FeatureFit:
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """A library of simulated lives, fitted.
+    """A fitted library of simulated lives.
 
     Attributes:
-        thresholds: V_th that it forecasts, m2, ascending.
-        load: range of the loads of its lives, N.
-        speed: range of their speeds, Hz.
-        load_spread: largest standard deviation of the logarithm of the load within a life.
+        thresholds: V_th, m2, ascending.
+        load: range over its lives, N.
+        speed: range over its lives, Hz.
+        load_spread: largest standard deviation of ln load within a life.
         speed_spread: the same of the speed.
-        prior: in words, what its answers lean on.
-        made_of: all that made it, as JSON can hold it.
-        scores: what it is worth on lives that it has not seen, see ``library_fit.score_out_of_fold``.
-        fits: one a set of features.
-        calibration: what recorded runs changed, in words and numbers; empty where there were none.
+        prior: its assumptions, as text.
+        made_of: all inputs of the fit, as plain values for JSON.
+        scores: on lives outside the training folds.
+        fits: one per set of features.
+        calibration: what recorded runs changed; empty where there were none.
     """
 
     thresholds: tuple[float, ...]
@@ -228,11 +225,11 @@ class Library:
 
     @cached_property
     def hash(self) -> str:
-        """Hash of all that is in it: equal hashes, equal answers."""
+        """Hash of the contents."""
         return _hash(self)
 
     def covers_conditions(self, load: float, speed: float) -> bool:
-        """Say whether lives at this load and speed are within the library."""
+        """Return whether the lives cover a load and a speed."""
         slack = _CONDITION_TOLERANCE
         return all(
             low * (1.0 - slack) <= value <= high * (1.0 + slack)
@@ -240,17 +237,17 @@ class Library:
         )
 
     def covers_changes(self, load_spread: float, speed_spread: float) -> bool:
-        """Say whether a load and a speed that change so much within a history are those of the library's lives."""
+        """Return whether the lives cover these standard deviations of ln load and ln speed."""
         return (
             load_spread <= self.load_spread + _SPREAD_TOLERANCE[0]
             and speed_spread <= self.speed_spread + _SPREAD_TOLERANCE[1]
         )
 
     def target(self, threshold: float) -> int:
-        """Return the target that belongs to a threshold (m2).
+        """Return the index of the target of a threshold (m2).
 
         Raises:
-            ValueError: if the library was not fitted for it.
+            ValueError: the library was not fitted for it.
         """
         for number, known in enumerate(self.thresholds, 1):
             if math.isclose(known, threshold, rel_tol=1e-6):
@@ -262,7 +259,7 @@ class Library:
         """Return the fit for a set of features.
 
         Raises:
-            ValueError: if there is none.
+            ValueError: there is none.
         """
         if features not in self.fits:
             raise ValueError(f"features must be one of {', '.join(self.fits)} in this library, got {features!r}")
@@ -270,31 +267,30 @@ class Library:
 
 
 def knots_between(lowest: float, highest: float) -> Array:
-    """Return the knots of a range of speeds, Hz, shape (12,)."""
+    """Return the knots of a range of speeds (Hz): logarithms, shape (12,)."""
     return np.linspace(math.log(lowest), math.log(highest), _KNOTS)
 
 
 def conditions_row(load: Array, speed: Array, knots: Array) -> Array:
-    """Return what the reference levels are linear in, shape (n, 6 + knots).
+    """Return the regressors of the reference levels, shape (n, 6 + knots).
 
-    1, a, b, a2, b2 and ab of the logarithms of load and speed, and a bell around each knot: the lines of BPFO pass
-    through resonances as the speed changes, which no parabola follows.
+    1, a, b, a2, b2 and ab of the logarithms of load and speed, and a Gaussian around each knot: the lines of BPFO pass
+    through resonances as the speed changes.
     """
     a, b = np.log(load / _LOAD), np.log(speed / _SPEED)
-    width = max(float(knots[1] - knots[0]), _LEAST_WIDTH)
+    width = max(float(knots[1] - knots[0]), _MIN_WIDTH)
     bells = np.exp(-0.5 * ((np.log(speed)[:, None] - knots) / width) ** 2)
     return np.concatenate((np.stack((np.ones_like(a), a, b, a * a, b * b, a * b), axis=1), bells), axis=1)
 
 
 def extrapolations(summary: Array, threshold: float) -> Array:
-    """Return when curves through the latest V_eq reach a threshold, as logarithms like those of the targets.
+    """Return when curves through the latest V_eq reach a threshold, as ln(time + offset).
 
-    Lines and exponentials with the slopes of the latest points, and a power of the elapsed time. Only where V_eq itself
-    is the history: levels are too far from it for this to help (measured out of fold).
+    Lines and exponentials with the slopes of the latest points, and a power of the elapsed time; used only where V_eq
+    itself is the history, where it improves the scores out of fold.
 
     Args:
         summary: of a history of ln V_eq.
-        threshold: V_th, m2.
 
     Returns:
         Shape (2 len(SLOPES) + 1,).
@@ -308,18 +304,17 @@ def extrapolations(summary: Array, threshold: float) -> Array:
 
 
 def levels_of(features: str, rms: Array, harmonics: Array, v_eq: Array) -> Array:
-    """Return the logarithms of the levels that a set of features looks at, shape (n, K).
+    """Return the logarithms of the levels of a set of features, shape (n, K).
 
     Args:
-        features: name of the set.
         rms: m/s2, shape (n,).
-        harmonics: m/s2, shape (n, 6) or as many as the set looks at.
+        harmonics: m/s2, shape (n, lines or more).
         v_eq: m2, shape (n,).
     """
     if features == "v_eq":
         return np.log(v_eq)[:, None]
     levels = np.concatenate((rms[:, None], harmonics[:, : LINES[features]]), axis=1)
-    return np.log(np.maximum(levels, LEAST_LEVEL))
+    return np.log(np.maximum(levels, MIN_LEVEL))
 
 
 def quantiles_of(sample: Array, levels: Sequence[float]) -> Array:
@@ -340,7 +335,7 @@ def arrays_of(fit: FeatureFit) -> dict[str, NDArray[Any]]:
 
 
 def header_of(library: Library) -> dict[str, Any]:
-    """Return all of a library but its arrays, as JSON can hold it."""
+    """Return a library without its arrays, as plain values for JSON."""
     return {
         "thresholds": list(library.thresholds),
         "load": list(library.load),

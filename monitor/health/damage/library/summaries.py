@@ -1,10 +1,9 @@
-"""A history of any length in a few numbers: what the library forecaster remembers, and what it looks at.
+"""A history of any length in a bounded summary: the state and input of the library forecaster.
 
-A history is a sequence of rows (time, one value a channel), where a channel is the logarithm of a feature or something
-made from it. Points are kept at three grains: the first few, the latest few dozen, and every n-th of all, n doubled
-whenever there are too many; what cannot be had from those (extremes, turning points) is counted on the way. Training
-and live use run through :meth:`History.add` and :func:`summarise` alike, so that a forecaster sees in service what it
-has been fitted on.
+A history is a sequence of rows (time, one value per channel); a channel is the logarithm of a feature or derived from
+one. The first few points are kept, the latest few dozen, and every n-th of all, with n doubled when there are too many;
+extremes and turning points are counted as points come. Training and live use share :meth:`LevelHistory.add` and
+:func:`summarise`.
 """
 
 from __future__ import annotations
@@ -24,32 +23,30 @@ WHOLE = 64
 """Points kept of the latest, of the first, and (at most) of all."""
 
 SHARES = (0.2, 0.4, 0.6, 0.8)
-"""Shares of the elapsed time at which the values are looked up."""
+"""Shares of the elapsed time at which the values are interpolated."""
 SLOPES = (6, 12, 24, 48)
-"""Latest points over which straight lines are laid."""
+"""Numbers of latest points to which straight lines are fitted."""
 _SMOOTH = 5
-"""Points in the mean whose turning points are counted."""
+"""Points of the running mean whose turning points are counted."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class History:
-    """What is remembered of a history; of bounded size however long it was.
+class LevelHistory:
+    """State of a history, of bounded size.
 
     Attributes:
-        t_first: time of the first point on the caller's clock, s; NaN before it.
-        count: how many points there were.
+        t_first: time of the first point, s; NaN before it.
         recent: the latest points, oldest first: time since the first point in s, then the channels; shape (n, 1 + K).
         first: the first points, shape (n, 1 + K).
-        whole: every ``stride``-th point from the first on, shape (n, 1 + K).
-        stride: see ``whole``.
+        whole: every ``stride``-th point, shape (n, 1 + K).
         most: largest value of each channel, shape (K,).
         least: smallest value of each channel, shape (K,).
-        smooth: mean of the latest five points, shape (K,).
-        heading: 1.0 where that mean rose last, -1.0 where it fell, 0.0 at first, shape (K,).
-        variation: sum of the changes of that mean, without sign, shape (K,).
-        turns: how often it changed its heading, shape (K,).
+        smooth: running mean over five points, shape (K,).
+        heading: sign of its last change, 0.0 at first, shape (K,).
+        variation: sum of its absolute changes, shape (K,).
+        turns: number of its changes of sign, shape (K,).
     """
 
     t_first: float
@@ -66,8 +63,8 @@ class History:
     turns: Array
 
     @classmethod
-    def empty(cls, channels: int) -> History:
-        """Return the history of ``channels`` channels before its first point."""
+    def empty(cls, channels: int) -> LevelHistory:
+        """Return a history of ``channels`` channels without points."""
         rows, zeros = np.zeros((0, 1 + channels)), np.zeros(channels)
         high, low = np.full(channels, -np.inf), np.full(channels, np.inf)
         return cls(math.nan, 0, rows, rows, rows, 1, high, low, zeros, zeros, zeros, zeros)
@@ -82,15 +79,15 @@ class History:
         """Time from the first point to the latest, s; 0 before the first."""
         return float(self.recent[-1, 0]) if self.count else 0.0
 
-    def add(self, t: float, values: Array) -> History:
+    def add(self, t: float, values: Array) -> LevelHistory:
         """Return the history with one more point.
 
         Args:
-            t: time of the point, s; not before the latest.
-            values: one finite value a channel, shape (K,).
+            t: s; not before the latest.
+            values: finite, shape (K,).
 
         Raises:
-            ValueError: a time that goes back, values that are not finite or too many or too few.
+            ValueError: a time that goes back, or values of another shape or not finite.
         """
         if values.shape != (self.channels,) or not np.all(np.isfinite(values)):
             raise ValueError(f"values must be {self.channels} finite numbers, got {values!r}")
@@ -107,7 +104,7 @@ class History:
         smooth = recent[-_SMOOTH:, 1:].mean(axis=0)
         step = smooth - self.smooth if self.count else np.zeros(self.channels)
         heading = np.where(step == 0.0, self.heading, np.sign(step))
-        return History(
+        return LevelHistory(
             t_first=t_first,
             count=self.count + 1,
             recent=recent,
@@ -129,17 +126,17 @@ class History:
         return (whole, self.stride) if len(whole) <= WHOLE else (whole[::2], 2 * self.stride)
 
     def __eq__(self, other: object) -> bool:
-        """Equal where all is equal bit for bit."""
-        if not isinstance(other, History):
+        """Compare bit for bit."""
+        if not isinstance(other, LevelHistory):
             return NotImplemented
         return all(
-            np.array_equal(getattr(self, f.name), getattr(other, f.name), equal_nan=True) for f in fields(History)
+            np.array_equal(getattr(self, f.name), getattr(other, f.name), equal_nan=True) for f in fields(LevelHistory)
         )
 
     __hash__ = None  # pyright: ignore[reportAssignmentType]  # holds arrays: equal, but not hashable
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the history as JSON can hold it; every bit is kept."""
+        """Return the history as plain values for JSON, bit for bit."""
         stored: dict[str, Any] = {}
         for field in fields(self):
             value = getattr(self, field.name)
@@ -151,8 +148,8 @@ class History:
         return stored
 
     @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> History:
-        """Return the history that :meth:`to_dict` wrote."""
+    def from_dict(cls, stored: Mapping[str, Any]) -> LevelHistory:
+        """Restore a history written by :meth:`to_dict`."""
         values: dict[str, Any] = {}
         for field in fields(cls):
             value = stored[field.name]
@@ -164,24 +161,21 @@ class History:
 
 
 def summary_names(channels: tuple[str, ...]) -> tuple[str, ...]:
-    """Return what the numbers of :func:`summarise` are, in their order."""
+    """Return the names of the numbers of :func:`summarise`, in their order."""
     kinds = ("last_6", "last_3", "first_6", "most", "least", "middle", "scatter_6", "roughness", "variation", "turns")
     kinds += tuple(f"slope_{n}" for n in SLOPES) + tuple(f"at_{share:g}" for share in SHARES)
     return ("ln_elapsed", *(f"{channel}:{kind}" for kind in kinds for channel in channels))
 
 
-def summarise(history: History, interval: float) -> Array:
-    """Return the summary of a history up to its latest point.
+def summarise(history: LevelHistory, interval: float) -> Array:
+    """Return the summary of a history up to its latest point, shape (1 + 18 K,).
 
-    All times enter as multiples of ``interval``, so that a rig that is looked at every ten seconds and wears out in
-    hours is the same to a library as one that is looked at every five minutes and wears out in days.
+    All times are multiples of ``interval``, so rigs with blocks every ten seconds and lives of hours, or every five
+    minutes and days, look the same to a library.
 
     Args:
-        history: of at least one point.
-        interval: usual time between two blocks, s.
-
-    Returns:
-        The numbers that :func:`summary_names` names, shape (1 + 18 K,).
+        history: at least one point.
+        interval: usual block interval, s.
     """
     recent = history.recent[:, 1:]
     time = history.recent[:, 0] / interval
@@ -208,7 +202,7 @@ def summarise(history: History, interval: float) -> Array:
 
 
 def _slope(time: Array, values: Array) -> Array:
-    """Return the slope of the straight line through points, per interval; 0 where all times are one."""
+    """Return the slope of a fitted line, per interval; 0 where all times are equal."""
     centred = time - time.mean()
     spread = float(centred @ centred)
     return centred @ values / spread if spread > 0.0 else np.zeros(values.shape[1])
