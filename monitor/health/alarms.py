@@ -1,7 +1,7 @@
-"""Alarms of one channel: alert and danger levels with hysteresis, delays, gating and latching, and its status.
+"""Alarms of one channel: levels with hysteresis, delays, gating and latching, and the channel's status.
 
-A block that quality rejects, or one outside the operating state of a rule, leaves the rule unchanged, its counters
-included. Levels are given, or follow from the learning stage: median and robust standard deviation of the logarithm.
+A rejected block, or one outside the operating state of a rule, leaves the rule unchanged, counters included. Levels are
+given, or follow from the learning stage: median and robust standard deviation of the logarithm.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _REFUSALS = frozenset(
 
 @dataclass(frozen=True)
 class Level:
-    """Where an alert or a danger begins: given, or from the baseline (exactly one of the three).
+    """Where an alert or a danger begins: exactly one of the three.
 
     Attributes:
         value: SI.
         factor: times the median of the learning stage.
-        deviations: standard deviations of the learning stage above its median, in the logarithm.
+        deviations: standard deviations above that median, in the logarithm.
     """
 
     value: float | None = None
@@ -43,21 +43,18 @@ class Level:
 
 @dataclass(frozen=True)
 class Rule:
-    """One quantity and its levels.
+    """One feature and its levels.
 
     Attributes:
-        name: of the rule, one of its channel.
-        feature: name of the value in a record.
-        side: whether high or low values are bad.
-        alert: where an alert begins, or None.
-        danger: where a danger begins, or None.
-        hysteresis: share of the level by which a value must come back.
-        on_delay: consecutive usable blocks at or beyond the level that raise.
-        off_delay: consecutive usable blocks back beyond the hysteresis that clear.
-        latch: whether it stays until it is acknowledged.
-        speed: range of shaft speeds it applies to, Hz, or None for all.
-        load: range of loads it applies to, N, or None for all.
-        drift: standard deviation of the logarithm that a healthy machine drifts by; part of ``deviations``.
+        name: unique in its channel.
+        feature: key of the value in a record.
+        hysteresis: share of the level by which a value must return.
+        on_delay: consecutive usable blocks at or beyond the level that raise it.
+        off_delay: consecutive usable blocks back beyond the hysteresis that clear it.
+        latch: stay until acknowledged.
+        speed: range of shaft speeds, Hz, or None for all.
+        load: range of loads, N, or None for all.
+        drift: standard deviation of the healthy drift of the logarithm; part of ``deviations``.
     """
 
     name: str
@@ -76,13 +73,12 @@ class Rule:
 
 @dataclass(frozen=True)
 class AlarmSettings:
-    """Rules of a channel, and the share of bad blocks from which its data count as bad.
+    """Rules of a channel, and its criterion of bad data.
 
     Attributes:
-        rules: with different names.
-        run_in_blocks: first usable blocks, from which levels are not learned.
-        window: blocks over which bad ones are counted.
-        bad_share: share of bad ones from which the channel is in ``bad_data``.
+        run_in_blocks: first usable blocks, left out of the learned levels.
+        window: latest blocks among which bad ones are counted.
+        bad_share: share of them from which the channel is in ``bad_data``.
     """
 
     rules: tuple[Rule, ...] = ()
@@ -93,20 +89,14 @@ class AlarmSettings:
 
 @dataclass(frozen=True)
 class AlarmInput:
-    """What one block gives.
+    """What the alarms use of one block.
 
     Attributes:
-        sequence: number of the block.
-        usable: whether its values count: it is neither rejected nor of a stopped machine.
-        bad: whether it counts as bad data. Standstill does not, though such a block is not usable.
-        learning: whether the channel is in its learning stage.
-        values: of the record, SI; of several (thresholds, bands) the worst is taken.
-        speed: shaft speed, Hz, or None.
-        load: N, or None.
-        final: whether the final stage has begun.
-        ended: whether the end of life was reached.
-        edv_status: why the tracker has no volume, or None.
-        baselines: median and robust standard deviation of the logarithm that the onset detector has of a feature.
+        usable: its values count: neither rejected nor of a stopped machine.
+        bad: it counts as bad data; standstill does not.
+        values: of the record, SI; of several (thresholds, bands) the worst counts.
+        edv_status: status of V_eq, or None.
+        baselines: median and robust SD of the logarithm, by feature, from the detector.
     """
 
     sequence: int
@@ -124,7 +114,7 @@ class AlarmInput:
 
 @dataclass(frozen=True)
 class LevelState:
-    """One level: whether it is exceeded, blocks counted towards a change, the block that raised it, latched or not."""
+    """State of a level; ``since`` is the block that raised it, ``held`` its latch."""
 
     active: bool = False
     count: int = 0
@@ -133,13 +123,13 @@ class LevelState:
 
     @property
     def shown(self) -> bool:
-        """Whether the alarm is shown: exceeded, or waiting to be acknowledged."""
+        """Whether the alarm is shown: exceeded, or waiting for an acknowledgement."""
         return self.active or self.held
 
 
 @dataclass(frozen=True)
 class RuleState:
-    """One rule between two blocks; logarithms are ``learned`` until the stage ends, then there is a ``baseline``."""
+    """State of a rule: logarithms are ``learned`` until the stage ends and gives a ``baseline``."""
 
     learned: tuple[float, ...] = ()
     baseline: Span | None = None
@@ -149,7 +139,7 @@ class RuleState:
 
 @dataclass(frozen=True)
 class AlarmState:
-    """The alarms of a channel between two blocks; version 1."""
+    """State of the alarms of a channel; version 1."""
 
     version: int = 1
     seen: int = 0
@@ -159,7 +149,7 @@ class AlarmState:
     condition: str = CHECK
 
     def level(self, rule: str, severity: str) -> LevelState:
-        """Return the state of a level, a fresh one for a rule that no block has reached yet."""
+        """Return the state of a level, a fresh one for a new rule."""
         known = self.rules.get(rule)
         return LevelState() if known is None else getattr(known, severity)
 
@@ -169,10 +159,10 @@ class AlarmState:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> AlarmState:
-        """Return the state that :meth:`to_dict` gave.
+        """Restore a state written by :meth:`to_dict`.
 
         Raises:
-            ValueError: it is of another version.
+            ValueError: the state has another version.
         """
         if values.get("version") != 1:
             raise ValueError(f"alarm state of version {values.get('version')!r}, expected 1")
@@ -190,7 +180,7 @@ class AlarmState:
 
 @dataclass(frozen=True)
 class Change:
-    """A change of an alarm, with the value and the level (SI) that it was compared with."""
+    """A change of an alarm, with the value and the level compared, SI."""
 
     kind: Literal["raised", "cleared"]
     rule: str
@@ -202,7 +192,7 @@ class Change:
 
 @dataclass(frozen=True)
 class AlarmOutput:
-    """Changes by one block, and the status of the channel before and after it (NAMUR NE 107, or ``bad_data``)."""
+    """Changes by one block, and the status of the channel (NAMUR NE 107, or ``bad_data``)."""
 
     changes: tuple[Change, ...]
     condition: str
@@ -210,7 +200,7 @@ class AlarmOutput:
 
 
 def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple[AlarmState, AlarmOutput]:
-    """Take one block into the state; return it with the changes."""
+    """Apply one block to the state; return it with the changes."""
     recent = (*state.recent_bad, block.bad)[-settings.window :]
     seen = state.seen + (1 if block.usable else 0)
     rules, changes = {}, []
@@ -232,13 +222,11 @@ def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple
 
 
 def acknowledge(state: AlarmState, rule: str, sequence: int, severity: str = "danger") -> AlarmState:
-    """Release what a rule has latched at or before a block; a second time changes nothing.
+    """Release what a rule has latched at or before a block; idempotent.
 
     Args:
-        state: of the alarms of a channel.
-        rule: name of the rule.
-        sequence: number of the block whose alarm was acknowledged.
-        severity: of that alarm; acknowledging a danger includes the alert below it, but not the reverse.
+        sequence: of the block whose alarm was acknowledged.
+        severity: of that alarm; acknowledging a danger includes the alert, not the reverse.
     """
     known = state.rules.get(rule)
     if known is None:
@@ -254,14 +242,10 @@ def acknowledge(state: AlarmState, rule: str, sequence: int, severity: str = "da
 
 
 def condition_of(state: AlarmState, settings: AlarmSettings, *, learning: bool, final: bool, ended: bool) -> str:
-    """Return the status of a channel: the worst that applies, in the order of :func:`machine_state`.
+    """Return the worst status of a channel that applies, in the order of :func:`machine_state`.
 
     Args:
-        state: of its alarms; rules that are no longer configured do not count.
-        settings: of its alarms.
-        learning: whether it is in its learning stage.
-        final: whether the final stage has begun.
-        ended: whether the end of life was reached.
+        state: rules that are no longer configured do not count.
     """
     rules = [state.rules.get(rule.name, RuleState()) for rule in settings.rules]
     recent = state.recent_bad
@@ -277,7 +261,7 @@ def condition_of(state: AlarmState, settings: AlarmSettings, *, learning: bool, 
 
 
 def limit_of(rule: Rule, level: Level | None, baseline: Span | None) -> float | None:
-    """Return the value of a level, SI; None where it is not configured or its baseline is not learned yet."""
+    """Return the value of a level, SI; None where not configured or not learned yet."""
     if level is None or level.value is not None:
         return None if level is None else level.value
     if baseline is None:
@@ -291,17 +275,17 @@ def limit_of(rule: Rule, level: Level | None, baseline: Span | None) -> float | 
 
 
 def machine_state(*states: str) -> str:
-    """Return the worst of several statuses, ``no_data`` where there is none; of channels and of machines.
+    """Return the worst of several statuses of channels or machines, ``no_data`` for none.
 
     From the worst: failure, no_data, bad_data, out_of_specification, maintenance_required, check_function, normal. A
-    known danger outranks silence. Silence, bad data and a refusing tracker outrank an alert: the damage may be worse
-    by now.
+    known danger outranks missing data; missing or bad data and a tracker without a result outrank an alert, as the
+    damage may be worse by now.
     """
     return min(states, key=_WORST_FIRST.index, default=NO_DATA)
 
 
 def _worst(value: Any, side: str) -> float | None:
-    """Return the worst of one or several values, or None where there is none."""
+    """Return the worst of one or several values, or None without any."""
     items = value if isinstance(value, list | tuple) else (value,)
     found = [float(item) for item in items if isinstance(item, float | int) and math.isfinite(item)]
     if not found:
@@ -314,7 +298,7 @@ def _within(value: float | None, span: Span | None) -> bool:
 
 
 def _learn(known: RuleState, value: float, given: Span | None, *, learning: bool, settled: bool) -> RuleState:
-    """Collect values of the learning stage; freeze them at its end, or take the baseline of the detector."""
+    """Collect values while learning; freeze them at its end, or take the detector's baseline."""
     if known.baseline is not None:
         return known
     if learning:
@@ -347,7 +331,7 @@ def _check(known: RuleState, rule: Rule, value: float, sequence: int) -> tuple[R
 
 
 def _move(level: LevelState, rule: Rule, value: float, limit: float, sequence: int) -> LevelState:
-    """Count towards raising or clearing a level."""
+    """Count blocks towards raising or clearing a level."""
     sign = 1.0 if rule.side == "above" else -1.0
     if not level.active:
         if sign * value < sign * limit:

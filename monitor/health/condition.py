@@ -17,16 +17,16 @@ SOURCES = ("block", "channel", "estimate", "configured")
 
 @dataclass(frozen=True)
 class ConditionSettings:
-    """What is configured of the operating condition, SI.
+    """Configured operating condition, SI.
 
     Attributes:
         speed: constant shaft speed, Hz, or None.
         load: constant load, N, or None.
-        speed_channel: channel whose mean is the speed, or None.
-        speed_scale: Hz in one unit of that channel.
-        load_channel: channel whose mean is the load, or None.
-        load_scale: N in one unit of that channel.
-        speed_limits: range in which the speed is estimated from the signal, Hz, or None: it is not estimated.
+        speed_channel: channel whose mean is the speed.
+        speed_scale: Hz per unit of that channel.
+        load_channel: channel whose mean is the load.
+        load_scale: N per unit of that channel.
+        speed_limits: range of the estimate from the signal, Hz, or None: it is not estimated.
     """
 
     speed: float | None = None
@@ -55,7 +55,7 @@ class Quantity:
     Attributes:
         value: Hz or N, or None where unknown.
         source: one of ``SOURCES``, or None.
-        sd: standard deviation of its error, or None where unknown.
+        sd: standard deviation of its error, or None.
     """
 
     value: float | None = None
@@ -71,17 +71,12 @@ def speed_of(
     bearing: Bearing,
     settings: ConditionSettings,
 ) -> Quantity:
-    """Return the shaft speed of a block for one channel.
+    """Return the shaft speed: what the block states, else its channel, the estimate, or the constant.
 
     Args:
-        stated: what the block says itself, Hz, or None.
-        rows: samples of the channels that are not vibration, each of shape (sample,).
-        samples: of the vibration channel, shape (sample,), or None where they are not usable.
-        rate: sampling rate, Hz.
-        bearing: of the channel.
-
-    Returns:
-        The first of: what the block states, its speed channel, the estimate, the constant.
+        stated: by the block, Hz, or None.
+        rows: samples of the channels that are not vibration, each (sample,).
+        samples: of the vibration channel, (sample,), or None where unusable.
     """
     if stated is not None:
         return Quantity(stated, "block")
@@ -96,7 +91,7 @@ def speed_of(
 
 
 def load_of(stated: float | None, rows: Mapping[str, NDArray[np.floating]], settings: ConditionSettings) -> Quantity:
-    """Return the load of a block; arguments and order as in :func:`speed_of`, but a load is never estimated."""
+    """Return the load of a block as :func:`speed_of` does; it is never estimated."""
     if stated is not None:
         return Quantity(stated, "block")
     found = _mean(rows, settings.load_channel, settings.load_scale, least=-math.inf)

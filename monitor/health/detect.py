@@ -1,12 +1,12 @@
-"""Start of the final stage of life (t_fs), from H_or and RMS together, and the end of life.
+"""Start of the final stage of life (t_fs), from H_or and RMS, and the end of life.
 
-A baseline of both is learned once and then frozen: a running one would chase the change that it is to find. Both enter
-as logarithms, so that a change counts by its ratio. H_or enters as its ratio to the noise floor under its lines: an
-impulsive episode lifts the whole envelope spectrum, lines and floor alike, and is no sign of a damaged outer race.
+A baseline of both is learned once and then frozen: a running one would follow the change to be detected. Both enter as
+logarithms. H_or enters as its ratio to the noise floor under its lines: an impulsive episode raises the whole envelope
+spectrum, lines and floor alike, and does not show a damaged outer race.
 
-The score is the length of the vector of both standardised excesses over the baseline, either alone if strong, or both
-together if moderate. What a healthy machine drifts by (load, temperature, lubricant) is part of the standard deviation:
-without it, a baseline of quiet hours turns any later warm day into an alarm.
+The score is the length of the vector of both positive standardised excesses over the baseline. The drift of a healthy
+machine (load, temperature, lubricant) is part of the standard deviation; without it a baseline of quiet hours turns any
+later warm day into an alarm.
 """
 
 from __future__ import annotations
@@ -19,32 +19,32 @@ from functools import cache
 from typing import Any
 
 LEARNING, HEALTHY, FINAL, END_OF_LIFE = "learning", "healthy", "final", "end_of_life"
-Lesson = tuple[float | None, float, float | None]
-"""Time, ln RMS and ln prominence of one block that teaches the baseline."""
+BaselinePoint = tuple[float | None, float, float | None]
+"""Time (s or None), ln RMS and ln prominence (or None) of one block of the baseline."""
 
 STAGES = (LEARNING, HEALTHY, FINAL, END_OF_LIFE)
 
-_MAX_LEARNING = 3
-"""Learning may take at most this many times its nominal length, while the machine still runs in."""
-_ONSET = 0.5
-"""The final stage began where the score rose for good above this share of the threshold."""
+_MAX_LEARNING_FACTOR = 3
+"""Longest learning over its nominal length, while the machine runs in."""
+_ONSET_SHARE = 0.5
+"""t_fs is where the score rose for good above this share of the threshold."""
 
 
 @dataclass(frozen=True)
 class DetectSettings:
-    """How the onset is detected; the same for every machine unless its owner knows better.
+    """Settings of the detector.
 
     Attributes:
-        learn_blocks: blocks that teach the baseline, or None where ``learn_time`` does.
-        learn_time: seconds that teach the baseline, or None.
-        run_in_blocks: first blocks, which teach nothing: a bearing runs in.
-        false_alarms_per_1000_blocks: most alarms of a healthy machine. It sets the threshold, which so many blocks of a
-            steady machine exceed; single knocks exceed it too, but do not persist. As persistence only lowers the rate,
-            it holds even where neighbouring blocks are wholly dependent.
-        persist_blocks: consecutive blocks over the threshold that make an alarm.
-        rms_drift: standard deviation of ln RMS that a healthy machine drifts by.
+        learn_blocks: blocks of the baseline, or None where ``learn_time`` applies.
+        learn_time: duration of the baseline, s, or None.
+        run_in_blocks: first blocks, left out of the baseline.
+        false_alarms_per_1000_blocks: upper limit for a healthy machine. It sets the threshold, which this many blocks
+            of a steady machine exceed; persistence only lowers the rate, so the limit holds even if neighbouring blocks
+            are wholly dependent.
+        persist_blocks: consecutive blocks above the threshold that make an alarm.
+        rms_drift: standard deviation of the drift of ln RMS of a healthy machine.
         h_or_drift: the same of ln (H_or over its floor).
-        end_of_life_peak: peak acceleration that ends a life, m/s2.
+        end_of_life_peak: m/s2.
         end_of_life_blocks: consecutive blocks that must reach it.
     """
 
@@ -61,15 +61,14 @@ class DetectSettings:
 
 @dataclass(frozen=True)
 class DetectInput:
-    """What the detector takes from one block.
+    """What the detector uses of one block.
 
     Attributes:
-        sequence: number of the block.
-        time: its time, s, or None where the recording has none.
-        rms: RMS in the unit of the channel.
-        prominence: H_or over the floor under its lines, or None where there is no envelope.
+        time: s, or None where the recording has none.
+        rms: in the unit of the channel.
+        prominence: H_or over the floor under its lines, or None without an envelope.
         peak: largest absolute acceleration, m/s2, or None where the unit is unknown.
-        usable: whether quality lets the block move the detector.
+        usable: the quality of the block lets it change the detector.
     """
 
     sequence: int
@@ -82,7 +81,7 @@ class DetectInput:
 
 @dataclass(frozen=True)
 class Baseline:
-    """What healthy looks like: medians and robust standard deviations of ln RMS and ln prominence."""
+    """Medians and robust standard deviations of ln RMS and ln prominence of the healthy machine."""
 
     ln_rms: float
     ln_rms_sd: float
@@ -92,7 +91,7 @@ class Baseline:
 
 @dataclass(frozen=True)
 class Mark:
-    """A moment: the block's number and its time in seconds (None where the recording has none)."""
+    """A block's number, and its time in s (None where the recording has none)."""
 
     sequence: int
     time: float | None
@@ -100,11 +99,11 @@ class Mark:
 
 @dataclass(frozen=True)
 class DetectState:
-    """The detector between two blocks; version 1. Latched: t_fs, once known, stays."""
+    """State of the detector; version 1. t_fs and t_eol, once known, stay."""
 
     version: int = 1
     seen: int = 0
-    learned: tuple[Lesson, ...] = ()
+    learned: tuple[BaselinePoint, ...] = ()
     dropped: int = 0
     baseline: Baseline | None = None
     exceeding: int = 0
@@ -126,7 +125,7 @@ class DetectState:
 
     @property
     def reference_rms(self) -> float | None:
-        """RMS of the learned baseline, or None while there is none."""
+        """RMS of the baseline, or None while there is none."""
         return None if self.baseline is None else math.exp(self.baseline.ln_rms)
 
     def to_dict(self) -> dict[str, Any]:
@@ -135,7 +134,7 @@ class DetectState:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> DetectState:
-        """Return the state that :meth:`to_dict` gave; refuse another version."""
+        """Restore a state written by :meth:`to_dict`; raise ValueError for another version."""
         if values.get("version") != 1:
             raise ValueError(f"detector state of version {values.get('version')!r}, expected 1")
         fields = dict(values)
@@ -150,14 +149,13 @@ class DetectState:
 
 @dataclass(frozen=True)
 class DetectOutput:
-    """What one block changed.
+    """Result of one block.
 
     Attributes:
-        stage: stage of life after the block.
-        score: distance from the baseline in standard deviations; None while learning or where the block is not used.
-        threshold: the distance that counts as an exceedance.
-        alarm: whether this block made t_fs known.
-        end: whether this block made the end of life known.
+        score: in standard deviations; None while learning or where the block is not used.
+        threshold: the score that counts as an exceedance.
+        alarm: t_fs became known with this block.
+        end: the end of life became known with this block.
     """
 
     stage: str
@@ -170,8 +168,8 @@ class DetectOutput:
 def exceedance_rate(threshold: float) -> float:
     """Return how often the score of a healthy block exceeds ``threshold``.
 
-    The score is the length of two independent standard normal excesses, each set to zero where it is negative: one in
-    four blocks has both, one in two has one, one in four none.
+    The score is the length of two independent standard normal excesses, negative ones set to zero: of four blocks one
+    has both, two have one, one has none.
     """
     both = 0.25 * math.exp(-0.5 * threshold * threshold)
     one = 0.5 * math.erfc(threshold / math.sqrt(2.0))
@@ -183,7 +181,7 @@ def threshold_for(false_alarms_per_1000_blocks: float) -> float:
     """Return the score that a healthy block exceeds at the stated rate.
 
     Raises:
-        ValueError: if the rate is not between 1e-9 and 500 per 1000 blocks.
+        ValueError: the rate is not between 1e-9 and 500 per 1000 blocks.
     """
     rate = false_alarms_per_1000_blocks / 1000.0
     if not 1e-12 <= rate <= 0.5:
@@ -196,10 +194,10 @@ def threshold_for(false_alarms_per_1000_blocks: float) -> float:
 
 
 def step(state: DetectState, block: DetectInput, settings: DetectSettings) -> tuple[DetectState, DetectOutput]:
-    """Take one block into the state and say what it changed.
+    """Apply one block to the state.
 
-    Blocks must come in the order of acquisition; one that quality does not let through leaves all but the peak count
-    untouched (a clipped block still counts for the end of life).
+    Blocks must come in the order of acquisition; one that is not usable changes the peak count only (a clipped block
+    still counts for the end of life).
     """
     threshold = threshold_for(settings.false_alarms_per_1000_blocks)
     mark = Mark(block.sequence, block.time)
@@ -223,7 +221,7 @@ def step(state: DetectState, block: DetectInput, settings: DetectSettings) -> tu
 
 
 def _count_peaks(state: DetectState, block: DetectInput, mark: Mark, settings: DetectSettings) -> DetectState:
-    """Latch the end of life at the first of the consecutive blocks that reach the peak: one burst is none."""
+    """Latch the end of life at the first of the consecutive blocks that reach the peak."""
     if state.t_eol is not None or block.peak is None:
         return state
     if block.peak < settings.end_of_life_peak:
@@ -235,7 +233,7 @@ def _count_peaks(state: DetectState, block: DetectInput, mark: Mark, settings: D
 
 
 def _learn(state: DetectState, block: DetectInput, settings: DetectSettings) -> DetectState:
-    """Collect the block; freeze the baseline when enough settled blocks are there."""
+    """Add the block to the baseline; freeze it when it has enough settled blocks."""
     if state.seen <= settings.run_in_blocks:
         return state
     ln_prominence = math.log(block.prominence) if block.prominence and block.prominence > 0.0 else None
@@ -246,8 +244,8 @@ def _learn(state: DetectState, block: DetectInput, settings: DetectSettings) -> 
     third = len(learned) // 3
     fallen = statistics.median(r for _, r, _ in learned[:third]) - statistics.median(r for _, r, _ in learned[-third:])
     nominal = len(learned) + state.dropped
-    if third and fallen > settings.rms_drift and nominal < _MAX_LEARNING * _nominal(settings, len(learned)):
-        # Still running in: what came first is not what healthy will look like.
+    if third and fallen > settings.rms_drift and nominal < _MAX_LEARNING_FACTOR * _nominal(settings, len(learned)):
+        # Still running in: the first blocks do not represent the healthy machine.
         return replace(state, learned=learned[third:], dropped=state.dropped + third)
     return replace(state, learned=(), baseline=_freeze(learned))
 
@@ -262,11 +260,11 @@ def _enough(state: DetectState, settings: DetectSettings) -> bool:
     first, last = state.learned[0][0], state.learned[-1][0]
     if settings.learn_time is None or first is None or last is None:
         return False
-    # Ten blocks are the least that a median and a spread can be taken from.
+    # A median and a spread need at least ten blocks.
     return last - first >= settings.learn_time and len(state.learned) >= 10
 
 
-def _freeze(learned: tuple[Lesson, ...]) -> Baseline:
+def _freeze(learned: tuple[BaselinePoint, ...]) -> Baseline:
     """Return medians and robust standard deviations (1.4826 times the median absolute deviation)."""
 
     def robust(values: list[float]) -> tuple[float, float]:
@@ -291,10 +289,10 @@ def _score(baseline: Baseline, block: DetectInput, settings: DetectSettings) -> 
 
 
 def _advance(state: DetectState, score: float, threshold: float, mark: Mark, settings: DetectSettings) -> DetectState:
-    """Count exceedances; latch t_fs at the start of the elevated stretch that holds the alarm."""
+    """Count exceedances; latch t_fs at the start of the elevated interval that holds the alarm."""
     if state.t_fs is not None:
         return state
-    elevated = (state.elevated or mark) if score > _ONSET * threshold else None
+    elevated = (state.elevated or mark) if score > _ONSET_SHARE * threshold else None
     exceeding = state.exceeding + 1 if score > threshold else 0
     if exceeding < settings.persist_blocks:
         return replace(state, elevated=elevated, exceeding=exceeding)

@@ -1,7 +1,7 @@
-"""Verdicts on a block and its channels, which gate all later stages: rejected, flagged, or ok.
+"""Quality of a block and its channels: rejected, flagged, or ok; it gates all later stages.
 
-A bad block never raises an alarm: a rejected one gives no values, and the flags of another one decide which stages use
-it (:attr:`Verdict.for_baseline`, :attr:`Verdict.for_tracker`).
+A rejected block gives no values; the flags of another one decide which stages use it (:attr:`Verdict.for_baseline`,
+:attr:`Verdict.for_tracker`). A bad block never raises an alarm.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ REJECTIONS = (
     "duplicate",
     "changed",
 )
-# The integers of the published files follow from the order of these words: append, never reorder.
+# Append only: the integers of the published files are positions in this tuple.
 FLAGS = ("flat", "stopped", "clipped", "gap", "clock", "late", "out_of_order")
 
-_SHORT = 0.9
-"""A block with less than this share of the nominal samples is rejected as short."""
+_MIN_LENGTH_SHARE = 0.9
+"""A block with less than this share of the nominal samples is short."""
 _RATE_TOLERANCE = 1e-3
-"""Rates further apart than this are different rates; a clock error within it is far inside the speed search."""
+"""Largest relative difference of equal rates; far inside the speed search."""
 _STOPPED_SHARE = 0.05
-"""A channel below this share of its learned RMS belongs to a stopped machine."""
+"""A channel below this share of its learned RMS is of a stopped machine."""
 _STOPPED_RMS = 0.03
-"""The same before a level is learned, m/s2 (3 mg): above the noise of the electronics."""
+"""The same before a level is learned, m/s2 (3 mg, above the noise of the electronics)."""
 _CLIP_SHARE = 1e-3
 _PROVING_STRIDE = 16
 _RAIL = 0.995
-_EARLIEST = 315532800.0
-"""1980-01-01 UTC: an earlier time is that of a clock that was never set."""
+_MIN_TIME = 315532800.0
+"""1980-01-01 UTC, s: earlier times are of a clock that was never set."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Verdict:
     Attributes:
         status: "ok", or the first reason to reject, or the first flag.
         flags: all flags, in the order of ``FLAGS``.
-        reason: one sentence for people, "" for ok.
+        reason: one sentence, "" for ok.
     """
 
     status: str = "ok"
@@ -68,12 +68,12 @@ class Verdict:
 
     @property
     def for_baseline(self) -> bool:
-        """Whether the baseline and the detector use it: the machine runs, the sensor works, the block is in order."""
+        """Whether the baseline and the detector use it: the machine runs, the sensor works, blocks are in order."""
         return self.accepted and not {"flat", "stopped", "late", "out_of_order"} & set(self.flags)
 
     @property
     def for_tracker(self) -> bool:
-        """Whether its RMS is inverted into damage: as for the baseline, and without clipping."""
+        """Whether its RMS is inverted into damage: as for the baseline, and not clipped."""
         return self.for_baseline and "clipped" not in self.flags
 
 
@@ -81,7 +81,7 @@ def rejected(status: str, reason: str) -> Verdict:
     """Return a verdict of rejection.
 
     Raises:
-        ValueError: if ``status`` is not one of the rejections of the interface.
+        ValueError: ``status`` is not one of ``REJECTIONS``.
     """
     if status not in REJECTIONS:
         raise ValueError(f"unknown rejection status {status!r}")
@@ -99,16 +99,16 @@ def check_samples(
     """Check the samples of one channel.
 
     Args:
-        samples: shape (sample,), m/s2, or an unknown unit (then ``absolute`` is False).
-        expected: nominal number of samples, or None where a block has no nominal length.
-        signal_range: full scale of the sensor in the unit of the samples, or None where unknown.
-        reference_rms: RMS of the learned baseline, or None while there is none.
-        absolute: whether the unit is known, so that absolute limits apply.
+        samples: shape (sample,), m/s2, or an unknown unit (``absolute`` False).
+        expected: nominal number of samples, or None.
+        signal_range: full scale of the sensor in the unit of the samples, or None.
+        reference_rms: RMS of the baseline, or None.
+        absolute: the unit is known, so absolute limits apply.
     """
     n = samples.size
     if n == 0:
         return rejected("empty", "no samples")
-    if expected is not None and n < _SHORT * expected:
+    if expected is not None and n < _MIN_LENGTH_SHARE * expected:
         return rejected("short", f"{n} samples, expected {expected}")
     low, high = float(samples.min()), float(samples.max())
     if not (math.isfinite(low) and math.isfinite(high)):
@@ -146,7 +146,7 @@ def _exceeds(samples: NDArray[np.floating], rms: float) -> bool:
 
 
 def _clipped(samples: NDArray[np.floating], low: float, high: float, signal_range: float | None) -> bool:
-    """Return whether peaks are clipped: at the known rail, or by runs of the extreme value where none is known."""
+    """Return whether peaks are clipped: at the known rail, or by runs of the extreme value."""
     if signal_range is not None:
         return int(np.count_nonzero(np.abs(samples) >= _RAIL * signal_range)) >= 2
     least = max(3, int(_CLIP_SHARE * samples.size))
@@ -155,19 +155,19 @@ def _clipped(samples: NDArray[np.floating], low: float, high: float, signal_rang
         within = 1e-6 * (high - low)
         at_rail = samples >= extreme - within if extreme == high else samples <= extreme + within
         if np.count_nonzero(at_rail) >= least and bool(np.any(at_rail[2:] & at_rail[1:-1] & at_rail[:-2])):
-            # A coarsely quantised small signal meets its extremes often without any rail being near.
+            # A coarsely quantised small signal often meets its extremes without a rail.
             return np.unique(samples[:: max(1, samples.size // 4096)]).size > 64
     return False
 
 
 @dataclass(frozen=True)
 class OrderState:
-    """The newest place in the stream of one source; version 1.
+    """Position in the stream of one source; version 1.
 
     Attributes:
-        sequence: number of the newest block, 0 before the first.
-        time: its time in seconds (UTC where dated, else since the first block), or None.
-        interval: usual seconds from block to block, or None before the second.
+        sequence: of the newest block, 0 before the first.
+        time: its time, s (UTC where dated, else since the first block), or None.
+        interval: usual block interval, s, or None before the second.
     """
 
     version: int = 1
@@ -181,7 +181,7 @@ class OrderState:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> OrderState:
-        """Return the state that :meth:`to_dict` gave; refuse another version."""
+        """Restore a state written by :meth:`to_dict`; raise ValueError for another version."""
         if values.get("version") != 1:
             raise ValueError(f"order state of version {values.get('version')!r}, expected 1")
         return cls(**values)
@@ -190,14 +190,13 @@ class OrderState:
 def check_order(
     state: OrderState, sequence: int, time: float | None, *, dated: bool, now: float | None = None
 ) -> tuple[OrderState, tuple[str, ...]]:
-    """Check the place of a block in its stream; return the ``late``, ``gap`` and ``clock`` flags.
+    """Check the position of a block in its stream; return its ``late``, ``gap`` and ``clock`` flags.
 
     Args:
-        state: the stream so far.
-        sequence: 1-based number of the block.
-        time: its time in seconds, or None.
-        dated: whether ``time`` is seconds since 1970 UTC.
-        now: the present in UTC where the stream is live, or None in a replay.
+        sequence: of the block, from 1.
+        time: s, or None.
+        dated: ``time`` is seconds since 1970 UTC.
+        now: the present, s UTC, for a live stream; None in a replay.
     """
     if sequence <= state.sequence:
         return state, ("late",)
@@ -206,7 +205,7 @@ def check_order(
         flags.append("gap")
     interval = state.interval
     if time is not None:
-        bad_clock = dated and (time < _EARLIEST or (now is not None and time > now + 60.0))
+        bad_clock = dated and (time < _MIN_TIME or (now is not None and time > now + 60.0))
         if bad_clock:
             flags.append("clock")
             return OrderState(1, sequence, state.time, interval), tuple(flags)
@@ -232,7 +231,7 @@ def check_rate(rate: float, expected: float | None) -> Verdict:
 def bands_above_nyquist(
     channel: str, bands: Sequence[tuple[float, float]], rms_band: tuple[float, float] | None, rate: float
 ) -> str | None:
-    """Return which configured band of a channel a sampling rate (Hz) cannot hold, in one sentence, or None."""
+    """Return a sentence on the first band above the Nyquist frequency of a rate (Hz), or None."""
     keys = [("band_hz", band) for band in bands] + ([] if rms_band is None else [("rms_band_hz", rms_band)])
     for key, band in keys:
         if band[1] > 0.5 * rate:
@@ -244,7 +243,7 @@ def bands_above_nyquist(
 
 
 def with_flags(verdict: Verdict, flags: tuple[str, ...]) -> Verdict:
-    """Add the flags of the block to the verdict on one of its channels."""
+    """Add the flags of the block to the verdict on a channel."""
     if not flags or not verdict.accepted:
         return verdict
     merged = tuple(flag for flag in FLAGS if flag in flags or flag in verdict.flags)

@@ -19,7 +19,7 @@ from monitor.health.damage.library.model import Library
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.record import Record
 from monitor.health.settings import SourceSettings
-from monitor.health.spectrum.bands import ENOUGH_VOTES, find_band
+from monitor.health.spectrum.bands import VOTES_NEEDED, find_band
 from monitor.health.spectrum.features import fundamentals
 from monitor.health.state import SourceState
 from monitor.health.step import SourceOutput, misfit, step
@@ -122,7 +122,7 @@ def _open_store(out: Path, config: Config, resume: bool) -> Store:
 def _fix_bands(source: Source, state: SourceState, settings: SourceSettings) -> SourceState:
     """Choose the bands of a recording too short to learn them from the recording as a whole; its records say so."""
     automatic = [channel for channel in settings.channels.values() if channel.bands is None]
-    if not automatic or len(source) >= ENOUGH_VOTES:
+    if not automatic or len(source) >= VOTES_NEEDED:
         return state
     blocks = [item for item in source if isinstance(item, Block)]
     for channel in automatic:

@@ -1,14 +1,13 @@
-"""Find a band to demodulate in, for rigs whose resonance nobody knows (``band_hz = "auto"``).
+"""Choice of the band to demodulate where none is configured (``band_hz = "auto"``).
 
-The recordings of a learning window are cut into candidate bands, a tree of halves and thirds of the range up to the
-Nyquist frequency, each overlapping its neighbour by half. In the range where the lines of the bearing can stand, two
-things are asked of the envelope of a band: how deep the periodic modulations are, and how far they stand above the
-noise. Only impulsive bands count (spectral kurtosis): a pair of steady tones beats as periodically as a bearing does,
-but its envelope is not impulsive. Which periods modulate is not asked: a band chosen because it shows one family of
-lines best would make that family look like a fault in a healthy machine.
+The range up to the Nyquist frequency is divided into candidate bands, a tree of halves and thirds that overlap by half.
+In the range of the bearing's lines, the envelope of a band is scored by the depth of its periodic modulations and their
+height above the noise. Only impulsive bands count (spectral kurtosis): two steady tones beat as periodically as a
+bearing does, but their envelope is not impulsive. The periods themselves are not scored: a band chosen because it shows
+one family of lines best would make that family look like a fault in a healthy machine.
 
-Healthy recordings often have no such band; then it is the widest one above the lines of the shaft and of the races,
-which misses no resonance. Medians over blocks and segments keep a single burst from choosing the band.
+Without such a band the widest one above the lines of shaft and races is taken. Medians over blocks and segments keep a
+single burst from choosing the band. :class:`BandVotes` makes the choice from a stream, block by block.
 """
 
 from __future__ import annotations
@@ -27,29 +26,27 @@ from monitor.health.spectrum.plans import envelope_length
 from monitor.health.spectrum.transform import Band, band_bins, fast_length
 
 _PARTS = (2, 3, 4, 6, 8, 12)
-_TOP = 0.98
+_TOP_SHARE = 0.98
 _LINES = 5.0
-_LEAST_WIDTH = 6.0
+_MIN_WIDTH = 6.0
 _LINE_OVER_FLOOR = 12.0
-_LEAST_KURTOSIS = 0.5
-_SEGMENT = 0.25
+_MIN_KURTOSIS = 0.5
+_MIN_SEGMENT_S = 0.25
 _MAX_SAMPLES = 2_000_000
-ENOUGH_VOTES = 20
-"""Blocks that decide. They are the first ones, in which the bearing runs in and nothing is learned yet: the choice
-looks at no later block, and costs the learning of the baseline no time."""
+VOTES_NEEDED = 20
+"""Number of first blocks that decide; the bearing runs in, so no block is lost for the baseline."""
 
 
 @dataclass(frozen=True)
 class BandScore:
-    """What a candidate band is worth.
+    """Score of a candidate band.
 
     Attributes:
         band: (lo, hi), Hz.
-        depth: root of the sum of squares of the modulation depths of the lines that stand above the noise.
-        contrast: sum over those lines of their power over the floor's.
-        kurtosis: <|z|^4>/<|z|^2>^2 - 2 of the analytic signal z: 0 in Gaussian noise, negative for tones.
-        score: contrast * depth * k / (1 + k) with k the positive part of the kurtosis: the candidate with the highest
-            is the best.
+        depth: root sum of squares of the modulation depths of the lines above the noise.
+        contrast: sum over those lines of their power over the floor.
+        kurtosis: <|z|^4>/<|z|^2>^2 - 2 of the analytic signal z: 0 for Gaussian noise, negative for tones.
+        score: contrast * depth * k / (1 + k) with k the positive part of the kurtosis.
     """
 
     band: Band
@@ -60,10 +57,10 @@ class BandScore:
 
 
 def find_band(blocks: Sequence[NDArray[np.number]], rate: float, fundamentals: Mapping[str, float]) -> Band:
-    """Return the band to demodulate, chosen on these blocks alone; the same blocks give the same band.
+    """Return the band to demodulate, chosen on these blocks alone.
 
     Args:
-        blocks: the learning window (or a single recording), each (n_samples,) of the same length.
+        blocks: each (n_samples,) of the same length.
         rate: sampling rate, Hz.
         fundamentals: first line of each fault family, Hz.
 
@@ -72,7 +69,7 @@ def find_band(blocks: Sequence[NDArray[np.number]], rate: float, fundamentals: M
     """
     ranked = rank_bands(blocks, rate, fundamentals)
     best = max(ranked, key=lambda candidate: candidate.score)
-    return best.band if best.score > 0.0 and best.kurtosis >= _LEAST_KURTOSIS else ranked[0].band
+    return best.band if best.score > 0.0 and best.kurtosis >= _MIN_KURTOSIS else ranked[0].band
 
 
 def rank_bands(
@@ -81,13 +78,13 @@ def rank_bands(
     """Return all candidate bands with their scores, the widest first.
 
     Args:
-        blocks: each (n_samples,) of the same length; of very many, some two million samples are used, evenly spread.
+        blocks: each (n_samples,) of the same length; at most some two million samples are used, evenly spread.
         rate: sampling rate, Hz.
         fundamentals: first line of each fault family, Hz.
 
     Raises:
-        ValueError: if there is no block, their lengths differ, a sample is not finite, or the rate is too low to
-            demodulate five harmonics of the highest fundamental anywhere.
+        ValueError: no block, different lengths, a sample that is not finite, or a rate too low to demodulate five
+            harmonics of the highest fundamental.
     """
     if not blocks:
         raise ValueError("no block to find a band from")
@@ -95,7 +92,7 @@ def rank_bands(
         raise ValueError(f"blocks of different lengths: {sorted({block.size for block in blocks})}")
     n_used = fast_length(blocks[0].size)
     stride = max(1, math.ceil(len(blocks) * n_used / _MAX_SAMPLES))
-    # Odd strides keep clear of alternating machine states.
+    # An odd stride does not alias with alternating machine states.
     chosen = blocks[:: stride + 1 - stride % 2] if stride > 1 else blocks
     spectra = [_spectrum(block[:n_used]) for block in chosen]
     races = [fundamentals[fault] for fault in fundamentals if fault != "cage"]
@@ -106,16 +103,16 @@ def rank_bands(
 
 
 def candidate_bands(rate: float, highest: float) -> tuple[Band, ...]:
-    """Return the candidates: the whole range first, then halves, thirds, quarters, sixths, eighths and twelfths.
+    """Return the whole range, then its halves, thirds, quarters, sixths, eighths and twelfths.
 
     Each is at least six times as wide as the ``highest`` fundamental (Hz), so that its envelope holds five harmonics,
-    and begins above the fifth harmonic itself, where shafts and races are heard directly.
+    and begins above the fifth harmonic, below which shafts and races appear directly.
 
     Raises:
-        ValueError: if not even the whole range is that wide.
+        ValueError: the whole range is narrower than that.
     """
     nyquist = 0.5 * rate
-    lowest, top, least = float(_LINES * highest), float(_TOP * nyquist), float(_LEAST_WIDTH * highest)
+    lowest, top, least = float(_LINES * highest), float(_TOP_SHARE * nyquist), float(_MIN_WIDTH * highest)
     if top - lowest < least:
         raise ValueError(
             f"a rate of {rate:g} Hz leaves no band of {least:g} Hz between {lowest:g} and {top:g} Hz: "
@@ -134,7 +131,7 @@ def candidate_bands(rate: float, highest: float) -> tuple[Band, ...]:
 
 
 def _spectrum(x: NDArray[np.number]) -> NDArray[np.complexfloating]:
-    """Unnormalised transform of a block in units of its own range, in single precision."""
+    """Return the unnormalised transform of a block in units of its own range, in single precision."""
     low, high = sample_range(x)
     unit = high - low if high > low else 1.0
     return np.fft.rfft(((x - float(x.mean())) / unit).astype(np.float32))
@@ -149,7 +146,7 @@ def _score(
     length = envelope_length(last - first + 1, n_used, 2.0)
     low = max(2, round(lines[0] / resolution))
     high = min(math.ceil(lines[1] / resolution), last - first, length // 2)
-    n_segments = max(1, int(n_used / rate / max(_SEGMENT, 16.0 / lines[0])))
+    n_segments = max(1, int(n_used / rate / max(_MIN_SEGMENT_S, 16.0 / lines[0])))
     hann = (0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)).astype(np.float32)
     powers, kurtoses = [], []
     for spectrum in spectra:
@@ -178,26 +175,26 @@ def _score(
 
 @dataclass(frozen=True)
 class BandVotes:
-    """How many blocks found each band the best.
+    """How many blocks chose each band.
 
     Attributes:
-        counts: (lo, hi) in Hz and the number of blocks that chose it, in the order in which they were first chosen.
+        counts: (lo, hi) in Hz and its number of blocks, in the order in which they were first chosen.
     """
 
     counts: tuple[tuple[Band, int], ...] = ()
 
     @property
     def total(self) -> int:
-        """How many blocks have voted."""
+        """Number of blocks so far."""
         return sum(count for _, count in self.counts)
 
     @property
     def enough(self) -> bool:
-        """Whether enough blocks have voted."""
-        return self.total >= ENOUGH_VOTES
+        """Whether enough blocks have been counted."""
+        return self.total >= VOTES_NEEDED
 
     def add(self, samples: NDArray[np.floating], rate: float, fundamentals: Mapping[str, float]) -> BandVotes:
-        """Return the votes with that of one more block: the band that would be chosen on it alone."""
+        """Return the votes with the choice of one more block."""
         choice = find_band([samples], rate, fundamentals)
         counts = dict(self.counts)
         counts[choice] = counts.get(choice, 0) + 1
@@ -207,7 +204,7 @@ class BandVotes:
         """Return the band with most votes, of equals the widest.
 
         Raises:
-            ValueError: if nobody has voted.
+            ValueError: there are no votes.
         """
         if not self.counts:
             raise ValueError("no block has voted for a band")
@@ -219,6 +216,6 @@ class BandVotes:
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> BandVotes:
-        """Return what :meth:`to_dict` gave."""
+        """Restore votes written by :meth:`to_dict`."""
         counts: Sequence[Any] = stored["counts"]
         return cls(tuple(((float(low), float(high)), int(count)) for (low, high), count in counts))

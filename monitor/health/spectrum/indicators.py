@@ -8,35 +8,32 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-LARGEST_SAMPLE = 1e30
-"""Larger samples are refused: no sensor gives them, and their fourth powers would leave float32."""
+MAX_SAMPLE = 1e30
+"""Larger samples are refused: their fourth powers would leave float32."""
 
-SMALLEST_RANGE = 1e-30
+MIN_RANGE = 1e-30
 """A block whose samples differ by less is flat."""
 
 _CHUNK = 16384
-"""Samples worked on at a time: their powers stay in the cache."""
+"""Samples processed at a time, so that their powers stay in the cache."""
 
 
 @dataclass(frozen=True)
 class TimeIndicators:
-    """Indicators of one block of samples x, in the unit of x or without one.
+    """Indicators of one block of samples x, in the unit of x or dimensionless.
 
-    A flat block (all samples equal, or within 1e-30) has rms, half range, kurtosis, skewness and all factors 0, and
-    ``flat`` set: the ratios do not exist there, and 0 is a value that no vibration has.
+    A flat block (all samples within ``MIN_RANGE``) has rms, half range, kurtosis, skewness and all factors 0.
 
     Attributes:
-        mean: mean of x.
-        rms: root mean square of x without its mean, over the full bandwidth.
-        peak: max |x|, the mean left in.
+        rms: without the mean, over the full bandwidth.
+        peak: max |x|, mean included.
         peak_half_range: (max x - min x) / 2, Ceruti's peak value.
-        kurtosis: fourth central moment over the squared variance (3 for Gaussian noise: not the excess).
+        kurtosis: fourth central moment over the squared variance (Gaussian noise: 3).
         skewness: third central moment over the variance to 3/2.
         crest_factor: peak / rms.
         shape_factor: rms / mean |x|.
         impulse_factor: peak / mean |x|.
         clearance_factor: peak / (mean sqrt |x|)^2.
-        flat: whether the block is flat.
     """
 
     mean: float
@@ -55,21 +52,20 @@ class TimeIndicators:
 def time_indicators(x: NDArray[np.number]) -> TimeIndicators:
     """Return the time-domain indicators of one block.
 
-    The ratios are those of the sources with one change: RMS leaves out the mean, as everywhere in this program. On an
-    accelerometer's signal, whose mean is near zero, there is no difference.
+    The ratios are those of the sources with one change: RMS leaves out the mean, which is near zero for accelerometers.
 
     Args:
-        x: (n_samples,) real samples; float32 is worked on as such, everything else as float64. Not written to.
+        x: (n_samples,), real; float32 is processed as such, everything else as float64.
 
     Raises:
-        ValueError: if there are no samples, x is not one-dimensional, or a sample is not finite or beyond 1e30.
+        ValueError: no samples, another dimension, or a sample that is not finite or beyond ``MAX_SAMPLE``.
     """
     if x.ndim != 1 or x.size == 0:
         raise ValueError(f"expected samples of shape (n,), n >= 1, got shape {x.shape}")
     low, high = sample_range(x)
     peak = max(abs(low), abs(high))
     half_range = 0.5 * (high - low)
-    if high - low < SMALLEST_RANGE:
+    if high - low < MIN_RANGE:
         return TimeIndicators(0.5 * (low + high), 0.0, peak, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, flat=True)
     # In units of a power of two near the peak, so that fourth powers neither overflow nor vanish and no digit is lost.
     unit = math.ldexp(1.0, math.frexp(peak)[1])
@@ -97,23 +93,23 @@ def sample_range(x: NDArray[np.number]) -> tuple[float, float]:
     """Return the least and the largest sample.
 
     Raises:
-        ValueError: if a sample is not finite, or larger than ``LARGEST_SAMPLE``.
+        ValueError: a sample is not finite or beyond ``MAX_SAMPLE``.
     """
     low, high = float(x.min()), float(x.max())
-    if not (low > -LARGEST_SAMPLE and high < LARGEST_SAMPLE):
-        raise ValueError(f"samples must be finite and below {LARGEST_SAMPLE:g}, the block has {low:g} to {high:g}")
+    if not (low > -MAX_SAMPLE and high < MAX_SAMPLE):
+        raise ValueError(f"samples must be finite and below {MAX_SAMPLE:g}, the block has {low:g} to {high:g}")
     return low, high
 
 
 def _sums(
     x: NDArray[np.number], unit: float, centre: float, spread: float
 ) -> tuple[tuple[float, float, float], float, float]:
-    """Central moments 2 to 4 in units of ``spread``, mean |x| and mean sqrt |x|; x in units of ``unit``."""
+    """Return central moments 2 to 4 in units of ``spread``, mean |x| and mean sqrt |x|; x in units of ``unit``."""
     work = np.float32 if x.dtype == np.float32 else np.float64
     scaled, square, other = (np.empty(min(_CHUNK, x.size), work) for _ in range(3))
     second = third = fourth = absolute = root = 0.0
     factor = work(1.0 / unit)
-    # The mean in two parts: beside a large offset, its rounding to float32 alone would lean the third moment.
+    # The mean in two parts: with a large offset its rounding to float32 would bias the third moment.
     coarse = work(centre)
     rest = work((centre - float(coarse)) / spread)
     for start in range(0, x.size, _CHUNK):

@@ -1,4 +1,4 @@
-"""FFTW plans: fast lengths, planning that gives the same bits every time, and wisdom to keep."""
+"""FFTW plans: fast lengths, reproducible planning, and wisdom to store."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Precision = Literal["float32", "float64"]
 Effort = Literal["estimate", "measure"]
 
 Wisdom = tuple[bytes, bytes, bytes]
-"""What FFTW learned by measuring, for float64, float32 and long double."""
+"""Results of FFTW's measurements for float64, float32 and long double."""
 
 
 def is_smooth(n: int) -> bool:
@@ -40,11 +40,11 @@ def next_smooth(n: int) -> int:
 
 
 def envelope_length(n_bins: int, n_samples: int, oversampling: float) -> int:
-    """Return the length of the analytic signal of a band of ``n_bins`` bins: fast, and never beyond ``n_samples``.
+    """Return a fast length for the analytic signal of ``n_bins`` bins, at most ``n_samples``.
 
-    It is not divisible by 25. An envelope has no band limit, and where its length is a whole multiple of the number of
-    impacts in the block, all its aliases fall on the lines of the impacts and add up; numbers of impacts that people
-    choose are often round. Long ones are multiples of 64, which FFTW transforms faster than their neighbours.
+    It is not divisible by 25: an envelope has no band limit, and where its length is a multiple of the number of
+    impacts in the block, often a round number, all aliases fall on the lines of the impacts. Long ones are multiples of
+    64, which FFTW transforms faster than their neighbours.
     """
     target = max(oversampling * n_bins, 16.0)
     step = 64 if target >= 4096 else 2
@@ -54,11 +54,11 @@ def envelope_length(n_bins: int, n_samples: int, oversampling: float) -> int:
     return min(step * factor, n_samples)
 
 
-class Plan:
-    """One FFTW plan with its two arrays, ``input`` and ``output``; ``execute()`` fills the one from the other."""
+class FftPlan:
+    """One FFTW plan; ``execute()`` transforms ``input`` into ``output``."""
 
     def __init__(self, n: int, kind: Literal["real", "inverse"], precision: Precision, effort: Effort) -> None:
-        """Plan a real forward or a complex inverse transform of ``n`` samples, single-threaded and not normalised."""
+        """Plan a real forward or a complex inverse transform of ``n`` samples, not normalised."""
         complex_type = "complex64" if precision == "float32" else "complex128"
         if kind == "real":
             self.input = pyfftw.zeros_aligned(n, precision)
@@ -73,12 +73,12 @@ class Plan:
 
 
 _planner = threading.RLock()
-"""FFTW's planner and its wisdom belong to the whole process."""
+"""FFTW's planner and its wisdom are shared by the process."""
 
 
 @contextmanager
 def planning(effort: Effort) -> Iterator[None]:
-    """Make plans inside: ESTIMATE does not see the wisdom of an earlier MEASURE, or its bits would depend on it."""
+    """Hide the wisdom of an earlier MEASURE from ESTIMATE plans, so that their bits do not depend on it."""
     with _planner:
         if effort == "measure":
             yield
@@ -93,13 +93,13 @@ def planning(effort: Effort) -> Iterator[None]:
 
 
 def export_wisdom() -> Wisdom:
-    """Return what the plans with effort "measure" have learned in this process, to be stored and imported."""
+    """Return the wisdom of this process, to be stored."""
     with _planner:
         return pyfftw.export_wisdom()
 
 
 def import_wisdom(wisdom: Wisdom) -> bool:
-    """Add stored wisdom; with it "measure" plans at once and gives the bits it gave when the wisdom was made.
+    """Add stored wisdom, with which "measure" plans at once and reproduces its bits.
 
     Returns:
         Whether FFTW accepted all of it; it refuses that of another version or machine.
@@ -109,6 +109,6 @@ def import_wisdom(wisdom: Wisdom) -> bool:
 
 
 def forget_wisdom() -> None:
-    """Forget all wisdom of this process; plans already made stay."""
+    """Forget all wisdom of this process; existing plans stay."""
     with _planner:
         pyfftw.forget_wisdom()

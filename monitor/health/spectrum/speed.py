@@ -1,9 +1,8 @@
-"""The shaft speed from the signal itself: the speed at which shaft, cage and fault lines stand together.
+"""Shaft speed from the signal: the speed at which shaft, cage and fault lines agree.
 
-Each candidate speed is scored on the whitened raw and envelope spectra: what stands at the multiples of the shaft, less
-what stands half way between them (a line there says that the true shaft turns at half or twice the speed), and the best
-combs of cage and of the passages over the races, with their slip. A speed is given only if it stands clear of every
-other one; nothing is learned, and no clock, file or network is used.
+Each candidate speed is scored on the whitened raw and envelope spectra: heights at the multiples of the shaft, less
+those half way between (lines there show that the true shaft turns at half or twice the speed), plus the best comb of
+cage or race passages with their slip. A speed is given only if its score exceeds that of any other by a margin.
 """
 
 from __future__ import annotations
@@ -22,24 +21,23 @@ from monitor.health.spectrum.transform import AmplitudeSpectrum, Band, get_trans
 SHAFT_ORDERS = 8
 FAULT_ORDERS = 4
 _SLIP = np.linspace(-0.02, 0.01, 13)
-"""Of cage and passages against pure rolling, as in the search for fault lines."""
-_CAP = 4.0
-"""Most that one line adds, ln of power over the floor: a comb is several lines, not one tall one."""
+"""Slip of cage and passages against pure rolling."""
+_MAX_HEIGHT = 4.0
+"""Limit of one line, ln of power over the floor, so that a comb needs several lines."""
 _STEP = 0.3
 """Step of the search, in bins at the highest multiple of the shaft."""
-_NEAR = 0.015
-"""Candidates within this part of the best one are the same answer."""
-LEAST_SCORE = 12.0
-LEAST_MARGIN = 4.0
-"""What the best speed must reach, and by how much it must exceed any other; ``python -m benchmarks.speed`` prints what
-noise reaches and what recordings do."""
-_HEARD = 6.0
-"""Score from which the lines of a slower shaft count as heard."""
-_CLEAR = 1.0
+_SAME_SPEED = 0.015
+"""Candidates within this relative distance of the best one are the same answer."""
+MIN_SCORE = 12.0
+MIN_MARGIN = 4.0
+"""Score that the best speed must reach, and its margin over any other (``python -m benchmarks.speed``)."""
+_SHAFT_PRESENT = 6.0
+"""Score from which the lines of a slower shaft count as present."""
+_MIN_LINE_HEIGHT = 1.0
 _BIN_SD, _SLIP_SD = 0.3, 0.01
-"""Error of the top of a line, in bins, and of a speed that rests on cage or passages, relative."""
-_LEAST_BINS = 8
-"""The lowest candidate must stand on at least this bin, or its lines are not apart."""
+"""Error of a line's maximum, in bins, and of a speed from cage or passages, relative."""
+_MIN_BIN = 8
+"""Least bin of the lowest candidate, so that its lines are resolved."""
 
 
 class SpeedStatus(StrEnum):
@@ -55,11 +53,11 @@ class SpeedEstimate:
     """A speed with its uncertainty.
 
     Attributes:
-        status: why there is no speed, or "ok".
+        status: "ok", or why there is no speed.
         speed: shaft speed, Hz, or NaN.
         sd: standard deviation of its error, Hz, or NaN.
         score: of the best candidate.
-        margin: by how much it exceeds the best other one.
+        margin: excess over the best other one.
     """
 
     status: SpeedStatus
@@ -70,11 +68,11 @@ class SpeedEstimate:
 
 
 def whitened(spectrum: AmplitudeSpectrum) -> NDArray[np.float64]:
-    """Return ln(power over local floor) of each bin, a constant taken off for noise, between 0 and the cap."""
+    """Return ln(power over local floor) of each bin less its mean in noise, limited to 0 to ``_MAX_HEIGHT``."""
     power = np.square(spectrum.amplitude, dtype=np.float64)
     tiny = np.finfo(np.float64).tiny
     floor = np.maximum(noise_floor(power, MIN_FLOOR_BINS), tiny)
-    height = np.clip(np.log(np.maximum(power, tiny) / floor) - math.log(3.0), 0.0, _CAP)
+    height = np.clip(np.log(np.maximum(power, tiny) / floor) - math.log(3.0), 0.0, _MAX_HEIGHT)
     height[:3] = 0.0
     return height
 
@@ -92,9 +90,8 @@ def estimate_speed(
 
     Args:
         samples: shape (sample,), any unit.
-        rate: sampling rate, Hz.
-        bearing: whose kinematics tie the lines together.
-        limits: lowest and highest speed that the machine can have, Hz.
+        bearing: its kinematics give the lines.
+        limits: lowest and highest possible speed, Hz.
         band: band to demodulate, Hz; by default a tenth to nine tenths of the Nyquist frequency.
 
     Raises:
@@ -104,7 +101,7 @@ def estimate_speed(
     if not (0.0 < low < high < math.inf):
         raise ValueError(f"limits of the speed must satisfy 0 < low < high, got {low} to {high} Hz")
     band = (0.05 * rate, 0.45 * rate) if band is None else band
-    if samples.size < 64 or samples.size / rate * low < _LEAST_BINS:
+    if samples.size < 64 or samples.size / rate * low < _MIN_BIN:
         return SpeedEstimate(SpeedStatus.TOO_SHORT)
     top = max(SHAFT_ORDERS, FAULT_ORDERS * kinematics(bearing, 1.0).bpfi) * high
     spectra = get_transform(samples.size, rate, (band,), raw_limit=min(top, 0.5 * rate))(samples)
@@ -116,10 +113,10 @@ def estimate_speed(
     shaft = _shaft_score(heights, resolution, speeds)
     score = shaft + _fault_score(heights[1], resolution, speeds, bearing)
     best = int(np.argmax(score))
-    apart = np.abs(speeds / speeds[best] - 1.0) > _NEAR
+    apart = np.abs(speeds / speeds[best] - 1.0) > _SAME_SPEED
     margin = float(score[best] - np.max(score[apart], initial=0.0))
     mistaken = _may_be_a_fault_line(float(speeds[best]), speeds, shaft, bearing)
-    if score[best] < LEAST_SCORE or margin < LEAST_MARGIN or mistaken:
+    if score[best] < MIN_SCORE or margin < MIN_MARGIN or mistaken:
         return SpeedEstimate(SpeedStatus.CANNOT_TELL, score=float(score[best]), margin=margin)
     speed, sd = _refined((raw, envelope), heights, float(speeds[best]))
     return SpeedEstimate(SpeedStatus.OK, speed, sd, float(score[best]), margin)
@@ -128,7 +125,7 @@ def estimate_speed(
 def _shaft_score(
     heights: tuple[NDArray[np.float64], ...], resolution: float, speeds: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return what stands at the multiples of each speed less what stands half way below each of them."""
+    """Return the heights at the multiples of each speed less those half way below each."""
     score = np.zeros(speeds.size)
     for height in heights:
         for order in range(1, SHAFT_ORDERS + 1):
@@ -141,7 +138,7 @@ def _shaft_score(
 def _fault_score(
     height: NDArray[np.float64], resolution: float, speeds: NDArray[np.float64], bearing: Bearing
 ) -> NDArray[np.float64]:
-    """Return the best comb of cage, passages or spin for each speed: seldom is more than one part heard."""
+    """Return the best comb of cage, passages or spin for each speed; seldom more than one is present."""
     lines = kinematics(bearing, 1.0)
     best = np.zeros(speeds.size)
     for line in (lines.ftf, lines.bpfo, lines.bpfi, 2.0 * lines.bsf):
@@ -156,11 +153,11 @@ def _fault_score(
 def _may_be_a_fault_line(
     speed: float, speeds: NDArray[np.float64], shaft: NDArray[np.float64], bearing: Bearing
 ) -> bool:
-    """Tell whether the comb of the best candidate may be the passages of a slower shaft, which is heard as well."""
+    """Return whether the best candidate may be the passages of a slower shaft that is present as well."""
     lines = kinematics(bearing, 1.0)
     for line in (lines.bpfo, lines.bpfi, 2.0 * lines.bsf):
         slower = (speeds * line * (1.0 + _SLIP[0]) <= speed) & (speed <= speeds * line * (1.0 + _SLIP[-1]))
-        if np.max(shaft[slower], initial=0.0) >= _HEARD:
+        if np.max(shaft[slower], initial=0.0) >= _SHAFT_PRESENT:
             return True
     return False
 
@@ -168,10 +165,10 @@ def _may_be_a_fault_line(
 def _refined(
     spectra: tuple[AmplitudeSpectrum, ...], heights: tuple[NDArray[np.float64], ...], speed: float
 ) -> tuple[float, float]:
-    """Return the speed by the tops of its shaft lines, and the standard deviation of its error.
+    """Return the speed by the maxima of its shaft lines, and the standard deviation of its error.
 
-    A line of order k tells the speed k times as exactly as the first one. Where fewer than two lines of the shaft are
-    heard, the speed rests on cage or passages, and is as uncertain as their slip.
+    A line of order k determines the speed k times as exactly as the first one. With fewer than two lines of the shaft,
+    the speed rests on cage or passages and is as uncertain as their slip.
     """
     found, weights = [], []
     for spectrum, height in zip(spectra, heights, strict=True):
@@ -180,7 +177,7 @@ def _refined(
             if middle + 3 >= height.size or middle < 4:
                 continue
             top = middle - 2 + int(np.argmax(spectrum.amplitude[middle - 2 : middle + 3]))
-            if height[top] < _CLEAR:
+            if height[top] < _MIN_LINE_HEIGHT:
                 continue
             before, at, after = np.log(np.maximum(spectrum.amplitude[top - 1 : top + 2], np.finfo(np.float64).tiny))
             curve = before - 2.0 * at + after
@@ -191,7 +188,7 @@ def _refined(
         return speed, _SLIP_SD * speed
     values, weight = np.array(found), np.array(weights)
     mean = float(np.average(values, weights=weight))
-    # Lines of other origin may stand near: what is far from the middle does not count.
+    # Lines of other origin may be near: outliers do not count.
     spread = spectra[0].resolution / np.sqrt(weight)
     near = np.abs(values - speed) <= 2.0 * spread
     if np.count_nonzero(near) >= 2:

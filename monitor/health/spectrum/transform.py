@@ -1,9 +1,9 @@
-"""One pass in the frequency domain: a block of samples to its raw and its envelope spectra.
+"""One pass in the frequency domain: from a block of samples to its raw and envelope spectra.
 
 One planned real FFT of the block serves everything. For each band its bins are copied to the start of a short array
 whose inverse FFT is the analytic signal of that band, shifted to zero frequency and decimated (Eqs. 94-95 need only its
-magnitude, which the shift leaves alone). The spacing of the bins stays one over the duration, so no frequency axis is
-resampled. Spectra are single-sided, of Hann-windowed signals, and scaled so that a line on a bin reads its amplitude.
+magnitude, which the shift does not change). The spacing of the bins stays one over the duration, so no frequency axis
+is resampled. Spectra are single-sided, of Hann-windowed signals; a line on a bin reads its amplitude.
 """
 
 from __future__ import annotations
@@ -17,19 +17,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.spectrum.indicators import SMALLEST_RANGE, sample_range
-from monitor.health.spectrum.plans import Effort, Plan, Precision, envelope_length, planning, previous_smooth
+from monitor.health.spectrum.indicators import MIN_RANGE, sample_range
+from monitor.health.spectrum.plans import Effort, FftPlan, Precision, envelope_length, planning, previous_smooth
 
 Band = tuple[float, float]
 
 MIN_SAMPLES = 64
-"""Shortest block that has a spectrum worth the name; shorter ones are refused."""
+"""Shorter blocks are refused."""
 
 OVERSAMPLING = 4.0
 """Samples of the envelope per bin of its band.
 
-The envelope is a square root and has no band limit: what lies above half of this rate folds back.
-``python -m benchmarks.features`` prints the error.
+The envelope has no band limit: what lies above half of this rate folds back (``python -m benchmarks.features``).
 """
 
 _CACHED_TRANSFORMS = 16
@@ -70,15 +69,15 @@ class EnvelopeSpectrum(AmplitudeSpectrum):
 
 @dataclass(frozen=True, eq=False)
 class BlockSpectra:
-    """All that one transform says about a block.
+    """Result of the transform of one block.
 
     Attributes:
-        n_used: samples used; the rest at the end were cut for a fast length.
+        n_used: samples used; the rest at the end are cut for a fast length.
         rate: sampling rate, Hz.
         mean: mean of the used samples.
-        band_rms: root mean square within ``rms_band``, by Parseval's theorem; None where no such band was asked for.
-        raw: spectrum of the signal itself up to the limit the transform was made for.
-        envelopes: one envelope spectrum for each band.
+        band_rms: RMS within ``rms_band``, by Parseval's theorem; None without such a band.
+        raw: spectrum of the signal up to ``raw_limit``.
+        envelopes: one per band.
     """
 
     n_used: int
@@ -93,7 +92,7 @@ def fast_length(n_samples: int) -> int:
     """Return the largest length up to ``n_samples`` whose prime factors are 2, 3 and 5 only.
 
     Raises:
-        ValueError: if the block is shorter than ``MIN_SAMPLES``.
+        ValueError: the block is shorter than ``MIN_SAMPLES``.
     """
     if n_samples < MIN_SAMPLES:
         raise ValueError(f"a block needs at least {MIN_SAMPLES} samples, got {n_samples}")
@@ -104,13 +103,13 @@ def band_bins(band: Band, n_used: int, rate: float) -> tuple[int, int]:
     """Return the first and the last bin of a band, both included, never the mean nor the Nyquist bin.
 
     Raises:
-        ValueError: if the band is empty, reversed, below zero or above the Nyquist frequency.
+        ValueError: the band is empty, reversed, below zero or above the Nyquist frequency.
     """
     lo, hi = band
     if not (0.0 <= lo < hi <= 0.5 * rate):
         raise ValueError(f"band must satisfy 0 <= lo < hi <= {0.5 * rate:g} Hz (Nyquist), got {lo:g} to {hi:g} Hz")
     resolution = rate / n_used
-    # A billionth of a bin keeps an edge that was meant to stand on a bin inside, whatever its rounding.
+    # The tolerance of a billionth of a bin keeps an edge on a bin inside despite rounding.
     first = max(1, math.ceil(lo / resolution - 1e-9))
     last = min((n_used - 1) // 2, math.floor(hi / resolution + 1e-9))
     if last - first < 3:
@@ -119,12 +118,12 @@ def band_bins(band: Band, n_used: int, rate: float) -> tuple[int, int]:
 
 
 class _EnvelopePlan:
-    """Analytic signal to envelope spectrum for one length; bands of equal length share it."""
+    """Analytic signal to envelope spectrum for one length, shared by bands of equal length."""
 
     def __init__(self, n_samples: int, n_used: int, precision: Precision, effort: Effort) -> None:
         self.n = n_samples
-        self.analytic = Plan(n_samples, "inverse", precision, effort)
-        self.envelope = Plan(n_samples, "real", precision, effort)
+        self.analytic = FftPlan(n_samples, "inverse", precision, effort)
+        self.envelope = FftPlan(n_samples, "real", precision, effort)
         hann = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(n_samples) / n_samples)
         # 2/n_used makes the analytic signal of the bins, 4/n the Hann-windowed line amplitude of its envelope.
         self.window = (hann * (2.0 / n_used) * (4.0 / n_samples)).astype(precision)
@@ -132,7 +131,7 @@ class _EnvelopePlan:
         self._filled = 0
 
     def __call__(self, bins: NDArray[np.complexfloating], n_keep: int) -> tuple[NDArray[np.floating], float]:
-        """Return the first ``n_keep`` amplitudes of the envelope spectrum of a band, and the mean of the envelope."""
+        """Return the first ``n_keep`` amplitudes of the envelope spectrum, and the mean of the envelope."""
         workspace = self.analytic.input
         workspace[: bins.size] = bins
         workspace[bins.size : self._filled] = 0
@@ -150,8 +149,8 @@ class _EnvelopePlan:
 class BlockTransform:
     """The plans and the workspace for blocks of one length, rate and set of bands.
 
-    It owns its workspace: one instance must not be used by two threads at once. ``get_transform`` gives every thread
-    its own. The caller's samples are never written to, and nothing that is returned points into the workspace.
+    An instance owns its workspace and must not be used by two threads at once; ``get_transform`` gives each thread its
+    own. The samples are not written to, and the results do not point into the workspace.
     """
 
     def __init__(
@@ -169,18 +168,15 @@ class BlockTransform:
         """Plan the transforms.
 
         Args:
-            n_samples: length of the blocks to come; it is cut to the fast length below.
-            rate: their sampling rate, Hz.
-            bands: bands to demodulate, Hz.
-            rms_band: band to take the RMS value in, Hz, or None: do not take it.
-            raw_limit: highest frequency of the raw spectrum to keep, Hz, or None for the Nyquist frequency.
+            n_samples: length of the blocks; it is cut to the fast length below.
+            rms_band: band of the RMS, Hz, or None.
+            raw_limit: highest frequency of the raw spectrum, Hz, or None for the Nyquist frequency.
             precision: storage and arithmetic of the transforms.
-            effort: "estimate" plans at once and gives the same bits every time; "measure" tries algorithms for seconds,
-                and gives the same bits only with the same wisdom.
-            oversampling: samples of the envelope per bin of the band.
+            effort: "estimate" plans at once and always gives the same bits; "measure" tries algorithms for seconds and
+                gives the same bits only with the same wisdom.
 
         Raises:
-            ValueError: if a band does not fit below the Nyquist frequency or the block is too short.
+            ValueError: a band does not fit below the Nyquist frequency, or the block is too short.
         """
         if not (math.isfinite(rate) and rate > 0.0):
             raise ValueError(f"rate must be positive and finite, got {rate!r} Hz")
@@ -194,7 +190,7 @@ class BlockTransform:
         limit = 0.5 * rate if raw_limit is None else min(raw_limit, 0.5 * rate)
         self._n_raw = min(self.n_used // 2, math.floor(limit / self.resolution)) + 1
         with planning(effort):
-            self._forward = Plan(self.n_used, "real", precision, effort)
+            self._forward = FftPlan(self.n_used, "real", precision, effort)
             plans: dict[int, _EnvelopePlan] = {}
             self._envelope_plans: list[_EnvelopePlan] = []
             for first, last in self._bins:
@@ -207,11 +203,10 @@ class BlockTransform:
         """Return the spectra of one block.
 
         Args:
-            x: (n_samples,) real samples of any type; not written to.
+            x: (n_samples,), any real type.
 
         Raises:
-            ValueError: if the shape is not the planned one, or a sample is not finite or beyond 1e30 (the quality stage
-                rejects such blocks before they come here).
+            ValueError: another shape, or a sample that is not finite or beyond 1e30.
         """
         if x.shape != (self.n_samples,):
             raise ValueError(f"the transform is planned for shape ({self.n_samples},), got {x.shape}")
@@ -238,10 +233,10 @@ class BlockTransform:
         )
 
     def _load(self, x: NDArray[np.number]) -> tuple[float, float]:
-        """Put the samples without their mean into the workspace; return the mean and the factor they were given."""
+        """Load the samples less their mean; return the mean and the factor applied."""
         low, high = sample_range(x)
         workspace = self._forward.input
-        if high - low < SMALLEST_RANGE:
+        if high - low < MIN_RANGE:
             workspace[:] = 0
             return 0.5 * low + 0.5 * high, 1.0
         # Pairwise sums in the samples' own type are exact enough: what is left of the mean is in bin 0, not used.
@@ -270,7 +265,7 @@ class BlockTransform:
 
 
 def _rms(spectrum: NDArray[np.complexfloating], bins: tuple[int, int], n_used: int) -> float:
-    """Root mean square of what stands in some bins of a real signal's transform, neither the mean nor Nyquist's."""
+    """Return the RMS over some bins of a real signal's transform, without the mean and Nyquist bins."""
     first, last = bins
     parts = spectrum[first : last + 1].view(spectrum.real.dtype)
     return math.sqrt(2.0 * float(np.sum(parts * parts))) / n_used
@@ -289,9 +284,9 @@ def get_transform(
     raw_limit: float | None = None,
     effort: Effort = "estimate",
 ) -> BlockTransform:
-    """Return this thread's transform for such blocks, planned at the first call and kept (the 16 used last).
+    """Return this thread's transform for such blocks; the 16 used last are kept.
 
-    The arguments and errors are those of ``BlockTransform``.
+    Arguments and errors are those of ``BlockTransform``.
     """
     key = (n_samples, rate, tuple(bands), precision, rms_band, raw_limit, effort)
     kept: OrderedDict[object, BlockTransform] | None = getattr(_local, "kept", None)

@@ -23,7 +23,7 @@ from monitor.health.quality import Verdict, with_flags
 from monitor.health.record import Record
 from monitor.health.settings import ChannelSettings
 from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.bands import ENOUGH_VOTES
+from monitor.health.spectrum.bands import VOTES_NEEDED
 from monitor.health.state import ChannelState
 from tests.signals import HealthyMachine, bearing_lines, impacts
 
@@ -265,18 +265,18 @@ def test_speed_and_load_are_those_of_the_block() -> None:
 
 
 def test_the_band_is_chosen_on_the_first_blocks_then_frozen() -> None:
-    settings = base(bands=None, detect=replace(DETECT, run_in_blocks=ENOUGH_VOTES))
+    settings = base(bands=None, detect=replace(DETECT, run_in_blocks=VOTES_NEEDED))
     blocks = life(60)
-    other = [*blocks[:ENOUGH_VOTES], *life(60, seed=9, first_bad=20)[ENOUGH_VOTES:]]
+    other = [*blocks[:VOTES_NEEDED], *life(60, seed=9, first_bad=20)[VOTES_NEEDED:]]
     state, outputs = run(blocks, settings)
     changed, _ = run(other, settings)
-    assert [output.band_source for output in outputs] == ["provisional"] * ENOUGH_VOTES + ["learning"] * 40
-    assert len({output.bands for output in outputs[ENOUGH_VOTES:]}) == 1
+    assert [output.band_source for output in outputs] == ["provisional"] * VOTES_NEEDED + ["learning"] * 40
+    assert len({output.bands for output in outputs[VOTES_NEEDED:]}) == 1
     assert state.bands == outputs[-1].bands == changed.bands
     assert state.votes is None
     # Spectra of the provisional band are not averaged with those of the chosen one.
-    assert outputs[ENOUGH_VOTES].naming is not None
-    at_choice, _ = run(blocks[: ENOUGH_VOTES + 1], settings)
+    assert outputs[VOTES_NEEDED].naming is not None
+    at_choice, _ = run(blocks[: VOTES_NEEDED + 1], settings)
     assert at_choice.spectra.count == 1
 
 
@@ -291,7 +291,7 @@ def test_only_blocks_that_run_vote() -> None:
 
 def test_while_the_band_is_provisional_the_baseline_learns_nothing() -> None:
     settings = base(bands=None, detect=replace(DETECT, run_in_blocks=0))
-    state, _ = run(life(ENOUGH_VOTES + 3), settings)
+    state, _ = run(life(VOTES_NEEDED + 3), settings)
     assert len(state.detect.learned) == 3
 
 

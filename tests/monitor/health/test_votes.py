@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.health.spectrum.bands import ENOUGH_VOTES, BandVotes, candidate_bands, find_band
+from monitor.health.spectrum.bands import VOTES_NEEDED, BandVotes, candidate_bands, find_band
 from monitor.health.spectrum.features import fundamentals
 from tests.signals import RESONANCE, bearing_lines, impacts
 
@@ -36,7 +36,7 @@ def test_each_block_votes_for_the_band_that_it_alone_would_choose() -> None:
 
 
 def test_enough_is_enough() -> None:
-    votes = BandVotes(((BANDS[1], ENOUGH_VOTES - 1),))
+    votes = BandVotes(((BANDS[1], VOTES_NEEDED - 1),))
     assert not votes.enough
     assert votes.add(block(0), RATE, FAMILIES).enough
 
