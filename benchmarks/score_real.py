@@ -46,7 +46,7 @@ from monitor.health.damage.library.model import Library
 from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.report.score.issued import Issued, read_issued
-from monitor.report.score.runs import End, mean_of_runs, score_run
+from monitor.report.score.scoring import End, mean_of_runs, score_run
 from monitor.service.libraries import prior_words
 from monitor.service.setup import open_configured, source_settings
 from streams.block import Block, Rejected

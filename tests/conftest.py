@@ -27,7 +27,7 @@ def chromium_program() -> str | None:
 @functools.cache
 def missing_for_pdf() -> str:
     """Return what is missing for a PDF, "" where nothing is."""
-    from monitor.report.pdf import require_pdf
+    from monitor.report.page import require_pdf
     from monitor.report.runs import ReportError
 
     try:

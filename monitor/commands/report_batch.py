@@ -22,7 +22,7 @@ from monitor.config.load import ConfigError, load_config
 from monitor.records.database import StoreError
 from monitor.report.batch.summary import VERSION, RunSummary
 from monitor.report.options import Options
-from monitor.report.pdf import require_pdf
+from monitor.report.page import require_pdf
 from monitor.report.runs import ReportError, read_runs
 
 _SUMMARY = "run.json"
@@ -173,7 +173,7 @@ def run_batch(
         found[outcome.run.name] = outcome
         progress(len(found), len(tasks))
     outcomes = [found[run.name] for run in runs]
-    from monitor.report.batch.index import write_index
+    from monitor.report.report import write_index
 
     summaries = [summary for outcome in outcomes for summary in outcome.summaries]
     failed = [(outcome.run.name, outcome.error) for outcome in outcomes if outcome.error]

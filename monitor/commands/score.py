@@ -70,16 +70,16 @@ def command(
     Each run is scored by itself, beside naive forecasts issued at the same moments. The end is given, or recorded by a
     simulated rig, or taken from the tracked V_eq with --threshold-mm2.
     """
-    from monitor.report.score import runs as score
+    from monitor.report.score import scoring
     from monitor.report.score.issued import read_issued
 
     ends = _moments("end", records, end_utc, end_s)
     onsets = _moments("onset", records, onset_utc, onset_s)
     threshold = None if threshold_mm2 is None else threshold_mm2 * 1e-6
-    found: list[tuple[int, Issued, score.End]] = []
+    found: list[tuple[int, Issued, scoring.End]] = []
     for place, path in enumerate(records):
         for issued in read_issued(path, threshold):
-            end = score.end_of(issued, _on_axis("end", issued, ends[place]), tracked=threshold is not None)
+            end = scoring.end_of(issued, _on_axis("end", issued, ends[place]), tracked=threshold is not None)
             found.append((place, issued, end))
     _refuse_no_end(found, threshold_mm2)
     lives = _lifetimes(found)
@@ -87,14 +87,14 @@ def command(
     for place, issued, end in found:
         others = [life for other, life in lives.items() if other != place]
         runs.append(
-            score.score_run(
+            scoring.score_run(
                 issued,
                 end,
                 lifetimes=lifetime_s or (others if len(others) >= _MIN_OTHERS else ()),
                 onset=_on_axis("onset", issued, onsets[place]),
             )
         )
-    values = {"runs": runs, "mean": score.mean_of_runs(runs)}
+    values = {"runs": runs, "mean": scoring.mean_of_runs(runs)}
     emit(values, () if quiet and as_json else _lines(values), as_json=as_json)
 
 

@@ -1,4 +1,4 @@
-"""Data quality: what was taken and what not, where blocks are missing, under which speed and load it ran."""
+"""Data quality: accepted and rejected blocks, gaps, speed and load."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ from monitor.report.tables import Column, Table
 from monitor.words.numbers import Clock, count, duration, figure
 from monitor.words.statuses import STATUS_MEANINGS
 
-_MISSING = 3.0
-"""A step so many times as long as the usual one is a gap, as in the figures."""
-_MOST_GAPS = 50
+_GAP = 3.0
+"""A gap is a step of more than so many usual ones, as in the figures."""
+_MAX_GAPS = 50
 _FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/:'\"<>]+/)+")
 _LEVELS = ("accepted", "flagged", "rejected")
 
 
 def without_folders(text: str) -> str:
-    """Leave of every absolute path its last part: where files lie on a machine is nobody else's business."""
+    """Reduce every absolute path in a text to its last part; folders of a machine are private."""
     return _FOLDERS.sub("", text)
 
 
 def offered(run: Run, pending: int) -> str:
-    """Return the sum of the ledger: accepted + rejected + pending = offered."""
+    """Return the sum of the ledger as a sentence: offered = accepted + rejected + pending."""
     rejected = sum(number for status, number in run.counts.items() if status in REJECTIONS)
     total = sum(run.counts.values())
     return (
@@ -58,7 +58,7 @@ def offered(run: Run, pending: int) -> str:
 
 
 def statuses(run: Run) -> Table:
-    """Return the ledger by status, with the first block of each."""
+    """Return the table of blocks by status, with the first block of each."""
     order = {status: place for place, status in enumerate(("ok", *FLAGS, *REJECTIONS))}
     rows = []
     for status, number in sorted(run.counts.items(), key=lambda item: order[item[0]]):
@@ -81,7 +81,7 @@ def statuses(run: Run) -> Table:
 
 
 def gaps_of(run: Run) -> list[tuple[float, float, float]]:
-    """Return start, end and length of each gap, s: blocks of one source further apart than three usual steps."""
+    """Return start, end and length (s) of each gap between blocks of one source, the longest first."""
     found: list[tuple[float, float, float]] = []
     sources = run.ledger["source"].astype(str)
     for source in np.unique(sources):
@@ -92,13 +92,13 @@ def gaps_of(run: Run) -> list[tuple[float, float, float]]:
         usual = float(np.median(steps[steps > 0]))
         found.extend(
             (float(time[place]), float(time[place + 1]), float(steps[place]))
-            for place in np.flatnonzero(steps > _MISSING * usual)
+            for place in np.flatnonzero(steps > _GAP * usual)
         )
     return sorted(found, key=lambda gap: -gap[2])
 
 
 def gaps(run: Run, clock: Clock) -> Table | None:
-    """Return the longest gaps, or None where there is none."""
+    """Return the table of the longest gaps, None without any."""
     found = gaps_of(run)
     if not found:
         return None
@@ -108,18 +108,14 @@ def gaps(run: Run, clock: Clock) -> Table | None:
         Column("to", f"first block after ({where})", "s", "s", words=clock.short),
         Column("length", "length", "s", "s", words=duration),
     )
-    left = f" The longest {_MOST_GAPS} of {len(found):,}." if len(found) > _MOST_GAPS else ""
+    left = f" The longest {_MAX_GAPS} of {len(found):,}." if len(found) > _MAX_GAPS else ""
     note = f"{count(len(found), 'gap')}, {duration(sum(gap[2] for gap in found))} in all.{left}"
-    return Table("gaps", "Gaps", columns, found[:_MOST_GAPS], note)
+    return Table("gaps", "Gaps", columns, found[:_MAX_GAPS], note)
 
 
 @mpl.rc_context(STYLE)
 def timeline(run: Run, clock: Clock, numbers: itertools.count[int]) -> Picture | None:
-    """Draw which blocks were accepted, flagged and rejected over time, and speed and load where they are known.
-
-    Returns:
-        The figure, or None where fewer than two moments are known.
-    """
+    """Draw accepted, flagged and rejected blocks over time, with speed and load; None without two known times."""
     known = np.isfinite(run.time)
     time = run.time[known]
     if time.size < 2 or np.ptp(time) == 0.0:
@@ -132,10 +128,10 @@ def timeline(run: Run, clock: Clock, numbers: itertools.count[int]) -> Picture |
         if any(np.isfinite(channel.column(name)).any() for channel in run.channels.values())
     ]
     made, panels = new_figure(1.5 + 1.15 * len(conditions), (0.8,) + (1.0,) * len(conditions))
-    drawn = _strip(panels[0], axis, time, status)
+    drawn = _draw_blocks(panels[0], axis, time, status)
     data: dict[str, Any] = {"time_s": time if time.size <= 2000 else None, **drawn}
     for axes, (name, unit, colour) in zip(panels[1:], conditions, strict=True):
-        data[name] = _condition(axes, axis, run, name, unit, colour)
+        data[name] = _draw_condition(axes, axis, run, name, unit, colour)
     panels[-1].set_xlim(float(axis.position(time.min())), float(axis.position(time.max())))
     axis.settle(panels[-1])
     label = f"Blocks of machine {run.machine} over time: accepted, flagged, rejected; speed and load."
@@ -145,7 +141,7 @@ def timeline(run: Run, clock: Clock, numbers: itertools.count[int]) -> Picture |
     return Picture("Blocks and operating condition", to_svg(made, label, numbers), caption, data, "quality")
 
 
-def _strip(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], status: NDArray[np.str_]) -> dict[str, int]:
+def _draw_blocks(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], status: NDArray[np.str_]) -> dict[str, int]:
     rejected = np.isin(status, REJECTIONS)
     kinds = (status == "ok", (status != "ok") & ~rejected, rejected)
     for place, (rows, colour, name) in enumerate(zip(kinds, (GREEN, ORANGE, VERMILION), _LEVELS, strict=True)):
@@ -159,8 +155,8 @@ def _strip(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], status: NDArra
     return {name: int(rows.sum()) for name, rows in zip(_LEVELS, kinds, strict=True)}
 
 
-def _condition(axes: Axes, axis: TimeAxis, run: Run, name: str, unit: str, colour: str) -> dict[str, Any]:
-    """Draw speed or load of all channels; channels that say the same are one line."""
+def _draw_condition(axes: Axes, axis: TimeAxis, run: Run, name: str, unit: str, colour: str) -> dict[str, Any]:
+    """Draw speed or load of all channels, those with equal values as one line; return their ranges."""
     lines: dict[bytes, tuple[Channel, list[str]]] = {}
     for channel in run.channels.values():
         values = channel.column(name)
@@ -192,10 +188,10 @@ def condition_words(run: Run) -> list[str]:
             if not values.size:
                 continue
             low, middle, high = float(values.min()), float(np.median(values)), float(values.max())
-            said = [str(word) for word in np.unique(channel.word(f"{name}_source").astype(str)) if word]
+            sources = [str(word) for word in np.unique(channel.word(f"{name}_source").astype(str)) if word]
             same = math.isclose(low, high, rel_tol=1e-3)
             spread = "" if same else f" ({figure(low)} to {figure(high)})"
-            parts.append(f"{name} {figure(middle)} {unit}{spread}{f', {chr(47).join(said)}' if said else ''}")
+            parts.append(f"{name} {figure(middle)} {unit}{spread}{f', {chr(47).join(sources)}' if sources else ''}")
         if parts:
             found.append(f"{channel.name}: {'; '.join(parts)}.")
     return list(dict.fromkeys(found))

@@ -1,4 +1,4 @@
-"""What a report holds and how it is written: defaults, and the table ``[report]`` of a TOML file."""
+"""Options of a report: defaults, and the table ``[report]`` of a TOML file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SECTIONS = {
     "envelope": "envelope spectra before and after the onset",
     "waterfall": "envelope spectra over life",
     "path": "the path of the tracker over the RMS map",
-    "posterior": "what the physical tracker believes after the last block",
+    "posterior": "the distribution of V_eq after the last block",
     "damage": "V_eq with its interval",
     "law": "the law that the thesis' forecast fits",
     "forecast": "time to threshold as issued, with the cone",
@@ -32,20 +32,20 @@ SECTIONS = {
     "comparison": "several runs: figures side by side and tables over runs",
     "score": "several runs: how good the forecasts were",
 }
-"""What a report may hold, by the names that a configuration uses."""
+"""Sections of a report by their names in a configuration."""
 _KEYS = ("title", "timezone", "include", "leave_out", "maps")
 
 
 @dataclass(frozen=True)
 class Options:
-    """How a report is made.
+    """Options of a report.
 
     Attributes:
-        title: of the page, None for the machines' names.
-        zone: in which dates are written.
-        sections: what it holds, of ``SECTIONS``.
-        maps: RMS maps by channel, "" for all channels; where none is given, the kept one that the records name.
-        notes: sentences to say first.
+        title: None for the names of the machines.
+        zone: of dates.
+        sections: of ``SECTIONS``.
+        maps: RMS maps by channel, "" for all channels; by default the cached one with the hash in the records.
+        notes: sentences at the top.
     """
 
     title: str | None = None
@@ -55,20 +55,16 @@ class Options:
     notes: tuple[str, ...] = ()
 
     def map_for(self, channel: str) -> RmsMap | None:
-        """Return the given map of a channel, or None."""
+        """Return the given map of a channel, None without one."""
         return self.maps.get(channel, self.maps.get(""))
 
     def holds(self, section: str) -> bool:
-        """Say whether a section is asked for."""
+        """Tell whether a section is included."""
         return section in self.sections
 
 
 def read_options(path: Path | None, base: Options | None = None) -> Options:
-    """Read the table ``[report]`` of a TOML file; what it leaves out stays as in ``base``.
-
-    Args:
-        path: the file; other tables in it are not looked at. None for the base alone.
-        base: by default everything, in UTC.
+    """Read the table ``[report]`` of a TOML file, None for none; missing keys are those of ``base``.
 
     Raises:
         ReportError: naming the file, the key, what was expected and what came.
@@ -115,7 +111,7 @@ def zone_of(name: Any, where: str = "--") -> tzinfo:
     """Return a time zone by its name.
 
     Raises:
-        ReportError: there is none of this name; ``where`` says who asked.
+        ReportError: there is none of this name; ``where`` is the beginning of the message.
     """
     try:
         return time_zone(str(name))

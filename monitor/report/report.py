@@ -1,17 +1,13 @@
-"""The HTML report: one self-contained page for the engineer who decides whether to stop the machine."""
+"""Reports: one page of one or several runs, and the index of a batch."""
 
 from __future__ import annotations
 
 import itertools
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
-from importlib import resources
 from pathlib import Path
 from typing import Any
-
-from jinja2 import Environment, FunctionLoader
-from markupsafe import Markup
 
 from monitor import __version__
 from monitor.report.batch.comparison import Comparison, compare
@@ -19,19 +15,13 @@ from monitor.report.batch.comparison_tables import laws, milestones, scores
 from monitor.report.batch.summary import RunSummary, summarise
 from monitor.report.data_quality import without_folders
 from monitor.report.figures.spectrum import SpectrumView
-from monitor.report.figures.zoom import policy_hash, zoom_json, zoom_script, zoom_style
 from monitor.report.options import Options
-from monitor.report.pdf import require_pdf, to_pdf
+from monitor.report.page import is_pdf, require_pdf, write_page
 from monitor.report.run_section import RunPart, part_of_run
 from monitor.report.runs import Records, ReportError, Run, read_runs
 from monitor.report.tables import Table, write_tables, write_whole
-from monitor.words.numbers import Clock
 
-__all__ = ["Options", "ReportError", "SpectrumView", "build_report", "is_pdf", "render", "report_runs", "write_page"]
-
-SYMBOLS = {"good": "●", "watch": "▲", "bad": "■", "open": "○"}
-STATES = {"good": "no sign of damage", "watch": "damage", "bad": "end of life", "open": "no verdict"}
-"""What a state is called where there is no room for a sentence."""
+_FILE_ATTRIBUTES = {"product_version": f"spallwatch {__version__}"}
 
 
 def build_report(
@@ -46,25 +36,22 @@ def build_report(
     tables: Path | None = None,
     pdf: bool = False,
 ) -> Path:
-    """Write a report of one or several runs.
+    """Write a report of one or several runs and return its path.
 
     Args:
-        records: datasets, stores, or paths, see :func:`monitor.report.runs.read_runs`.
-        out: the file, HTML or, where its name ends in .pdf, PDF; put in place at once when it is complete.
-        title: of the page; by default it names the machines.
-        spectra: an envelope spectrum worth drawing, by channel: :class:`SpectrumView` or a tuple of its fields
-            (frequency in Hz, amplitude in g, fundamental of each family in Hz, label).
-        pending: blocks offered but not judged yet, where there is one run.
-        notes: sentences to say first.
-        options: what the page holds and how it is written; by default everything, in UTC.
+        records: see :func:`monitor.report.runs.read_runs`.
+        out: the file, HTML or, where its name ends in .pdf, PDF; replaced atomically.
+        title: None for the names of the machines.
+        spectra: by channel, an envelope spectrum that is not in the store: :class:`SpectrumView` or a tuple of its
+            fields.
+        pending: blocks offered but not yet accepted or rejected, where there is one run.
+        notes: sentences at the top.
+        options: None for all sections, in UTC.
         tables: folder for every table of the page as CSV and netCDF, None for none.
-        pdf: write it as PDF too, beside ``out``.
-
-    Returns:
-        ``out``.
+        pdf: write a PDF beside ``out`` too.
 
     Raises:
-        ReportError: the records cannot be read, a file cannot be written, or what a PDF needs is missing.
+        ReportError: the records cannot be read, a file cannot be written, or a requirement of PDF is missing.
     """
     if pdf or is_pdf(Path(out)):
         require_pdf()
@@ -73,9 +60,10 @@ def build_report(
     views = {
         name: view if isinstance(view, SpectrumView) else SpectrumView(*view) for name, view in (spectra or {}).items()
     }
-    return report_runs(read_runs(records), out, options=options, views=views, pending=pending, tables=tables, pdf=pdf)[
-        0
-    ]
+    page, _ = report_runs(
+        read_runs(records), out, options=options, views=views, pending=pending, tables=tables, pdf=pdf
+    )
+    return page
 
 
 def report_runs(
@@ -88,20 +76,7 @@ def report_runs(
     tables: Path | None = None,
     pdf: bool = False,
 ) -> tuple[Path, list[RunSummary]]:
-    """Write a report of runs that were read already; see :func:`build_report`.
-
-    Args:
-        runs: that were read.
-        out: the page, HTML or, where the name ends in .pdf, PDF.
-        options: of the page.
-        views: an envelope spectrum worth drawing, by channel.
-        pending: blocks offered but not judged yet, where there is one run.
-        tables: folder for the tables, None for none.
-        pdf: write it as PDF too, beside ``out``.
-
-    Returns:
-        The page, and what comparing its runs with others takes.
-    """
+    """Write a report of runs in memory, see :func:`build_report`; return its path and a summary of each run."""
     numbers = itertools.count(1)
     parts = [
         part_of_run(run, options, views or {}, pending if len(runs) == 1 else 0, numbers, anchor=f"r{place}")
@@ -112,7 +87,7 @@ def report_runs(
         for place, (run, part) in enumerate(zip(runs, parts, strict=True), start=1)
     ]
     compared = compare(summaries, options, numbers) if len(runs) > 1 and options.holds("comparison") else None
-    alone = [] if compared is not None else _alone(summaries, options)
+    alone = [] if compared is not None else _tables_of_one_run(summaries, options)
     write_page(
         Path(out),
         "report.html.j2",
@@ -126,18 +101,18 @@ def report_runs(
         options=options,
     )
     if tables is not None:
-        write_tables([*alone, *tables_of(parts, compared)], tables, {"product_version": f"spallwatch {__version__}"})
+        write_tables([*alone, *_all_tables(parts, compared)], tables, _FILE_ATTRIBUTES)
     return Path(out), summaries
 
 
-def _alone(summaries: Sequence[RunSummary], options: Options) -> list[Table]:
-    """Return the tables over runs that say something of one run too."""
+def _tables_of_one_run(summaries: Sequence[RunSummary], options: Options) -> list[Table]:
+    """Return the tables over runs that apply to a single run too."""
     found = [milestones(summaries, options.zone), laws(summaries), scores(summaries)]
     return [table for table in found if table is not None]
 
 
-def tables_of(parts: Sequence[RunPart], compared: Comparison | None) -> list[Table]:
-    """Return the tables of each run and those over runs, under names that no two share."""
+def _all_tables(parts: Sequence[RunPart], compared: Comparison | None) -> list[Table]:
+    """Return the tables of each run and those over runs, under unique names."""
     found = [] if compared is None else list(compared.tables)
     for place, part in enumerate(parts, start=1):
         prefix = f"run{place}-" if len(parts) > 1 else ""
@@ -145,62 +120,45 @@ def tables_of(parts: Sequence[RunPart], compared: Comparison | None) -> list[Tab
     return found
 
 
-def is_pdf(path: Path) -> bool:
-    """Say whether a name asks for PDF."""
-    return path.suffix.lower() == ".pdf"
-
-
-def write_page(out: Path, template: str, *, pdf: bool = False, **values: Any) -> None:
-    """Write a template as a page, HTML or PDF by the name's ending, and put it in place at once.
+def write_index(
+    runs: Sequence[RunSummary],
+    failed: Sequence[tuple[str, str]],
+    out: Path,
+    options: Options,
+    *,
+    tables: bool,
+    pdf: bool = False,
+) -> Path:
+    """Write ``index.html`` and ``failures.json`` of a batch into the folder ``out``; return the index.
 
     Args:
-        out: the file.
-        template: its name.
-        pdf: write it as PDF too, beside ``out``.
-        values: that it uses.
+        runs: summaries of all reported runs.
+        failed: name and error of each run without a report.
+        out: folder of the batch.
+        options: of its pages.
+        tables: write the tables over runs to ``tables/`` too.
+        pdf: write ``index.pdf`` too.
 
     Raises:
-        ReportError: a file cannot be written, or what a PDF needs is missing.
+        ReportError: a file cannot be written.
     """
-    paper = out if is_pdf(out) else out.with_suffix(".pdf") if pdf else None
-    path = out
-    try:
-        if paper is not None:
-            path = paper
-            write_whole(paper, to_pdf(render(template, bare=True, **values)))
-        if not is_pdf(out):
-            path = out
-            write_whole(out, render(template, **values))
-    except OSError as error:
-        raise ReportError(f"{path}: cannot be written: {error.strerror or error}") from error
-
-
-def render(template: str, *, bare: bool = False, zoomed: bool = False, **values: Any) -> str:
-    """Return a template as a page; what comes from outside (names, reasons) is escaped everywhere.
-
-    Args:
-        template: its name.
-        bare: for paper: without scripts and without the data of figures.
-        zoomed: with the script that makes charts of the figures that can be zoomed.
-        values: that it uses, beside those that every page has.
-    """
-    script = zoom_script() if zoomed and not bare else ""
-    environment = Environment(autoescape=True, loader=FunctionLoader(_file), trim_blocks=True, lstrip_blocks=True)
-    return environment.get_template(template).render(
-        written=Clock(True, values["options"].zone).moment(float(int(datetime.now(UTC).timestamp()))),
-        # Ours, not from outside: a style sheet has quotes and brackets that must stay.
-        style=Markup(_file("report.css") + (_file("pdf.css") if bare else "") + (zoom_style() if script else "")),
-        script=Markup(script),
-        policy=Markup(policy_hash(script)),
-        zoom_json=lambda data: Markup(zoom_json(data)),
-        svg=Markup,
-        version=__version__,
-        symbols=SYMBOLS,
-        states=STATES,
-        bare=bare,
-        **values,
+    compared = compare(runs, options, itertools.count(1))
+    path = out / "index.html"
+    write_page(
+        path,
+        "index.html.j2",
+        pdf=pdf,
+        title=options.title or "Bearing health: all runs",
+        notes=options.notes,
+        compared=compared,
+        failed=[(name, without_folders(error)) for name, error in failed],
+        options=options,
     )
-
-
-def _file(name: str) -> str:
-    return resources.files("monitor.report").joinpath(f"templates/{name}").read_text(encoding="utf-8")
+    listed = out / "failures.json"
+    try:
+        write_whole(listed, json.dumps([{"run": name, "error": error} for name, error in failed], indent=1))
+    except OSError as error:
+        raise ReportError(f"{listed}: cannot be written: {error.strerror or error}") from error
+    if tables:
+        write_tables(compared.tables, out / "tables", _FILE_ATTRIBUTES)
+    return path

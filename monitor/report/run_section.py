@@ -1,4 +1,4 @@
-"""What the page says of one run: verdicts, answers, figures and tables, as the template takes them."""
+"""The section of one run: verdicts, findings, figures and tables, as the template takes them."""
 
 from __future__ import annotations
 
@@ -6,36 +6,67 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from monitor.report import data_quality as quality
-from monitor.report.answers import Answer, answers
 from monitor.report.figures.damage import damaged_volume, fitted_law
-from monitor.report.figures.drawing import Picture
+from monitor.report.figures.drawing import Picture, sparkline
 from monitor.report.figures.forecast import forecasts
 from monitor.report.figures.map_path import map_of, map_path, posterior
-from monitor.report.figures.sparkline import sparkline
-from monitor.report.figures.spectrum import SpectrumView, before_and_after, recorded_lines, spectrum
-from monitor.report.figures.trends import baseline, final_stage, trends
+from monitor.report.figures.spectrum import SpectrumView, before_and_after, recorded_lines, spectrum, views_of
+from monitor.report.figures.trends import final_stage, trends
 from monitor.report.figures.waterfall import waterfall
+from monitor.report.findings import Finding, findings
 from monitor.report.options import Options
-from monitor.report.run_tables import events_table, provenance
 from monitor.report.runs import Channel, Run
-from monitor.report.spectrum_views import views_of
-from monitor.report.tables import Table
-from monitor.report.verdict import Verdict, interval_name, judge, last_value, named_fault
+from monitor.report.tables import Column, Table
+from monitor.report.verdict import ChannelContext, ChannelVerdict, interval_name, judge, named_fault
+from monitor.words.events import event_text
 from monitor.words.numbers import Clock, acceleration, count, duration, figure
 
 _WORST = ("bad", "watch", "open", "good")
+_MAX_EVENTS = 200
+_EVENT_NAMES = {
+    "final_stage": "start of the final stage known",
+    "end_of_life": "end of life reached",
+    "alarm_raised": "alarm",
+    "alarm_cleared": "alarm over",
+    "condition": "condition",
+}
+_PROVENANCE = {
+    "software_version": "software version",
+    "schema_version": "record schema",
+    "config_hash": "hash of the configuration",
+    "map_hash": "hash of the RMS map",
+    "calibrated": "map calibrated on this machine",
+    "rms_band_hz": "band of RMS (Hz)",
+    "track_method": "method of V_eq",
+    "forecast_method": "method of TT",
+    "interval_level": "level of intervals",
+    "prior": "what intervals lean on",
+    "library_hash": "hash of the library of simulated lives",
+}
+_DISCOVERY = frozenset(
+    {"Conventions", "title", "summary", "keywords", "id", "machine", "source", "history", "processing_level"}
+    | {"date_created", "product_version", "dated"}
+)
+"""Attributes that describe a file, not its provenance."""
 
 
 @dataclass(frozen=True)
 class ChannelPart:
-    """A channel on the page: what is said of it, and its figures."""
+    """A channel on the page.
 
-    verdict: Verdict
-    answers: tuple[Answer, ...]
+    Attributes:
+        spark: RMS over time as inline SVG.
+        level: latest RMS and its ratio to the baseline.
+        anchor: id of its heading.
+    """
+
+    verdict: ChannelVerdict
+    findings: tuple[Finding, ...]
     pictures: tuple[Picture, ...]
     spark: str
     level: str
@@ -43,8 +74,8 @@ class ChannelPart:
 
     @property
     def briefly(self) -> dict[str, str]:
-        """The answers for a table by question, of several thresholds the first; "–" where there is nothing to say."""
-        return {answer.question: answer.brief or "–" for answer in reversed(self.answers)}
+        """The findings for a table by question, of several thresholds the first; "–" for none."""
+        return {finding.question: finding.brief or "–" for finding in reversed(self.findings)}
 
 
 @dataclass(frozen=True)
@@ -52,16 +83,14 @@ class RunPart:
     """A run on the page.
 
     Attributes:
-        run: its records.
-        clock: writes its moments.
         period: one sentence on its length.
-        notes: what has to be known of all of it.
+        notes: sentences on the whole run.
         channels: the worst first.
-        offered: the sum of the ledger.
-        timeline: figure of data quality, or None.
+        offered: the sum of the ledger, a sentence.
+        timeline: figure of data quality.
         conditions: sentences on speed and load.
-        tables: blocks, gaps, events; those that exist.
-        provenance: how its records were made.
+        tables: "blocks"; "gaps" and "events" if there are any.
+        provenance: labels and texts.
     """
 
     run: Run
@@ -77,7 +106,7 @@ class RunPart:
 
     @property
     def leader(self) -> ChannelPart | None:
-        """The channel in the worst state, or None where no channel has a value."""
+        """The channel in the worst state, None where no channel has a value."""
         return self.channels[0] if self.channels else None
 
 
@@ -94,24 +123,18 @@ def part_of_run(
     Args:
         run: its records.
         options: of the report.
-        views: an envelope spectrum by channel that only the caller still has.
-        pending: blocks offered but not judged yet.
-        numbers: of figures.
-        anchor: begins the names of the places that the page links to.
+        views: by channel, an envelope spectrum that is not in the store.
+        pending: blocks offered but not yet accepted or rejected.
+        numbers: of figures, unique on the page.
+        anchor: prefix of the ids of headings.
     """
     clock = Clock(run.dated, options.zone)
-    channels = [
-        _channel(run, channel, options, views.get(channel.name), clock, numbers, f"{anchor}c{place}")
-        for place, channel in enumerate(run.channels.values(), start=1)
-    ]
+    channels = []
+    for place, channel in enumerate(run.channels.values(), start=1):
+        context = ChannelContext(run, channel, judge(run, channel, clock), clock, numbers)
+        channels.append(_channel(context, options, views.get(channel.name), f"{anchor}c{place}"))
     channels.sort(key=lambda part: _WORST.index(part.verdict.severity))
-    tables: dict[str, Table] = {"blocks": quality.statuses(run)}
-    missing = quality.gaps(run, clock)
-    if missing is not None:
-        tables["gaps"] = missing
-    happened = events_table(run, clock)
-    if happened is not None:
-        tables["events"] = happened
+    tables = {"blocks": quality.statuses(run), "gaps": quality.gaps(run, clock), "events": _events(run, clock)}
     return RunPart(
         run=run,
         clock=clock,
@@ -121,8 +144,8 @@ def part_of_run(
         offered=quality.offered(run, pending),
         timeline=quality.timeline(run, clock, numbers) if options.holds("quality") else None,
         conditions=tuple(quality.condition_words(run)),
-        tables=tables,
-        provenance=tuple(provenance(run)),
+        tables={name: table for name, table in tables.items() if table is not None},
+        provenance=tuple(_provenance(run)),
     )
 
 
@@ -132,11 +155,9 @@ def _period(run: Run, clock: Clock) -> str:
     if not times.size:
         return f"{blocks}."
     first, last = float(times.min()), float(times.max())
-    if not run.dated:
-        return (
-            f"{blocks} over {duration(last - first)}, without a date." if last > first else f"{blocks}, without a date."
-        )
-    return f"{blocks} from {clock.moment(first)} to {clock.moment(last)}."
+    if run.dated:
+        return f"{blocks} from {clock.moment(first)} to {clock.moment(last)}."
+    return f"{blocks} over {duration(last - first)}, without a date." if last > first else f"{blocks}, without a date."
 
 
 def _notes(run: Run) -> list[str]:
@@ -159,24 +180,17 @@ def _notes(run: Run) -> list[str]:
     return notes
 
 
-def _channel(
-    run: Run,
-    channel: Channel,
-    options: Options,
-    view: SpectrumView | None,
-    clock: Clock,
-    numbers: itertools.count[int],
-    anchor: str,
-) -> ChannelPart:
-    verdict = judge(run, channel, clock)
+def _channel(context: ChannelContext, options: Options, view: SpectrumView | None, anchor: str) -> ChannelPart:
+    channel = context.channel
     pictures = (
-        *_over_time(run, channel, verdict, options, clock, numbers),
-        *_spectra(run, channel, verdict, options, view, clock, numbers),
-        *_damage(run, channel, verdict, options, clock, numbers),
+        trends(context) if options.holds("trends") else None,
+        final_stage(context) if options.holds("final_stage") else None,
+        *_spectra(context, options, view),
+        *_damage(context, options),
     )
     return ChannelPart(
-        verdict=verdict,
-        answers=answers(run, channel, verdict, clock),
+        verdict=context.verdict,
+        findings=findings(context),
         pictures=tuple(picture for picture in pictures if picture is not None),
         spark=sparkline(channel.time, channel.column("rms"), f"RMS of channel {channel.name} over time"),
         level=_level(channel),
@@ -184,67 +198,96 @@ def _channel(
     )
 
 
-def _over_time(
-    run: Run, channel: Channel, verdict: Verdict, options: Options, clock: Clock, numbers: itertools.count[int]
-) -> Sequence[Picture | None]:
-    return [
-        trends(run, channel, verdict, clock, numbers) if options.holds("trends") else None,
-        final_stage(run, channel, verdict, clock, numbers) if options.holds("final_stage") else None,
-    ]
-
-
-def _spectra(
-    run: Run,
-    channel: Channel,
-    verdict: Verdict,
-    options: Options,
-    view: SpectrumView | None,
-    clock: Clock,
-    numbers: itertools.count[int],
-) -> Sequence[Picture | None]:
-    """Draw what spectra there are: the caller's, those of the store, else the lines that the records hold."""
-    rows = run.spectra.get(channel.name, ())
+def _spectra(context: ChannelContext, options: Options, view: SpectrumView | None) -> Sequence[Picture | None]:
+    """Draw spectra: the caller's and those of the store, without any the lines in the records."""
+    channel, fault, numbers = context.channel, context.verdict.fault, context.numbers
+    rows = context.run.spectra.get(channel.name, ())
     found: list[Picture | None] = []
     if options.holds("envelope"):
-        pair = views_of(rows, channel, verdict, clock)
-        drawn = before_and_after(pair, channel.name, verdict.fault, numbers) if len(pair) == 2 else None
+        pair = views_of(rows, context)
+        drawn = before_and_after(pair, channel.name, fault, numbers) if len(pair) == 2 else None
         if view is None and drawn is None and pair:
             view = pair[-1]
         found.append(drawn)
         if view is not None:
-            found.append(spectrum(view, channel.name, verdict.fault, numbers))
+            found.append(spectrum(view, channel.name, fault, numbers))
         row, _ = named_fault(channel)
         if not any(found) and row is not None:
             found.append(recorded_lines(channel, row, numbers))
     if options.holds("waterfall"):
-        found.append(waterfall(rows, channel.name, verdict, clock, numbers))
+        found.append(waterfall(rows, context))
     return found
 
 
-def _damage(
-    run: Run, channel: Channel, verdict: Verdict, options: Options, clock: Clock, numbers: itertools.count[int]
-) -> Sequence[Picture | None]:
+def _damage(context: ChannelContext, options: Options) -> Sequence[Picture | None]:
+    run, channel = context.run, context.channel
     found: list[Picture | None] = []
     if options.holds("damage"):
-        found.append(damaged_volume(run, channel, verdict, clock, numbers))
+        found.append(damaged_volume(context))
     if options.holds("path"):
         rms_map = map_of(run, channel, options.map_for(channel.name))
-        found.append(None if rms_map is None else map_path(run, channel, rms_map, numbers))
+        found.append(None if rms_map is None else map_path(context, rms_map))
     particles = run.particles.get(channel.name)
     if options.holds("posterior") and particles is not None:
-        found.append(posterior(channel, particles, numbers))
+        found.append(posterior(context, particles))
     if options.holds("law"):
-        found.append(fitted_law(run, channel, verdict, clock, numbers))
+        found.append(fitted_law(context))
     if options.holds("forecast"):
-        found.extend(forecasts(run, channel, verdict, clock, numbers))
+        found.extend(forecasts(context))
     return found
 
 
 def _level(channel: Channel) -> str:
-    """Return the latest RMS and how it stands to what was learned."""
-    row = last_value(channel, "rms")
+    """Return the latest RMS and its ratio to the baseline."""
+    row = channel.last_row("rms")
     if row is None:
         return "–"
-    rms, learned = float(channel.column("rms")[row]), baseline(channel, "rms")
+    rms, learned = float(channel.column("rms")[row]), channel.baseline("rms")
     text = acceleration(rms) if channel.has_level else figure(rms)
     return f"{text} ({figure(rms / learned, 2)}×)" if math.isfinite(learned) and learned > 0 else text
+
+
+def _events(run: Run, clock: Clock) -> Table | None:
+    """Return the table of the latest events of a run, None without any."""
+    if not run.events:
+        return None
+    places = {
+        (str(source), int(number)): at
+        for source, number, at in zip(run.ledger["source"], run.ledger["sequence"], run.time, strict=True)
+    }
+    rows = []
+    for event in run.events[-_MAX_EVENTS:]:
+        kind = str(event.get("kind", "event"))
+        block = int(event.get("block", 0))
+        channel = run.channels.get(str(event.get("channel", "")))
+        text = event_text(_readable(event), absolute=channel is None or channel.has_level)
+        at = float(places.get((str(event.get("source", "")), block), math.nan))
+        name = _EVENT_NAMES.get(kind, quality.without_folders(kind))
+        rows.append((block, at, str(event.get("channel", "")), name, quality.without_folders(text)))
+    where = clock.label if clock.dated else "from the first block"
+    columns = (
+        Column("block", "block", "1"),
+        Column("time", f"time ({where})", "s", "s", words=clock.short),
+        Column("channel", "channel"),
+        Column("event", "event"),
+        Column("details", "details"),
+    )
+    left = len(run.events) - len(rows)
+    return Table("events", "Events", columns, rows, f"{left:,} earlier ones are in the records." if left else "")
+
+
+def _readable(event: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an event without levels that are no numbers."""
+    levels = ("value_si", "level_si")
+    return {key: value for key, value in event.items() if key not in levels or isinstance(value, int | float)}
+
+
+def _provenance(run: Run) -> list[tuple[str, str]]:
+    """Return labels and texts: versions, hashes, methods."""
+    known = [(label, run.attributes[key]) for key, label in _PROVENANCE.items() if key in run.attributes]
+    others = [
+        (key, text)
+        for key, text in sorted(run.attributes.items())
+        if key not in _PROVENANCE and key not in _DISCOVERY and not key.startswith("time_coverage")
+    ]
+    return [(label, quality.without_folders(text) or "none") for label, text in (*known, *others)]

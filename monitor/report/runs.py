@@ -1,8 +1,9 @@
-"""Records for people: one table a machine and time axis, from netCDF files, a store or a dataset."""
+"""Records as one run per machine and time axis, read from netCDF files, a store or a dataset."""
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -34,15 +35,13 @@ class ReportError(WrongInputError):
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """All that one channel said, as columns over the blocks of its source.
+    """The variables of one channel over the n blocks of its source; the arrays of all fields have n rows.
 
     Attributes:
-        name: of the channel.
-        time: seconds, UTC since 1970 or from the first block.
-        sequence: number of each block.
-        status: status of each block.
-        numbers: variables of numbers, shape (block, values of all other dimensions), NaN where there is none.
-        words: variables of words, shape (block, values of all other dimensions), "" where there is none.
+        time: s, UTC since 1970 or from the first block.
+        sequence: block numbers.
+        numbers: variables of numbers, shape (n, values of all other dimensions), NaN for no value.
+        words: variables of words, shape (n, values of all other dimensions), "" for no value.
     """
 
     name: str
@@ -53,12 +52,23 @@ class Channel:
     words: Mapping[str, NDArray[np.object_]]
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """Return a variable as one number a block: of the first band, or of the first threshold."""
+        """Return a variable as one number per block: of the first band or threshold."""
         return self.numbers[name][:, 0]
 
     def word(self, name: str) -> NDArray[np.object_]:
-        """Return a variable as one word a block: of the first threshold."""
+        """Return a variable as one word per block: of the first threshold."""
         return self.words[name][:, 0]
+
+    def last_row(self, name: str) -> int | None:
+        """Return the row of the last finite value of a variable, None without any."""
+        rows = np.flatnonzero(np.isfinite(self.column(name)))
+        return int(rows[-1]) if rows.size else None
+
+    def baseline(self, name: str) -> float:
+        """Return the median of a variable over the learning window, NaN with fewer than two values."""
+        values = self.column(name)[self.word("stage") == "learning"]
+        values = values[np.isfinite(values)]
+        return float(np.median(values)) if values.size > 1 else math.nan
 
     @property
     def has_level(self) -> bool:
@@ -71,17 +81,15 @@ class Run:
     """The records of one machine on one time axis.
 
     Attributes:
-        machine: its name.
         dated: whether times are UTC rather than seconds from the first block.
-        time: seconds, of every block.
+        time: s, of every block.
         ledger: ``source``, ``name``, ``status``, ``flags``, ``reason`` and ``sequence`` of every block.
-        channels: by name.
         counts: blocks by status.
-        events: what became known, in order, each with the ``source`` and ``block``.
-        attributes: how the records were made; a list of values where parts differ.
-        spectra: envelope spectra that the store keeps, by channel; files of records hold none.
-        label: what to call it beside others: its machine, with the place of its records where several have that name.
-        particles: what the physical tracker believes after the last block, by channel; likewise of the store alone.
+        events: in order, each with its ``source`` and ``block``.
+        attributes: provenance of the records; values joined by "; " where parts differ.
+        spectra: kept envelope spectra by channel; empty unless read from a store.
+        particles: of the physical tracker after the last block, by channel; empty unless read from a store.
+        label: unique among the runs of a report: the machine, with the folder where several have its name.
     """
 
     machine: str
@@ -99,7 +107,7 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class _Store:
-    """What a store says beside its records: blocks by status, spectra and particles by channel."""
+    """What a store holds beside records: blocks by status, spectra and particles by channel."""
 
     counts: Mapping[str, int]
     spectra: Mapping[str, Sequence[SpectrumRow]]
@@ -107,15 +115,13 @@ class _Store:
 
 
 def read_runs(records: Records | Sequence[Records]) -> list[Run]:
-    """Read records from wherever they are.
+    """Read records into one run per machine and time axis, in order of appearance.
+
+    Undated blocks that were all rejected are counted with the dated ones of their machine.
 
     Args:
         records: datasets as :func:`monitor.records.dataset.to_dataset` makes them, stores, paths of ``.nc`` files or
             of a store, folders of them, or a sequence of these.
-
-    Returns:
-        One run a machine and time axis, in order of appearance. Undated blocks that were all rejected are counted with
-        the dated ones of their machine.
 
     Raises:
         ReportError: nothing is found, or a file cannot be read.
@@ -146,7 +152,7 @@ _Key = tuple[str, str, bool]
 
 
 def _place(item: Records) -> str:
-    """Return what tells a store or a folder from others, "" for files and datasets."""
+    """Return the folder of a store or of records, "" for files and datasets."""
     if isinstance(item, xr.Dataset):
         return ""
     path = item.path if isinstance(item, Store) else Path(item)
@@ -156,7 +162,6 @@ def _place(item: Records) -> str:
 
 
 def _labelled(runs: Mapping[_Key, Run]) -> list[Run]:
-    """Give each run a label of its own: the machine, with the folder where several have that name."""
     machines = [machine for machine, _, _ in runs]
     labelled = []
     for (machine, place, dated), run in runs.items():
@@ -168,7 +173,7 @@ def _labelled(runs: Mapping[_Key, Run]) -> list[Run]:
 
 
 def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, _Store | None]]:
-    """Yield the datasets of one item, the first with what the store says beside where there is one."""
+    """Yield the datasets of one item, with what its store holds beside records."""
     if isinstance(item, xr.Dataset):
         yield item, None
     elif isinstance(item, Store):
@@ -189,7 +194,7 @@ def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, _Store | None]]:
 
 
 def _beside(store: Store) -> _Store:
-    """Read what a store holds beside records; particles in a layout of another version are left out."""
+    """Read what a store holds beside records; particles of another version are left out."""
     states = {key.split(":", 2)[2]: state for key, state in store.load_states().items() if key.startswith("channel:")}
     particles: dict[str, Particles] = {}
     for name, state in states.items():
@@ -201,12 +206,12 @@ def _beside(store: Store) -> _Store:
 
 
 def _files(path: Path) -> list[Path]:
-    """Return the files of records that a path stands for: itself, or those in a folder."""
+    """Return the files of records of a path: itself, or those in a folder."""
     if not path.is_dir():
         if not path.exists():
             raise ReportError(f"{path}: no such file or folder")
         return [path]
-    # A store knows more than the files that are made from it.
+    # A store holds more than the files published from it.
     found = sorted(path.glob("*.db")) or sorted(path.glob("*.nc")) or sorted((path / "records").glob("*.nc"))
     if not found:
         raise ReportError(f"{path}: holds neither .nc files of records nor a state.db")
@@ -228,7 +233,6 @@ def _read_netcdf(path: Path) -> xr.Dataset:
 
 
 def _run(machine: str, dated: bool, datasets: Sequence[xr.Dataset]) -> Run:
-    """Join the datasets of one machine and time axis."""
     datasets = sorted(datasets, key=lambda dataset: float(_seconds_or_numbers(dataset.time)[0]))
     time = np.concatenate([_seconds_or_numbers(dataset.time) for dataset in datasets])
     ledger: dict[str, NDArray[Any]] = {
@@ -258,7 +262,7 @@ def _run(machine: str, dated: bool, datasets: Sequence[xr.Dataset]) -> Run:
 def _columns(
     channel: str, datasets: Sequence[xr.Dataset]
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.object_]]]:
-    """Gather the variables of one channel over all datasets, padded where one has more bands or thresholds."""
+    """Join the variables of one channel over all datasets, padded where one has more bands or thresholds."""
     numbers: dict[str, NDArray[np.float64]] = {}
     texts: dict[str, NDArray[np.object_]] = {}
     for variable in VARIABLES.values():
@@ -290,7 +294,7 @@ def _columns(
 
 
 def _seconds_or_numbers(array: xr.DataArray) -> NDArray[np.float64]:
-    """Return float64, moments that xarray decoded to dates as seconds since 1970."""
+    """Return float64, dates that xarray decoded as seconds since 1970."""
     values = array.values
     if np.issubdtype(values.dtype, np.datetime64):
         return np.where(np.isnat(values), np.nan, values.astype("datetime64[ns]").astype(np.int64) / 1e9)
@@ -304,7 +308,7 @@ def _channel(
     numbers: Mapping[str, NDArray[np.float64]],
     texts: Mapping[str, NDArray[np.object_]],
 ) -> Channel:
-    """Keep the blocks of the sources that the channel belongs to: those of other sources say nothing about it."""
+    """Keep the blocks of the channel's own sources."""
     judged = (texts["stage"][:, 0] != "") | (texts["quality_status"][:, 0] != "")
     said = judged | np.isfinite(numbers["rms"][:, 0])
     rows = np.isin(ledger["source"].astype(str), np.unique(ledger["source"][said].astype(str)))
@@ -319,7 +323,7 @@ def _channel(
 
 
 def _joined(attributes: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """Return the attributes of several datasets as text, different values side by side."""
+    """Return the attributes of several datasets as text, different values joined by "; "."""
     found: dict[str, list[str]] = {}
     for mapping in attributes:
         for key, value in mapping.items():
@@ -331,7 +335,7 @@ def _joined(attributes: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 
 
 def _fold_rejected(runs: dict[_Key, Run], machine: str, place: str) -> None:
-    """Count the undated blocks of a dated machine with its others where all of them were rejected."""
+    """Count undated blocks of a dated machine with the dated ones if all of them were rejected."""
     undated, dated = runs.get((machine, place, False)), runs.get((machine, place, True))
     if undated is None or dated is None or any(status not in REJECTIONS for status in undated.counts):
         return
@@ -343,7 +347,7 @@ def _fold_rejected(runs: dict[_Key, Run], machine: str, place: str) -> None:
 
 
 def _complete(runs: dict[_Key, Run], machine: str, place: str, store: _Store) -> None:
-    """Add what the store says beside records, where there is one run: it also knows of repetitions without a record."""
+    """Add what the store holds beside records, if it holds one run; its counts include blocks without a record."""
     keys = [key for key in runs if key[:2] == (machine, place)]
     if len(keys) == 1:
         found = runs[keys[0]]

@@ -1,4 +1,4 @@
-"""Tables of reports: shown on the page, and written beside it as CSV and netCDF from the same values."""
+"""Tables of reports: on the page, and beside it as CSV and netCDF of the same values."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Column:
     Attributes:
         name: of the quantity, without a unit.
         heading: for people, with the unit.
-        units: UDUNITS string of the SI unit, None for words.
-        edge: what ends the name in CSV: the unit there, "" for none.
-        scale: what SI values are multiplied by at the edge.
-        words: how a value is shown; by default with three figures.
-        on_page: whether the page shows it, or the files alone.
+        units: UDUNITS string of the SI unit, None for text.
+        edge: unit at the end of the name in CSV, "" for none.
+        scale: factor from SI to the unit in CSV and on the page.
+        words: formats a value (SI); by default three figures.
+        on_page: False for files alone.
     """
 
     name: str
@@ -50,11 +50,11 @@ class Column:
 
     @property
     def key(self) -> str:
-        """Its name at the edge."""
+        """Its name in CSV."""
         return f"{self.name}_{self.edge}" if self.edge else self.name
 
     def shown(self, value: Cell) -> str:
-        """Return a value as the page shows it: "–" where there is none."""
+        """Format a value for the page: "–" for None, "" and NaN."""
         if value is None or value == "" or (isinstance(value, float) and not math.isfinite(value)):
             return "–"
         if self.words is not None:
@@ -64,7 +64,7 @@ class Column:
         return str(value)
 
     def written(self, value: Cell) -> Cell:
-        """Return a value as CSV has it: None where there is none."""
+        """Return a value for CSV: None for None and NaN."""
         if value is None or (isinstance(value, float) and not math.isfinite(value)):
             return None
         if self.is_number and self.scale != 1.0:
@@ -74,15 +74,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table.
-
-    Attributes:
-        name: of its files.
-        title: for people.
-        columns: of it.
-        rows: SI values in the order of the columns.
-        note: a sentence below it.
-    """
+    """A table: ``name`` of its files, ``rows`` of SI values in the order of the columns, ``note`` below it."""
 
     name: str
     title: str
@@ -92,19 +84,19 @@ class Table:
 
     @property
     def page_columns(self) -> list[Column]:
-        """The columns that the page shows."""
+        """The columns on the page."""
         return [column for column in self.columns if column.on_page]
 
     @property
     def cells(self) -> list[list[str]]:
-        """The rows as the page shows them."""
+        """The rows for the page."""
         return [
             [column.shown(cell) for column, cell in zip(self.columns, row, strict=True) if column.on_page]
             for row in self.rows
         ]
 
     def to_csv(self) -> str:
-        """Return it as CSV, units at the ends of names; what a spreadsheet would take for a formula gets a quote."""
+        """Return CSV with units at the ends of names; text that a spreadsheet takes for a formula is quoted."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow([column.key for column in self.columns])
@@ -114,7 +106,7 @@ class Table:
         return out.getvalue()
 
     def to_dataset(self) -> xr.Dataset:
-        """Return it as a dataset over ``row``, SI, NaN where a number is missing."""
+        """Return a dataset over ``row``, SI, NaN for missing numbers."""
         variables: dict[str, Any] = {}
         for place, column in enumerate(self.columns):
             cells = [row[place] for row in self.rows]
@@ -133,15 +125,9 @@ def _harmless(cell: Cell) -> Cell:
 
 
 def write_tables(tables: Iterable[Table], folder: Path, attributes: Mapping[str, str] | None = None) -> list[Path]:
-    """Write each table as ``NAME.csv`` and ``NAME.nc``, whole or not at all.
+    """Write each table as ``NAME.csv`` and ``NAME.nc``, each atomically; return the files.
 
-    Args:
-        tables: their names are distinct.
-        folder: made where it is missing.
-        attributes: of every netCDF file, such as the version that made it.
-
-    Returns:
-        The files.
+    ``attributes`` are those of every netCDF file.
 
     Raises:
         ReportError: a file cannot be written.
@@ -168,7 +154,7 @@ def write_tables(tables: Iterable[Table], folder: Path, attributes: Mapping[str,
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file, text as UTF-8, beside its place and put it there at once.
+    """Write a file atomically, text as UTF-8; missing folders are made.
 
     Raises:
         OSError: it cannot be written.

@@ -1,7 +1,8 @@
-"""The verdict on a channel in plain words: what an engineer needs to decide whether to stop the machine."""
+"""The verdict on a channel: what an engineer needs to decide whether to stop the machine."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Literal
@@ -17,29 +18,23 @@ Severity = Literal["good", "watch", "bad", "open"]
 
 @dataclass(frozen=True)
 class Moment:
-    """A moment of a channel's life.
-
-    Attributes:
-        time: seconds on the run's axis, NaN where unknown.
-        block: number of the block, or None where unknown.
-    """
+    """A moment of a channel's life: seconds on the run's time axis (NaN: unknown) and block number (None: unknown)."""
 
     time: float
     block: int | None
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What to say of one channel.
+class ChannelVerdict:
+    """The verdict on a channel after its last block.
 
     Attributes:
-        channel: its name.
-        severity: "good", "watch" (something is wrong), "bad" (end of life) or "open" (nothing can be said yet).
+        channel: name.
+        severity: "good", "watch" (damage), "bad" (end of life) or "open" (no verdict).
         headline: one sentence.
-        facts: pairs of what and how it stands, beside what :mod:`monitor.report.answers` says.
-        stage: of life after its last block, "" where none could be judged.
-        t_fs, t_fs_known, t_eol: moments, or None.
-        fault: the part named, "" where none is.
+        facts: labels and texts, beside those of :mod:`monitor.report.findings`.
+        fault: the damaged part, "" for none.
+        stage: "" where no block could be judged.
     """
 
     channel: str
@@ -53,8 +48,19 @@ class Verdict:
     stage: str = ""
 
 
-def judge(run: Run, channel: Channel, clock: Clock | None = None) -> Verdict:
-    """Return the verdict on a channel after its last block; moments are written by ``clock``, by default in UTC."""
+@dataclass(frozen=True, eq=False)
+class ChannelContext:
+    """Input of every figure and finding of a channel; ``numbers`` gives each figure of the page its number."""
+
+    run: Run
+    channel: Channel
+    verdict: ChannelVerdict
+    clock: Clock
+    numbers: itertools.count[int]
+
+
+def judge(run: Run, channel: Channel, clock: Clock | None = None) -> ChannelVerdict:
+    """Return the verdict on a channel after its last block; ``clock`` formats times, by default in UTC."""
     clock = clock or Clock(run.dated)
     stages = channel.word("stage")
     judged = np.flatnonzero(stages != "")
@@ -67,14 +73,14 @@ def judge(run: Run, channel: Channel, clock: Clock | None = None) -> Verdict:
         ("Demodulation band", _band(channel)),
         ("Last block", _last_block(channel, clock)),
     ]
-    return Verdict(channel.name, severity, headline, tuple(facts), fault=fault, stage=stage, **marks)
+    return ChannelVerdict(channel.name, severity, headline, tuple(facts), fault=fault, stage=stage, **marks)
 
 
 def named_fault(channel: Channel) -> tuple[int | None, str]:
-    """Return the row and the name of the damaged part that stands: the latest, in the final stage the strongest.
+    """Return row and name of the valid verdict on the damaged part; None without a judged block, "" for no part.
 
-    Before the final stage a name is the verdict on the present block alone. Once the final stage is known, the name
-    with the strongest evidence since then is kept: as damage spreads, the lines may drown in their own noise.
+    Before the final stage that is the verdict on the last judged block. Afterwards it is the one with the highest
+    score, because spreading damage raises the noise floor under its own lines.
     """
     faults = channel.word("fault")
     judged = np.flatnonzero(channel.word("quality_status") != "")
@@ -89,12 +95,6 @@ def named_fault(channel: Channel) -> tuple[int | None, str]:
         return row, str(faults[row])
     row = int(judged[-1])
     return row, str(faults[row])
-
-
-def last_value(channel: Channel, name: str) -> int | None:
-    """Return the row of the last finite value of a variable, or None."""
-    rows = np.flatnonzero(np.isfinite(channel.column(name)))
-    return int(rows[-1]) if rows.size else None
 
 
 def _mark(channel: Channel, name: str) -> Moment | None:
@@ -123,32 +123,32 @@ def _headline(stage: str, fault: str, marks: dict[str, Moment | None], channel: 
 
 
 def _vibration(channel: Channel) -> str:
-    row = last_value(channel, "rms")
+    row = channel.last_row("rms")
     if row is None:
         return "No value."
     rms, peak = channel.column("rms")[row], channel.column("peak")[row]
     text = f"RMS {acceleration(rms)}" if channel.has_level else "Level unknown (the sensor's unit is not configured)"
     if channel.has_level and math.isfinite(peak):
         text += f", peak {acceleration(peak)}"
-    learned = channel.column("rms")[(channel.word("stage") == "learning") & np.isfinite(channel.column("rms"))]
-    if learned.size > 1 and channel.word("stage")[row] != "learning":
-        text += f"; RMS is {rms / np.median(learned):.1f} times its median while learning"
+    learned = channel.baseline("rms")
+    if math.isfinite(learned) and channel.word("stage")[row] != "learning":
+        text += f"; RMS is {rms / learned:.1f} times its median while learning"
     return f"{text}."
 
 
 def interval_name(run: Run) -> str:
-    """Return what the intervals of a run are called: "80 % interval", without a level where records do not say it."""
+    """Return the name of a run's intervals: "80 % interval", or "interval" if the level is not recorded."""
     levels = [level for level in run.attributes.get("interval_level", "").split("; ") if level not in ("", "none")]
     return " or ".join(f"{100.0 * float(level):g} %" for level in levels) + " interval" if levels else "interval"
 
 
 def unscaled(run: Run) -> str:
-    """Return what has to be said of every V_eq and TT of a model that was not calibrated, "" of one that was."""
+    """Return the caveat on V_eq and TT of a model that was not calibrated, "" for a calibrated one."""
     return "" if run.attributes.get("calibrated") == "yes" else " On the scale of a model that is not calibrated."
 
 
 def _band(channel: Channel) -> str:
-    row = last_value(channel, "band_lo")
+    row = channel.last_row("band_lo")
     if row is None:
         return "None."
     lows, highs = channel.numbers["band_lo"][row], channel.numbers["band_hi"][row]

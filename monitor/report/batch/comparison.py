@@ -1,4 +1,4 @@
-"""Several runs side by side: overview by state, final stages, tables, and the thesis' first prognostic model."""
+"""Several runs side by side: states, final stages, tables, and the thesis' first prognostic model."""
 
 from __future__ import annotations
 
@@ -39,22 +39,21 @@ from streams.block import STANDARD_GRAVITY
 
 _WORST = ("bad", "watch", "open", "good")
 _NAMED = 8
-"""So many runs get a line of their own kind and a name; more are drawn alike."""
-_MOST_LINES = 100
-_MOST_CONDITIONS = 6
+"""Up to so many lines have names and styles of their own."""
+_MAX_LINES = 100
+_MAX_CONDITIONS = 6
 _COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, INK)
 _STYLES = ("-", "--", "-.", ":")
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What is said of several runs together.
+    """Several runs together.
 
     Attributes:
         runs: the worst first.
-        states: how many runs are in each state of their worst channel, the worst first.
-        pictures: figures.
-        tables: tables below them.
+        states: state and number of runs whose worst channel is in it, the worst first.
+        shown: tables on the page.
         overview: the overview as a table for files.
     """
 
@@ -71,13 +70,7 @@ class Comparison:
 
 
 def compare(runs: Sequence[RunSummary], options: Options, numbers: itertools.count[int]) -> Comparison:
-    """Compare runs.
-
-    Args:
-        runs: what was kept of them.
-        options: of the report.
-        numbers: of figures.
-    """
+    """Compare runs; ``numbers`` are those of figures."""
     ordered = sorted(runs, key=lambda run: _WORST.index(state_of(run)))
     states = [(state, sum(state_of(run) == state for run in runs)) for state in _WORST]
     pictures = [
@@ -122,7 +115,7 @@ def _side_by_side(
 ) -> Picture | None:
     """Draw a quantity of all final stages over the time since t_fs (thesis, Figs. 60, 62 and 64)."""
     every = list(_series(runs, name))
-    drawn = every[:_MOST_LINES]
+    drawn = every[:_MAX_LINES]
     if len(drawn) < 2:
         return None
     unit, words = unit_of(max(max(series["time_s"]) for _, series, _ in drawn))
@@ -140,7 +133,7 @@ def _side_by_side(
     axes.set_ylabel(label)
     axes.set_xlim(left=0.0)
     legend_above(axes, columns=4)
-    left = f" The {_MOST_LINES} worst of {len(every)} are drawn." if len(every) > _MOST_LINES else ""
+    left = f" The {_MAX_LINES} worst of {len(every)} are drawn." if len(every) > _MAX_LINES else ""
     caption = f"{count(len(drawn), 'final stage')}, each from its own t_fs; standstill is left out.{left}"
     data = {"runs": [{"run": title, **series} for title, series, _ in drawn]}
     text = f"{heading}, {count(len(drawn), 'line')}."
@@ -148,7 +141,7 @@ def _side_by_side(
 
 
 def _looks(lines: int) -> Iterator[Callable[[str], dict[str, Any]]]:
-    """Yield how each line is drawn: a few with colour, style and name of their own, many alike."""
+    """Yield for each line a function from its name to its style: individual for a few, uniform for many."""
     for place in range(lines):
         if lines > _NAMED:
             yield lambda _: {"color": BLUE, "linewidth": 0.8, "alpha": 0.45}
@@ -159,7 +152,7 @@ def _looks(lines: int) -> Iterator[Callable[[str], dict[str, Any]]]:
 
 @dataclass(frozen=True)
 class _Condition:
-    """A run as it was recorded under its condition."""
+    """The condition and the recorded RMS of a channel."""
 
     label: str
     load: float
@@ -171,10 +164,9 @@ class _Condition:
 def other_conditions(
     runs: Sequence[RunSummary], options: Options, numbers: itertools.count[int]
 ) -> tuple[Picture, Table] | None:
-    """Look the tracked defects of each run up under the conditions of others (Fig. 63 and Table 21 of the thesis).
+    """Draw the RMS of each run's tracked defects under the conditions of others (thesis, Fig. 63 and Table 21).
 
-    Returns:
-        The figure and the table, or None where no map covers the condition of another run.
+    None where no map covers the condition of another run.
     """
     recorded = [
         _Condition(_named(run, channel), channel.load, channel.speed, channel.rms_end, channel.final.get("rms_g", {}))
@@ -189,7 +181,7 @@ def other_conditions(
         if channel.map_hash not in maps:
             maps[channel.map_hash] = options.map_for(channel.name) or kept_map(channel.map_hash)
         rms_map = maps[channel.map_hash]
-        others = [one for one in recorded if one.label != label][:_MOST_LINES]
+        others = [one for one in recorded if one.label != label][:_MAX_LINES]
         for one in others:
             values = _under(rms_map, channel, one)
             if values is not None:
@@ -203,7 +195,7 @@ def other_conditions(
 
 
 def _under(rms_map: RmsMap | None, channel: ChannelSummary, one: _Condition) -> Any:
-    """Return the RMS of a channel's sizes under the condition of another run, None where the map does not cover it."""
+    """Return the RMS of a channel's sizes under another condition, None where the map does not cover it."""
     if rms_map is None:
         return None
     try:
@@ -224,7 +216,7 @@ def _drawn(
     histories: Mapping[tuple[str, str], tuple[list[float], Any]],
     numbers: itertools.count[int],
 ) -> Picture:
-    shown = asked[:_MOST_CONDITIONS]
+    shown = asked[:_MAX_CONDITIONS]
     made, panels = new_figure(0.8 + 2.1 * len(shown), (1.0,) * len(shown))
     longest = max(max(time) for time, _ in histories.values())
     unit, words = unit_of(max([longest, *(max(one.series["time_s"]) for one in shown if one.series)]))

@@ -8,7 +8,7 @@ from datetime import tzinfo
 from typing import Any
 
 from monitor.report.batch.summary import RunSummary
-from monitor.report.score.runs import mean_of_runs
+from monitor.report.score.scoring import mean_of_runs
 from monitor.report.tables import Cell, Column, Table
 from monitor.words.numbers import Clock, duration
 from streams.block import STANDARD_GRAVITY
@@ -28,12 +28,7 @@ _BASELINES = ("doubling", "linear", "thesis")
 
 
 def milestones(runs: Sequence[RunSummary], zone: tzinfo) -> Table:
-    """Return t_fs, t_EOL and the length of the final stage of every channel that has one (thesis, Table 20).
-
-    Args:
-        runs: whose channels they are.
-        zone: in which dates are written.
-    """
+    """Return t_fs, t_EOL and length of every final stage (thesis, Table 20); dates are in ``zone``."""
     rows: list[Sequence[Cell]] = []
     for run in runs:
         clock = Clock(run.dated, zone)
@@ -92,7 +87,7 @@ def laws(runs: Sequence[RunSummary]) -> Table | None:
 
 
 def scores(runs: Sequence[RunSummary]) -> Table | None:
-    """Return how good the forecasts were as issued, beside naive ones; None where no end is known."""
+    """Return the scores of forecasts as issued, beside naive ones; None where no end is known."""
     rows: list[Sequence[Cell]] = []
     for run in runs:
         for scored in run.scores:
@@ -148,7 +143,7 @@ def mean_scores(runs: Sequence[RunSummary]) -> Table | None:
 
 
 def overview(runs: Sequence[RunSummary]) -> Table:
-    """Return one row a channel: state, part, since when, how large, how long; the page draws it with trends."""
+    """Return one row per channel for files: state, part, since when, how large, how long left."""
     rows = [
         (
             *(run.label, channel.name, channel.severity, channel.headline, channel.where, channel.since),
@@ -171,11 +166,11 @@ def overview(runs: Sequence[RunSummary]) -> Table:
 def rms_at_end(
     experimental: Sequence[tuple[str, float, float, float]], numerical: dict[tuple[str, str], float]
 ) -> Table:
-    """Return the RMS at the end as recorded and as the map gives it for the defects of other runs (thesis, Table 21).
+    """Return the RMS at the end as recorded and from the map for the defects of other runs (thesis, Table 21).
 
     Args:
         experimental: run, load (N), speed (Hz) and RMS at its end (m/s2).
-        numerical: RMS (m/s2) by the run whose condition and the run whose defects are taken.
+        numerical: RMS (m/s2) by run of the condition and run of the defects.
     """
     sources = list(dict.fromkeys(source for _, source in numerical))
     rows = [

@@ -1,4 +1,4 @@
-"""What is left of a run when many are compared: small, and plain enough for a file of JSON."""
+"""Summaries of runs for comparison: small, and plain values for JSON."""
 
 from __future__ import annotations
 
@@ -15,35 +15,32 @@ from monitor.report.figures.drawing import thin
 from monitor.report.figures.map_path import hash_of
 from monitor.report.run_section import ChannelPart, RunPart
 from monitor.report.runs import Channel, Run
-from monitor.report.score import runs as score
+from monitor.report.score import scoring
 from monitor.report.score.issued import ScoreError, issued_of, running_time
-from monitor.report.verdict import Verdict, last_value
+from monitor.report.verdict import ChannelVerdict
 from streams.block import STANDARD_GRAVITY
 
 _BINS = 120
 _SIZES = 200
 VERSION = 1
-"""Layout of a summary; another one is made anew."""
+"""Layout of a summary; another version is not read."""
 
 
 @dataclass(frozen=True)
 class ChannelSummary:
-    """What is kept of a channel; moments are in seconds of its run, values SI, None where there is none.
+    """Summary of a channel; times are in seconds of its run, values SI, None for no value.
 
     Attributes:
-        name: of the channel.
-        severity, headline: as its verdict says.
-        where, since, large, left: answers for people.
-        level: latest RMS and how it stands to what was learned, for people.
-        spark: its trend as inline SVG.
-        t_fs, t_eol, last: moments.
-        rms_end: RMS at the end of the final stage, m/s2, where it is an acceleration.
-        load, speed: last known, N and Hz.
-        map_hash: of its RMS map, "".
-        law: a, b, c of the last fitted law, in SI units, and its R^2; empty where none was fitted.
-        final: series over the final stage: ``time_s`` since t_fs, ``rms_g``, ``v_eq_mm2`` (each with its times).
-        sizes: ``time_s`` since t_fs, ``dphi_d``, ``h_d`` of the tracker, SI.
-        thresholds: of V_eq, m2.
+        where, since, large, left: briefly, see :attr:`monitor.report.run_section.ChannelPart.briefly`.
+        level, spark: as in :class:`monitor.report.run_section.ChannelPart`.
+        last: time of the last block.
+        rms_end: RMS at the end of the final stage, None in an unknown unit.
+        load, speed: last known.
+        map_hash: of its RMS map, "" for none.
+        law: a, b, c of the last fitted law and its R^2; empty for none.
+        final: ``rms_g`` and ``v_eq_mm2`` over the final stage, each {``time_s`` since t_fs, ``value``}.
+        sizes: ``time_s`` since t_fs, ``dphi_d``, ``h_d`` of the tracker.
+        thresholds: of V_eq.
     """
 
     name: str
@@ -70,16 +67,15 @@ class ChannelSummary:
 
 @dataclass(frozen=True)
 class RunSummary:
-    """What is kept of a run.
+    """Summary of a run.
 
     Attributes:
-        label: what it is called.
-        machine: its machine.
-        dated: whether its moments are UTC.
-        period: its length in words.
+        label: unique name.
+        dated: whether times are UTC.
+        period: one sentence on its length.
         counts: blocks by status.
         channels: the worst first.
-        scores: as :func:`monitor.report.score.runs.score_run` gives them.
+        scores: see :func:`monitor.report.score.scoring.score_run`.
         link: of its page, relative to the index, or of its section.
     """
 
@@ -93,15 +89,15 @@ class RunSummary:
     link: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain values for JSON."""
+        """Return plain values for JSON."""
         return {"version": VERSION, **asdict(self)}
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> RunSummary:
-        """Return what :meth:`to_dict` gave.
+        """Return the summary of :meth:`to_dict`.
 
         Raises:
-            ValueError: it was written in another layout.
+            ValueError: another version.
         """
         if stored.get("version") != VERSION:
             raise ValueError(f"summary of a run: version {VERSION} expected, got {stored.get('version')!r}")
@@ -114,14 +110,7 @@ class RunSummary:
 
 
 def summarise(run: Run, part: RunPart, link: str, *, scored: bool = True) -> RunSummary:
-    """Keep of a run what comparing it takes.
-
-    Args:
-        run: its records.
-        part: what its page says.
-        link: of that page.
-        scored: whether its forecasts are scored where their end is known.
-    """
+    """Return the summary of a run; ``scored``: with scores of forecasts whose end is known."""
     return RunSummary(
         label=run.label or run.machine,
         machine=run.machine,
@@ -135,21 +124,21 @@ def summarise(run: Run, part: RunPart, link: str, *, scored: bool = True) -> Run
 
 
 def _channel(run: Run, channel: Channel, part: ChannelPart) -> ChannelSummary:
-    said, verdict = part.briefly, part.verdict
+    briefly, verdict = part.briefly, part.verdict
     start = math.nan if verdict.t_fs is None else verdict.t_fs.time
     return ChannelSummary(
         name=channel.name,
         severity=verdict.severity,
         headline=verdict.headline,
-        where=said.get("Where?", ""),
-        since=said.get("Since when?", ""),
-        large=said.get("How large?", ""),
-        left=said.get("How long left?", ""),
+        where=briefly.get("Where?", ""),
+        since=briefly.get("Since when?", ""),
+        large=briefly.get("How large?", ""),
+        left=briefly.get("How long left?", ""),
         level=part.level,
         spark=str(part.spark),
-        t_fs=score.finite_or_none(start),
-        t_eol=None if verdict.t_eol is None else score.finite_or_none(verdict.t_eol.time),
-        last=score.finite_or_none(float(channel.time[-1])) if channel.time.size else None,
+        t_fs=scoring.finite_or_none(start),
+        t_eol=None if verdict.t_eol is None else scoring.finite_or_none(verdict.t_eol.time),
+        last=scoring.finite_or_none(float(channel.time[-1])) if channel.time.size else None,
         rms_end=_rms_end(channel, verdict),
         load=_last(channel, "load"),
         speed=_last(channel, "speed"),
@@ -162,7 +151,7 @@ def _channel(run: Run, channel: Channel, part: ChannelPart) -> ChannelSummary:
 
 
 def _final(channel: Channel, start: float) -> dict[str, Any]:
-    """Return RMS and V_eq over damage time from t_fs, thinned to what a picture shows."""
+    """Return RMS and V_eq over damage time from t_fs, thinned for a figure."""
     if not math.isfinite(start) or channel.time.size < 2 or np.ptp(channel.time) == 0.0:
         return {}
     rows = channel.time >= start
@@ -206,8 +195,8 @@ def _law(channel: Channel) -> tuple[float, ...]:
     return (*coefficients[rows[-1]].tolist(), r_squared if math.isfinite(r_squared) else 0.0)
 
 
-def _rms_end(channel: Channel, verdict: Verdict) -> float | None:
-    """Return the RMS at the end of life, or at the last block of the final stage; None where there was none."""
+def _rms_end(channel: Channel, verdict: ChannelVerdict) -> float | None:
+    """Return the RMS at the end of life or at the last block; None without a final stage."""
     if verdict.t_fs is None or not channel.has_level:
         return None
     rms = channel.column("rms")
@@ -217,21 +206,21 @@ def _rms_end(channel: Channel, verdict: Verdict) -> float | None:
 
 
 def _scores(run: Run) -> list[dict[str, Any]]:
-    """Score the forecasts whose end is known: of a simulated rig, or where the tracked V_eq itself crossed."""
+    """Score the forecasts whose end is known: of a simulated rig, or where the tracked V_eq crossed."""
     try:
         issued = issued_of(run, run.label or run.machine)
     except ScoreError:
         return []
     found = []
     for one in issued:
-        end = score.end_of(one, None, tracked=True)
+        end = scoring.end_of(one, None, tracked=True)
         if end.source != "none":
-            found.append(score.score_run(one, end))
+            found.append(scoring.score_run(one, end))
     return found
 
 
 def _last(channel: Channel, name: str) -> float | None:
-    row = last_value(channel, name)
+    row = channel.last_row(name)
     return None if row is None else float(channel.column(name)[row])
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -31,9 +30,9 @@ from monitor.report.figures.drawing import (
 )
 from monitor.report.figures.trends import draw_marks, zoom_marks
 from monitor.report.figures.zoom import Band, Line, Panel, zoom_data
-from monitor.report.runs import Channel, Run
+from monitor.report.runs import Channel
 from monitor.report.score.issued import running_time
-from monitor.report.verdict import Verdict, interval_name, unscaled
+from monitor.report.verdict import ChannelContext, interval_name, unscaled
 from monitor.words.numbers import Clock, figure, volume
 
 ENDS = ("lower", "upper")
@@ -42,7 +41,7 @@ _LAWS = (0.25, 0.5, 0.75, 1.0)
 
 
 def final_part(channel: Channel) -> slice | None:
-    """Return the rows from a little before the first value of V_eq to a little after the last, None without two."""
+    """Return the rows from a little before the first V_eq to a little after the last, None without two values."""
     v_eq = channel.column("v_eq")
     rows = np.flatnonzero(np.isfinite(v_eq))
     if rows.size < 2 or channel.time[rows[-1]] <= channel.time[rows[0]]:
@@ -52,23 +51,21 @@ def final_part(channel: Channel) -> slice | None:
 
 
 def part_axis(channel: Channel, part: slice, clock: Clock) -> TimeAxis:
-    """Return the axis of a part of a life: dated, or in the unit of the whole life's."""
+    """Return the axis of a part of a life; undated, it has the unit of the whole life."""
     return time_axis(channel.time if not clock.dated else channel.time[part], clock)
 
 
 @mpl.rc_context(STYLE)
-def damaged_volume(
-    run: Run, channel: Channel, verdict: Verdict, clock: Clock, numbers: itertools.count[int]
-) -> Picture | None:
+def damaged_volume(context: ChannelContext) -> Picture | None:
     """Draw V_eq with its interval, its thresholds and, of a simulated rig, the truth (thesis, Figs. 62 and 64).
 
-    Returns:
-        The figure, or None where fewer than two blocks have a value.
+    None where fewer than two blocks have a value.
     """
+    run, channel = context.run, context.channel
     part = final_part(channel)
     if part is None:
         return None
-    time, axis = channel.time[part], part_axis(channel, part, clock)
+    time, axis = channel.time[part], part_axis(channel, part, context.clock)
     thresholds = thresholds_of(channel)
     made, (axes,) = new_figure(3.3)
     ends = [1e6 * channel.column(f"v_eq_{end}")[part] for end in ENDS]
@@ -80,7 +77,7 @@ def damaged_volume(
     for place, threshold in enumerate(thresholds):
         name = "threshold" if place == 0 else None
         axes.axhline(1e6 * threshold, color=ORANGE, linewidth=1.1, linestyle="-.", label=name)
-    draw_marks(axes, axis, verdict)
+    draw_marks(axes, axis, context.verdict)
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("V_eq (mm³/mm)")
     axes.set_xlim(float(axis.position(time[0])), float(axis.position(time[-1])))
@@ -93,8 +90,8 @@ def damaged_volume(
     lines = [Line("tracked", BLUE, found), Line("true", GREEN, truth, "dashed")]
     levels = [("threshold", ORANGE, 1e6 * threshold) for threshold in thresholds]
     chart = Panel(axes, lines, [Band(interval_name(run), SKY, *ends)], levels)
-    zoom = zoom_data(axis, time, [chart], marks=zoom_marks(verdict))
-    return Picture("Damaged volume", to_svg(made, label, numbers), caption, _known(data), "damage", zoom)
+    zoom = zoom_data(axis, time, [chart], marks=zoom_marks(context.verdict))
+    return Picture("Damaged volume", to_svg(made, label, context.numbers), caption, known_columns(data), "damage", zoom)
 
 
 def _volume_caption(channel: Channel, part: slice, thresholds: Sequence[float], truth: NDArray[np.float64]) -> str:
@@ -114,24 +111,22 @@ def _volume_caption(channel: Channel, part: slice, thresholds: Sequence[float], 
 
 
 @mpl.rc_context(STYLE)
-def fitted_law(
-    run: Run, channel: Channel, verdict: Verdict, clock: Clock, numbers: itertools.count[int]
-) -> Picture | None:
-    """Draw V_eq with the quadratic law of the thesis' forecast, as it stood at four moments (thesis, Fig. 65).
+def fitted_law(context: ChannelContext) -> Picture | None:
+    """Draw V_eq with the quadratic law of the thesis' forecast as fitted at four moments (thesis, Fig. 65).
 
-    Returns:
-        The figure, or None where no forecast fitted a law.
+    None where no law was fitted.
     """
+    channel, t_fs = context.channel, context.verdict.t_fs
     part = final_part(channel)
-    if part is None or verdict.t_fs is None or not math.isfinite(verdict.t_fs.time):
+    if part is None or t_fs is None or not math.isfinite(t_fs.time):
         return None
     coefficients = channel.numbers["tt_coefficients"][:, :3]
     issued = np.flatnonzero(np.isfinite(coefficients).all(axis=1)) if coefficients.shape[1] == 3 else np.array([])
     if not issued.size:
         return None
-    axis = part_axis(channel, part, clock)
+    axis = part_axis(channel, part, context.clock)
     damage = running_time(channel)
-    onset = float(np.interp(verdict.t_fs.time, channel.time, damage))
+    onset = float(np.interp(t_fs.time, channel.time, damage))
     made, (axes,) = new_figure(3.3)
     points = np.isfinite(channel.column("v_eq"))
     axes.plot(axis.position(channel.time[points]), 1e6 * channel.column("v_eq")[points], ".", color=GREY, label="V_eq")
@@ -166,7 +161,8 @@ def fitted_law(
         + (f" R² of the last is {r2:.3f}." if math.isfinite(r2) else "")
     )
     label = f"V_eq of channel {channel.name} with the quadratic law fitted to it."
-    return Picture("The fitted law", to_svg(made, label, numbers), caption + unscaled(run), data, "law")
+    svg = to_svg(made, label, context.numbers)
+    return Picture("The fitted law", svg, caption + unscaled(context.run), data, "law")
 
 
 def thresholds_of(channel: Channel) -> list[float]:
@@ -179,7 +175,7 @@ def thresholds_of(channel: Channel) -> list[float]:
 def draw_interval(
     axes: Axes, axis: TimeAxis, time: NDArray[np.float64], ends: Sequence[NDArray[np.float64]], name: str
 ) -> None:
-    """Draw an interval; one that stands between two gaps is a bar, as a band of no width is not seen."""
+    """Draw an interval over time; a single one between two gaps is a bar."""
     lower, upper = ends
     if not np.isfinite(lower).any():
         return
@@ -190,6 +186,6 @@ def draw_interval(
         axes.vlines(axis.position(time[alone]), lower[alone], upper[alone], color=SKY, alpha=0.6, linewidth=1.5)
 
 
-def _known(data: dict[str, Any]) -> dict[str, Any]:
-    """Leave out columns without any value."""
+def known_columns(data: dict[str, Any]) -> dict[str, Any]:
+    """Return data without columns that hold no value."""
     return {k: v for k, v in data.items() if not isinstance(v, np.ndarray) or np.isfinite(v).any()}

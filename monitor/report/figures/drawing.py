@@ -1,4 +1,4 @@
-"""Drawing for the page: thinning that keeps extremes, time axes, and inline SVG that stands by itself."""
+"""Drawing for the page: thinning that keeps extremes, time axes, sparklines, and self-contained inline SVG."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from datetime import UTC, tzinfo
 from typing import Any, NamedTuple
 
 import numpy as np
+from markupsafe import Markup, escape
 from matplotlib import dates
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -21,11 +22,12 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from monitor.words.numbers import Clock
+from streams.block import STANDARD_GRAVITY
 
 BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE, GREY = (
     *("#0072b2", "#d55e00", "#008a63", "#a3527f", "#56b4e9", "#b07a00", "#5f6670"),
 )
-"""Colours that are told apart by everybody (after Okabe and Ito), three of them darkened to be read on white."""
+"""Colours for all kinds of colour vision (after Okabe and Ito), three of them darkened for contrast on white."""
 INK, SOFT, AXIS, GRID, SHADE, PAPER = "#22262b", "#4a5058", "#8a9099", "#e3e6ea", "#eef1f4", "#fefefe"
 """Neutral colours of text, ticks, axes, grid, shaded spans and the inside of markers."""
 _THEMED = {
@@ -43,7 +45,7 @@ _THEMED = {
     SHADE: "shade",
     PAPER: "paper",
 }
-"""What the style sheet of the page calls each colour, so that a dark page shows figures with dark colours."""
+"""Names of the colours in the style sheet of the page, which has a dark variant."""
 _COLOURS = re.compile("|".join(_THEMED))
 _PLACES = re.compile(r'\b(?:d|x|y|transform|points)="[^"]*"')
 _FRACTION = re.compile(r"(\.\d\d)\d+")
@@ -73,9 +75,12 @@ STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "spallwatch",
 }
-"""Settings of matplotlib under which every figure is made, as a decorator: ``@mpl.rc_context(STYLE)``."""
+"""Settings of matplotlib for every figure, as a decorator: ``@mpl.rc_context(STYLE)``."""
 WIDTH = 9.6
 """Width of every figure in inches: the page scales it."""
+_SPARK_WIDTH, _SPARK_HEIGHT, _SPARK_BINS = 120, 26, 60
+_MIN_SPARK_SPAN = np.log(2.0)
+"""Changes by less than a factor of two fill less than the height, so that noise looks small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +88,9 @@ class Picture:
     """A figure of the page.
 
     Attributes:
-        heading: above it.
-        svg: inline SVG.
-        caption: what is seen, below it.
-        data: what is drawn, as columns or single values; units end the names. The page carries it, so that a program
-            can draw it again.
+        data: what is drawn, as columns or single values, units at the end of names; the page carries it for programs.
         name: by which a program finds it.
-        zoom: charts that can be zoomed, see :func:`monitor.report.figures.zoom.zoom_data`; empty where there are none.
+        zoom: charts that can be zoomed, see :func:`monitor.report.figures.zoom.zoom_data`; empty for none.
     """
 
     heading: str
@@ -101,7 +102,7 @@ class Picture:
 
     @property
     def json(self) -> str:
-        """The data as JSON: six figures a number, null where there is none."""
+        """The data as JSON: six figures a number, null for NaN."""
         return json.dumps(_plain(self.data), allow_nan=False, separators=(",", ":"))
 
 
@@ -118,14 +119,13 @@ def _plain(value: Any) -> Any:
 
 
 class TimeAxis(NamedTuple):
-    """How seconds become positions on the horizontal axis.
+    """The horizontal axis.
 
     Attributes:
         dated: whether positions are dates rather than multiples of ``unit``.
         unit: seconds in one unit of the axis.
-        label: of the axis.
-        timed: whether it is an axis of time at all.
-        zone: in which dates are written.
+        timed: False for block numbers.
+        zone: of dates.
     """
 
     dated: bool
@@ -135,7 +135,7 @@ class TimeAxis(NamedTuple):
     zone: tzinfo = UTC
 
     def position(self, time: NDArray[np.float64] | float) -> Any:
-        """Return positions of moments in seconds."""
+        """Return positions of times (s)."""
         return np.asarray(time) / (86400.0 if self.dated else self.unit)
 
     def settle(self, axes: Axes) -> None:
@@ -148,11 +148,24 @@ class TimeAxis(NamedTuple):
 
 
 BLOCK_AXIS = TimeAxis(False, 1.0, "block", timed=False)
-"""The axis where a recording knows no times: numbers of blocks."""
+"""The axis of a recording without times: block numbers."""
+
+
+class Scale(NamedTuple):
+    """The unit in which accelerations are shown: its value in SI, its text, and the ending of data names."""
+
+    si: float
+    unit: str
+    suffix: str
+
+
+def scale_of(*, absolute: bool) -> Scale:
+    """Return the scale of accelerations; ``absolute``: whether they are in m/s2 rather than in an unknown unit."""
+    return Scale(STANDARD_GRAVITY, "g", "g") if absolute else Scale(1.0, "sensor unit", "sensor_unit")
 
 
 def unit_of(span: float) -> tuple[float, str]:
-    """Return the unit in which people would count a span of seconds, in seconds, and its name."""
+    """Return a suitable unit for a span of time (s): its length in seconds, and its name."""
     for limit, unit, name in ((300.0, 1.0, "seconds"), (3 * 3600.0, 60.0, "minutes"), (96 * 3600.0, 3600.0, "hours")):
         if span <= limit:
             return unit, name
@@ -160,7 +173,7 @@ def unit_of(span: float) -> tuple[float, str]:
 
 
 def time_axis(time: NDArray[np.float64], clock: Clock) -> TimeAxis:
-    """Choose the axis for moments in seconds."""
+    """Return the axis for times (s)."""
     if clock.dated:
         return TimeAxis(True, 86400.0, clock.label, zone=clock.zone)
     unit, name = unit_of(float(np.ptp(time)) if time.size else 0.0)
@@ -168,7 +181,7 @@ def time_axis(time: NDArray[np.float64], clock: Clock) -> TimeAxis:
 
 
 def colour_name(colour: str) -> str:
-    """Return what the style sheet of the page calls a colour of this file."""
+    """Return the name of a colour in the style sheet of the page."""
     return _THEMED[colour]
 
 
@@ -180,14 +193,10 @@ def new_figure(height: float, panels: Sequence[float] = (1.0,)) -> tuple[Figure,
 
 
 def to_svg(figure: Figure, label: str, numbers: itertools.count[int]) -> str:
-    """Return a figure as inline SVG: without a header, scaling with the page, its ids unique on the page.
+    """Return a figure as inline SVG: without a header, scaling with the page.
 
-    Colours become variables of the page's style sheet, each with itself to fall back to.
-
-    Args:
-        figure: to be drawn.
-        label: what it shows, for those who cannot see it.
-        numbers: gives every figure of the page its own number.
+    Colours become variables of the page's style sheet with the colour as fallback. ``label`` is the alternative text;
+    ``numbers`` makes ids unique on the page.
     """
     buffer = io.StringIO()
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
@@ -199,7 +208,7 @@ def to_svg(figure: Figure, label: str, numbers: itertools.count[int]) -> str:
     text = re.sub(r'\bid="', f'id="{prefix}', text.replace("xlink:href", "href"))
     text = re.sub(r'(url\(#|href="#)', rf"\1{prefix}", text)
     text = _COLOURS.sub(lambda match: f"var(--{_THEMED[match[0]]},{match[0]})", text)
-    # Letters are those of the page, strokes are styled by its sheet, and a hundredth of a point is seen by nobody.
+    # Fonts and strokes are styled by the page; hundredths of a point are invisible.
     text = re.sub(r"; font-family: [^;\"]*", "", text)
     text = re.sub(r"<style type=.text/css.>.*?</style>", "", text, flags=re.DOTALL)
     text = _PLACES.sub(lambda match: _FRACTION.sub(r"\1", match[0]), text)
@@ -210,19 +219,16 @@ def to_svg(figure: Figure, label: str, numbers: itertools.count[int]) -> str:
 
 
 def thin(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Leave out points that nobody could see: of each of ``bins`` columns keep the least, the greatest and a break.
+    """Reduce a line to what is visible: of each of ``bins`` columns the minimum, the maximum and a break.
 
-    Args:
-        x: ascending positions.
-        y: values, NaN where the line breaks.
-        bins: columns of the picture.
+    ``x`` is ascending; ``y`` is NaN where the line breaks.
     """
     keep = places_kept(x, y, bins)
     return x[keep], y[keep]
 
 
 def places_kept(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> NDArray[np.intp]:
-    """Return the places of the points that :func:`thin` leaves."""
+    """Return the indices of the points that :func:`thin` keeps."""
     if x.size <= 2 * bins or x[-1] <= x[0]:
         return np.arange(x.size)
     edges = np.searchsorted(x, np.linspace(x[0], x[-1], bins + 1)[1:-1])
@@ -240,7 +246,7 @@ def places_kept(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> ND
 
 
 def with_breaks(time: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Put a NaN where blocks are missing, so that a gap is seen and not joined: three usual intervals or more."""
+    """Insert a NaN in each gap, so that a line breaks there: steps longer than three usual ones."""
     steps = np.diff(time)
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     gaps = np.flatnonzero(steps > 3.0 * usual) + 1
@@ -249,7 +255,7 @@ def with_breaks(time: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDAr
 
 
 def draw_line(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], y: NDArray[np.float64], **style: Any) -> None:
-    """Draw values over time: gaps and missing values break the line, a value between two breaks is a dot."""
+    """Draw values over time; gaps and NaN break the line, a value between two breaks is a dot."""
     if not np.isfinite(y).any():
         return
     bins = style.pop("bins", 600)
@@ -262,25 +268,43 @@ def draw_line(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], y: NDArray[
 
 
 def log_if_wide(axes: Axes, *columns: NDArray[np.float64]) -> None:
-    """Make the vertical axis logarithmic where positive values span more than a factor of five, else begin at zero."""
+    """Make the vertical axis logarithmic if positive values span more than a factor of five, else let it begin at 0."""
     values = np.concatenate([column[np.isfinite(column)] for column in columns])
     if values.size and values.min() > 0 and values.max() > 5.0 * values.min():
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        # Twos and fives are marked already; every further stroke costs more time than it says.
+        # Twos and fives are marked already; minor ticks are slow to draw.
         axes.yaxis.set_minor_locator(NullLocator())
     elif values.size:
         axes.set_ylim(min(0.0, float(values.min()) * 1.05), float(values.max()) * 1.08 or 1.0)
 
 
 def add_legend(axes: Axes, **place: Any) -> None:
-    """Add a legend where something has a name."""
+    """Add a legend if anything is labelled."""
     handles, _ = axes.get_legend_handles_labels()
     if handles:
         axes.legend(**place)
 
 
 def legend_above(axes: Axes, columns: int = 6) -> None:
-    """Add a legend above a panel, where it covers nothing."""
+    """Add a legend above a panel."""
     add_legend(axes, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.6)
+
+
+def sparkline(time: NDArray[np.float64], values: NDArray[np.float64], label: str) -> Markup:
+    """Return positive values on a logarithmic scale as inline SVG for a table; empty with fewer than two values."""
+    known = np.isfinite(time) & np.isfinite(values) & (values > 0)
+    if known.sum() < 2 or np.ptp(time[known]) == 0.0:
+        return Markup("")
+    x, y = thin(time[known], np.log(values[known]), _SPARK_BINS)
+    span = max(float(np.ptp(y)), _MIN_SPARK_SPAN)
+    across = (x - x[0]) / (x[-1] - x[0]) * (_SPARK_WIDTH - 4) + 2
+    down = (_SPARK_HEIGHT - 4) * (1.0 - (y - y.min()) / span) + 2
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across, down, strict=True))
+    # Colours for PDF, where style sheets do not reach into SVG.
+    return Markup(
+        f'<svg class="spark" viewBox="0 0 {_SPARK_WIDTH} {_SPARK_HEIGHT}" role="img" aria-label="{escape(label)}">'
+        f'<polyline points="{points}" fill="none" stroke="{BLUE}" stroke-width="1.2"/>'
+        f'<circle fill="{BLUE}" cx="{across[-1]:.1f}" cy="{down[-1]:.1f}" r="2"/></svg>'
+    )

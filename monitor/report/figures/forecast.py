@@ -1,8 +1,7 @@
-"""Figures of the time to threshold: every forecast where it was issued, beside what came true."""
+"""Figures of the time to threshold: every forecast when it was issued, beside the true time."""
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import matplotlib as mpl
@@ -10,13 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from monitor.report.figures.damage import (
-    ENDS,
-    draw_interval,
-    final_part,
-    part_axis,
-    thresholds_of,
-)
+from monitor.report.figures.damage import ENDS, draw_interval, final_part, known_columns, part_axis, thresholds_of
 from monitor.report.figures.drawing import (
     BLUE,
     GREEN,
@@ -33,38 +26,32 @@ from monitor.report.figures.drawing import (
 )
 from monitor.report.figures.trends import draw_marks, zoom_marks
 from monitor.report.figures.zoom import Band, Line, Panel, zoom_data
-from monitor.report.runs import Channel, Run
+from monitor.report.runs import Channel
 from monitor.report.score.issued import running_time
-from monitor.report.verdict import Verdict, interval_name, unscaled
-from monitor.words.numbers import Clock, count, volume
+from monitor.report.verdict import ChannelContext, interval_name, unscaled
+from monitor.words.numbers import count, volume
 from monitor.words.statuses import TT_REFUSALS
 
 ALPHA = 0.2
 """Half-width of the cone as a share of the true time left (Saxena et al., IJPHM 1(1), 2010)."""
-_MOST = 4
+_MAX_THRESHOLDS = 4
 _SILENT = ("", "ok", "not_final_stage", "already_crossed")
 
 
-def forecasts(
-    run: Run, channel: Channel, verdict: Verdict, clock: Clock, numbers: itertools.count[int]
-) -> list[Picture]:
-    """Draw the forecasts of each threshold (thesis, Figs. 66 and 67), of four thresholds at most.
-
-    Returns:
-        A figure for each threshold with a forecast.
-    """
-    part = final_part(channel)
+def forecasts(context: ChannelContext) -> list[Picture]:
+    """Draw the forecasts of each threshold that has any (thesis, Figs. 66 and 67), of four thresholds at most."""
+    part = final_part(context.channel)
     if part is None:
         return []
-    places = range(min(_MOST, channel.numbers["tt"].shape[1]))
-    drawn = [_forecast(run, channel, verdict, clock, numbers, part, place) for place in places]
+    places = range(min(_MAX_THRESHOLDS, context.channel.numbers["tt"].shape[1]))
+    drawn = [_forecast(context, part, place) for place in places]
     return [picture for picture in drawn if picture is not None]
 
 
 def truth_of(channel: Channel, part: slice, place: int) -> tuple[NDArray[np.float64], str]:
-    """Return the true time to a threshold, s, and what it rests on: "true", "tracked" or "" where none is known.
+    """Return the true time to a threshold (s) and its source: "true" (simulated rig), "tracked" or "" for none.
 
-    Of a simulated rig it is known; else it is t_th - t where the tracked V_eq itself crossed (thesis, Eq. 92).
+    "tracked": t_th - t, where the tracked V_eq crossed the threshold (thesis, Eq. 92).
     """
     truth = channel.numbers["tt_true"]
     if place < truth.shape[1] and np.isfinite(truth[part, place]).any():
@@ -82,23 +69,16 @@ def truth_of(channel: Channel, part: slice, place: int) -> tuple[NDArray[np.floa
 
 
 @mpl.rc_context(STYLE)
-def _forecast(
-    run: Run,
-    channel: Channel,
-    verdict: Verdict,
-    clock: Clock,
-    numbers: itertools.count[int],
-    part: slice,
-    place: int,
-) -> Picture | None:
+def _forecast(context: ChannelContext, part: slice, place: int) -> Picture | None:
+    run, channel = context.run, context.channel
     tt = channel.numbers["tt"][part, place]
     if not np.isfinite(tt).any():
         return None
-    time, axis = channel.time[part], part_axis(channel, part, clock)
+    time, axis = channel.time[part], part_axis(channel, part, context.clock)
     truth, kind = truth_of(channel, part, place)
     known = np.isfinite(truth)
     expected = truth[known & np.isfinite(tt)] if (known & np.isfinite(tt)).any() else truth[known]
-    # Early fits may point anywhere; the scale is that of the truth, or of the bulk of what was issued.
+    # Early fits may be far off; the scale is that of the truth, or of most of the forecasts.
     top = 2.0 * float(expected.max()) if expected.size else float(np.nanpercentile(tt, 90)) * 1.15
     top = max(min(top, 1.08 * float(np.nanmax(tt))), 1.08 * float(expected.max()) if expected.size else 0.0) or 1.0
     unit, name = unit_of(top)
@@ -109,7 +89,7 @@ def _forecast(
     draw_interval(axes, axis, time, [values / unit for values in ends], interval_name(run))
     _points(axes, axis, time, tt, top, unit)
     refused = _refusals(axes, axis, time, channel.words["tt_status"][part, place])
-    draw_marks(axes, axis, verdict)
+    draw_marks(axes, axis, context.verdict)
     axes.set_ylim(0.0, top / unit)
     axes.set_xlim(float(axis.position(time[0])), float(axis.position(time[-1])))
     axes.set_ylabel(f"time to threshold ({name})")
@@ -119,14 +99,20 @@ def _forecast(
     of = f" of {volume(thresholds[place])}" if place < len(thresholds) else ""
     label = f"Time to the threshold{of} on channel {channel.name}, as issued."
     data = {"time_s": time, "tt_s": tt, "tt_lower_s": ends[0], "tt_upper_s": ends[1], "truth_s": truth, "truth": kind}
-    data = {k: v for k, v in data.items() if not isinstance(v, np.ndarray) or np.isfinite(v).any()}
     caption = _caption(tt, truth, ends, kind, refused) + unscaled(run)
     cone = Band("±20 %", GREEN, (1 - ALPHA) * truth / unit, (1 + ALPHA) * truth / unit)
     issued = Band(interval_name(run), SKY, ends[0] / unit, ends[1] / unit)
     against = Line("true" if kind == "true" else "until the tracked V_eq crossed", GREEN, truth / unit, "dashed")
     chart = Panel(axes, [against, Line("as issued", BLUE, tt / unit, "dots")], [cone, issued], top=top / unit)
-    zoom = zoom_data(axis, time, [chart], marks=zoom_marks(verdict))
-    return Picture(f"Time to the threshold{of}", to_svg(made, label, numbers), caption, data, "forecast", zoom)
+    zoom = zoom_data(axis, time, [chart], marks=zoom_marks(context.verdict))
+    return Picture(
+        f"Time to the threshold{of}",
+        to_svg(made, label, context.numbers),
+        caption,
+        known_columns(data),
+        "forecast",
+        zoom,
+    )
 
 
 def _cone(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], truth: NDArray[np.float64], kind: str) -> None:
@@ -150,7 +136,7 @@ def _points(
 
 
 def _refusals(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], statuses: NDArray[np.object_]) -> dict[str, int]:
-    """Draw a stroke at the bottom for each block that got a refusal; return how many by reason."""
+    """Draw a stroke at the bottom for each block without a forecast; return their number by reason."""
     refused = ~np.isin(statuses.astype(str), _SILENT)
     if refused.any():
         x, _ = thin(time[refused], np.zeros(int(refused.sum())), 200)

@@ -1,8 +1,7 @@
-"""The RMS map with the path that a tracker took over it, and where the defect may be by now."""
+"""The RMS map with the path of the tracker over it, and the posterior of the defect."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from pathlib import Path
 from typing import Any
@@ -32,24 +31,24 @@ from monitor.report.figures.drawing import (
 )
 from monitor.report.runs import Channel, Run
 from monitor.report.score.issued import of_channel
-from monitor.report.verdict import last_value, unscaled
+from monitor.report.verdict import ChannelContext, unscaled
 from monitor.words.numbers import count, figure, volume
 from streams.block import STANDARD_GRAVITY
 
 _COLOURS = 18
 _VOLUMES = {0.005: 0.4, 0.02: 0.62, 0.05: 0.8, 0.1: 0.97}
-"""Volumes of which lines are drawn, mm3 per mm, and where along the extent each is named."""
-_MOST_POINTS = 400
-_MOST_DOTS = 250
+"""Volumes whose lines are drawn, mm3 per mm, and the share of the extent at which each is labelled."""
+_MAX_POINTS = 400
+_MAX_DOTS = 250
 
 
 def map_of(run: Run, channel: Channel, given: RmsMap | None) -> RmsMap | None:
-    """Return the RMS map of a channel: the given one, or the kept one that has the hash in the records."""
+    """Return the RMS map of a channel: the given one, or the cached one with the hash in the records."""
     return given if given is not None else kept_map(hash_of(run, channel.name))
 
 
 def kept_map(wanted: str) -> RmsMap | None:
-    """Return the map of a hash from the user's cache folder, None where it is not there."""
+    """Return the map with a hash from the user's cache folder, None if there is none."""
     if len(wanted) < 16 or not wanted.isalnum():
         return None
     try:
@@ -60,24 +59,22 @@ def kept_map(wanted: str) -> RmsMap | None:
 
 
 def hash_of(run: Run, channel: str) -> str:
-    """Return the hash of a channel's RMS map as the records say it, "" where they say none."""
-    said = of_channel(run.attributes.get("map_hash", ""), channel)
-    return "" if said == "none" else said
+    """Return the hash of a channel's RMS map in the records, "" for none."""
+    found = of_channel(run.attributes.get("map_hash", ""), channel)
+    return "" if found == "none" else found
 
 
 @mpl.rc_context(STYLE)
-def map_path(run: Run, channel: Channel, rms_map: RmsMap, numbers: itertools.count[int]) -> Picture | None:
-    """Draw the map under the channel's load and speed, the path over it, and what explains the latest level.
+def map_path(context: ChannelContext, rms_map: RmsMap) -> Picture | None:
+    """Draw the map, the tracker's path and the contour of the last RMS (thesis, Figs. 55 and 61).
 
-    Returns:
-        The figure (thesis, Figs. 55 and 61), or None where the tracker gave no sizes or the map does not cover the
-        condition.
+    None where the tracker gave no sizes or the map does not cover the channel's load and speed.
     """
+    run, channel = context.run, context.channel
     rows = np.flatnonzero(np.isfinite(channel.column("dphi_d")) & np.isfinite(channel.column("h_d")))
-    condition = _condition(channel, rms_map)
-    if not rows.size or condition is None:
+    at = _condition(channel, rms_map)
+    if not rows.size or at is None:
         return None
-    at = condition
     extent, depth = np.degrees(at.dphi_d), 1e6 * at.h_d
     made, (axes,) = new_figure(4.3)
     axes.grid(visible=False)
@@ -86,7 +83,7 @@ def map_path(run: Run, channel: Channel, rms_map: RmsMap, numbers: itertools.cou
     made.colorbar(shown, ax=axes, pad=0.01, format="%.3g").set_label("RMS of the map (g)")
     _volumes(axes, rms_map.outer_race_radius, extent, depth)
     x, y = np.degrees(channel.column("dphi_d")[rows]), 1e6 * channel.column("h_d")[rows]
-    keep = np.unique(np.linspace(0, rows.size - 1, min(rows.size, _MOST_POINTS)).astype(int))
+    keep = np.unique(np.linspace(0, rows.size - 1, min(rows.size, _MAX_POINTS)).astype(int))
     axes.plot(x[keep], y[keep], color="#111111", linewidth=3.2)
     axes.plot([], [], color=GREY, linewidth=2.0, label="path of the tracker")
     axes.plot(x[keep], y[keep], ".-", color="white", linewidth=1.3, markersize=3)
@@ -112,30 +109,25 @@ def map_path(run: Run, channel: Channel, rms_map: RmsMap, numbers: itertools.cou
     label = f"RMS map with the path that the tracker took over it on channel {channel.name}."
     data: dict[str, Any] = {"time_s": channel.time[rows], "dphi_deg": x, "h_d_um": y, "last_rms_g": level}
     data |= {"load_newton": at.load, "speed_hz": at.speed, **cloud}
-    return Picture("The path over the RMS map", to_svg(made, label, numbers), caption + unscaled(run), data, "path")
+    svg = to_svg(made, label, context.numbers)
+    return Picture("The path over the RMS map", svg, caption + unscaled(run), data, "path")
 
 
 def _condition(channel: Channel, rms_map: RmsMap) -> MapSlice | None:
-    values = []
+    values: list[float] = []
     for name in ("load", "speed"):
-        row, axis = last_value(channel, name), getattr(rms_map, name)
-        values.append(
-            float(axis[0])
-            if row is None and len(axis) == 1
-            else None
-            if row is None
-            else float(channel.column(name)[row])
-        )
-    if values[0] is None or values[1] is None:
-        return None
+        row, axis = channel.last_row(name), getattr(rms_map, name)
+        if row is None and len(axis) != 1:
+            return None
+        values.append(float(axis[0] if row is None else channel.column(name)[row]))
     try:
-        return rms_map.slice_at(values[0], values[1])
+        return rms_map.slice_at(*values)
     except OutsideMapError:
         return None
 
 
 def _latest_level(channel: Channel, row: int) -> float:
-    """Return the RMS that entered the map last, g: the moving mean of the thesis' tracker, else the RMS itself."""
+    """Return the RMS (g) that entered the map last: the moving mean of the thesis' tracker, else the RMS itself."""
     for name in ("rms_smoothed", "rms"):
         value = float(channel.column(name)[row])
         if math.isfinite(value):
@@ -171,7 +163,7 @@ def _cloud(axes: Axes, particles: Particles | None, radius: float) -> dict[str, 
     if particles is None or not particles.weight.size:
         return {}
     x, y = particles.sizes(radius)
-    order = np.argsort(-particles.weight)[:_MOST_DOTS]
+    order = np.argsort(-particles.weight)[:_MAX_DOTS]
     weight = particles.weight[order] / particles.weight.max()
     x, y = np.degrees(x[order]), 1e6 * y[order]
     axes.scatter(x, y, s=2.0 + 22.0 * weight, color=ORANGE, alpha=0.55, linewidth=0)
@@ -180,8 +172,9 @@ def _cloud(axes: Axes, particles: Particles | None, radius: float) -> dict[str, 
 
 
 @mpl.rc_context(STYLE)
-def posterior(channel: Channel, particles: Particles, numbers: itertools.count[int]) -> Picture | None:
-    """Draw the distribution of V_eq after the last block: what the physical tracker believes."""
+def posterior(context: ChannelContext, particles: Particles) -> Picture | None:
+    """Draw the distribution of V_eq after the last block by the physical tracker; None without two values."""
+    channel = context.channel
     v_eq = 1e6 * np.exp(particles.core[:, 0])
     weight = particles.weight / particles.weight.sum()
     usual = np.isfinite(v_eq) & (v_eq > 0)
@@ -192,7 +185,7 @@ def posterior(channel: Channel, particles: Particles, numbers: itertools.count[i
     made, (axes,) = new_figure(2.7)
     axes.stairs(share, edges, fill=True, color=ORANGE, alpha=0.45)
     axes.stairs(share, edges, color=ORANGE)
-    truth = last_value(channel, "v_eq_true")
+    truth = channel.last_row("v_eq_true")
     if truth is not None:
         axes.axvline(1e6 * channel.column("v_eq_true")[truth], color=INK, linestyle="--", label="true")
     axes.set_xscale("log")
@@ -208,4 +201,4 @@ def posterior(channel: Channel, particles: Particles, numbers: itertools.count[i
         "two humps mean that two sizes explain what was heard."
     )
     data = {"edges_mm2": edges, "probability": share}
-    return Picture("What the tracker believes now", to_svg(made, label, numbers), caption, data, "posterior")
+    return Picture("What the tracker believes now", to_svg(made, label, context.numbers), caption, data, "posterior")

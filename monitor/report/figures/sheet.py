@@ -21,7 +21,7 @@ from matplotlib.figure import Figure, FigureBase
 from monitor.records.filesystem import replace_durably
 from monitor.report.figures.drawing import INK, SOFT, STYLE, WIDTH, Picture, to_svg
 from monitor.report.options import Options
-from monitor.report.report import render
+from monitor.report.page import render
 from monitor.report.tables import write_whole
 
 _LETTERS = 150

@@ -1,4 +1,4 @@
-"""Figures of envelope spectra: one, one before and one after the onset, and the lines that records hold."""
+"""Figures of envelope spectra: one, a pair from before and after the onset, and the lines in the records."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from monitor.health.schema import FAULTS
+from monitor.health.waterfall import SpectrumRow
 from monitor.report.figures.drawing import (
     BLUE,
     GREEN,
@@ -25,23 +26,24 @@ from monitor.report.figures.drawing import (
     Picture,
     add_legend,
     new_figure,
+    scale_of,
     thin,
     to_svg,
 )
-from monitor.report.figures.trends import scale_of
 from monitor.report.runs import Channel
-from monitor.words.numbers import figure
+from monitor.report.verdict import ChannelContext, named_fault
+from monitor.words.numbers import Clock, figure
 from monitor.words.statuses import FAULT_NAMES
 
 FAULT_MARKS = {"outer": (VERMILION, "o"), "inner": (BLUE, "s"), "ball": (GREEN, "^"), "cage": (PURPLE, "D")}
 """Colour and marker of the lines of each part."""
 ORDERS = 5
-"""Orders of the fault lines that are shown, as many as H_or has (thesis, Eq. 96)."""
+"""Orders of the fault lines that are shown, as in H_or (thesis, Eq. 96)."""
 _SEARCH = 0.02
-"""How far a line may stand from its kinematic frequency: slip and nominal speeds are up to 2 % off."""
+"""Relative half-width of the search around a kinematic frequency: slip and nominal speeds are up to 2 % off."""
 _SIDE_ORDERS = 3
-_OWN_SCALES = 20.0
-"""Two spectra whose highest points differ by more are drawn each on a scale of its own."""
+_MAX_COMMON_SCALE_RATIO = 20.0
+"""Two spectra whose highest points differ by more have separate scales."""
 _POINTS = 700
 
 
@@ -49,12 +51,11 @@ class SpectrumView(NamedTuple):
     """An envelope spectrum to be drawn.
 
     Attributes:
-        frequency_hz: ascending, Hz.
-        amplitude_g: amplitude of the envelope, g.
-        fundamentals_hz: kinematic frequency of each family of fault lines, Hz.
-        label: which block it is of, for people.
-        speed_hz: rotation frequency of the shaft, Hz, NaN where unknown.
-        unit: of the amplitude.
+        frequency_hz: ascending.
+        amplitude_g: of the envelope, in ``unit``.
+        fundamentals_hz: kinematic frequency of each part.
+        label: of the block.
+        speed_hz: rotation frequency of the shaft, NaN if unknown.
     """
 
     frequency_hz: NDArray[np.float64]
@@ -66,16 +67,9 @@ class SpectrumView(NamedTuple):
 
 
 def spectrum(view: SpectrumView, channel: str, fault: str, numbers: itertools.count[int]) -> Picture | None:
-    """Draw an envelope spectrum with the lines of the four parts, of which the highest point near each is marked.
+    """Draw an envelope spectrum with the lines of all parts and the highest point near each; None without two points.
 
-    Args:
-        view: the spectrum.
-        channel: its name.
-        fault: the part named, "" where none is.
-        numbers: of figures.
-
-    Returns:
-        The figure, or None where the spectrum has fewer than two points.
+    ``fault`` is the damaged part, "" for none; ``numbers`` is that of :class:`ChannelContext`.
     """
     if len(view.frequency_hz) < 2:
         return None
@@ -104,7 +98,7 @@ def _pictured(
         data.append(drawn)
         if len(views) > 1:
             axes.set_title(view.label, loc="left", fontsize=9.5)
-    alike = max(tops) <= _OWN_SCALES * min(tops)
+    alike = max(tops) <= _MAX_COMMON_SCALE_RATIO * min(tops)
     for axes, top in zip(panels, tops, strict=True):
         axes.set_ylim(0.0, 1.15 * (max(tops) if alike else top) or 1.0)
     add_legend(panels[-1], loc="upper right", ncols=4, handletextpad=0.3, columnspacing=1.2)
@@ -119,7 +113,8 @@ def _pictured(
 def _draw(axes: Axes, view: SpectrumView, fault: str) -> tuple[float, dict[str, Any]]:
     """Draw one spectrum into a panel; return its highest point and what was drawn."""
     frequency, amplitude = np.asarray(view.frequency_hz, float), np.asarray(view.amplitude_g, float)
-    # Five orders of the passages; the mean and slow drift below the cage's line are no lines.
+    view = view._replace(frequency_hz=frequency, amplitude_g=amplitude)
+    # The mean and slow drift below the cage's line are left out.
     orders = ORDERS + 0.3
     last = min(float(frequency[-1]), orders * max(view.fundamentals_hz.values(), default=float(frequency[-1])))
     first = 0.5 * min(view.fundamentals_hz.values(), default=0.0)
@@ -130,7 +125,7 @@ def _draw(axes: Axes, view: SpectrumView, fault: str) -> tuple[float, dict[str, 
     found: dict[str, Any] = {}
     for part in FAULTS:
         if part in view.fundamentals_hz:
-            found[part] = _fault_lines(axes, frequency, amplitude, part, view, last, named)
+            found[part] = _fault_lines(axes, view, part, last, named)
     axes.set_xlim(0.0, last)
     axes.set_ylabel(f"envelope ({view.unit})")
     top = float(amplitude[shown].max()) if shown.any() else 1.0
@@ -138,16 +133,8 @@ def _draw(axes: Axes, view: SpectrumView, fault: str) -> tuple[float, dict[str, 
     return top or 1.0, {"label": view.label, "frequency_hz": x, f"amplitude_{suffix}": y, "lines_hz": found}
 
 
-def _fault_lines(
-    axes: Axes,
-    frequency: NDArray[np.float64],
-    amplitude: NDArray[np.float64],
-    part: str,
-    view: SpectrumView,
-    last: float,
-    named: Sequence[str],
-) -> list[float]:
-    """Mark the highest points near the lines of a part; those of parts that are not named are lines only."""
+def _fault_lines(axes: Axes, view: SpectrumView, part: str, last: float, named: Sequence[str]) -> list[float]:
+    """Draw the lines of a part and mark the highest point near each, unless another part is named; return these."""
     colour, marker = FAULT_MARKS[part]
     fundamental = view.fundamentals_hz[part]
     meant = not named or part in named
@@ -157,9 +144,9 @@ def _fault_lines(
         if nominal > last:
             break
         axes.axvline(nominal, color=colour, linewidth=0.8, linestyle=(0, (2, 3)), alpha=0.9 if meant else 0.4)
-        place = _highest(frequency, amplitude, nominal)
+        place = _highest(view, nominal)
         if place is not None:
-            found.append((float(frequency[place]), float(amplitude[place])))
+            found.append((float(view.frequency_hz[place]), float(view.amplitude_g[place])))
     label = f"{FAULT_NAMES[part]} {fundamental:.1f} Hz"
     if found and meant:
         x, y = zip(*found, strict=True)
@@ -170,25 +157,19 @@ def _fault_lines(
                     f"{order}×", (at, height), (0, 5), textcoords="offset points", fontsize=7.5, ha="center", color=INK
                 )
         if named:
-            _sidebands(axes, frequency, amplitude, part, view, found[:_SIDE_ORDERS])
+            _sidebands(axes, view, part, found[:_SIDE_ORDERS])
     elif found:
         axes.plot([], [], color=colour, linewidth=0.8, linestyle=(0, (2, 3)), label=label)
     return [at for at, _ in found]
 
 
-def _sidebands(
-    axes: Axes,
-    frequency: NDArray[np.float64],
-    amplitude: NDArray[np.float64],
-    part: str,
-    view: SpectrumView,
-    lines: Sequence[tuple[float, float]],
-) -> None:
-    """Mark the sidebands that a rotating part makes: the shaft's around the inner race, the cage's around the ball."""
+def _sidebands(axes: Axes, view: SpectrumView, part: str, lines: Sequence[tuple[float, float]]) -> None:
+    """Mark the sidebands at the shaft's frequency around inner race lines, at the cage's around ball lines."""
     distance = {"inner": view.speed_hz, "ball": view.fundamentals_hz.get("cage", math.nan)}.get(part, math.nan)
+    frequency, amplitude = view.frequency_hz, view.amplitude_g
     if not math.isfinite(distance) or distance < 3.0 * (frequency[1] - frequency[0]):
         return
-    places = [_highest(frequency, amplitude, at + side * distance) for at, _ in lines for side in (-1, 1)]
+    places = [_highest(view, at + side * distance) for at, _ in lines for side in (-1, 1)]
     rows = [place for place in places if place is not None]
     colour, _ = FAULT_MARKS[part]
     axes.plot(
@@ -196,9 +177,10 @@ def _sidebands(
     )
 
 
-def _highest(frequency: NDArray[np.float64], amplitude: NDArray[np.float64], nominal: float) -> int | None:
+def _highest(view: SpectrumView, nominal: float) -> int | None:
+    frequency = view.frequency_hz
     near = np.flatnonzero(np.abs(frequency - nominal) <= max(_SEARCH * nominal, frequency[1] - frequency[0]))
-    return int(near[np.argmax(amplitude[near])]) if near.size else None
+    return int(near[np.argmax(view.amplitude_g[near])]) if near.size else None
 
 
 def _caption(views: Sequence[SpectrumView], tops: Sequence[float], fault: str, alike: bool) -> str:
@@ -223,31 +205,84 @@ def _caption(views: Sequence[SpectrumView], tops: Sequence[float], fault: str, a
 
 @mpl.rc_context(STYLE)
 def recorded_lines(channel: Channel, row: int, numbers: itertools.count[int]) -> Picture | None:
-    """Draw the fault lines that a record holds, each over the noise floor under it, where no spectrum is at hand."""
+    """Draw the fault lines of a record with the noise floor under each; None where it has none."""
     amplitude = channel.numbers["envelope_amplitude"][row][:20]
     floor = np.resize(channel.numbers["envelope_floor"][row], 20)
     if amplitude.size < 20 or not np.isfinite(amplitude).any():
         return None
-    scale, unit = scale_of(channel)
+    scale = scale_of(absolute=channel.has_level)
     made, (axes,) = new_figure(2.9)
     labels = []
     for place, fault in enumerate(FAULTS):
         x = np.arange(ORDERS) + 6.0 * place
         colour, _ = FAULT_MARKS[fault]
         rows = slice(ORDERS * place, ORDERS * (place + 1))
-        axes.bar(x, np.nan_to_num(amplitude[rows] / scale), width=0.72, color=colour, alpha=0.85)
-        axes.hlines(floor[rows] / scale, x - 0.42, x + 0.42, color=INK, linewidth=1.4)
+        axes.bar(x, np.nan_to_num(amplitude[rows] / scale.si), width=0.72, color=colour, alpha=0.85)
+        axes.hlines(floor[rows] / scale.si, x - 0.42, x + 0.42, color=INK, linewidth=1.4)
         labels.append((6.0 * place + 2.0, FAULT_NAMES[fault]))
     axes.set_xticks([x for x, _ in labels], [f"{text}, 1 to 5" for _, text in labels])
     axes.grid(visible=False, axis="x")
-    axes.set_ylabel(f"envelope ({unit})")
+    axes.set_ylabel(f"envelope ({scale.unit})")
     block = f"block {channel.sequence[row]:,}"
     label = f"Lines of the envelope spectrum of {block}, with the noise floor as a black bar."
-    suffix = "g" if unit == "g" else "sensor_unit"
     return Picture(
         f"Fault lines of the envelope spectrum, {block}",
         to_svg(made, label, numbers),
         "Bars: the first five lines of each part. Dark strokes: the noise floor under each. Empty: not resolved.",
-        {f"amplitude_{suffix}": amplitude / scale, f"floor_{suffix}": floor / scale, "parts": list(FAULTS)},
+        {
+            f"amplitude_{scale.suffix}": amplitude / scale.si,
+            f"floor_{scale.suffix}": floor / scale.si,
+            "parts": list(FAULTS),
+        },
         "lines",
+    )
+
+
+def views_of(rows: Sequence[SpectrumRow], context: ChannelContext) -> list[SpectrumView]:
+    """Return a spectrum from before the onset and one from after; the latest alone without an onset; or none.
+
+    ``rows`` are kept spectra in the order of their blocks.
+    """
+    channel, t_fs = context.channel, context.verdict.t_fs
+    usable = [row for row in rows if row.amplitude.size > 1 and row.resolution > 0]
+    if not usable:
+        return []
+    onset = t_fs.block if t_fs is not None else None
+    if onset is None:
+        return [_view_of(usable[-1], context.clock)]
+    before = [row for row in usable if row.sequence < onset]
+    after = [row for row in usable if row.sequence >= onset]
+    if not before or not after:
+        return [_view_of(usable[-1], context.clock)]
+    shown = (_healthy_row(before, channel), _damaged_row(after, channel))
+    return [_view_of(row, context.clock) for row in shown]
+
+
+def _healthy_row(before: Sequence[SpectrumRow], channel: Channel) -> SpectrumRow:
+    """Return the middle one of those after the learning window, or of all if there is none."""
+    learning = channel.sequence[channel.word("stage") == "learning"]
+    later = [row for row in before if not learning.size or row.sequence > learning[-1]]
+    among = later or before
+    return among[len(among) // 2]
+
+
+def _damaged_row(after: Sequence[SpectrumRow], channel: Channel) -> SpectrumRow:
+    """Return the one nearest to the block with the best verdict on the part, the latest without a verdict."""
+    row, fault = named_fault(channel)
+    if row is None or not fault:
+        return after[-1]
+    blocks = np.array([item.sequence for item in after])
+    return after[int(np.argmin(np.abs(blocks - int(channel.sequence[row]))))]
+
+
+def _view_of(row: SpectrumRow, clock: Clock) -> SpectrumView:
+    scale = scale_of(absolute=row.absolute)
+    when = "" if row.time is None else f", {clock.moment(row.time)}"
+    return SpectrumView(
+        frequency_hz=row.frequency,
+        amplitude_g=np.asarray(row.amplitude, dtype=np.float64) / scale.si,
+        fundamentals_hz=row.lines,
+        label=f"block {row.sequence:,}{when}",
+        speed_hz=row.speed,
+        unit=scale.unit,
     )

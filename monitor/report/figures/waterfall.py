@@ -1,9 +1,8 @@
-"""The envelope spectra of a whole life in one picture: time to the right as everywhere, frequency upwards."""
+"""The envelope spectra of a whole life as one image over time and frequency."""
 
 from __future__ import annotations
 
 import base64
-import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -19,52 +18,40 @@ from numpy.typing import NDArray
 from monitor.health.schema import FAULTS
 from monitor.health.waterfall import SpectrumRow
 from monitor.records.spectra import binned
-from monitor.report.figures.drawing import STYLE, Picture, new_figure, time_axis, to_svg
+from monitor.report.figures.drawing import STYLE, Picture, new_figure, scale_of, time_axis, to_svg
 from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS
 from monitor.report.figures.trends import draw_marks
-from monitor.report.verdict import Verdict
-from monitor.words.numbers import Clock, count, figure
+from monitor.report.verdict import ChannelContext
+from monitor.words.numbers import count, figure
 from monitor.words.statuses import FAULT_NAMES
-from streams.block import STANDARD_GRAVITY
 
 _BINS, _COLUMNS, _COLOURS = 220, 360, 40
-_LEAST_ROWS = 4
+_MIN_ROWS = 4
 _GAP = 3.0
-"""Spectra further apart than so many usual distances have nothing drawn between them."""
+"""A gap is a step of more than so many usual ones."""
 
 
 @mpl.rc_context(STYLE)
-def waterfall(
-    rows: Sequence[SpectrumRow], channel: str, verdict: Verdict, clock: Clock, numbers: itertools.count[int]
-) -> Picture | None:
-    """Draw the kept envelope spectra of a channel over its life.
+def waterfall(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture | None:
+    """Draw kept envelope spectra, in the order of their blocks, over the life of a channel.
 
-    Args:
-        rows: in the order of their blocks.
-        channel: its name.
-        verdict: on it; the lines of the part that it names are pointed at.
-        clock: writes moments.
-        numbers: of figures.
-
-    Returns:
-        The figure, or None where fewer than four spectra have a time or nothing is in them.
+    None where fewer than four have a time, or where all are zero.
     """
     dated = [row for row in rows if row.time is not None and row.resolution > 0 and row.amplitude.size > 1]
-    if len(dated) < _LEAST_ROWS or dated[-1].time == dated[0].time:
+    if len(dated) < _MIN_ROWS or dated[-1].time == dated[0].time:
         return None
     time = np.array([row.time for row in dated], dtype=np.float64)
     lines = dated[-1].lines
     highest = (ORDERS + 0.5) * max((lines[part] for part in FAULTS if part in lines), default=math.inf)
     frequency, amplitude = binned(dated, _BINS, None if math.isinf(highest) else highest)
-    absolute = all(row.absolute for row in dated)
-    amplitude = amplitude / (STANDARD_GRAVITY if absolute else 1.0)
-    # The mean and slow drift below the cage's line are no lines.
+    scale = scale_of(absolute=all(row.absolute for row in dated))
+    amplitude = amplitude / scale.si
+    # The mean and slow drift below the cage's line are left out.
     amplitude[:, frequency < 0.5 * min(lines.values(), default=0.0)] = np.nan
     low, high = _ends(amplitude)
     if not high > 0.0:
         return None
-    unit = "g" if absolute else "sensor unit"
-    axis = time_axis(time, clock)
+    axis = time_axis(time, context.clock)
     made, (axes,) = new_figure(3.9)
     axes.grid(visible=False)
     image, edges = _on_grid(time, amplitude)
@@ -80,25 +67,34 @@ def waterfall(
     )
     bar = made.colorbar(shown, ax=axes, pad=0.01, ticks=LogLocator(subs=(1.0, 3.0)), format=FuncFormatter(_plain))
     bar.ax.yaxis.set_minor_locator(NullLocator())
-    bar.set_label(f"envelope ({unit})")
-    draw_marks(axes, axis, verdict)
-    named = _point_at_lines(axes, lines, verdict.fault, top)
+    bar.set_label(f"envelope ({scale.unit})")
+    draw_marks(axes, axis, context.verdict)
+    named = _mark_orders(axes, lines, context.verdict.fault, top)
     axes.set_xlim(float(axis.position(edges[0])), float(axis.position(edges[1])))
     axes.set_ylabel("frequency (Hz)")
     axis.settle(axes)
-    label = f"Envelope spectra of channel {channel} over its life, {len(dated)} of them. {verdict.headline}."
+    name, headline = context.channel.name, context.verdict.headline
+    label = f"Envelope spectra of channel {name} over its life, {len(dated)} of them. {headline}."
     caption = (
         f"{count(len(dated), 'kept spectrum').replace('spectrums', 'spectra')}; the colour is the highest amplitude in "
         f"bins of {figure(float(frequency[1] - frequency[0]), 2)} Hz, on a logarithmic scale. A line that stays is a "
         "horizontal stripe; what is blank has no spectrum."
         + (f" Marks on the left: orders of the {named}." if named else "")
     )
-    data = _data(time, frequency, amplitude, (low, high), unit, [row.sequence for row in dated])
-    return Picture("Envelope spectra over life", to_svg(made, label, numbers), caption, data, "waterfall")
+    data = {
+        "time_s": time,
+        "block": [row.sequence for row in dated],
+        "frequency_hz": frequency,
+        "unit": scale.unit,
+        "low": low,
+        "high": high,
+        "codes_base64": base64.b64encode(_codes(amplitude, low, high)).decode("ascii"),
+    }
+    return Picture("Envelope spectra over life", to_svg(made, label, context.numbers), caption, data, "waterfall")
 
 
 def _ends(amplitude: NDArray[Any]) -> tuple[float, float]:
-    """Return the ends of the colour scale: from where most noise lies, four decades at most, to the highest line."""
+    """Return the ends of the colour scale: the 20th percentile, but four decades at most, and the maximum."""
     positive = amplitude[amplitude > 0]
     if not positive.size:
         return 0.0, 0.0
@@ -111,7 +107,7 @@ def _plain(value: float, _: int | None = None) -> str:
 
 
 def _on_grid(time: NDArray[np.float64], amplitude: NDArray[Any]) -> tuple[NDArray[Any], tuple[float, float]]:
-    """Return the spectra on even steps of time, each step with the nearest spectrum, NaN in gaps, and its ends."""
+    """Return the nearest spectrum at each of evenly spaced times, NaN in gaps, and the ends of the image (s)."""
     steps = np.diff(time)
     usual = float(np.median(steps[steps > 0]))
     columns = int(np.clip(round(np.ptp(time) / usual), 2, _COLUMNS))
@@ -126,8 +122,8 @@ def _on_grid(time: NDArray[np.float64], amplitude: NDArray[Any]) -> tuple[NDArra
     return grid, edges
 
 
-def _point_at_lines(axes: Axes, lines: Any, fault: str, top: float) -> str:
-    """Mark the orders of the named part on the left edge; return what they are called, "" where none is named."""
+def _mark_orders(axes: Axes, lines: Any, fault: str, top: float) -> str:
+    """Mark the orders of the named part on the left edge; return its name for the caption, "" for none."""
     named = [part for part in fault.split("|") if part in lines]
     for place, part in enumerate(named):
         colour, _ = FAULT_MARKS[part]
@@ -148,25 +144,8 @@ def _point_at_lines(axes: Axes, lines: Any, fault: str, top: float) -> str:
     return " and of the ".join(FAULT_NAMES[part] for part in named)
 
 
-def _data(
-    time: NDArray[np.float64],
-    frequency: NDArray[np.float64],
-    amplitude: NDArray[Any],
-    ends: tuple[float, float],
-    unit: str,
-    blocks: list[int],
-) -> dict[str, Any]:
-    """Return what is drawn: amplitudes as one byte each, 0 for none, 1 to 255 even in the logarithm."""
-    low, high = ends
+def _codes(amplitude: NDArray[Any], low: float, high: float) -> bytes:
+    """Return amplitudes as one byte each: 0 for NaN, 1 to 255 even in the logarithm."""
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.log(np.clip(amplitude, low, high) / low) / math.log(high / low)
-    codes = np.where(np.isfinite(amplitude), 1 + np.round(254 * np.nan_to_num(share)), 0).astype(np.uint8)
-    return {
-        "time_s": time,
-        "block": blocks,
-        "frequency_hz": frequency,
-        "unit": unit,
-        "low": low,
-        "high": high,
-        "codes_base64": base64.b64encode(codes.tobytes()).decode("ascii"),
-    }
+    return np.where(np.isfinite(amplitude), 1 + np.round(254 * np.nan_to_num(share)), 0).astype(np.uint8).tobytes()

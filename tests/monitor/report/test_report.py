@@ -18,7 +18,8 @@ from monitor.health.schema import EDV_STATUSES, FAULTS, STATUSES, TT_STATUSES
 from monitor.records.publish import day_dataset, publish
 from monitor.records.store import Store
 from monitor.report.figures.drawing import thin, with_breaks
-from monitor.report.report import SpectrumView, build_report
+from monitor.report.figures.spectrum import SpectrumView
+from monitor.report.report import build_report
 from monitor.report.runs import ReportError, read_runs
 from monitor.report.verdict import judge, named_fault
 from monitor.words.numbers import duration, moment, volume

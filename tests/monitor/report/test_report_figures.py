@@ -18,15 +18,13 @@ from monitor.health.waterfall import SpectrumRow
 from monitor.records.store import Store
 from monitor.report.data_quality import gaps, gaps_of, offered, statuses, timeline
 from monitor.report.figures.damage import damaged_volume, fitted_law
-from monitor.report.figures.drawing import Picture, new_figure, time_axis, to_svg
+from monitor.report.figures.drawing import Picture, new_figure, sparkline, time_axis, to_svg
 from monitor.report.figures.forecast import ALPHA, forecasts
-from monitor.report.figures.sparkline import sparkline
-from monitor.report.figures.spectrum import SpectrumView, before_and_after, spectrum
+from monitor.report.figures.spectrum import SpectrumView, before_and_after, spectrum, views_of
 from monitor.report.figures.trends import final_stage, trends
 from monitor.report.figures.waterfall import waterfall
 from monitor.report.runs import Channel, Run, read_runs
-from monitor.report.spectrum_views import views_of
-from monitor.report.verdict import judge
+from monitor.report.verdict import ChannelContext, judge
 from monitor.words.numbers import Clock, figure, time_zone
 from tests.effort import effort_count
 from tests.oracles.lives import GRAVITY, INTERVAL, life
@@ -66,9 +64,12 @@ def numbers() -> itertools.count[int]:
     return itertools.count(1)
 
 
+def context_of(run: Run, channel: Channel, clock: Clock = CLOCK) -> ChannelContext:
+    return ChannelContext(run, channel, judge(run, channel), clock, numbers())
+
+
 def test_trends_carry_what_they_draw(run: Run, channel: Channel) -> None:
-    verdict = judge(run, channel)
-    data = drawn(trends(run, channel, verdict, CLOCK, numbers()))
+    data = drawn(trends(context_of(run, channel)))
     known = {record.sequence: record.channels.get("horizontal", {}) for record in life(start=START)}
     rms = {record.sequence: record.channels["horizontal"]["rms"] for record in life(start=START) if record.channels}
     drawn_rms = {at: value for at, value in zip(data["time_s"], data["rms_g"], strict=True) if value is not None}
@@ -82,13 +83,13 @@ def test_trends_carry_what_they_draw(run: Run, channel: Channel) -> None:
 
 
 def test_a_final_stage_that_is_most_of_the_life_gets_no_figure_of_its_own(run: Run, channel: Channel) -> None:
-    assert final_stage(run, channel, judge(run, channel), CLOCK, numbers()) is not None
-    assert final_stage(run, run.channels["vertical"], judge(run, run.channels["vertical"]), CLOCK, numbers()) is None
+    assert final_stage(context_of(run, channel)) is not None
+    assert final_stage(context_of(run, run.channels["vertical"])) is None
 
 
 def test_a_final_stage_is_shown_from_a_little_before_t_fs(run: Run, channel: Channel) -> None:
-    verdict = judge(run, channel)
-    data = drawn(final_stage(run, channel, verdict, CLOCK, numbers()))
+    context = context_of(run, channel)
+    verdict, data = context.verdict, drawn(final_stage(context))
     assert verdict.t_fs is not None
     left = channel.time[-1] - verdict.t_fs.time
     time = data["time_s"] if "time_s" in data else data["rms_g"]["time_s"]
@@ -101,7 +102,7 @@ def test_alarms_stand_where_they_were_raised(tmp_path: Path) -> None:
     raised = {"kind": "alarm_raised", "channel": "horizontal", "block": 80, "severity": "danger", "feature": "rms"}
     made[79] = Record(**{**made[79].__dict__, "events": (raised,)})
     found = run_of(tmp_path, made)
-    picture = trends(found, found.channels["horizontal"], judge(found, found.channels["horizontal"]), CLOCK, numbers())
+    picture = trends(context_of(found, found.channels["horizontal"]))
     assert drawn(picture)["alarms_s"] == [pytest.approx(made[79].time)]
     assert picture is not None
     assert "danger raised (1)" in picture.svg
@@ -157,22 +158,21 @@ def row_of(sequence: int, time: float | None, height: float = 1.0, bins: int = 9
 def test_the_spectra_shown_are_one_before_and_one_after_the_onset(run: Run, channel: Channel) -> None:
     rows = [row_of(number, START + number) for number in range(10, 601, 10)]
     verdict = judge(run, channel)
-    before, after = views_of(rows, channel, verdict, CLOCK)
+    before, after = views_of(rows, context_of(run, channel))
     assert verdict.t_fs is not None
     assert verdict.t_fs.block is not None
     assert 100 < int(re.findall(r"block (\d+)", before.label)[0]) < verdict.t_fs.block
     assert after.label.startswith("block 600,")
     assert before.amplitude_g.max() == pytest.approx(1.0 / GRAVITY)
-    healthy = run.channels["vertical"]
-    (latest,) = views_of(rows, healthy, judge(run, healthy), CLOCK)
+    (latest,) = views_of(rows, context_of(run, run.channels["vertical"]))
     assert latest.label.startswith("block 600,")
-    assert views_of([], channel, verdict, CLOCK) == []
+    assert views_of([], context_of(run, channel)) == []
 
 
 def test_a_waterfall_leaves_gaps_blank_and_carries_its_spectra(run: Run, channel: Channel) -> None:
     times = [START + 60.0 * place + (6000.0 if place > 20 else 0.0) for place in range(40)]
     rows = [row_of(number, time, 1.0 + number) for number, time in enumerate(times, start=1)]
-    picture = waterfall(rows, "horizontal", judge(run, channel), CLOCK, numbers())
+    picture = waterfall(rows, context_of(run, channel))
     data = drawn(picture)
     assert picture is not None
     assert "data:image/png;base64," in picture.svg
@@ -183,13 +183,13 @@ def test_a_waterfall_leaves_gaps_blank_and_carries_its_spectra(run: Run, channel
     place = int(np.searchsorted(data["frequency_hz"], 97.0, side="right")) - 1
     expected = [(1.0 + number) / GRAVITY for number in range(1, 41)]
     assert amplitude[:, place] == pytest.approx(expected, rel=0.03)
-    assert waterfall(rows[:3], "horizontal", judge(run, channel), CLOCK, numbers()) is None
+    assert waterfall(rows[:3], context_of(run, channel)) is None
     undated = [row_of(number, None) for number in range(1, 9)]
-    assert waterfall(undated, "horizontal", judge(run, channel), CLOCK, numbers()) is None
+    assert waterfall(undated, context_of(run, channel)) is None
 
 
 def test_volumes_are_drawn_as_recorded_with_the_truth(run: Run, channel: Channel) -> None:
-    picture = damaged_volume(run, channel, judge(run, channel), CLOCK, numbers())
+    picture = damaged_volume(context_of(run, channel))
     data = drawn(picture)
     known = [value for value in data["v_eq_mm2"] if value is not None]
     recorded = channel.column("v_eq")
@@ -202,7 +202,7 @@ def test_volumes_are_drawn_as_recorded_with_the_truth(run: Run, channel: Channel
 
 
 def test_the_cone_counts_what_lies_in_it(run: Run, channel: Channel) -> None:
-    (picture,) = forecasts(run, channel, judge(run, channel), CLOCK, numbers())
+    (picture,) = forecasts(context_of(run, channel))
     data = drawn(picture)
     pairs = [
         (found, true)
@@ -224,7 +224,7 @@ def test_without_a_truth_the_tracked_crossing_is_the_reference(tmp_path: Path) -
         made.append(Record(**{**record.__dict__, "channels": channels}))
     found = run_of(tmp_path, made)
     channel = found.channels["horizontal"]
-    (picture,) = forecasts(found, channel, judge(found, channel), CLOCK, numbers())
+    (picture,) = forecasts(context_of(found, channel))
     data = drawn(picture)
     assert data["truth"] == "tracked"
     crossed = channel.time[np.flatnonzero(channel.column("v_eq") >= 5e-8)[0]]
@@ -246,7 +246,7 @@ def test_the_law_is_drawn_with_its_recorded_coefficients(tmp_path: Path) -> None
         made.append(Record(**{**record.__dict__, "channels": {**record.channels, **changed}}))
     found = run_of(tmp_path, made)
     channel = found.channels["horizontal"]
-    picture = fitted_law(found, channel, judge(found, channel), Clock(False), numbers())
+    picture = fitted_law(context_of(found, channel, Clock(False)))
     data = drawn(picture)
     assert len(data["laws"]) == 4
     assert data["laws"][-1]["coefficients_si"] == pytest.approx([1e-17, 1e-13 + 200e-18, 1e-9], rel=1e-5)

@@ -17,8 +17,9 @@ from click.testing import CliRunner
 from monitor import __version__
 from monitor.commands.report import command
 from monitor.records.store import Store
-from monitor.report.pdf import for_paper, lay_out, to_pdf
-from monitor.report.report import Options, build_report, report_runs
+from monitor.report.options import Options
+from monitor.report.page import for_paper, lay_out, to_pdf
+from monitor.report.report import build_report, report_runs
 from monitor.report.runs import ReportError, read_runs
 from tests.oracles.lives import life
 
@@ -55,7 +56,7 @@ def bare_page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, source: Path, **o
     """The HTML of which a PDF is made."""
     taken: list[str] = []
     with monkeypatch.context() as patch:
-        patch.setattr("monitor.report.report.to_pdf", lambda page: taken.append(page) or b"")
+        patch.setattr("monitor.report.page.to_pdf", lambda page: taken.append(page) or b"")
         report_runs(read_runs(source), tmp_path / "x.pdf", options=Options(**options))
     return taken[0]
 

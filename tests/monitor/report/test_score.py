@@ -15,7 +15,7 @@ from monitor.health.record import Record
 from monitor.records.publish import publish
 from monitor.records.store import Store
 from monitor.report.score.issued import Issued, ScoreError, read_issued
-from monitor.report.score.runs import End, end_of, mean_of_runs, score_run
+from monitor.report.score.scoring import End, end_of, mean_of_runs, score_run
 
 STEP = 100.0
 ONSET, KNOWN = 4, 6

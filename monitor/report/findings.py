@@ -1,4 +1,4 @@
-"""The first screen: is it failing, since when, where, how large, how long left; each with what speaks for it."""
+"""The first screen: is it failing, since when, where, how large, how long left; each with its evidence."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.report.runs import Channel, Run
-from monitor.report.verdict import Moment, Verdict, interval_name, last_value, named_fault, unscaled
+from monitor.report.verdict import ChannelContext, ChannelVerdict, Moment, interval_name, named_fault, unscaled
 from monitor.words.numbers import Clock, count, duration, figure, interval, volume
 from monitor.words.statuses import EDV_REFUSALS, TT_REFUSALS, fault_words
 
@@ -16,15 +16,14 @@ _LATEST = 20
 
 
 @dataclass(frozen=True)
-class Answer:
-    """One question and what the records say to it.
+class Finding:
+    """A question and its answer from the records.
 
     Attributes:
-        question: short.
-        answer: one sentence at most; a refusal where nothing can be said.
-        support: how sure this is, and what it rests on.
-        known: whether it is an answer rather than a refusal.
-        brief: for a table, "" where there is nothing to say.
+        answer: one sentence at most.
+        support: evidence and its uncertainty, or the reason of a refusal.
+        known: False for a refusal.
+        brief: for a table, "" for none.
     """
 
     question: str
@@ -34,42 +33,42 @@ class Answer:
     brief: str = ""
 
 
-def answers(run: Run, channel: Channel, verdict: Verdict, clock: Clock) -> tuple[Answer, ...]:
+def findings(context: ChannelContext) -> tuple[Finding, ...]:
     """Answer the five questions about a channel after its last block."""
+    run, channel, verdict = context.run, context.channel, context.verdict
     return (
         _failing(channel, verdict),
-        _since(verdict, clock),
+        _since(verdict, context.clock),
         _where(channel, verdict),
         _how_large(run, channel),
         *_how_long(run, channel),
     )
 
 
-def _failing(channel: Channel, verdict: Verdict) -> Answer:
+def _failing(channel: Channel, verdict: ChannelVerdict) -> Finding:
     question = "Is it failing?"
-    said = {
+    answer = {
         "end_of_life": "Yes: the end of its life is reached.",
         "final": "Yes: it is in the final stage of its life.",
         "healthy": "No sign of it.",
         "learning": "Not known yet.",
-        "": "Cannot be said.",
+        "": "Cannot be answer.",
     }.get(verdict.stage, verdict.stage)
     if verdict.stage == "":
         rejected = int(np.sum(channel.status != "ok"))
         why = f"No block could be judged; {count(rejected, 'block')} could not be used." if rejected else ""
-        return Answer(question, said, why or "No block could be judged.", known=False)
+        return Finding(question, answer, why or "No block could be judged.", known=False)
     if verdict.stage == "learning":
         if verdict.fault:
-            said = f"Not known yet, but damage of the {fault_words(verdict.fault)} is heard."
+            answer = f"Not known yet, but damage of the {fault_words(verdict.fault)} is heard."
         why = "The baseline is not complete, so that no change can be judged yet."
-        return Answer(question, said, why, known=False)
+        return Finding(question, answer, why, known=False)
     if verdict.stage == "healthy" and verdict.fault:
-        said = f"Its level says no, but damage of the {fault_words(verdict.fault)} is heard."
-    return Answer(question, said, " ".join(text for text in (_scores(channel), _growth(channel)) if text))
+        answer = f"Its level says no, but damage of the {fault_words(verdict.fault)} is heard."
+    return Finding(question, answer, " ".join(text for text in (_scores(channel), _growth(channel)) if text))
 
 
 def _scores(channel: Channel) -> str:
-    """Say how the latest scores stand to the threshold."""
     score, threshold = channel.column("detect_score"), channel.column("detect_threshold")
     rows = np.flatnonzero(np.isfinite(score) & np.isfinite(threshold))[-_LATEST:]
     if not rows.size:
@@ -82,17 +81,16 @@ def _scores(channel: Channel) -> str:
 
 
 def _growth(channel: Channel) -> str:
-    row = last_value(channel, "rms")
-    learned = channel.column("rms")[(channel.word("stage") == "learning") & np.isfinite(channel.column("rms"))]
-    if row is None or learned.size < 2 or channel.word("stage")[row] == "learning" or np.median(learned) <= 0.0:
+    row, learned = channel.last_row("rms"), channel.baseline("rms")
+    if row is None or channel.word("stage")[row] == "learning" or not learned > 0.0:
         return ""
-    return f"RMS is {figure(float(channel.column('rms')[row] / np.median(learned)), 2)} times what was learned."
+    return f"RMS is {figure(float(channel.column('rms')[row] / learned), 2)} times what was learned."
 
 
-def _since(verdict: Verdict, clock: Clock) -> Answer:
+def _since(verdict: ChannelVerdict, clock: Clock) -> Finding:
     question = "Since when?"
     if verdict.t_fs is None:
-        return Answer(question, "–", "No final stage so far.", known=False)
+        return Finding(question, "–", "No final stage so far.", known=False)
     sentences = [f"The final stage began at {_at(verdict.t_fs, clock)}."]
     if verdict.t_fs_known is not None:
         sentences.append(f"This was known at {_at(verdict.t_fs_known, clock)}.")
@@ -102,7 +100,7 @@ def _since(verdict: Verdict, clock: Clock) -> Answer:
     if not math.isfinite(verdict.t_fs.time) and verdict.t_fs.block is not None:
         short = f"block {verdict.t_fs.block:,}"
     brief = clock.short(verdict.t_fs.time) if math.isfinite(verdict.t_fs.time) else short
-    return Answer(question, f"{_capital(short)}.", " ".join(sentences), brief=brief)
+    return Finding(question, f"{_capital(short)}.", " ".join(sentences), brief=brief)
 
 
 def _at(mark: Moment, clock: Clock) -> str:
@@ -110,14 +108,14 @@ def _at(mark: Moment, clock: Clock) -> str:
     return f"{block}{clock.moment(mark.time)}"
 
 
-def _where(channel: Channel, verdict: Verdict) -> Answer:
+def _where(channel: Channel, verdict: ChannelVerdict) -> Finding:
     question = "Where?"
     row, fault = named_fault(channel)
     if row is None:
-        return Answer(question, "Cannot be said.", "No block could be judged.", known=False)
+        return Finding(question, "Cannot be answer.", "No block could be judged.", known=False)
     if not fault:
         why = "No family of fault lines stands clear of the noise and of all others."
-        return Answer(question, "No part named.", why, known=False)
+        return Finding(question, "No part named.", why, known=False)
     snr, depth = channel.column("fault_snr")[row], channel.column("fault_depth")[row]
     evidence = []
     if math.isfinite(snr):
@@ -127,11 +125,11 @@ def _where(channel: Channel, verdict: Verdict) -> Answer:
     best = f"At best {', '.join(evidence)} (block {channel.sequence[row]:,})." if evidence else ""
     apart = "The resolution does not tell them apart." if "|" in fault else ""
     support = " ".join(text for text in (best, _agreement(channel, verdict, fault), apart) if text)
-    return Answer(question, f"{fault_words(fault).capitalize()}.", support, brief=fault_words(fault))
+    return Finding(question, f"{fault_words(fault).capitalize()}.", support, brief=fault_words(fault))
 
 
-def _agreement(channel: Channel, verdict: Verdict, fault: str) -> str:
-    """Say in how many blocks since the onset was known the same part was named, and what in the others."""
+def _agreement(channel: Channel, verdict: ChannelVerdict, fault: str) -> str:
+    """Return in how many blocks since the onset was known the same part, another or none was named."""
     late = np.isin(channel.word("stage"), ("final", "end_of_life"))
     if verdict.stage not in ("final", "end_of_life") or not late.any():
         return ""
@@ -143,16 +141,16 @@ def _agreement(channel: Channel, verdict: Verdict, fault: str) -> str:
     return f"Named in {same:,} of {count(names.size, 'block')} since then{''.join(f'; {text}' for text in rest)}."
 
 
-def _how_large(run: Run, channel: Channel) -> Answer:
+def _how_large(run: Run, channel: Channel) -> Finding:
     question = "How large?"
     statuses = channel.word("edv_status")
     rows = np.flatnonzero(statuses != "")
     if not rows.size:
-        return Answer(question, "Not tracked on this channel.", "", known=False)
-    row, known = int(rows[-1]), last_value(channel, "v_eq")
+        return Finding(question, "Not tracked on this channel.", "", known=False)
+    row, known = int(rows[-1]), channel.last_row("v_eq")
     status = str(statuses[row])
     if known is None:
-        return Answer(question, "No value.", _sentence(EDV_REFUSALS.get(status, status)), known=False)
+        return Finding(question, "No value.", _sentence(EDV_REFUSALS.get(status, status)), known=False)
     value = volume(channel.column("v_eq")[known])
     lower, upper = channel.column("v_eq_lower")[known], channel.column("v_eq_upper")[known]
     ends = interval(float(lower), float(upper), volume)
@@ -166,7 +164,7 @@ def _how_large(run: Run, channel: Channel) -> Answer:
         sentences.insert(0, f"At block {channel.sequence[known]:,}; since then none: {why}.")
         value = f"Last {value}"
     sentences.append("Equivalent damaged volume V_eq, in the model of this rig." + unscaled(run))
-    return Answer(
+    return Finding(
         question,
         f"{value}.",
         " ".join(sentences),
@@ -174,12 +172,12 @@ def _how_large(run: Run, channel: Channel) -> Answer:
     )
 
 
-def _how_long(run: Run, channel: Channel) -> list[Answer]:
+def _how_long(run: Run, channel: Channel) -> list[Finding]:
     question = "How long left?"
     statuses = channel.words["tt_status"]
     rows = np.flatnonzero(np.any(statuses != "", axis=1))
     if not rows.size:
-        return [Answer(question, "Not forecast on this channel.", "", known=False)]
+        return [Finding(question, "Not forecast on this channel.", "", known=False)]
     row = int(rows[-1])
     found = [
         _one_forecast(run, channel, row, place, str(status)) for place, status in enumerate(statuses[row]) if status
@@ -190,7 +188,7 @@ def _how_long(run: Run, channel: Channel) -> list[Answer]:
     return found
 
 
-def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str) -> Answer:
+def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str) -> Finding:
     def number(name: str) -> float:
         values = channel.numbers[name][row]
         return float(values[place]) if place < values.size else math.nan
@@ -201,16 +199,16 @@ def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str)
     if status == "already_crossed":
         if math.isfinite(lower) and math.isfinite(upper):
             late = f"{_capital(interval_name(run))}: up to {duration(upper)} from now." if upper > 0.0 else ""
-            return Answer(
+            return Finding(
                 question, f"The threshold{of} has more likely than not been reached.", late, brief="likely reached"
             )
         first = np.flatnonzero(channel.words["tt_status"][:, place] == status)[0]
-        return Answer(
+        return Finding(
             question, f"The threshold{of} was reached.", f"By block {channel.sequence[first]:,}.", brief="reached"
         )
     if status != "ok" or not math.isfinite(tt):
         why = f"For the threshold{of}: {TT_REFUSALS.get(status, status)}."
-        return Answer(question, "No forecast.", why, known=False, brief="no forecast")
+        return Finding(question, "No forecast.", why, known=False, brief="no forecast")
     ends = interval(lower, upper, duration)
     sentences = [f"{_capital(interval_name(run))}: {ends}."] if ends else ["A single number, without an interval."]
     probability = number("p_threshold")
@@ -220,7 +218,7 @@ def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str)
     if math.isfinite(v_eq) and math.isfinite(threshold) and v_eq >= threshold:
         sentences.append("V_eq as tracked stands above it already: it comes from another method, and the two disagree.")
     sentences.append("If V_eq goes on growing as it did; it is not the remaining life." + unscaled(run))
-    return Answer(question, f"{duration(tt)} to the threshold{of}.", " ".join(sentences), brief=duration(tt))
+    return Finding(question, f"{duration(tt)} to the threshold{of}.", " ".join(sentences), brief=duration(tt))
 
 
 def _sentence(text: str) -> str:
