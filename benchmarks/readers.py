@@ -37,13 +37,13 @@ from streams.readers.child import ReaderProcess, isolated, shared_process
 from streams.readers.hdf5 import read_hdf5
 from streams.readers.layout import read_layout
 from streams.readers.mat import read_mat
-from streams.readers.memory_file import memory_file
 from streams.readers.netcdf import read_netcdf
 from streams.readers.npy import read_npy
 from streams.readers.tdms import read_tdms
 from streams.readers.text import read_text
 from streams.readers.uff import read_uff
 from streams.readers.wav import read_wav
+from streams.readers.worker import memory_file
 from streams.recognise import DATA_SETS
 from streams.samples import Samples
 from streams.spec import SourceSpec

@@ -16,17 +16,16 @@ class Block:
     """Consecutive samples of one or several channels, with what is known about them.
 
     Attributes:
-        samples: array of shape (channel, sample), float32 or float64, in the unit of each channel.
-        rate: sampling rate in Hz.
-        channels: name of each row of ``samples``.
-        units: unit of each row: "m/s2", "g", "V" or "unknown", as the file or the configuration states it.
-        source: name of the source that gave the block.
-        sequence: 1-based number of the block in the source's own unit (a PRONOSTIA file, a 5-second block).
-        name: where the block came from, for people: a file name, "recording.wav[55 s]".
-        start: seconds since 1970-01-01 UTC of the first sample, or None where the recording has no date.
-        elapsed: seconds from the first sample of the source to the first sample of this block, or None where unknown.
-        speed: shaft speed in Hz where the source states it, else None.
-        load: radial load in N where the source states it, else None.
+        samples: shape (channel, sample), float32 or float64, in the unit of each channel.
+        rate: Hz.
+        channels: name of each row.
+        units: of each row: "m/s2", "g", "V" or "unknown", as the file or the configuration states it.
+        source: name of the source.
+        sequence: 1-based number in the source's own unit (a PRONOSTIA file, a 5-second block).
+        name: origin for people: a file name, "recording.wav[55 s]".
+        start: seconds since 1970-01-01 UTC of the first sample, None without a date.
+        elapsed: seconds from the first sample of the source to that of this block, None where unknown.
+        speed: of the shaft in Hz, None where the source does not state it; likewise the radial load in N.
         content_hash: hexadecimal digest of the raw bytes the block was read from, or of its samples.
     """
 
@@ -44,7 +43,7 @@ class Block:
     content_hash: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse a block whose parts do not fit together."""
+        """Raise ValueError where the parts do not fit together."""
         if self.samples.ndim != 2:
             raise ValueError(f"block {self.name}: samples must have shape (channel, sample), got {self.samples.shape}")
         if not (len(self.channels) == len(self.units) == self.samples.shape[0]):
@@ -61,14 +60,13 @@ class Block:
 
 @dataclass(frozen=True)
 class Rejected:
-    """A block that could not be made, and why: it takes its place in the order and in the ledger.
+    """The place of a block that could not be made, and the reason; it is counted and stored like a block.
 
     Attributes:
-        source: name of the source.
         sequence: 1-based number that the block would have had.
         name: the file or part of it.
-        status: one of the rejection statuses of the interface (``unreadable``, ``wrong_shape``, ``nan``, ...).
-        reason: one sentence: what was expected and what came.
+        status: a rejection status of the interface (``unreadable``, ``wrong_shape``, ``nan``, ...).
+        reason: one sentence: what was expected and what was found.
         content_hash: digest of the raw bytes where they could be read, else "".
     """
 
@@ -86,19 +84,17 @@ def to_si(
     scale: float = 1.0,
     sensitivity_mv_per_g: float | None = None,
 ) -> tuple[NDArray[np.floating], str]:
-    """Convert samples to m/s2 where their unit is known.
+    """Convert samples of any shape to m/s2 where their unit is known; the precision is kept.
 
     Args:
-        samples: any shape, float32 or float64; not modified, the precision is kept.
-        unit: "g", "m/s2", "V" or "unknown".
         scale: factor from the stored numbers to ``unit``.
-        sensitivity_mv_per_g: sensitivity of the sensor, for "V".
+        sensitivity_mv_per_g: of the sensor, for "V".
 
     Returns:
         The samples and "m/s2"; for "unknown" the scaled samples and "unknown".
 
     Raises:
-        ValueError: the unit is none of the four, or "V" comes without a sensitivity.
+        ValueError: the unit is none of "g", "m/s2", "V", "unknown", or "V" comes without a sensitivity.
     """
     factor = float(scale)
     target = "m/s2"

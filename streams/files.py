@@ -1,4 +1,4 @@
-"""Where the files of a recording lie: one file, a folder or a tar archive; guarded access to their bytes."""
+"""The files of a recording (one file, a folder or a tar archive) and guarded access to their bytes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _DAMAGED = (tarfile.TarError, OSError, EOFError, lzma.LZMAError, zlib.error)
 
 
 def natural_key(path: str) -> tuple[tuple[int, int, str], ...]:
-    """Return a key that sorts names as people do: ``file9`` before ``file10``."""
+    """Return a key that sorts numbers in names by value: ``file9`` before ``file10``."""
     parts = re.split(r"(\d+)", path)
     return tuple((0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts if part)
 
@@ -45,8 +45,8 @@ class Item:
     """One file of a recording.
 
     Attributes:
-        path: its path below the folder or in the archive, with "/".
-        read: gives its bytes or raises ReaderError; of an archive's item only until the next item is asked for.
+        path: below the folder or in the archive, with "/".
+        read: gives its bytes or raises ReaderError; of an archive's item only until the next item is requested.
     """
 
     path: str
@@ -58,7 +58,7 @@ class Files(Protocol):
 
     root: Path
     sequential: bool
-    """Whether the files come in the order in which they are stored, so that sorting means holding them back."""
+    """Whether the files come in the order in which they are stored, so that sorting needs buffering."""
     several: bool
     """Whether there may be more than one file."""
 
@@ -87,7 +87,7 @@ class Folder:
         if self._only is not None:
             return [self._only]
         found: list[str] = []
-        # A linked folder is not walked into; as a name of a recording's file it is refused when it is read.
+        # A linked folder is not entered; a linked file is refused when it is read.
         for folder, folders, names in os.walk(self.root, followlinks=False):
             folders[:] = [name for name in folders if not name.startswith(".")]
             base = Path(folder).relative_to(self.root)
@@ -102,7 +102,7 @@ class Archive:
     several = True
 
     def __init__(self, path: Path) -> None:
-        """Take the archive at ``path``; nothing of it is ever written to disk."""
+        """Take the archive at ``path``; it is never unpacked to disk."""
         self.root = path.resolve()
         self._mode: _Mode = next(mode for ending, mode in _ARCHIVE_MODES.items() if path.name.lower().endswith(ending))
 
@@ -130,7 +130,7 @@ def _members(archive: tarfile.TarFile, name: str) -> Iterator[Item]:
 
         yield Item(str(PurePosixPath(member.name)), read)
         if broken:
-            # Nothing can be found behind a damaged place, and its member has been reported already.
+            # Members behind the damage cannot be found; this one has been reported already.
             return
 
 
@@ -147,18 +147,14 @@ def _read_member(archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
 
 
 def _damage(error: BaseException, where: str) -> ReaderError:
-    # tarfile calls a compressed file that ends too early no compressed file; what it ran into is the context.
+    # tarfile reports a compressed file that ends too early as not compressed; the EOFError is its context.
     if isinstance(error, EOFError) or isinstance(error.__context__, EOFError) or "unexpected end" in str(error):
         return ReaderError("incomplete", f"{where}: the archive breaks off here")
     return ReaderError("unreadable", f"{where}: the archive is damaged ({error})")
 
 
 def path_within(root: Path, path: str) -> Path:
-    """Return where a file really is.
-
-    Args:
-        root: the resolved folder.
-        path: path of the file relative to it.
+    """Return the real path of ``path`` below the resolved folder ``root``.
 
     Raises:
         ReaderError: ``refused`` for a link out of the folder.
@@ -170,23 +166,20 @@ def path_within(root: Path, path: str) -> Path:
 
 
 def read_guarded(root: Path, path: str, *, may_grow: bool = False) -> bytes:
-    """Read a regular file that lies below a folder, and nothing else.
+    """Return the bytes of a regular file that lies below a folder.
 
     Args:
         root: the resolved folder.
-        path: path of the file relative to it.
-        may_grow: whether it may get longer meanwhile; the bytes that were there at first are given then.
-
-    Returns:
-        The bytes of the file.
+        path: relative to it.
+        may_grow: whether it may get longer meanwhile; then the bytes that were there at first are given.
 
     Raises:
-        ReaderError: ``refused`` for a link out of the folder, a FIFO, a device, a folder or a file above ``MAX_BYTES``,
-            ``unreadable`` where it cannot be opened, ``changed`` where it changes while it is read.
+        ReaderError: ``refused`` for a link out of the folder, a FIFO, a device, a folder or a file above
+            ``MAX_BYTES``, ``unreadable`` where it cannot be opened, ``changed`` where it changes while it is read.
     """
     real = path_within(root, path)
     try:
-        # Without O_NONBLOCK a FIFO would block for ever; without O_NOFOLLOW a link could be put there meanwhile.
+        # O_NONBLOCK: a FIFO must not block. O_NOFOLLOW: a link may have replaced the file meanwhile.
         handle = os.open(real, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
     except OSError as error:
         status = "refused" if error.errno in (errno.ELOOP, errno.ENXIO) else "unreadable"
@@ -223,19 +216,11 @@ def unpacked_name(name: str) -> str:
 
 
 def unpack(data: bytes, name: str, limit: int = MAX_BYTES) -> bytes:
-    """Decompress a file if its name says that it is compressed.
-
-    Args:
-        data: the bytes of the file.
-        name: its name, which decides.
-        limit: most bytes to give.
-
-    Returns:
-        The decompressed bytes, or ``data`` itself.
+    """Return the decompressed bytes of a file whose name says that it is compressed, else ``data`` itself.
 
     Raises:
         ReaderError: ``incomplete`` where the file breaks off, ``unreadable`` where it is no such file, ``refused``
-            where it would become larger than ``limit``.
+            where it would become larger than ``limit`` bytes.
     """
     suffix = packed_suffix(name)
     if not suffix or not data:
@@ -259,20 +244,16 @@ def _open(suffix: str, data: bytes) -> lzma.LZMAFile | bz2.BZ2File | gzip.GzipFi
 
 
 def is_archive(path: str) -> bool:
-    """Tell whether a file is called like a tar archive."""
+    """Return whether a path ends like the name of a tar archive."""
     return path.lower().endswith(tuple(_ARCHIVE_MODES))
 
 
 def check_readable(folder: Path, where: str) -> None:
-    """Refuse a folder that may not be listed, or in which nothing may be looked at.
-
-    Args:
-        folder: the folder.
-        where: the key of the configuration that names it.
+    """Raise where a folder may not be listed or searched; ``where`` is the key of the configuration that names it.
 
     Raises:
         SourceError: it may not be read.
-        OSError: it is not there, or is none.
+        OSError: it does not exist, or is no folder.
     """
     try:
         os.close(os.open(f"{folder}/.", os.O_RDONLY | os.O_DIRECTORY))
@@ -281,18 +262,15 @@ def check_readable(folder: Path, where: str) -> None:
 
 
 def open_files(name: str, path: str, must_be_folder: bool = False) -> Files:
-    """Look what a path is.
+    """Return the files of a path: a file, a folder or a tar archive.
 
     Args:
-        name: name of the source, for messages.
-        path: of a file, a folder or a tar archive.
-        must_be_folder: whether nothing but a folder will do.
-
-    Returns:
-        Its files.
+        name: of the source, for messages.
+        must_be_folder: whether only a folder is accepted.
 
     Raises:
-        SourceError: there is no such path, it is neither a regular file nor a folder, or a folder that may not be read.
+        SourceError: there is no such path, it is neither a regular file nor a folder, or a folder that may not be
+            read.
     """
     where = f"[[source]] {name}: url"
     try:
@@ -311,6 +289,6 @@ def open_files(name: str, path: str, must_be_folder: bool = False) -> Files:
         raise SourceError(f"{where}: expected a regular file, a folder or an archive, {path!r} is none of them")
     if is_archive(place.name):
         return Archive(place)
-    # The person named this very file, so a link of that name is followed; its own name is kept.
+    # The configuration names this very file, so a link is followed; the link's own name is kept.
     real = place.resolve()
     return Folder(real.parent, real.name)

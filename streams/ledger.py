@@ -1,4 +1,4 @@
-"""The protocol by which a live source asks which blocks and files are committed; the store implements it."""
+"""The protocol by which live sources read and store which blocks and files are committed; the store implements it."""
 
 from __future__ import annotations
 
@@ -9,22 +9,20 @@ from typing import Protocol, runtime_checkable
 PENDING = "pending"
 ACCEPTED = "accepted"
 HEAD_BYTES = 4096
-"""Length of the head of a file by whose digest files that may be one are found."""
+"""Length of the head of a file for ``head_hash``."""
 
 
 @dataclass(frozen=True)
 class FileProgress:
-    """How far one file of a watched folder has come.
+    """How much of one file of a watched folder is committed.
 
     Attributes:
-        path: path below the folder, as :func:`streams.folder.listing.shown` writes it.
-        size: size in bytes when it was read.
-        mtime_ns: time of its last change then, ns.
-        inode: its number in the file system then.
-        head_hash: digest of its first ``HEAD_BYTES``, by which files that may be one are found.
-        content_hash: digest of its first ``read_bytes`` bytes, by which a grown file is told from another one.
+        path: below the folder, as :func:`streams.folder.listing.shown` writes it.
+        size: in bytes when it was read; likewise ``mtime_ns`` and ``inode``.
+        head_hash: digest of its first ``HEAD_BYTES``, by which candidates for the same file are found.
+        content_hash: digest of its first ``read_bytes`` bytes, by which a grown file is distinguished from another.
         read_bytes: number of bytes of which the samples were taken.
-        samples: number of its samples, from the first one on, that are in committed blocks or in a rejection.
+        samples: number of its samples, from the first on, in committed blocks or in a rejection.
         verdict: "pending" while samples of it wait, "accepted", or a rejection status of the interface.
     """
 
@@ -46,9 +44,9 @@ class FileProgress:
 
 @runtime_checkable
 class Ledger(Protocol):
-    """The memory of what was committed; it survives the process.
+    """Record of what was committed; it outlives the process.
 
-    The methods that ask about blocks may be called from any thread, those about files from the one that commits.
+    The queries of blocks may be called from any thread, those of files from the one that commits.
     """
 
     def committed(self, source: str) -> int:
@@ -84,9 +82,9 @@ class Ledger(Protocol):
         ...
 
     def remember(self, source: str, progress: Iterable[FileProgress]) -> None:
-        """Store the progress of files outside a commit: of files that were renamed or touched, say."""
+        """Store the progress of files outside a commit, such as of files that were renamed or touched."""
         ...
 
     def move(self, source: str, path: str, progress: FileProgress) -> None:
-        """Store what is known of a file under the name that it has now, in place of ``path``; both or neither."""
+        """Store the progress of a file under its new name and remove ``path``, in one transaction."""
         ...

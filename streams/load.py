@@ -1,4 +1,4 @@
-"""From the bytes of a file to the samples of the configured channels: one way for followed folders and recordings."""
+"""From the bytes of a file to the samples of the configured channels, for followed folders and recordings alike."""
 
 from __future__ import annotations
 
@@ -28,9 +28,7 @@ def content_hash(data: bytes) -> str:
 class Loader:
     """Loads the files of one source.
 
-    Attributes:
-        root: the resolved folder or archive that holds them; its name may state run and condition.
-        data_set: what the files are.
+    ``root`` is the resolved folder or archive that holds them; its name may state run and condition.
     """
 
     def __init__(
@@ -39,9 +37,6 @@ class Loader:
         """Prepare.
 
         Args:
-            spec: configuration of the source.
-            data_set: what its files are.
-            root: the resolved folder or archive.
             several: whether there may be more than one file: undated ones have no known distance in time then.
             live: whether files may still be written: what is missing in them is then ``incomplete``.
         """
@@ -59,8 +54,8 @@ class Loader:
         Args:
             raw: the bytes of the file as stored.
             path: of the file below the root.
-            facts: what its path states.
-            name: of the file in messages, where it is not the path.
+            facts: stated by its path.
+            name: of the file in messages, default the path.
 
         Raises:
             ReaderError: with the rejection status and a sentence that names the file.
@@ -130,8 +125,7 @@ def choose_channels(samples: Samples, channels: Sequence[ChannelSpec], unit: str
     """Select the rows of the configured channels, under their names and in their units.
 
     Args:
-        samples: all rows of a file.
-        channels: the configured channels; none: every row, by the data set's names.
+        channels: none: every row, by the data set's names.
         unit: of every row by the data set, or None.
         where: name of the file, for messages.
 
@@ -198,12 +192,7 @@ def _unit_of(samples: Samples, row: int, channel: ChannelSpec, where: str) -> st
 
 
 def agreed_rate(stated: Sequence[float | None], configured: float | None, where: str) -> float:
-    """Return the one rate in Hz on which file, data set and configuration agree.
-
-    Args:
-        stated: what the file and the data set state; the first one is returned.
-        configured: what the configuration states, or None.
-        where: name of the file, for messages.
+    """Return the one rate in Hz on which file, data set (``stated``) and configuration agree.
 
     Raises:
         ReaderError: ``wrong_rate`` where they differ by more than 1e-4 of it or none is stated.

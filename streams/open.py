@@ -11,16 +11,13 @@ from streams.spec import SourceError, SourceSpec, parse_address
 
 
 def open_source(spec: SourceSpec) -> Source:
-    """Open the recording or rig that the URL of a source names.
-
-    Returns:
-        A source that can be iterated over any number of times.
+    """Open the recording or rig that the URL of a source names; it can be iterated over any number of times.
 
     Raises:
         SourceError: the path does not exist, nothing there is recognised, or rate or unit is stated by neither the
             recording, its data set nor the configuration.
     """
-    # Importing the parsers loads pandas, importing the rig the bearing model: callers of open_live need neither.
+    # Imported here, because the parsers load pandas and the rig the bearing model: open_live needs neither.
     from streams.recording import open_recording
 
     scheme, colon, rest = spec.url.partition(":")
@@ -46,13 +43,8 @@ def open_source(spec: SourceSpec) -> Source:
 def open_live(specs: Sequence[SourceSpec], ledger: Ledger) -> list[LiveSource]:
     """Open live sources after the last committed block of a ledger.
 
-    Args:
-        specs: sources whose URL is ``folder:PATH``, ``tcp://HOST:PORT`` or ``mqtt://HOST:PORT/TOPIC``. Sources at one
-            address are opened as one; their blocks bear their names.
-        ledger: the committed blocks.
-
-    Returns:
-        The open sources; the caller closes them.
+    URLs are ``folder:PATH``, ``tcp://HOST:PORT`` or ``mqtt://HOST:PORT/TOPIC``. Sources at one address are opened as
+    one; their blocks bear their names. The caller closes the sources.
 
     Raises:
         SourceError: another URL, an address that cannot be listened to, a path that is not a folder.

@@ -1,4 +1,4 @@
-"""Cut samples that come in pieces of any length into blocks of one length, which do not depend on the pieces."""
+"""Cut samples that come in pieces of any length into blocks of one length; the pieces do not influence the blocks."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Cut:
     """A block that was cut, or what is left over before a gap.
 
     Attributes:
-        samples: with origin, offset, speed and load of the first of them.
-        used: of each origin that they came from, in order, the index behind its last used sample.
+        samples: with origin, offset, speed and load of the first piece.
+        used: of each origin in order, the index behind its last used sample.
         missing: number of samples short of a block, 0 where it is one.
     """
 
@@ -109,7 +109,7 @@ class Reblocker:
 
 
 def _follows(before: Samples, after: Samples) -> bool:
-    """Tell whether nothing lies between two pieces and both are of one kind."""
+    """Return whether a piece continues the one before: of one kind, with nothing between them."""
     alike = (
         before.channels == after.channels
         and before.units == after.units
@@ -129,15 +129,10 @@ def _follows(before: Samples, after: Samples) -> bool:
 
 
 def samples_hash(samples: NDArray[np.floating], rate: float, channels: tuple[str, ...]) -> str:
-    """Return the digest of a block that was cut from a stream, from its samples, rate and channels alone.
+    """Return the digest of a block cut from a stream: of samples (channel, sample), rate in Hz and channels alone.
 
     The place in the stream is the block's sequence number; together they identify the block, however the samples were
     divided before.
-
-    Args:
-        samples: shape (channel, sample).
-        rate: sampling rate in Hz.
-        channels: name of each row.
     """
     digest = hashlib.blake2b(digest_size=16)
     digest.update(repr((float(rate), channels, samples.shape, samples.dtype.kind, samples.dtype.itemsize)).encode())
@@ -147,12 +142,7 @@ def samples_hash(samples: NDArray[np.floating], rate: float, channels: tuple[str
 
 
 def began_at(began: float | None, item: Block | Rejected) -> float | None:
-    """Return the start of the first dated block of a source.
-
-    Args:
-        began: the same before the item.
-        item: the next block or rejection of the source.
-    """
+    """Return the start of the first dated block of a source, from its value before the next ``item``."""
     return item.start if began is None and isinstance(item, Block) else began
 
 
@@ -160,13 +150,8 @@ def cut_item(cut: Cut, source: str, sequence: int, began: float | None) -> Block
     """Return the block that was cut, or the rejection ``short`` of what was left over.
 
     Its name states the file of its first sample, and the time from the start of the file where it is not the first
-    sample there. Its content hash is :func:`samples_hash`.
-
-    Args:
-        cut: what was cut.
-        source: name of the source.
-        sequence: 1-based number of the block.
-        began: start of the first dated block of the source, seconds since 1970 UTC, or None.
+    sample there. Its content hash is :func:`samples_hash`. ``began`` is the start of the first dated block of the
+    source, seconds since 1970 UTC, or None.
     """
     samples, origin = cut.samples, cut.samples.origin
     name, total = (origin.key, origin.total) if isinstance(origin, Origin) else (str(origin), 0)

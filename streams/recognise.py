@@ -1,4 +1,4 @@
-"""What the files of a recording are: by configuration, else by what is found in them, never by a guess."""
+"""Recognise the kind of the files of a recording: by configuration, else by their names and content."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FORMATS = {
     "uff": (".uff", ".unv", ".bunv", ".uf"),
     "netcdf": (".nc", ".nc4", ".cdf"),
 }
-"""The plain formats and the endings by which they are recognised."""
+"""The plain formats and their file endings."""
 
 DATA_SETS = {data_set.name: data_set for data_set in (*text_sets.SETS, *mat_sets.SETS)}
 """The published data sets by name."""
@@ -48,20 +48,16 @@ _XJTU_HEADER = "Horizontal_vibration_signals"
 
 
 def data_set_named(name: str) -> DataSet | None:
-    """Return the data set of a name, in any case, "-" and " " standing for "_", or None."""
+    """Return the data set of a name (in any case, with "-" or " " for "_"), or None."""
     return DATA_SETS.get(re.sub(r"[-\s]", "_", name.strip().lower()))
 
 
 def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
-    """Describe files of a plain format, which belong to no data set.
+    """Return the description of the files of a plain format, one of FORMATS.
 
     Args:
-        kind: one of FORMATS.
-        spec: the configuration; the keys of its channels say which variables of a MAT file are wanted.
-        endings: of the files that are meant; none: all are.
-
-    Returns:
-        A data set whose files may state rate and unit, or not.
+        spec: the keys of its channels select the variables of the files.
+        endings: of the files meant; none: all files.
 
     Raises:
         SourceError: the format needs a library that is not installed.
@@ -74,7 +70,7 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
         )
     keys = [channel.key for channel in spec.channels if channel.key is not None]
     if len(keys) < len(spec.channels):
-        # A channel that is found by its column or name may be any of them.
+        # A channel that is found by its column or name may be any variable.
         keys = []
     zone = spec.timezone
     readers: dict[str, Callable[[bytes, str], Samples]] = {
@@ -93,27 +89,15 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
         return FileFacts(natural_key(path)) if meant else None
 
     shown = ", ".join(f"*{ending}" for ending in endings) or "any name"
-    return DataSet(
-        kind,
-        shown,
-        facts,
-        readers[kind],
-        unit=None,
-        states_rate=kind in _STATE_RATE,
-        states_unit=kind in _STATE_UNIT,
-    )
+    rate, unit = kind in _STATE_RATE, kind in _STATE_UNIT
+    return DataSet(kind, shown, facts, readers[kind], unit=None, states_rate=rate, states_unit=unit)
 
 
 def data_set_of(spec: SourceSpec, files: Files, kind: str) -> DataSet:
-    """Find what a recording is.
+    """Return the data set or plain format of a recording; its reader applies side-cars.
 
     Args:
-        spec: the configuration of the source.
-        files: where it lies.
         kind: name of a data set or of a format, or "auto".
-
-    Returns:
-        The data set, or the description of a plain format; where there are side-cars, its reader heeds them.
 
     Raises:
         SourceError: the name is not known, nothing is recognised, or a library is missing.
@@ -123,25 +107,21 @@ def data_set_of(spec: SourceSpec, files: Files, kind: str) -> DataSet:
 
 
 def _with_sidecars(data_set: DataSet, spec: SourceSpec, files: Files) -> DataSet:
-    """Let a reader look for the side-car of each file that it reads."""
-    root, bare = files.root, data_set.read
+    """Return the data set with a reader that applies the side-car of each file."""
+    root = files.root
 
     def read(data: bytes, path: str) -> Samples:
         sidecar = find_sidecar(root, path, spec.timezone)
-        reading = bare(data, path)
-        return reading if sidecar is None else apply_sidecar(reading, sidecar, path)
+        samples = data_set.read(data, path)
+        return samples if sidecar is None else apply_sidecar(samples, sidecar, path)
 
     there = _has_sidecars(root, files)
-    return replace(
-        data_set,
-        read=read,
-        states_rate=data_set.states_rate or there,
-        states_unit=data_set.states_unit or there,
-    )
+    states_rate, states_unit = data_set.states_rate or there, data_set.states_unit or there
+    return replace(data_set, read=read, states_rate=states_rate, states_unit=states_unit)
 
 
 def _has_sidecars(root: Path, files: Files) -> bool:
-    """Tell whether there may be side-cars: one beside the first file with one, or one for a folder."""
+    """Return whether there may be side-cars, of single files or of a folder."""
     if any((root / name).exists() for name in FOLDER_NAMES):
         return True
     if files.several:
@@ -205,7 +185,7 @@ def _recognised_by_name(item: Item, files: Files) -> DataSet | None:
 
 
 def _recognised_by_content(item: Item, spec: SourceSpec, files: Files) -> DataSet | None:
-    """Recognise a recording by one of its files; None where this file says nothing."""
+    """Return the data set or format that one file shows, or None."""
     ending = PurePosixPath(unpacked_name(item.path)).suffix.lower()
     kind = next((kind for kind, endings in FORMATS.items() if ending in endings), None)
     if kind is None:
@@ -213,7 +193,7 @@ def _recognised_by_content(item: Item, spec: SourceSpec, files: Files) -> DataSe
     if kind == "mat":
         return _recognised_mat(item, files) or plain(kind, spec, (ending,))
     if kind == "csv" and ending != ".csv" and files.several and not _is_numbers(item):
-        # A folder may well hold a README.txt.
+        # It may be a README.txt.
         return None
     if kind == "csv" and DATA_SETS["xjtu_sy"].facts(item.path, str(files.root), ZoneInfo("UTC")) is not None:
         data = _bytes(item)
@@ -238,7 +218,7 @@ def _bytes(item: Item) -> bytes | None:
 
 
 def _recognised_mat(item: Item, files: Files) -> DataSet | None:
-    """Recognise a data set by the variables of a MAT file."""
+    """Return the data set that the variables of a MAT file show, or None."""
     data = _bytes(item)
     if data is None:
         return None

@@ -19,7 +19,7 @@ from streams.spec import SourceError, SourceSpec
 
 @dataclass(frozen=True, eq=False)
 class _Loaded:
-    """A file whose turn it is: its samples, or why there are none."""
+    """A file with its samples, or the error in their place."""
 
     path: str
     facts: FileFacts
@@ -28,15 +28,15 @@ class _Loaded:
 
 
 class Recording:
-    """The blocks of a recording, the same as of a followed folder with the same files.
+    """The blocks of a recording, equal to those of a followed folder with the same files.
 
-    A folder's files are sorted first. An archive is read in one pass: a file that comes before its turn is held back
-    until those before it have come (where the files are numbered without gaps nothing else is needed; elsewhere the
-    names are listed first, which decompresses the archive once more).
+    A folder's files are sorted first. An archive is read in one pass: a file stored too early is held back until those
+    before it are read (where the files are not numbered without gaps, the names are listed first, which decompresses
+    the archive once more).
     """
 
     def __init__(self, spec: SourceSpec, files: Files, data_set: DataSet) -> None:
-        """Take the files of a data set; :func:`open_recording` finds out both."""
+        """Take the files of a data set; SourceError where no block can come of them."""
         self.name = spec.name
         self._spec = spec
         self._files = files
@@ -53,7 +53,7 @@ class Recording:
         return self._count
 
     def _count_files(self) -> int:
-        """Count one block a file: like an iteration, but without parsing."""
+        """Count one block a file, without parsing."""
         count = 0
         try:
             for item in self._files:
@@ -82,7 +82,7 @@ class Recording:
             yield item
 
     def _check(self) -> None:
-        """Refuse at once what no block could come of."""
+        """Raise SourceError where files, rate or unit are missing."""
         where = f"[[source]] {self.name}"
         first: FileFacts | None = None
         samples: Samples | None = None
@@ -173,7 +173,7 @@ class Recording:
 
     def _listed_orders(self) -> list[tuple[object, ...]]:
         orders: set[tuple[object, ...]] = set()
-        # The pass that reads meets any damage again and reports it.
+        # The pass that reads finds any damage again and reports it.
         with contextlib.suppress(ReaderError):
             for item in self._files:
                 facts = self._loader.facts(item.path)
@@ -201,7 +201,7 @@ class Recording:
         for loaded in self._in_order():
             samples = loaded.result
             if isinstance(samples, ReaderError):
-                # Nothing may be joined over a file that could not be read.
+                # Samples are not joined across a file that could not be read.
                 yield from cutter.flush()
                 yield replace(loaded, facts=replace(loaded.facts, number=None))
                 continue
@@ -220,7 +220,7 @@ class Recording:
 
 
 def _one_run(paths: Iterable[str], name: str, data_set: DataSet) -> list[str]:
-    """Refuse the files of several runs at once: their numbers or times would be mixed."""
+    """Return the paths; SourceError where they are of several runs, whose numbers or times would be mixed."""
     kept = list(paths)
     if data_set.snapshot:
         folders = sorted({path.rpartition("/")[0] or "." for path in kept})
@@ -234,16 +234,12 @@ def open_recording(spec: SourceSpec, path: str, kind: str, must_be_folder: bool 
     """Open a recording.
 
     Args:
-        spec: the configuration of the source.
         path: a file, a folder or a tar archive.
-        kind: name of a data set or of a format, or "auto": recognised by what is there.
-        must_be_folder: whether nothing but a folder will do.
-
-    Returns:
-        The recording.
+        kind: name of a data set or of a format, or "auto": recognised by its files.
+        must_be_folder: whether only a folder is accepted.
 
     Raises:
-        SourceError: as :func:`streams.source.open_source`.
+        SourceError: as :func:`streams.open.open_source`.
     """
     files = open_files(spec.name, path, must_be_folder)
     return Recording(spec, files, data_set_of(spec, files, kind))

@@ -1,8 +1,8 @@
-"""A simulated rig that wears out, block by block, and knows its own damage.
+"""A simulated rig with a bearing that wears out, block by block, and its true damage.
 
-Each block is simulated directly by the six-degree-of-freedom model at that block's extent and depth of the defect, on a
-rough floor of its own and with rig parameters a few per cent away from the nominal ones. It never reads a map: a
-tracker that is tested on it meets a bearing that its map does not describe exactly.
+Each block is simulated by the six-degree-of-freedom model at that block's extent and depth of the defect, on a rough
+floor and with rig parameters a few per cent off the nominal ones, without a map: a tracker tested on it has a map that
+does not describe the bearing exactly.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ INTERVAL = 300.0
 """Seconds from block to block (thesis, section 2.3.2: 5 s of signal every 5 minutes)."""
 
 _SPREAD = (0.02, 0.05)
-"""Relative deviation of each rig parameter from its nominal value, least and most."""
+"""Smallest and largest relative deviation of a rig parameter from its nominal value."""
 _THRESHOLD = 0.05e-6
 """V_eq to which the growth laws are scaled, m2 (thesis, section 5.4.3)."""
 _PATH = (1.0, 0.03, 0.02)
@@ -39,13 +39,10 @@ _PATH = (1.0, 0.03, 0.02)
 
 @dataclass(frozen=True)
 class Life:
-    """How the damage of one bearing grows: V = V_0 + b t + a t^2 after the onset (thesis, Table 22).
+    """Growth of the damage of one bearing: V = V_0 + b t + a t^2 after the onset (thesis, Table 22), in m2 and s.
 
     Attributes:
         onset: number of the first block with damage.
-        v_0: volume per width at the onset, m2.
-        a: m2/s2.
-        b: m2/s.
         h_threshold: depth where V reaches 0.05 mm3/mm, m.
         depth_share: share of ln V that ln h_d takes, the rest is extent.
     """
@@ -79,7 +76,7 @@ def draw_life(rng: np.random.Generator, onset: int) -> Life:
     """Draw a life in the range of the six of the thesis (Table 22: 257 to 705 minutes to the threshold)."""
     duration = rng.uniform(257.0, 705.0) * 60.0
     v_0 = rng.uniform(0.0012, 0.0035) * 1e-6
-    # Share of the growth to the threshold that the quadratic term takes; in Table 22 it is 0.56 to 0.98.
+    # Share of the quadratic term in the growth to the threshold; in Table 22 it is 0.56 to 0.98.
     curved = rng.uniform(0.56, 0.98)
     growth = _THRESHOLD - v_0
     return Life(
@@ -119,12 +116,10 @@ class SimulatedRig:
         """Draw the life of a bearing.
 
         Args:
-            name: name of the source.
-            seed: of everything that is random.
             healthy_blocks: blocks before the damage begins.
-            blocks: blocks in all, or None: until V_eq is 1.3 times the threshold.
-            load: radial load, N.
-            speed: shaft speed, Hz.
+            blocks: blocks in all, None: until V_eq is 1.3 times the threshold.
+            load: radial, N.
+            speed: of the shaft, Hz.
             nominal: rig parameters from which the true ones deviate.
         """
         rng = np.random.default_rng([seed, 1])
@@ -152,7 +147,7 @@ class SimulatedRig:
         return (sequence - self.life.onset) * INTERVAL
 
     def truth(self, sequence: int, thresholds: tuple[float, ...]) -> dict[str, Any]:
-        """Return what the rig knows of a block: ``v_eq_true`` (m2) and ``tt_true`` (s, one a threshold)."""
+        """Return the true values of a block: ``v_eq_true`` (m2) and ``tt_true`` (s, one a threshold)."""
         t = self.time_after_onset(sequence)
         times = (max(0.0, self.life.time_to(v) - t) for v in thresholds)
         return {"v_eq_true": self.life.v_eq(t), "tt_true": tuple(times) if t >= 0.0 else (None,) * len(thresholds)}
@@ -166,7 +161,7 @@ class SimulatedRig:
         return Scene(speed=speed, load=load, bearing=self.bearing, rig=self.rig, defect=defect)
 
     def block(self, sequence: int) -> Block:
-        """Simulate one block; it depends on the seed and its number alone, so blocks can be had in any order."""
+        """Simulate one block; it depends on the seed and its number only, not on other blocks."""
         rng = np.random.default_rng([self.seed, 2, sequence])
         # The drive holds the speed within 0.2 % and the lever the load within 1 %; damage is simulated at both.
         speed = self.speed * (1.0 + 0.001 * float(rng.standard_normal()))
@@ -196,14 +191,14 @@ class SimulatedRig:
 
     @staticmethod
     def _simulate(scene: Scene) -> Response:
-        # Imported here: a rig that is only configured must not load the compiled kernels.
+        # Imported here, so that a rig that is only configured does not load the compiled kernels.
         from models.simulate import simulate
 
         return simulate(scene)
 
     @staticmethod
     def _background(rng: np.random.Generator, n: int, speed: float) -> NDArray[np.float32]:
-        """Return what else the sensors pick up, m/s2: three harmonics of the shaft and broadband noise of 50 mg."""
+        """Return the background, m/s2: three harmonics of the shaft and broadband noise of 50 mg."""
         noise = rng.standard_normal(n, dtype=np.float32) * np.float32(0.05 * STANDARD_GRAVITY)
         t = np.arange(n) / RATE
         for order, amplitude in ((1, 0.02), (2, 0.03), (3, 0.01)):
@@ -236,11 +231,5 @@ def open_rig(url: str, name: str) -> SimulatedRig:
             raise SourceError(f"{where}: {key}={value!r} is not a number") from None
         if key != "seed" and not options[key] > 0:
             raise SourceError(f"{where}: {key} must be positive, got {value}")
-    return SimulatedRig(
-        name,
-        options.get("seed", 0),
-        healthy_blocks=options.get("healthy_blocks", 150),
-        blocks=options.get("blocks"),
-        load=options.get("load_newton", 4000.0),
-        speed=options.get("speed_hz", 40.0),
-    )
+    renamed = {"load_newton": "load", "speed_hz": "speed"}
+    return SimulatedRig(name, options.pop("seed", 0), **{renamed.get(key, key): options[key] for key in options})

@@ -1,4 +1,4 @@
-"""Samples: numbers on their way from a file or frame to a block, with their provenance; and the error of readers."""
+"""Samples: values on their way from a file or frame to a block, with their provenance; and the error of readers."""
 
 from __future__ import annotations
 
@@ -20,26 +20,17 @@ RATE_TOLERANCE = 1e-4
 
 
 class ReaderError(SpallwatchError):
-    """A file cannot be read.
-
-    Attributes:
-        status: the rejection status of the interface (``unreadable``, ``wrong_shape``, ...).
-    """
+    """A file cannot be read; ``status`` is the rejection status of the interface (``unreadable``, ...)."""
 
     def __init__(self, status: str, reason: str) -> None:
-        """Keep the status beside the sentence for people."""
+        """Keep the rejection status beside the message."""
         super().__init__(reason)
         self.status = status
 
 
 @dataclass(eq=False)
 class Origin:
-    """The file that samples come from.
-
-    Attributes:
-        key: its path as blocks and messages show it.
-        total: number of its samples, as last read.
-    """
+    """The file of some samples: its path as blocks and messages show it, and the samples it had when last read."""
 
     key: str
     total: int = 0
@@ -50,8 +41,7 @@ class Samples:
     """Consecutive samples of one or several rows, and what is known about them.
 
     A reader gives all rows of a file and what the file states. :mod:`streams.load` selects the configured channels and
-    settles unit, rate and times. The re-blocker joins and cuts them. Fields that are left out get the defaults named
-    below.
+    settles unit, rate and times. The re-blocker joins and cuts them.
 
     Attributes:
         values: shape (row, sample), float32 or float64, each row contiguous; in a frame of the wire as it was sampled.
@@ -59,11 +49,11 @@ class Samples:
         names: name of each row in the file (header, variable); default the channels.
         columns: 1-based number of each row in the file; default from 1 on.
         units: of each row: "g", "m/s2", "V", "unknown", None where not stated (the default), or as the file spells it.
-        rate: sampling rate in Hz, or None where not stated; likewise None in what follows.
+        rate: Hz, None where not stated; likewise None in what follows.
         start: seconds since 1970 UTC of the first sample of the origin.
         elapsed: seconds from the first sample of the source to that of the origin.
-        speed: shaft speed in Hz.
-        load: radial load in N.
+        speed: of the shaft, Hz.
+        load: radial, N.
         scaled: whether a side-car has scaled the values, so that the configuration must not scale them again.
         origin: what the values were read from; blocks state how much of each origin they used.
         offset: index of the first value in its origin.
@@ -117,8 +107,7 @@ class Samples:
     def elapsed_since(self, began: float | None) -> float | None:
         """Return the seconds from the first sample of the source to the first of these, None where undated.
 
-        Args:
-            began: start of the first dated block of the source, seconds since 1970 UTC; None where this is the first.
+        ``began`` is the start of the first dated block of the source, s since 1970 UTC; None where this is the first.
         """
         if self.elapsed is not None:
             return self.elapsed + self.offset / self.known_rate
@@ -163,11 +152,7 @@ def stack_rows(rows: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
 
 
 def rows_of(array: NDArray[np.generic], where: str) -> NDArray[np.floating]:
-    """Turn a stored array into rows of samples: the longer axis is time.
-
-    Args:
-        array: one or two dimensions, real numbers.
-        where: name of what is read, for the message.
+    """Return a stored array of real numbers as rows of samples: the longer of its one or two axes is time.
 
     Returns:
         Shape (row, sample); float32 for float32 and for integers of at most 16 bits, else float64.

@@ -33,8 +33,8 @@ class Delivery:
     Attributes:
         item: the block, or the rejection in its place. A rejection ``duplicate`` or ``changed`` bears the number of
             the block that holds its place: the ledger counts the rejection and keeps the block.
-        token: value that the source needs with the acknowledgement (a connection, a message id); opaque to others.
-        progress: of the files that the block was made of, to be committed in the same transaction as the block.
+        token: opaque value for the acknowledgement (a connection, a message id).
+        progress: of the files that the block was made of, committed in the same transaction as the block.
     """
 
     item: Block | Rejected
@@ -47,10 +47,10 @@ class Backlog:
     """Counts of a live source; offered = accepted + rejected + pending at any moment.
 
     Attributes:
-        offered: items seen so far: files of a folder, frames of a stream.
-        accepted: of these, items whose samples are all in committed blocks.
-        rejected: of these, items refused, each with a reason in the ledger.
-        pending: of these, items that wait, delivered but unacknowledged ones among them.
+        offered: items seen: files of a folder, frames of a stream.
+        accepted: items whose samples are all in committed blocks.
+        rejected: items refused, each with a reason in the ledger.
+        pending: items that wait, delivered but unacknowledged ones among them.
         oldest_age_s: seconds since the oldest pending item was first seen, 0 where none is pending.
     """
 
@@ -107,10 +107,10 @@ class LiveSource(Protocol):
 
     def __enter__(self) -> Self:
         """Return the source itself."""
-        ...
+        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close the source."""
-        ...
+        self.close()

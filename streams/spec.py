@@ -36,12 +36,11 @@ class ChannelSpec:
     set; a file with a single row gives that row.
 
     Attributes:
-        name: name of the channel.
         column: number of the column in the file, counted from 1, or the name in its header.
         key: pattern (``*``, ``?``, ``[...]``) of the variable or column name, such as ``X*_DE_time``.
         unit: "g", "m/s2", "V" or "unknown"; None leaves it to the file or the data set.
         scale: factor from the stored numbers to ``unit`` (an integer WAV is read as -1..1 of full scale).
-        sensitivity_mv_per_g: sensitivity of the sensor where ``unit`` is "V".
+        sensitivity_mv_per_g: of the sensor where ``unit`` is "V".
     """
 
     name: str
@@ -52,7 +51,7 @@ class ChannelSpec:
     sensitivity_mv_per_g: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a channel that can match nothing or has no meaning."""
+        """Raise SourceError for a channel that matches nothing or contradicts itself."""
         where = f"[[channel]] {self.name}"
         if self.unit is not None and self.unit not in UNITS:
             raise SourceError(f"{where}: unit must be one of {', '.join(UNITS)}, got {self.unit!r}")
@@ -77,10 +76,8 @@ class NetworkSpec:
         max_frame: bytes of the largest frame to accept.
         max_waiting: bytes of frames that may wait for their commit; at this limit reading is paused.
         ca_file: PEM certificates against which the broker's certificate is verified; it switches TLS on.
-        cert_file: client certificate for the broker (PEM), with ``key_file``.
-        key_file: its private key.
-        username_file: file whose first line is the user name for the broker.
-        password_file: likewise the password.
+        cert_file: client certificate for the broker (PEM), with its private key in ``key_file``.
+        username_file: file whose first line is the user name for the broker; ``password_file`` likewise.
         client_id: client id at the broker, under which the session is kept; None derives one from the source name.
     """
 
@@ -97,7 +94,7 @@ class NetworkSpec:
     client_id: str | None = None
 
     def __post_init__(self) -> None:
-        """Refuse values that cannot work."""
+        """Raise SourceError for values out of range."""
         for peer in self.peers:
             try:
                 ipaddress.ip_network(peer)
@@ -112,7 +109,7 @@ class NetworkSpec:
             raise SourceError("cert_file and key_file belong together")
 
     def admits(self, address: str) -> bool:
-        """Tell whether a sender at this numerical address may connect."""
+        """Return whether a sender at this numerical address may connect."""
         found = ipaddress.ip_address(address.partition("%")[0])
         found = getattr(found, "ipv4_mapped", None) or found
         return found.is_loopback or any(found in ipaddress.ip_network(peer) for peer in self.peers)
@@ -123,20 +120,19 @@ class SourceSpec:
     """Configuration of one source.
 
     Attributes:
-        name: name of the source.
         url: ``dataset:NAME:PATH``, ``folder:PATH``, ``rig:NAME?seed=N``, ``tcp://HOST:PORT``,
             ``mqtt://HOST:PORT/TOPIC``, or a bare path whose files are recognised.
         start: seconds since 1970-01-01 UTC of the first sample, for recordings without a date; else None.
         block_s: length of a block in s, or "file" for one block a file. Data sets of snapshots (PRONOSTIA, IMS,
             XJTU-SY) always give one block a file.
         format: "auto", one of the formats of docs/reference/formats.md ("csv", "tdms", ...) or the name of a data set.
-        rate: sampling rate in Hz where neither the file nor the data set states it; where one does, it must agree.
-        range_g: range of the sensor in g, or None where unknown; not used by the readers.
-        channels: the channels to give; empty gives all that the data set knows.
-        timezone: IANA name of the zone in which local time stamps of file names are read.
+        rate: in Hz where neither the file nor the data set states it; where one does, it must agree.
+        range_g: of the sensor in g, None where unknown; not used by the readers.
+        channels: the channels to give; empty gives all of the data set.
+        timezone: IANA name of the zone of local time stamps in file names.
         settle_s: seconds for which a file of a watched folder must be unchanged before it is read, unless it was
             closed or moved in.
-        network: limits and credentials of a ``tcp:`` or ``mqtt:`` source, or None for the defaults.
+        network: of a ``tcp:`` or ``mqtt:`` source, None for the defaults.
     """
 
     name: str
@@ -152,7 +148,7 @@ class SourceSpec:
     network: NetworkSpec | None = None
 
     def __post_init__(self) -> None:
-        """Refuse values that no recording could have."""
+        """Raise SourceError for values that no recording can have."""
         where = f"[[source]] {self.name}"
         if self.block_s != "file" and not (math.isfinite(self.block_s) and self.block_s > 0.0):
             raise SourceError(f'{where}: block_s must be a positive number of seconds or "file", got {self.block_s!r}')
@@ -171,7 +167,7 @@ class SourceSpec:
 
 @dataclass(frozen=True)
 class Address:
-    """Where a stream goes: host, port and, for MQTT, the topic."""
+    """Address of a stream: host, port and, for MQTT, the topic."""
 
     scheme: str
     host: str
@@ -182,9 +178,7 @@ class Address:
 def parse_address(url: str, where: str) -> Address:
     """Return the parts of ``tcp://HOST:PORT`` or ``mqtt://HOST[:PORT]/TOPIC``.
 
-    Args:
-        url: the address.
-        where: key or option named in a message, such as ``[[source]] press: url``.
+    ``where`` is the key or option named in a message, such as ``[[source]] press: url``.
 
     Raises:
         SourceError: it is neither; it holds a user name or password, which belong into files; the topic has

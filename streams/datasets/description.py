@@ -1,4 +1,4 @@
-"""What the published description of a data set says of its files."""
+"""What the published description of a data set states of its files."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ POUND_FORCE = 4.4482216152605
 
 @dataclass(frozen=True)
 class FileFacts:
-    """What the name of a file, or of the folder that it lies in, says.
+    """What the name of a file, or of its folder, states; None where it does not.
 
     Attributes:
         order: key that sorts the files by acquisition.
-        number: 1-based number of the file in its run, or None where the names do not count.
-        elapsed: seconds from the first sample of the run, or None.
-        start: seconds since 1970 UTC of the first sample, or None.
-        rate: sampling rate in Hz that the data set states for this file, or None.
-        speed: shaft speed in Hz, or None.
-        load: radial load in N, or None.
+        number: 1-based number of the file in its run, None where the names do not count.
+        elapsed: seconds from the first sample of the run.
+        start: seconds since 1970 UTC of the first sample.
+        rate: by the data set for this file, Hz.
+        speed: of the shaft, Hz.
+        load: radial, N.
     """
 
     order: tuple[object, ...]
@@ -43,13 +43,12 @@ class DataSet:
 
     Attributes:
         name: as in ``dataset:NAME:PATH``.
-        files: what its files are called, for messages.
-        facts: from a file's path, the name of the place that holds it and the time zone to its facts; None: no file of
-            this set.
-        read: from the unpacked bytes and the path of a file to its rows.
-        unit: of every row, or None where only the configuration can say.
+        files: names of its files, for messages.
+        facts: maps path, name of the root and time zone to the facts of a file; None: no file of this set.
+        read: maps the unpacked bytes and the path of a file to its rows.
+        unit: of every row, None where only the configuration can state it.
         snapshot: whether each file is one short record taken at intervals, and so one block whatever ``block_s`` says.
-        samples: number of samples of a whole file, or None where they differ.
+        samples: number in a whole file, None where they differ.
         states_rate: whether each file states its rate, or may.
         states_unit: whether each file may state its unit.
         counted: whether the files of a run are numbered from 1 without gaps, so that order is known in one pass.

@@ -55,12 +55,12 @@ def cwru_read(data: bytes, path: str) -> Samples:
         numbers = ", ".join(sorted({f"X{match[1]}" for match in chosen}))
         raise ReaderError("wrong_shape", f"{path}: holds the variables of several recordings: {numbers}")
     patterns = [match[0] for match in chosen] or ["X*_?E_time"]
-    reading = read_mat(data, path, patterns)
-    kinds = [name.rsplit("_", 2)[1] for name in reading.names]
+    samples = read_mat(data, path, patterns)
+    kinds = [name.rsplit("_", 2)[1] for name in samples.names]
     rpm_key = f"X{chosen[0][1]}RPM"
     rpm = scalar(load_mat(data, path, [rpm_key]), rpm_key)
     return replace(
-        reading,
+        samples,
         channels=tuple(_CWRU_CHANNELS[kind] for kind in kinds),
         speed=rpm / 60 if rpm is not None and rpm > 0 else None,
     )
@@ -73,13 +73,13 @@ def _mat_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
 
 def mfpt_read(data: bytes, path: str) -> Samples:
     """Read a file of the MFPT set."""
-    reading = read_mat(data, path, ["bearing.gs"])
+    samples = read_mat(data, path, ["bearing.gs"])
     values = load_mat(data, path, ["bearing.sr", "bearing.rate", "bearing.load"])
     rate, load = scalar(values, "bearing.sr"), scalar(values, "bearing.load")
     if rate is None or rate <= 0:
         raise ReaderError("wrong_rate", f"{path}: expected a positive sampling rate in bearing.sr, found {rate}")
     return replace(
-        reading,
+        samples,
         channels=("acceleration",),
         rate=rate,
         speed=scalar(values, "bearing.rate"),
@@ -98,20 +98,20 @@ def _hit_sm_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
 
 def one_vector(data: bytes, path: str) -> Samples:
     """Read a file that holds a single vector."""
-    reading = read_mat(data, path)
-    if len(reading.names) != 1:
-        raise ReaderError("wrong_shape", f"{path}: expected one vector, found {', '.join(reading.names)}")
-    return replace(reading, channels=("acceleration",))
+    samples = read_mat(data, path)
+    if len(samples.names) != 1:
+        raise ReaderError("wrong_shape", f"{path}: expected one vector, found {', '.join(samples.names)}")
+    return replace(samples, channels=("acceleration",))
 
 
 # UESTC: Data and its SampleFrequency in Hz; the shaft speed is nominal only, and not in the file.
 def uestc_read(data: bytes, path: str) -> Samples:
     """Read a file of the UESTC set."""
-    reading = read_mat(data, path, ["Data"])
+    samples = read_mat(data, path, ["Data"])
     rate = scalar(load_mat(data, path, ["SampleFrequency"]), "SampleFrequency")
     if rate is None or rate <= 0:
         raise ReaderError("wrong_rate", f"{path}: expected a positive number in SampleFrequency, found {rate}")
-    return replace(reading, rate=rate)
+    return replace(samples, rate=rate)
 
 
 # Paderborn (Lessmeier and others, KAt data center): a structure called like the file whose Y is an array of structures

@@ -33,8 +33,8 @@ def _pronostia_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
 
 def _pronostia_read(data: bytes, path: str) -> Samples:
     # 16-bit samples printed with three decimals; the clock of the first four columns is not a sample clock.
-    reading = read_text(data, path, separators=";,", header=False, n_columns=6, columns=(5, 6), precision=np.float32)
-    return replace(reading, channels=("horizontal", "vertical"))
+    samples = read_text(data, path, separators=";,", header=False, n_columns=6, columns=(5, 6), precision=np.float32)
+    return replace(samples, channels=("horizontal", "vertical"))
 
 
 # IMS (Cincinnati, NASA prognostics repository): nominal 20 kHz, a record of 20480 samples; 2000 rpm, 6000 lb.
@@ -51,8 +51,8 @@ def _ims_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
 
 
 def _ims_read(data: bytes, path: str) -> Samples:
-    reading = read_text(data, path, separators="\t ", header=False, n_columns=(4, 8), precision=np.float32)
-    return replace(reading, channels=tuple(f"channel_{column}" for column in reading.columns))
+    samples = read_text(data, path, separators="\t ", header=False, n_columns=(4, 8), precision=np.float32)
+    return replace(samples, channels=tuple(f"channel_{column}" for column in samples.columns))
 
 
 # XJTU-SY: two columns with a header, 1.28 s at 25.6 kHz each minute; speed and load in the name of the condition.
@@ -67,13 +67,13 @@ def _xjtu_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
 
 
 def _xjtu_read(data: bytes, path: str) -> Samples:
-    reading = read_text(data, path, separators=",", n_columns=2)
-    return replace(reading, channels=("horizontal", "vertical"))
+    samples = read_text(data, path, separators=",", n_columns=2)
+    return replace(samples, channels=("horizontal", "vertical"))
 
 
 # Ferrara (Gabrielli and others, Mendeley Data 8wdzm5gwng): 54 text files of 15 s of raw vertical acceleration, three
-# widths of defect on three bearings each. Rates as a public catalogue of data sets gives them; the names of the files
-# are not known here, so whatever of defect, load and speed stands in them is used; the rest is for the configuration.
+# widths of defect on three bearings each. Rates as a public catalogue of data sets gives them; defect, load and speed
+# are taken from a name where they stand in it, else from the configuration.
 def _ferrara_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
     name = file_name(path)
     if not name.lower().endswith((".txt", ".csv", ".asc")) or "readme" in name.lower():
@@ -94,8 +94,8 @@ def _ferrara_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
 
 
 def _ferrara_read(data: bytes, path: str) -> Samples:
-    reading = read_layout(data, path)
-    return replace(reading, channels=("acceleration",)) if len(reading.names) == 1 else reading
+    samples = read_layout(data, path)
+    return replace(samples, channels=("acceleration",)) if len(samples.names) == 1 else samples
 
 
 SETS = (

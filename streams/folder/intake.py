@@ -1,4 +1,4 @@
-"""From the files whose turn it is to deliveries: each becomes blocks, a rejection with a reason, or waits."""
+"""Turn the files of a register into deliveries: each gives blocks, a rejection with a reason, or waits."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from streams.block import Block, Rejected
 from streams.datasets.description import FileFacts
 from streams.files import unpacked_name
-from streams.folder.listing import look_at, unshown
+from streams.folder.listing import stat_file, unshown
 from streams.folder.raw import GROWS, Raw, UnfinishedError, is_more_of, read_raw
-from streams.folder.register import ARCHIVED, INCOMPLETE_AFTER, Entry, Order, Register
+from streams.folder.register import ARCHIVED, MAX_INCOMPLETE_S, Entry, Order, Register
 from streams.ledger import ACCEPTED, PENDING, FileProgress, Ledger
 from streams.load import Loader
 from streams.reblock import Cut, Reblocker, began_at, cut_item
@@ -21,33 +21,22 @@ from streams.samples import ReaderError, Samples
 from streams.source import Delivery
 from streams.spec import SourceSpec
 
-_LOOK_AHEAD = 8
+_MAX_AHEAD_FILES = 8
 _MAX_AHEAD_BYTES = 1 << 26
-_PATIENCE = {"incomplete": INCOMPLETE_AFTER, "empty": INCOMPLETE_AFTER}
-# A side-car may come after its file.
+_MAX_WAIT_S = {"incomplete": MAX_INCOMPLETE_S, "empty": MAX_INCOMPLETE_S}
+# A side-car may be written after its file.
 _RETRIED = ("unreadable", "short", "wrong_shape", "wrong_rate", "wrong_unit")
-_RETRY = 10.0
+_MAX_RETRY_SETTLES = 10.0
 _REFUSED = ("duplicate", "changed")
 
 Loaded = tuple[Entry, Raw, FileFacts, Samples]
 
 
 class Intake:
-    """Takes the files of a register in turn and keeps the deliveries that come of them.
-
-    Attributes:
-        ready: deliveries that were not yet returned by ``next``.
-    """
+    """Takes the files of a register in order; ``ready`` holds the deliveries not yet returned by the source."""
 
     def __init__(self, spec: SourceSpec, loader: Loader, ledger: Ledger, register: Register) -> None:
-        """Begin where the ledger ends.
-
-        Args:
-            spec: configuration of the source.
-            loader: of the files of the folder.
-            ledger: what was committed.
-            register: the files that wait.
-        """
+        """Continue after the last committed block of the ledger."""
         self.ready: deque[Delivery] = deque()
         self.name = spec.name
         self._spec, self._loader, self._ledger, self._register = spec, loader, ledger, register
@@ -55,18 +44,18 @@ class Intake:
         self._reblocker = None if one_a_file or spec.block_s == "file" else Reblocker(spec.block_s)
         self._grows = self._reblocker is not None and loader.data_set.name in GROWS
         self._period = spec.block_s if self._grows and spec.block_s != "file" else None
-        self._on_the_way: dict[int, str] = {}
+        self._uncommitted: dict[int, str] = {}
         self._highest = ledger.committed(spec.name)
         self._began = ledger.began(spec.name)
         self._batch: list[Loaded] = []
-        self._passed: Order | None = None
+        self._latest_order: Order | None = None
 
     def advance(self, now: float) -> bool:
-        """Take the next files; return whether anything happened.
+        """Take the next files; return whether there was any.
 
-        Names need not sort by time, but the files themselves often state it: a few of them are looked at at once.
+        Names need not sort by time, but the files often state it, so a few of them are read ahead and sorted.
         """
-        size, happened, most = 0, False, 1 if self._reblocker is None else _LOOK_AHEAD
+        size, happened, most = 0, False, 1 if self._reblocker is None else _MAX_AHEAD_FILES
         while len(self._batch) < most and size < _MAX_AHEAD_BYTES:
             entry = self._register.take(now, self._period)
             if entry is None:
@@ -82,7 +71,7 @@ class Intake:
         return self._flush_late(now) or happened
 
     def _emit_batch(self) -> None:
-        """Give what was looked at; also before a file is refused that comes after it."""
+        """Deliver the files read ahead, in order of time."""
         batch, self._batch = self._batch, []
         if all(loaded[3].start is not None for loaded in batch):
             batch.sort(key=lambda loaded: loaded[3].start or 0.0)
@@ -90,22 +79,22 @@ class Intake:
             self._emit(*loaded)
 
     def acknowledge(self, delivery: Delivery) -> None:
-        """Take note that a delivery is committed."""
+        """Record that a delivery is committed."""
         item = delivery.item
         if not (isinstance(item, Rejected) and item.status in _REFUSED):
-            self._on_the_way.pop(item.sequence, None)
+            self._uncommitted.pop(item.sequence, None)
         entries: tuple[Entry, ...] = delivery.token
         for entry, progress in zip(entries, delivery.progress, strict=True):
             entry.outstanding -= 1
             entry.base = progress
             if not entry.outstanding and entry.phase == "delivered" and progress.verdict != PENDING:
-                self._register.settle(entry, progress)
+                self._register.finish(entry, progress)
 
     def _load(self, entry: Entry, now: float) -> Loaded | None:
-        """Read a file whose turn it is; whatever is wrong with it becomes a status."""
+        """Read a file; None where it waits, is known already or is rejected."""
         facts = self._loader.facts(entry.path)
         if facts is None:
-            self._register.leave(entry, entry.counted)
+            self._register.remove(entry, entry.counted)
             return None
         growing = self._grows and not entry.whole and unpacked_name(entry.path) == entry.path
         raw: Raw | None = None
@@ -114,30 +103,31 @@ class Intake:
                 raise ReaderError("unreadable", f"{entry.key}: is gone, before all of it could be read")
             entry.read_at = now
             raw = read_raw(self._loader.root, entry, self._loader.data_set.name if growing else None)
-            if self._is_known(entry, raw, facts):
+            if self._resolve_known(entry, raw, facts):
                 return None
             samples = self._loader.load(raw.data, entry.path, facts, entry.key)
         except UnfinishedError as error:
-            self._wait_again(entry, error, now)
+            self._requeue(entry, error, now)
             return None
         except ReaderError as error:
-            patience = _PATIENCE.get(error.status, _RETRY * self._spec.settle_s if error.status in _RETRIED else 0.0)
-            if now - entry.changed < patience and entry.absent is None:
-                self._register.put_aside(entry, entry.changed + patience)
+            retry = _MAX_RETRY_SETTLES * self._spec.settle_s if error.status in _RETRIED else 0.0
+            wait = _MAX_WAIT_S.get(error.status, retry)
+            if now - entry.changed < wait and entry.absent is None:
+                self._register.defer(entry, entry.changed + wait)
             else:
                 self._reject(entry, raw, facts, error)
             return None
         except BaseException:
-            # The ledger failed; the file keeps its turn.
+            # The ledger failed; the file keeps its place.
             self._register.queue(entry)
             raise
         return entry, raw, facts, samples
 
-    def _is_passed(self, entry: Entry) -> bool:
-        """Tell whether files that come after a file were taken while it waited: what they gave is not cut for it."""
-        return self._passed is not None and entry.order < self._passed
+    def _is_overtaken(self, entry: Entry) -> bool:
+        """Return whether later files were taken while a file waited: its rejection does not cut their samples."""
+        return self._latest_order is not None and entry.order < self._latest_order
 
-    def _wait_again(self, entry: Entry, error: UnfinishedError, now: float) -> None:
+    def _requeue(self, entry: Entry, error: UnfinishedError, now: float) -> None:
         entry.changed, entry.closed = now, False
         if error.stat is None:
             entry.absent = now
@@ -147,14 +137,14 @@ class Intake:
 
     def _reject(self, entry: Entry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
         self._emit_batch()
-        if self._reblocker is not None and not self._is_passed(entry):
-            # Nothing may be joined over a file that could not be read.
-            self._give(self._reblocker.flush())
+        if self._reblocker is not None and not self._is_overtaken(entry):
+            # Samples are not joined across a file that could not be read.
+            self._deliver_cuts(self._reblocker.flush())
         digest = "" if raw is None else raw.progress.content_hash
         number, status = self._number_of(facts), error.status
         if number is None:
             number = self._next_number()
-        elif not self._free(number):
+        elif not self._is_free(number):
             status = "changed"
         stat = entry.stat
         known = entry.base or (raw.progress if raw is not None else FileProgress(entry.key, 0, 0, 0))
@@ -165,34 +155,34 @@ class Intake:
             Rejected(self.name, number, entry.key, status, _printable(str(error)), digest), [(entry, progress)]
         )
 
-    def _is_known(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
-        """Tell files apart by content: True where nothing of this one is new."""
+    def _resolve_known(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+        """Compare a file with those known by content; return whether that settled it: it has nothing new."""
         last = entry.read or entry.base
         if last is not None:
             touched = last.content_hash == raw.progress.content_hash
             if touched and entry.base is not None and entry.base.verdict != PENDING:
                 progress = replace(raw.progress, samples=entry.base.samples, verdict=entry.base.verdict)
                 self._ledger.remember(self.name, [progress])
-                self._register.settle(entry, progress)
+                self._register.finish(entry, progress)
                 return True
             if touched or (self._grows and is_more_of(raw, last)):
                 entry.fed = max(entry.fed, 0 if entry.base is None else entry.base.samples)
                 return False
             self._emit_batch()
             if self._reblocker is not None:
-                self._give(self._reblocker.flush())
+                self._deliver_cuts(self._reblocker.flush())
             self._register.renew(entry)
-        return self._is_copy(entry, raw, facts) or self._is_taken(entry, raw, facts)
+        return self._resolve_copy(entry, raw, facts) or self._refuse_taken_number(entry, raw, facts)
 
-    def _is_copy(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
-        """Recognise a file that was taken under another name."""
+    def _resolve_copy(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+        """Recognise a file that was taken under another name: adopt a renamed one, reject a copy."""
         digest = raw.progress.content_hash
         for known in self._ledger.files_like(self.name, raw.progress.head_hash, digest):
             if known.path == entry.key or known.verdict == PENDING or not known.samples or not is_more_of(raw, known):
                 continue
             if known.content_hash != digest:
                 if self._grows:
-                    # A log that was copied away and went on in the copy: what came before is committed.
+                    # A log that was copied and continued in the copy: its beginning is committed.
                     entry.fed = known.samples
                     return False
                 continue
@@ -200,11 +190,11 @@ class Intake:
             if (
                 not archived
                 and known.inode == entry.stat.inode
-                and look_at(str(self._loader.root), unshown(known.path)) is None
+                and stat_file(str(self._loader.root), unshown(known.path)) is None
             ):
                 self._register.adopt(entry, known)
                 return True
-            if self._is_flat(entry, raw, facts):
+            if self._is_constant(entry, raw, facts):
                 continue
             reason = f"{entry.key}: holds the same bytes as {known.path.partition(ARCHIVED)[0]}"
             number = self._ledger.known(self.name, digest) or max(1, self._ledger.committed(self.name))
@@ -213,20 +203,20 @@ class Intake:
             return True
         return False
 
-    def _is_flat(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
-        """Tell whether all samples of a file are alike: a dead sensor gives the same bytes every time."""
+    def _is_constant(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+        """Return whether all samples of a file are equal: a dead sensor gives identical files, which are no copies."""
         try:
             values = self._loader.load(raw.data, entry.path, facts, entry.key).values
         except ReaderError:
             return False
         return bool(np.all(values == values[:, :1]))
 
-    def _is_taken(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
-        """Refuse a file whose own number another block has already."""
+    def _refuse_taken_number(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+        """Reject a file whose own number another block has already; return whether it did."""
         number, digest = self._number_of(facts), raw.progress.content_hash
-        if number is None or self._free(number):
+        if number is None or self._is_free(number):
             return False
-        had = self._on_the_way.get(number) or self._ledger.content_of(self.name, number)
+        had = self._uncommitted.get(number) or self._ledger.content_of(self.name, number)
         status = "duplicate" if had == digest else "changed"
         reason = f"{entry.key}: block {number} is there already" + (", with other samples" if had != digest else "")
         rejected = Rejected(self.name, number, entry.key, status, reason, digest)
@@ -234,21 +224,21 @@ class Intake:
         return True
 
     def _number_of(self, facts: FileFacts) -> int | None:
-        """Return the number that a file claims for its block, None where blocks are numbered as they come."""
+        """Return the number that a file states for its block, None where blocks are numbered in order."""
         return facts.number if self._reblocker is None else None
 
-    def _free(self, number: int) -> bool:
-        return number not in self._on_the_way and self._ledger.content_of(self.name, number) is None
+    def _is_free(self, number: int) -> bool:
+        return number not in self._uncommitted and self._ledger.content_of(self.name, number) is None
 
     def _emit(self, entry: Entry, raw: Raw, facts: FileFacts, samples: Samples) -> None:
-        """Give the blocks of a file."""
+        """Deliver the blocks of a file."""
         entry.read, entry.total = raw.progress, samples.values.shape[1]
-        self._passed = entry.order if self._passed is None else max(self._passed, entry.order)
+        self._latest_order = entry.order if self._latest_order is None else max(self._latest_order, entry.order)
         if self._reblocker is None:
             number = self._number_of(facts)
             if number is None:
                 number = self._next_number()
-            elif self._is_taken(entry, raw, facts):
+            elif self._refuse_taken_number(entry, raw, facts):
                 return
             progress = replace(raw.progress, samples=entry.total, verdict=ACCEPTED)
             elapsed = samples.elapsed_since(self._began)
@@ -259,42 +249,42 @@ class Intake:
         entry.fed = entry.total
         entry.phase = "held"
         rest = replace(samples, values=samples.values[:, begin:], origin=entry, offset=begin)
-        self._give(self._reblocker.feed(rest))
+        self._deliver_cuts(self._reblocker.feed(rest))
         if samples.start is None and not self._grows:
-            # Nothing says when the next file begins, so nothing can be joined to this one.
-            self._give(self._reblocker.flush())
+            # The start of the next file is unknown, so it cannot be joined to this one.
+            self._deliver_cuts(self._reblocker.flush())
         if raw.progress.is_part:
             self._register.await_end(entry)
         else:
-            self._let_go(entry)
+            self._mark_delivered(entry)
 
     def _flush_late(self, now: float) -> bool:
-        """Cut off what waited long enough for more."""
+        """Cut off samples that have waited too long for more."""
         if self._reblocker is None or not self._reblocker.held:
             return False
-        if any(now - entry.changed < INCOMPLETE_AFTER for entry in self._reblocker.origins if isinstance(entry, Entry)):
+        if any(now - entry.changed < MAX_INCOMPLETE_S for entry in self._reblocker.origins if isinstance(entry, Entry)):
             return False
-        self._give(self._reblocker.flush())
+        self._deliver_cuts(self._reblocker.flush())
         return True
 
-    def _let_go(self, entry: Entry) -> None:
-        """Let an entry whose samples are all on their way (or committed) wait for nothing but acknowledgements."""
+    def _mark_delivered(self, entry: Entry) -> None:
+        """Mark a file whose samples are all delivered; it waits for acknowledgements only."""
         if entry.phase != "held" or (self._reblocker is not None and entry in self._reblocker.origins):
             return
         if not entry.outstanding and entry.read is not None:
             # A growing file was read and had nothing new.
             progress = replace(entry.read, path=entry.key, samples=entry.total, verdict=ACCEPTED)
             self._ledger.remember(self.name, [progress])
-            self._register.settle(entry, progress)
+            self._register.finish(entry, progress)
         entry.phase = "delivered"
 
-    def _give(self, cuts: Iterable[Cut]) -> None:
+    def _deliver_cuts(self, cuts: Iterable[Cut]) -> None:
         for cut in cuts:
             pairs = list(self._progress_of(cut))
             item = cut_item(cut, self.name, self._next_number(), self._began)
             self._deliver(item, pairs)
             for entry, _ in pairs:
-                self._let_go(entry)
+                self._mark_delivered(entry)
 
     def _progress_of(self, cut: Cut) -> Iterator[tuple[Entry, FileProgress]]:
         for entry, end in cut.used:
@@ -311,7 +301,7 @@ class Intake:
 
     def _deliver(self, item: Block | Rejected, pairs: list[tuple[Entry, FileProgress]]) -> None:
         if not (isinstance(item, Rejected) and item.status in _REFUSED):
-            self._on_the_way[item.sequence] = item.content_hash
+            self._uncommitted[item.sequence] = item.content_hash
             self._highest = max(self._highest, item.sequence)
         self._began = began_at(self._began, item)
         for entry, _ in pairs:
@@ -322,5 +312,5 @@ class Intake:
 
 
 def _printable(text: str) -> str:
-    """Replace what no terminal and no database should be given."""
+    """Replace characters that cannot be printed by question marks."""
     return "".join(character if character.isprintable() else "?" for character in text)

@@ -1,4 +1,4 @@
-"""Files of a folder: which are listed, how a name is stored, on which type of file system they lie."""
+"""Files of a folder: listing, printable form of their names, type of their file system."""
 
 from __future__ import annotations
 
@@ -12,24 +12,17 @@ NETWORK_FILE_SYSTEMS = frozenset(
     {"9p", "afs", "ceph", "cifs", "fuse.ceph", "fuse.glusterfs", "fuse.sshfs", "glusterfs", "lustre", "ncpfs", "nfs"}
     | {"nfs4", "smb3", "smbfs", "virtiofs", "vboxsf"}
 )
-"""Types whose files other machines write: without events, and without reliable locks or shared memory."""
+"""Network file systems: no events of other machines, no reliable locks or shared memory."""
 
 _MOUNTS = Path("/proc/self/mountinfo")
-_LEFT_ALONE = (".tmp", ".part", ".partial", ".crdownload", ".filepart", "_index")
+_SKIPPED = (".tmp", ".part", ".partial", ".crdownload", ".filepart", "_index")
 _ESCAPE = re.compile(r"\\\\|\\x[0-9a-f]{2}|\\u[0-9a-f]{4}|\\U[0-9a-f]{8}")
 _SIGNED = (1 << 63) - 1
 
 
 @dataclass(frozen=True, slots=True)
 class Stat:
-    """What the file system says of a file.
-
-    Attributes:
-        size: in bytes.
-        mtime_ns: time of the last change, ns since 1970.
-        inode: its number.
-        regular: whether it is a plain file rather than a link, a pipe or a device.
-    """
+    """File status: size in bytes, last change in ns since 1970; ``regular``: no link, pipe or device."""
 
     size: int
     mtime_ns: int
@@ -38,15 +31,15 @@ class Stat:
 
 
 def stat_of(found: os.stat_result) -> Stat | None:
-    """Return what counts of a stat result, None for a folder."""
+    """Return the status in a stat result, None for a folder."""
     if stat.S_ISDIR(found.st_mode):
         return None
     # Some file systems use all 64 bits; the ledger keeps signed numbers.
     return Stat(found.st_size, found.st_mtime_ns & _SIGNED, found.st_ino & _SIGNED, stat.S_ISREG(found.st_mode))
 
 
-def look_at(root: str, path: str) -> Stat | None:
-    """Look at one file without following links; None where it is not there or is a folder."""
+def stat_file(root: str, path: str) -> Stat | None:
+    """Return the status of one file without following links; None where it does not exist or is a folder."""
     try:
         return stat_of(os.lstat(f"{root}/{path}"))
     except (OSError, ValueError):
@@ -54,14 +47,10 @@ def look_at(root: str, path: str) -> Stat | None:
 
 
 def list_files(root: str, closed: list[str] | None = None) -> dict[str, Stat]:
-    """List all files below a folder but those that are left alone; links are listed, never followed.
+    """Return the status of all files below a folder by path, without those skipped; links are never followed.
 
     Args:
-        root: the folder.
-        closed: gets the folders below it that may not be read, as paths below it.
-
-    Returns:
-        What the file system says of each, by path below the folder.
+        closed: extended by the paths of the folders below it that may not be read.
 
     Raises:
         OSError: the folder itself cannot be read.
@@ -81,10 +70,10 @@ def list_files(root: str, closed: list[str] | None = None) -> dict[str, Stat]:
 
 
 def _list_one(root: str, folder: str, folders: list[str], found: dict[str, Stat]) -> None:
-    """Add the files of one folder to those that were found, and its folders to those that are to be looked at."""
+    """Add the files of one folder to ``found``, and its folders to ``folders``."""
     with os.scandir(f"{root}/{folder}") as entries:
         for entry in entries:
-            if left_alone(entry.name):
+            if is_skipped(entry.name):
                 continue
             path = f"{folder}/{entry.name}" if folder else entry.name
             try:
@@ -93,30 +82,22 @@ def _list_one(root: str, folder: str, folders: list[str], found: dict[str, Stat]
                     continue
                 status = stat_of(entry.stat(follow_symlinks=False))
             except PermissionError:
-                # The folder may be listed, but nothing in it looked at.
+                # The folder may be listed, but not searched.
                 raise
             except OSError:
-                # Gone between the list and the look.
+                # Removed meanwhile.
                 continue
             if status is not None:
                 found[path] = status
 
 
-def left_alone(name: str) -> bool:
-    """Tell whether a file is skipped: hidden, a partial copy, or an index beside the data.
-
-    Args:
-        name: the name without its folder.
-    """
-    return name.startswith((".", "~")) or name.lower().endswith(_LEFT_ALONE)
+def is_skipped(name: str) -> bool:
+    """Return whether a name, without its folder, is hidden, a partial copy, or an index beside the data."""
+    return name.startswith((".", "~")) or name.lower().endswith(_SKIPPED)
 
 
 def shown(path: str) -> str:
-    r"""Write a path in printable characters, one-to-one: a newline as ``\u000a``, a byte that is no UTF-8 as ``\xff``.
-
-    Args:
-        path: as the file system gave it, surrogates for bytes that are no UTF-8.
-    """
+    r"""Return a path in printable characters, one-to-one: ``\u000a`` for a newline, ``\xff`` for a non-UTF-8 byte."""
     if path.isascii() and path.isprintable() and "\\" not in path:
         return path
     return "".join(_shown(character) for character in path)
@@ -147,14 +128,9 @@ def _unescaped(match: re.Match[str]) -> str:
 
 
 def file_system_type(path: Path, mountinfo: str | None = None) -> str | None:
-    """Return the type of the file system that holds ``path``, as the kernel's mount table names it.
+    """Return the type ("ext4", "nfs4") of the file system that holds an existing ``path``, None where unknown.
 
-    Args:
-        path: an existing file or folder.
-        mountinfo: text in the format of /proc/self/mountinfo; by default that file.
-
-    Returns:
-        The type ("ext4", "nfs4"), or None where it cannot be found out.
+    ``mountinfo`` is text in the format of /proc/self/mountinfo, by default that file.
     """
     if mountinfo is None:
         try:

@@ -1,4 +1,4 @@
-"""The bytes of a file of a watched folder, read under guard and compared with what is known of the file."""
+"""The bytes of a file of a watched folder, compared with what the ledger has of it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from models.errors import SpallwatchError
 from streams.files import path_within, read_guarded
-from streams.folder.listing import Stat, look_at
+from streams.folder.listing import Stat, stat_file
 from streams.folder.register import Entry
 from streams.ledger import HEAD_BYTES, FileProgress
 from streams.load import content_hash
@@ -15,49 +15,32 @@ from streams.readers.complete import whole_part
 from streams.samples import ReaderError
 
 GROWS = ("csv", "tdms")
-"""Formats whose files are written to for as long as they last."""
+"""Formats whose files are appended to while they are read."""
 
 
 @dataclass(frozen=True, eq=False)
 class Raw:
-    """The bytes of a file and how they would be remembered.
-
-    Attributes:
-        data: as they are on the disk.
-        progress: stat and digests, no samples yet.
-    """
+    """The bytes of a file as stored, and its progress: status and digests, no samples yet."""
 
     data: bytes
     progress: FileProgress
 
 
 class UnfinishedError(SpallwatchError):
-    """A file was written to while it was read; it has to wait for its turn again.
-
-    Attributes:
-        stat: what it is like now, or None where it is gone.
-    """
+    """A file was written to while it was read; ``stat`` is its present status, None where it was removed."""
 
     def __init__(self, stat: Stat | None) -> None:
-        """Keep what the file is like now."""
+        """Keep the present status."""
         super().__init__("changed while it was read")
         self.stat = stat
 
 
 def read_raw(root: Path, entry: Entry, growing: str | None) -> Raw:
-    """Read a file.
-
-    Args:
-        root: the resolved folder.
-        entry: the file.
-        growing: its format where it may be written to meanwhile, else None.
-
-    Returns:
-        Its bytes; of a growing file those whose samples are final.
+    """Return the bytes of a file; of one that may grow (in the format ``growing``) those whose samples are final.
 
     Raises:
         ReaderError: ``refused`` or ``unreadable``, see :func:`streams.files.read_guarded`.
-        UnfinishedError: it is not what it was when its turn came.
+        UnfinishedError: it has changed since it was selected.
     """
     if not entry.stat.regular:
         path_within(root, entry.path)
@@ -65,11 +48,11 @@ def read_raw(root: Path, entry: Entry, growing: str | None) -> Raw:
     try:
         data = read_guarded(root, entry.path, may_grow=growing is not None)
     except ReaderError as error:
-        after = look_at(str(root), entry.path)
+        after = stat_file(str(root), entry.path)
         if error.status == "changed" or after is None:
             raise UnfinishedError(after) from error
         raise
-    after = look_at(str(root), entry.path)
+    after = stat_file(str(root), entry.path)
     if after is None or (after != entry.stat and growing is None):
         raise UnfinishedError(after)
     size = len(data)
@@ -81,7 +64,7 @@ def read_raw(root: Path, entry: Entry, growing: str | None) -> Raw:
 
 
 def is_more_of(raw: Raw, known: FileProgress) -> bool:
-    """Tell whether a file begins with all that is known of another, or of itself before."""
+    """Return whether a file begins with all the known bytes of another, or of its own earlier state."""
     if known.content_hash == raw.progress.content_hash:
         return True
     longer = 0 < known.read_bytes < len(raw.data)

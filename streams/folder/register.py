@@ -1,4 +1,4 @@
-"""Which files of a watched folder wait, which are done, and in which order they are taken."""
+"""The files of a watched folder: waiting or done, and the order in which they are taken."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import heapq
 import itertools
 import math
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,40 +15,41 @@ from streams.ledger import ACCEPTED, PENDING, FileProgress, Ledger
 from streams.samples import Origin
 from streams.source import Backlog
 
-INCOMPLETE_AFTER = 600.0
-"""Seconds without a change after which a file that is not all there is given up."""
+MAX_INCOMPLETE_S = 600.0
+"""Time without a change after which an incomplete file is rejected."""
 
 ARCHIVED = "\n"
-"""Stands between a path and the digest of what it held before, in the key of a file that was replaced."""
+"""Separates path and digest of the former content in the key of a file that was replaced."""
 
-_BULK = 8
+_MIN_BULK_FILES = 8
+"""More waiting files than this may be a copy in progress."""
 _HOLD = 10.0
+"""Longest wait for other files or the end of a line, in settling times."""
 
 Order = tuple[object, ...]
-Phase = Literal["queued", "aside", "held", "delivered"]
+Phase = Literal["queued", "deferred", "held", "delivered"]
 
 
 @dataclass(eq=False, kw_only=True)
 class Entry(Origin):
-    """A file that waits.
+    """A file that waits. Times are of the monotonic clock, s.
 
     Attributes:
         path: below the folder, as the file system gives it; ``key`` is the same in printable characters.
-        stat: as last seen.
         order: sorts the files by acquisition.
-        seen: when it was first seen waiting, by the monotonic clock, s; likewise the other times.
-        changed: when it was last seen to change.
+        seen: when it was first seen waiting.
+        changed: when its last change was seen.
         closed: whether it was closed or moved in since then.
-        whole: whether it counted as complete when its turn came.
-        phase: "queued" for its turn, "aside" because it is not all there, "held" because samples of it wait for more,
-            "delivered" entirely.
-        due: when it is tried again although it does not change.
-        base: what the ledger has of it.
-        counted: the verdict under which it is counted already, None for a file not counted before.
+        whole: whether it counted as complete when it was taken.
+        phase: "queued", "deferred" because it is incomplete, "held" because samples of it wait for more, "delivered"
+            entirely.
+        due: when it is tried again without a change.
+        base: its progress in the ledger.
+        counted: the verdict under which it is counted already.
         read: its progress as of the last reading, without samples.
-        fed: number of samples of it that were taken.
+        fed: number of samples taken.
         read_at: when it was last read.
-        absent: since when it is not in the folder any more.
+        absent: since when it is missing from the folder.
         outstanding: number of unacknowledged deliveries with samples of it.
         blocks: number of blocks with samples of it.
     """
@@ -73,19 +74,16 @@ class Entry(Origin):
 
 
 class Register:
-    """The files of one folder. Pending ones wait on the disk; of each only its name and times are kept here."""
+    """The files of one folder. Pending ones stay on the disk; only their names and times are kept here."""
 
     def __init__(
         self, source: str, ledger: Ledger, settle_s: float, order_of: Callable[[str], Order | None], now: float
     ) -> None:
-        """Begin with what the ledger has.
+        """Begin with the pending files of the ledger.
 
         Args:
-            source: name of the source.
-            ledger: what was committed.
-            settle_s: how long a file must be unchanged.
-            order_of: sorting key of a path, None for a file that is none of the source's.
-            now: present time of the monotonic clock.
+            settle_s: time for which a file must be unchanged, s.
+            order_of: sorting key of a path, None for a file of another kind.
         """
         self.waiting: dict[str, Entry] = {}
         self.ignored: set[str] = set()
@@ -93,7 +91,7 @@ class Register:
         self._order_of = order_of
         self._done: dict[str, FileProgress] = {}
         self._heap: list[tuple[Order, int, Entry]] = []
-        self._aside: dict[str, Entry] = {}
+        self._deferred: dict[str, Entry] = {}
         self._tie = itertools.count()
         self._lock = threading.Lock()
         self._latest = now
@@ -103,12 +101,12 @@ class Register:
         counts.pop(PENDING, None)
         self._rejected = sum(counts.values())
         for progress in ledger.pending_files(source):
-            # Until a scan finds them they count as absent, so that one that is gone is not waited for in vain.
+            # Absent until a scan finds them, so that a removed one is given up in time.
             entry = self._enter(unshown(progress.path), Stat(-1, 0, 0), now, progress)
             entry.absent = now
 
     def update(self, listing: Mapping[str, Stat], now: float) -> None:
-        """Compare all files of the folder with what is known of them."""
+        """Compare a listing of the whole folder with the files known."""
         gone = [path for path in self._done if path not in listing]
         here = {path: stat.inode for path, stat in listing.items()}
         moved = {known.inode: path for path, known in self._done.items() if here.get(path) != known.inode}
@@ -118,7 +116,7 @@ class Register:
                 if stat.inode in moved and path not in self._done and path not in self.waiting:
                     self._renamed(moved[stat.inode], path, stat)
         for path, stat in listing.items():
-            self.look(path, stat, now)
+            self.observe(path, stat, now)
         for path in gone:
             self._done.pop(path, None)
         self.ignored &= listing.keys()
@@ -128,15 +126,8 @@ class Register:
             elif entry.absent is None:
                 entry.absent = now
 
-    def look(self, path: str, stat: Stat, now: float, closed: bool = False) -> None:
-        """Take note of what one file is like.
-
-        Args:
-            path: below the folder.
-            stat: what the file system says of it.
-            now: present time.
-            closed: whether it was just closed after writing, or moved here.
-        """
+    def observe(self, path: str, stat: Stat, now: float, closed: bool = False) -> None:
+        """Record the status of one file; ``closed``: it was just closed after writing, or moved here."""
         entry = self.waiting.get(path)
         if entry is None:
             done = self._done.get(path)
@@ -153,24 +144,24 @@ class Register:
             entry = self._enter(path, stat, now, known)
         if entry.absent is not None:
             entry.absent = None
-            if entry.phase == "aside":
+            if entry.phase == "deferred":
                 self.queue(entry)
         if stat != entry.stat:
             entry.stat, entry.changed, entry.closed, entry.due = stat, now, False, math.inf
-            if entry.phase in ("aside", "held"):
+            if entry.phase in ("deferred", "held"):
                 self.queue(entry)
         if closed:
             entry.closed = True
 
     def reorder(self) -> None:
-        """Sort anew, as it is known by now what kind of files these are."""
+        """Sort and filter again, once the kind of the files is recognised."""
         self._heap.clear()
         self._taken = None
         for path, entry in list(self.waiting.items()):
             order = self._order_of(path)
             if order is None and entry.base is None:
                 del self.waiting[path]
-                self._aside.pop(path, None)
+                self._deferred.pop(path, None)
                 self.ignored.add(path)
                 continue
             entry.order = order or entry.order
@@ -190,25 +181,25 @@ class Register:
         return entry
 
     def _renamed(self, before: str, path: str, stat: Stat) -> None:
-        """Carry over what is known of a file that has another name now.
+        """Carry over the progress of a renamed file.
 
-        A number may have gone to another file, so of one that has grown meanwhile the content is compared, as of any
-        file that changes.
+        The inode may belong to another file by now, so a file that has grown meanwhile is compared by content, like
+        any file that changes.
         """
         entry = self.waiting.get(before)
         known = self._done.get(before) if entry is None else entry.base
         if entry is not None:
             grown = entry.base is not None or entry.read is not None
-            if not _may_be(entry.stat.size, entry.stat == stat, stat, grown) or self._order_of(path) is None:
+            if not _is_likely_same(entry.stat.size, entry.stat == stat, stat, grown) or self._order_of(path) is None:
                 return
             with self._lock:
                 self.waiting[path] = self.waiting.pop(before)
-            self._aside.pop(before, None)
+            self._deferred.pop(before, None)
             entry.path, entry.key, entry.absent = path, shown(path), None
             entry.order = self._order_of(path) or ()
-            if entry.phase in ("queued", "aside"):
+            if entry.phase in ("queued", "deferred"):
                 self.queue(entry)
-        elif known is None or not _may_be(known.size, _same(known, stat), stat, True):
+        elif known is None or not _is_likely_same(known.size, _same(known, stat), stat, True):
             return
         if known is not None:
             moved = self._restore(known, shown(path))
@@ -219,59 +210,58 @@ class Register:
                 entry.base = moved
 
     def _restore(self, known: FileProgress, key: str) -> FileProgress:
-        """Store what is known of a file under another name."""
+        """Store the progress of a file under another name."""
         moved = replace(known, path=key)
         self._ledger.move(self._source, known.path, moved)
         return moved
 
     def queue(self, entry: Entry) -> None:
-        """Let a file wait for its turn."""
-        self._aside.pop(entry.path, None)
+        """Put a file in the queue, at its place in the order."""
+        self._deferred.pop(entry.path, None)
         entry.phase = "queued"
         heapq.heappush(self._heap, (entry.order, next(self._tie), entry))
 
-    def put_aside(self, entry: Entry, due: float) -> None:
-        """Let the others pass until the file changes, or until ``due``."""
-        entry.phase, entry.due = "aside", due
-        self._aside[entry.path] = entry
+    def defer(self, entry: Entry, due: float) -> None:
+        """Skip a file until it changes, or until ``due``."""
+        entry.phase, entry.due = "deferred", due
+        self._deferred[entry.path] = entry
 
-    def settled(self, entry: Entry, now: float) -> bool:
-        """Tell whether a file seems to be complete.
+    def is_settled(self, entry: Entry, now: float) -> bool:
+        """Return whether a file seems to be complete.
 
-        That it was closed is enough only where files come one by one and in order: the first one may be the first of a
-        crowd that is being copied in any order.
+        That it was closed is enough only after another file in order: the first one may belong to many that are being
+        copied in any order.
         """
         if now - entry.changed >= self._settle:
             return True
         return entry.closed and self._taken is not None and entry.order > self._taken
 
-    def _whole(self, entry: Entry, now: float) -> bool:
-        """Tell whether the end of a file is the end of what its writer had to say, rather than half a line.
+    def _is_whole(self, entry: Entry, now: float) -> bool:
+        """Return whether the last line of a file counts as complete.
 
-        A writer with a buffer stops anywhere, and may pause for longer than the settling time; but it has closed a file
-        that is done, or goes on in the next one.
+        A buffered writer stops anywhere, and may pause for longer than the settling time; but it closes a finished
+        file, or continues in the next one.
         """
-        if not self.settled(entry, now):
+        if not self.is_settled(entry, now):
             return False
         later = bool(self._heap) and self._heap[0][0] > entry.order
         return entry.closed or later or now - entry.changed >= _HOLD * self._settle
 
     def await_end(self, entry: Entry) -> None:
-        """Have a file whose last line is not all there read again, when it must be taken for whole."""
-        self.put_aside(entry, entry.changed + _HOLD * self._settle)
+        """Defer a file with an incomplete last line until it counts as whole."""
+        self.defer(entry, entry.changed + _HOLD * self._settle)
 
     def take(self, now: float, period: float | None) -> Entry | None:
-        """Return the file whose turn it is, or None where all have to wait.
+        """Return the next file in order, or None where all have to wait.
 
-        A file that is still being written holds back those after it, so that they stay in order, but not for ever; and
-        so does a crowd of files that keeps growing, for a folder is copied in any order.
+        A file that is still being written holds back those after it, to keep the order, for a limited time; so does a
+        number of files that keeps growing, because a folder is copied in any order.
 
         Args:
-            now: present time.
-            period: how often a growing file is read while it is written, s, or None: never.
+            period: time between readings of a growing file, s; None: it is not read before it is complete.
         """
-        self._recall(now)
-        if self._crowded(now):
+        self._requeue_due(now)
+        if self._is_copying(now):
             return None
         passed: list[tuple[Order, int, Entry]] = []
         found: Entry | None = None
@@ -280,13 +270,13 @@ class Register:
             entry = item[2]
             if entry.phase != "queued" or self.waiting.get(entry.path) is not entry:
                 continue
-            if entry.absent is not None and now - entry.absent < INCOMPLETE_AFTER:
-                self.put_aside(entry, entry.absent + INCOMPLETE_AFTER)
-            elif entry.stat.regular and entry.stat.size == 0 and now - entry.changed < INCOMPLETE_AFTER:
-                self.put_aside(entry, entry.changed + INCOMPLETE_AFTER)
-            elif self._ready(entry, now, period):
+            if entry.absent is not None and now - entry.absent < MAX_INCOMPLETE_S:
+                self.defer(entry, entry.absent + MAX_INCOMPLETE_S)
+            elif entry.stat.regular and entry.stat.size == 0 and now - entry.changed < MAX_INCOMPLETE_S:
+                self.defer(entry, entry.changed + MAX_INCOMPLETE_S)
+            elif self._is_ready(entry, now, period):
                 found = entry
-                entry.whole = self._whole(entry, now)
+                entry.whole = self._is_whole(entry, now)
                 entry.phase = "delivered"
                 self._taken = entry.order
                 break
@@ -298,52 +288,48 @@ class Register:
             heapq.heappush(self._heap, item)
         return found
 
-    def _ready(self, entry: Entry, now: float, period: float | None) -> bool:
-        if not entry.stat.regular or entry.absent is not None or self.settled(entry, now):
+    def _is_ready(self, entry: Entry, now: float, period: float | None) -> bool:
+        if not entry.stat.regular or entry.absent is not None or self.is_settled(entry, now):
             return True
         return period is not None and now - max(entry.seen, entry.read_at) >= max(period, self._settle)
 
-    def _recall(self, now: float) -> None:
-        """Let those who waited aside for a time have their turn, and those whose end is there by now."""
-        for entry in list(self._aside.values()):
-            ended = not entry.whole and entry.read is not None and entry.read.is_part and self._whole(entry, now)
+    def _requeue_due(self, now: float) -> None:
+        """Queue the deferred files that are due, and those that count as whole by now."""
+        for entry in list(self._deferred.values()):
+            ended = not entry.whole and entry.read is not None and entry.read.is_part and self._is_whole(entry, now)
             if entry.due <= now or ended:
                 self.queue(entry)
 
-    def _crowded(self, now: float) -> bool:
-        if len(self._heap) <= _BULK or now - self._latest >= self._settle:
+    def _is_copying(self, now: float) -> bool:
+        if len(self._heap) <= _MIN_BULK_FILES or now - self._latest >= self._settle:
             return False
         first = next(iter(self.waiting.values()), None)
         return first is not None and now - first.seen < _HOLD * self._settle
 
-    def held(self) -> Iterator[Entry]:
-        """Iterate over the files of which samples wait for more."""
-        return (entry for entry in self.waiting.values() if entry.phase == "held")
-
-    def settle(self, entry: Entry, progress: FileProgress) -> None:
-        """File an entry under its verdict; if it has changed meanwhile, the next scan takes it up again."""
+    def finish(self, entry: Entry, progress: FileProgress) -> None:
+        """Count a file under its verdict; if it has changed meanwhile, the next scan enters it again."""
         if progress.path != entry.key:
-            # It was renamed while its last block was on its way.
+            # It was renamed before its last block was committed.
             progress = self._restore(progress, entry.key)
-        self.leave(entry, progress.verdict)
+        self.remove(entry, progress.verdict)
         self._done[entry.path] = progress
 
-    def leave(self, entry: Entry, verdict: str | None) -> None:
-        """Let an entry wait no more, and count it under a verdict, None: not at all."""
+    def remove(self, entry: Entry, verdict: str | None) -> None:
+        """Remove a file from those that wait, and count it under a verdict, None: not at all."""
         with self._lock:
             if self.waiting.get(entry.path) is entry:
                 del self.waiting[entry.path]
                 self._count(verdict, 1)
-        self._aside.pop(entry.path, None)
+        self._deferred.pop(entry.path, None)
         entry.phase = "delivered"
 
     def adopt(self, entry: Entry, known: FileProgress) -> None:
-        """Find out that an entry is a file known by another name, which is gone: it was renamed, not offered."""
-        self.leave(entry, None)
+        """Record that a file is one known by another name, which no longer exists: it was renamed, not offered."""
+        self.remove(entry, None)
         self._done[entry.path] = self._restore(replace(known, mtime_ns=entry.stat.mtime_ns), entry.key)
 
     def renew(self, entry: Entry) -> None:
-        """Take the content of a known name for another file: what it held before keeps its verdict."""
+        """Treat the content under a known name as another file; the former content keeps its verdict."""
         base = entry.base
         if base is not None:
             verdict = ACCEPTED if base.verdict == PENDING else base.verdict
@@ -373,5 +359,5 @@ def _same(progress: FileProgress, stat: Stat) -> bool:
     return (progress.size, progress.mtime_ns, progress.inode) == (stat.size, stat.mtime_ns, stat.inode)
 
 
-def _may_be(size: int, same: bool, stat: Stat, may_grow: bool) -> bool:
+def _is_likely_same(size: int, same: bool, stat: Stat, may_grow: bool) -> bool:
     return same or (may_grow and stat.size > size)

@@ -1,6 +1,6 @@
 """A watched folder as a live source.
 
-The truth is a periodic scan against the ledger; events only wake it. What waits, waits on the disk.
+A periodic scan is compared with the ledger; events only trigger it early. Pending files stay on the disk.
 """
 
 from __future__ import annotations
@@ -11,36 +11,36 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 from streams.datasets.description import DataSet
 from streams.files import Item, check_readable, natural_key, read_guarded
 from streams.folder.intake import Intake
-from streams.folder.listing import left_alone, list_files, look_at
-from streams.folder.register import INCOMPLETE_AFTER, Order, Register
+from streams.folder.listing import is_skipped, list_files, stat_file
+from streams.folder.register import MAX_INCOMPLETE_S, Order, Register
 from streams.folder.watch import Watch
 from streams.ledger import Ledger
 from streams.load import Loader
 from streams.recognise import data_set_of
-from streams.source import Backlog, Delivery
+from streams.source import Backlog, Delivery, LiveSource
 from streams.spec import SourceError, SourceSpec
 
 _LOG = logging.getLogger(__name__)
-_SHARE_OF_SCAN = 20.0
-_OVERFLOW_SHOWN = 60.0
-"""Seconds for which it is shown as a problem that events were lost."""
+_MIN_PAUSE_SCANS = 20.0
+"""Pause after a scan, in durations of the scan."""
+_OVERFLOW_SHOWN_S = 60.0
+"""Time for which lost events are shown as a problem."""
 
 
 class Clock(Protocol):
-    """What tells the time, so that tests need not wait."""
+    """Source of time; tests set their own."""
 
     def monotonic(self) -> float:
         """Return seconds that never go back."""
         ...
 
     def wait(self, event: threading.Event, seconds: float) -> None:
-        """Wait until an event is set, or for so many seconds."""
+        """Wait until an event is set, at most ``seconds``."""
         ...
 
 
@@ -52,27 +52,21 @@ class SystemClock:
         return time.monotonic()
 
     def wait(self, event: threading.Event, seconds: float) -> None:
-        """Wait until an event is set, or for so many seconds."""
+        """Wait until an event is set, at most ``seconds``."""
         event.wait(seconds)
 
 
-class FolderSource:
+class FolderSource(LiveSource):
     """The files of a folder, each accepted, rejected with a reason, or pending; see :class:`streams.source.LiveSource`.
 
-    A file has its turn when it was closed after writing or moved in, or has not changed for the settling time, and as
-    much of it is there as its header promises. A data set of snapshots gives one block a file, under the file's own
-    number where it has one; other files are cut into blocks that go on from file to file where their start times say
-    so. A CSV or TDMS file that grows is taken up where the last block of it ended.
+    A file is taken when it was closed after writing or moved in, or has not changed for the settling time, and is as
+    long as its header declares. A data set of snapshots gives one block a file, under the file's own number where it
+    has one; other files are cut into blocks that continue from file to file where their start times are continuous. A
+    CSV or TDMS file that grows is continued where its last block ended.
     """
 
     def __init__(self, spec: SourceSpec, root: str, clock: Clock | None = None) -> None:
-        """Take a folder; nothing is looked at before :meth:`open`.
-
-        Args:
-            spec: configuration of the source.
-            root: the folder.
-            clock: what tells the time.
-        """
+        """Prepare; the folder is not read before :meth:`open`."""
         self.name = spec.name
         self._spec = spec
         self._root = Path(root).expanduser()
@@ -92,11 +86,11 @@ class FolderSource:
         self._files: Register | None = None
 
     def open(self, ledger: Ledger) -> None:
-        """Begin with what the ledger has.
+        """Begin with the pending files of the ledger.
 
         Raises:
-            SourceError: the folder is a file or may not be read, or the configuration names no known format. One that
-                is not there may still come, and is a problem only.
+            SourceError: the folder is a file or may not be read, or the configuration names no known format. A missing
+                folder may be created later, and is a :meth:`problem`.
         """
         where = f"[[source]] {self.name}"
         try:
@@ -107,10 +101,10 @@ class FolderSource:
         except PermissionError as error:
             raise SourceError(f"{where}: url: {str(self._root)!r} may not be read ({error.strerror})") from error
         except OSError:
-            # The scan says so, for as long as it lasts.
+            # The scan reports it as a problem.
             self._real = self._root.absolute()
         if self._spec.format.strip().lower() != "auto":
-            self._load_as(data_set_of(self._spec, _Some(self._real, ()), self._spec.format))
+            self._load_as(data_set_of(self._spec, _Sample(self._real, ()), self._spec.format))
         self._ledger = ledger
         self._intake = None
         now = self._clock.monotonic()
@@ -125,7 +119,7 @@ class FolderSource:
             if self._intake is not None and self._intake.ready:
                 return self._intake.ready.popleft()
             self._wake.clear()
-            self._listen(now)
+            self._poll(now)
             if self._advance(now):
                 continue
             if now >= deadline:
@@ -134,33 +128,23 @@ class FolderSource:
             self._clock.wait(self._wake, max(0.01, min(left, self._spec.settle_s / 4)))
 
     def acknowledge(self, delivery: Delivery) -> None:
-        """Take note that a delivery is committed."""
+        """Record that a delivery is committed."""
         if self._intake is not None:
             self._intake.acknowledge(delivery)
 
     def backlog(self) -> Backlog:
-        """Return how far the folder has come."""
+        """Return the counts of files."""
         return self._register.backlog(self._clock.monotonic())
 
     def problem(self) -> str | None:
-        """Return what keeps the folder from giving anything, or for a minute that events were lost, or None."""
+        """Return why the folder gives nothing, or for a minute that events were lost, or None."""
         return self._problem or self._unknown or self._lost_events(self._clock.monotonic())
 
     def close(self) -> None:
-        """Stop watching; what is not acknowledged comes again."""
+        """Stop watching; unacknowledged files are delivered again."""
         self._watch.stop()
         self._intake = None
         self._identity = None
-
-    def __enter__(self) -> Self:
-        """Return the source itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the source."""
-        self.close()
 
     @property
     def _register(self) -> Register:
@@ -168,24 +152,24 @@ class FolderSource:
             raise RuntimeError(f"source {self.name}: is not open")
         return self._files
 
-    def _listen(self, now: float) -> None:
-        """Look at what the events name, and scan where it is time, or where events were lost."""
+    def _poll(self, now: float) -> None:
+        """Observe the files that events name, and scan where a scan is due, or events were lost."""
         if self._watch.overflows != self._overflows:
             self._overflows, self._overflowed = self._watch.overflows, now
             self._next_scan = now
             _LOG.warning("source %s: %s", self.name, self._lost_events(now))
         for path in self._watch.finished():
-            found = look_at(str(self._real), path)
-            if found is not None and not any(map(left_alone, path.split("/"))):
-                self._register.look(path, found, now, closed=True)
+            found = stat_file(str(self._real), path)
+            if found is not None and not any(map(is_skipped, path.split("/"))):
+                self._register.observe(path, found, now, closed=True)
         if now < self._next_scan:
             return
         self._scan(now)
         took = self._clock.monotonic() - now
-        self._next_scan = now + max(self._spec.settle_s / 2, _SHARE_OF_SCAN * took, 0.1)
+        self._next_scan = now + max(self._spec.settle_s / 2, _MIN_PAUSE_SCANS * took, 0.1)
 
     def _scan(self, now: float) -> None:
-        """Compare the folder with the ledger; watch it first, so that nothing falls between the two."""
+        """Compare the folder with the ledger; watch it first, so that no file is missed between the two."""
         try:
             status = self._root.stat()
             if (status.st_dev, status.st_ino) != self._identity or not self._watch.alive():
@@ -201,20 +185,20 @@ class FolderSource:
             closed: list[str] = []
             listing = list_files(str(self._real), closed)
         except OSError as error:
-            self._say(f"{self._root}: cannot be read ({error.strerror})")
+            self._set_problem(f"{self._root}: cannot be read ({error.strerror})")
             self._identity = None
             return
-        self._say(f"{self._root / closed[0]}: may not be read (Permission denied)" if closed else None)
+        self._set_problem(f"{self._root / closed[0]}: may not be read (Permission denied)" if closed else None)
         self._register.update(listing, now)
 
     def _lost_events(self, now: float) -> str | None:
-        """Say that the kernel dropped events, while that is news; no file is lost by it."""
-        if self._overflowed is None or now - self._overflowed >= _OVERFLOW_SHOWN:
+        """Return that the kernel dropped events, for some time after it did; no file is lost by it."""
+        if self._overflowed is None or now - self._overflowed >= _OVERFLOW_SHOWN_S:
             return None
         times = f" ({self._overflows} times since the start)" if self._overflows > 1 else ""
         return f"{self._root}: more events than the system keeps, some were lost{times}; files are found by scanning"
 
-    def _say(self, problem: str | None) -> None:
+    def _set_problem(self, problem: str | None) -> None:
         if problem != self._problem:
             _LOG.warning("source %s: %s", self.name, problem or f"{self._root} can be read again")
         self._problem = problem
@@ -229,22 +213,21 @@ class FolderSource:
         return None if facts is None else facts.order
 
     def _recognise(self, now: float) -> bool:
-        """Find out by the first files what kind they are."""
+        """Recognise the kind of the files by the first of them; return whether that succeeded."""
         register = self._register
         for entry in [entry for entry in register.waiting.values() if entry.absent is not None]:
-            # Its kind can no longer be found out.
-            if now - (entry.absent or 0.0) >= INCOMPLETE_AFTER:
+            if now - (entry.absent or 0.0) >= MAX_INCOMPLETE_S:
                 _LOG.warning("source %s: %s is gone before it could be recognised", self.name, entry.key)
-                register.leave(entry, None)
+                register.remove(entry, None)
         tried = [
             entry.path
             for entry in register.waiting.values()
-            if entry.stat.regular and entry.stat.size > 0 and register.settled(entry, now) and entry.absent is None
+            if entry.stat.regular and entry.stat.size > 0 and register.is_settled(entry, now) and entry.absent is None
         ][:3]
         if not tried:
             return False
         try:
-            self._load_as(data_set_of(self._spec, _Some(self._real, tuple(tried)), "auto"))
+            self._load_as(data_set_of(self._spec, _Sample(self._real, tuple(tried)), "auto"))
         except SourceError as error:
             self._unknown = str(error)
             return False
@@ -261,7 +244,7 @@ class FolderSource:
         return self._intake is not None and self._intake.advance(now)
 
 
-class _Some:
+class _Sample:
     """A few files of a folder, for recognition."""
 
     sequential = False

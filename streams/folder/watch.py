@@ -1,4 +1,4 @@
-"""Events of the file system: they only wake the scan, and say which files were closed or moved in."""
+"""Events of the file system: they wake the scan, and name the files that were closed or moved in."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from streams.folder.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
 _LOG = logging.getLogger(__name__)
 _MAX_NAMES = 10_000
-"""Names kept between two looks; with more the next scan finds the files, only a settling time later."""
+"""Names kept between two polls; files beyond are found by the next scan, a settling time later."""
 
 _OVERFLOW_MASK = 0x00000008 | 0x00000080 | 0x00000100 | 0x02000000 | 0x20000000
-"""IN_CLOSE_WRITE, IN_MOVED_TO, IN_CREATE, IN_DONT_FOLLOW, and IN_MASK_ADD: what the observer wants of it is kept."""
+"""IN_CLOSE_WRITE, IN_MOVED_TO, IN_CREATE, IN_DONT_FOLLOW, and IN_MASK_ADD, which keeps the mask of the observer."""
 
 
 class Watch:
-    """Watches one folder and all below it; a network share gives no events, the scan alone finds its files."""
+    """Watches one folder and all below it; on a network share, without events, only the scan finds files."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
         """Take the function to call, from another thread, on every event."""
@@ -31,14 +31,14 @@ class Watch:
         self._observer: Any = None
         self._root = ""
         self.lost = 0
-        """Number of names for which there was no room."""
+        """Number of names beyond ``_MAX_NAMES``."""
         self.overflows = 0
-        """How often the kernel had no room for events and dropped some."""
+        """How often the kernel dropped events."""
 
     def start(self, root: Path) -> None:
-        """Watch a folder in place of the one before; where that fails, it is logged, and the scan alone finds files."""
+        """Watch a folder in place of the one before; a failure is logged, and only the scan finds files then."""
         self.stop()
-        # The type of the file system is asked anew: a share may have been mounted here meanwhile.
+        # A share may have been mounted here meanwhile.
         kind = file_system_type(root)
         if kind in NETWORK_FILE_SYSTEMS:
             _LOG.info("%s lies on a network share (%s): found by scanning only", root, kind)
@@ -53,7 +53,7 @@ class Watch:
             observer.schedule(_Handler(self), self._root, recursive=True, event_filter=events)
             observer.start()
         except (OSError, RuntimeError) as error:
-            # Too many watches or instances, most often; nothing is lost by it but time.
+            # Mostly too many watches or instances; the scan still finds all files, later.
             _LOG.warning("%s cannot be watched (%s): found by scanning only", root, error)
             with contextlib.suppress(RuntimeError):
                 observer.stop()
@@ -63,11 +63,11 @@ class Watch:
 
     @property
     def listening(self) -> bool:
-        """Whether events are to be expected at all."""
+        """Whether an observer is running."""
         return self._observer is not None
 
     def alive(self) -> bool:
-        """Tell whether events are still reported; an observer outlives its dead emitters."""
+        """Return whether events are still reported; an observer outlives its dead emitters."""
         observer = self._observer
         return observer is None or (
             observer.is_alive() and bool(observer.emitters) and all(emitter.is_alive() for emitter in observer.emitters)
@@ -80,7 +80,7 @@ class Watch:
         return found
 
     def note(self, path: str, finished: bool) -> None:
-        """Take note of an event; called by the thread of the observer."""
+        """Record an event; called by the thread of the observer."""
         if finished:
             with self._lock:
                 if len(self._finished) < _MAX_NAMES:
@@ -90,7 +90,7 @@ class Watch:
         self._wake()
 
     def note_overflow(self) -> None:
-        """Take note that events were dropped; called by the thread of the observer."""
+        """Record that events were dropped; called by the thread of the observer."""
         self.overflows += 1
         self._wake()
 
@@ -105,7 +105,7 @@ class Watch:
 
 
 class _Handler:
-    """What the observer calls."""
+    """Event handler of the observer."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch = watch
@@ -118,7 +118,7 @@ class _Handler:
 
 
 class _Overflow:
-    """Listens for overflows of the kernel's queue: watchdog repairs its watches then, without calling its handlers.
+    """Counts overflows of the kernel's queue, after which watchdog repairs its watches without calling handlers.
 
     The methods ``on_...`` are those of ``watchdog.observers.inotify_c.WatchCallback``; it ends with the observer.
     """
@@ -127,18 +127,18 @@ class _Overflow:
         self._call = call
 
     def listen(self, observer: Any, root: str) -> None:
-        """Listen to the queue of an observer, where this system and this version of watchdog have one that tells."""
+        """Register with the queue of an observer, where this system and this version of watchdog have callbacks."""
         queue = vars(observer).get("_inotify_fd")
         if hasattr(queue, "add_callback"):
             with contextlib.suppress(OSError):
                 queue.add_callback(os.fsencode(root), _OVERFLOW_MASK, self, id(self))
 
     def on_event(self, event: Any) -> None:
-        """Leave single events to the observer."""
+        """Ignore it; the observer reports single events."""
 
     def on_watch_deleted(self, place: Any) -> None:
-        """Leave the end of a folder to the scan, which finds it gone."""
+        """Ignore it; the scan finds removed folders."""
 
     def on_queue_overflow(self) -> None:
-        """Pass it on."""
+        """Report an overflow."""
         self._call()

@@ -1,7 +1,11 @@
-"""Frames that arrived over a network on their way to the commit: in order, each once, gaps stated, memory bounded."""
+"""Frames received over a network until their commit: in order, each once, gaps stated, memory bounded.
+
+:class:`Receiver` is the base of the live sources of a network, :class:`Arrivals` its queue.
+"""
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import deque
@@ -15,27 +19,28 @@ from streams.link.wire import WireError, decode_frame
 from streams.load import agreed_rate, choose_channels, content_hash
 from streams.reblock import samples_hash
 from streams.samples import ReaderError, Samples
-from streams.source import Backlog, Delivery
-from streams.spec import MAX_FRAME, SourceSpec
+from streams.source import Backlog, Delivery, LiveSource
+from streams.spec import MAX_FRAME, NetworkSpec, SourceError, SourceSpec, parse_address, same_listener
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
 class Ticket:
-    """What goes with a delivery until it is acknowledged.
+    """State of a delivery until it is acknowledged.
 
     Attributes:
-        stream: name of the stream.
         size: bytes of its frame.
-        since: when it came.
-        token: what the transport wants back; a frame that comes again meanwhile brings a new one.
-        again: whether a higher number came before, so that the ledger may have this one.
+        since: when it was received, s.
+        token: of the transport, for the acknowledgement; replaced when the frame is received again.
+        out_of_order: whether a higher number was received before, so that the ledger may have this one.
     """
 
     stream: str
     size: int
     since: float
     token: Any = None
-    again: bool = False
+    out_of_order: bool = False
 
 
 @dataclass(eq=False)
@@ -46,12 +51,12 @@ class _Stream:
 
 
 class Arrivals:
-    """The streams of one receiver. :meth:`take` is called by the thread that reads, the rest by the one that commits.
+    """The queue of one receiver. :meth:`take` is called by the thread that reads, the rest by the one that commits.
 
-    A frame is a block, its sequence the block's. What comes again before its commit is swallowed; what comes again
-    after it is delivered as a rejection ``duplicate`` or ``changed``, which leaves the committed block alone. Where
-    numbers are skipped, a rejection ``incomplete`` under the last of them says which never came; but where the sender
-    says that it did send the one before, that one was lost on the way, and the frame waits for it to be sent again.
+    A frame is a block, its sequence the block's. A frame received again before its commit is discarded; after it, it
+    is delivered as a rejection ``duplicate`` or ``changed``, and the committed block stays. Where numbers are skipped,
+    a rejection ``incomplete`` under the last of them states which are missing; but where the sender states that it
+    did send the one before, that one was lost on the way, and the frame is refused until both are sent again.
     """
 
     def __init__(
@@ -62,7 +67,7 @@ class Arrivals:
         Args:
             specs: the allowed streams by their id; blocks bear the name of the source.
             max_waiting: bytes of frames that may wait for their commit.
-            clock: seconds, for the age of what waits.
+            clock: s, for the age of the backlog.
         """
         self._lock = threading.Condition()
         self._streams = {stream: _Stream(spec) for stream, spec in specs.items()}
@@ -76,7 +81,7 @@ class Arrivals:
         self._ledger: Ledger | None = None
 
     def open(self, ledger: Ledger) -> None:
-        """Take up the numbers that the ledger has."""
+        """Continue after the numbers in the ledger."""
         self._ledger = ledger
         for stream in self._streams.values():
             stream.committed = stream.received = ledger.committed(stream.spec.name)
@@ -94,7 +99,7 @@ class Arrivals:
 
     @property
     def full(self) -> bool:
-        """Whether so much waits that nothing more should be read."""
+        """Whether the limit of waiting bytes is reached."""
         return self._bytes >= self._max_waiting
 
     def committed(self, stream: str) -> int:
@@ -102,50 +107,47 @@ class Arrivals:
         return self._streams[stream].committed
 
     def take(self, stream: str, data: bytes | bytearray, token: Any = None, limit: int = MAX_FRAME) -> bool:
-        """Take the bytes of one frame.
+        """Queue a whole frame; ``data`` must not be changed afterwards.
 
         Args:
-            stream: an allowed stream.
-            data: the whole frame; not changed afterwards.
-            token: for the transport, see :class:`Ticket`.
+            token: see :class:`Ticket`.
             limit: bytes of the largest frame to accept.
 
         Returns:
             Whether it was taken; if not, the sender must send again from the number committed last on.
 
         Raises:
-            WireError: nothing in the bytes can be believed, not even their number; they are not counted.
+            WireError: the bytes do not even state their number reliably; they are not counted.
         """
         state = self._streams[stream]
         item, after = _item(state.spec, stream, data, limit)
         with self._lock:
             if after is not None and state.received < after < item.sequence:
                 return False
-            self._sort(state, stream, item, Ticket(stream, len(data), self._clock(), token))
+            self._queue_by_number(state, stream, item, Ticket(stream, len(data), self._clock(), token))
             self._lock.notify_all()
         return True
 
-    def _sort(self, state: _Stream, stream: str, item: Block | Rejected, ticket: Ticket) -> None:
-        """Put an item where it belongs by its number."""
+    def _queue_by_number(self, state: _Stream, stream: str, item: Block | Rejected, ticket: Ticket) -> None:
         number = item.sequence
         if number > state.received:
             first = state.received + 1
             if number > first:
                 gap = _gap(state.spec.name, stream, first, number - 1)
-                self._queue_up(gap, Ticket(stream, 0, ticket.since))
+                self._queue_new(gap, Ticket(stream, 0, ticket.since))
             state.received = number
-            self._queue_up(item, ticket)
+            self._queue_new(item, ticket)
             return
         waiting = self._waiting.get((stream, number))
         if waiting is None:
-            ticket.again = True
-            self._queue_up(item, ticket)
+            ticket.out_of_order = True
+            self._queue_new(item, ticket)
         elif waiting[0] == item.content_hash:
             waiting[1].token = ticket.token
         else:
             self._put(Delivery(_repeated(item, waiting[0]), ticket))
 
-    def _queue_up(self, item: Block | Rejected, ticket: Ticket) -> None:
+    def _queue_new(self, item: Block | Rejected, ticket: Ticket) -> None:
         self._waiting[ticket.stream, item.sequence] = (item.content_hash, ticket)
         self._put(Delivery(item, ticket))
 
@@ -158,7 +160,7 @@ class Arrivals:
     def next(self, timeout: float) -> Delivery | None:
         """Return the next delivery, or None after ``timeout`` seconds without one.
 
-        Whatever the ledger raises where it cannot be read goes through, and the delivery comes with the next call.
+        An error of the ledger is passed on; the next call returns the delivery.
         """
         with self._lock:
             self._lock.wait_for(lambda: self._queue or self._closed, timeout)
@@ -166,7 +168,7 @@ class Arrivals:
                 return None
             delivery = self._queue[0]
         item, ticket = delivery.item, delivery.token
-        if ticket.again and self._ledger is not None:
+        if ticket.out_of_order and self._ledger is not None:
             held = self._ledger.content_of(item.source, item.sequence)
             item = item if held is None else _repeated(item, held)
         with self._lock:
@@ -174,7 +176,7 @@ class Arrivals:
         return Delivery(item, ticket)
 
     def acknowledge(self, delivery: Delivery) -> Ticket:
-        """Take note of a commit; afterwards :meth:`committed` says what to tell the sender."""
+        """Record a commit; afterwards :meth:`committed` has the number for the sender."""
         ticket, number = delivery.token, delivery.item.sequence
         if not isinstance(ticket, Ticket):
             raise ValueError("this delivery is not one of this source")
@@ -194,7 +196,7 @@ class Arrivals:
         return ticket
 
     def backlog(self) -> Backlog:
-        """Return how far the streams have come since :meth:`open`."""
+        """Return the counts since :meth:`open`."""
         with self._lock:
             pending = len(self._outstanding)
             oldest = min((ticket.since for ticket in self._outstanding.values()), default=None)
@@ -218,7 +220,7 @@ def _gap(source: str, stream: str, first: int, last: int) -> Rejected:
 
 
 def _item(spec: SourceSpec, stream: str, data: bytes | bytearray, limit: int) -> tuple[Block | Rejected, int | None]:
-    """Return the block in a frame, or the rejection that stands for it, and the number before it if that is stated."""
+    """Return the block in a frame, or its rejection, and the number before it where that is stated."""
     try:
         frame = decode_frame(data, limit)
     except WireError as error:
@@ -252,6 +254,79 @@ def _chosen(spec: SourceSpec, samples: Samples, name: str) -> Samples:
     return replace(chosen, units=tuple(units), rate=agreed_rate((samples.rate,), spec.rate, name))
 
 
-def by_stream(specs: Sequence[SourceSpec]) -> dict[str, SourceSpec]:
-    """Return sources by the stream id that their senders give: the name of the source."""
-    return {spec.name: spec for spec in specs}
+class Receiver(LiveSource):
+    """A live source of the streams at one network address; what TCP and MQTT have in common."""
+
+    def __init__(self, specs: Sequence[SourceSpec], network: NetworkSpec | None, form: str) -> None:
+        """Take the sources that share an address.
+
+        Args:
+            network: limits and credentials; those of the first source by default.
+            form: of the URL, such as ``tcp://HOST:PORT``.
+
+        Raises:
+            SourceError: an address is not of this form.
+        """
+        self.name = ",".join(spec.name for spec in specs)
+        self._where = f"[[source]] {self.name}: url"
+        addresses = [parse_address(spec.url, self._where) for spec in specs]
+        self._address = same_listener(addresses)
+        if self._address.scheme != form.partition(":")[0]:
+            raise SourceError(f"{self._where} {specs[0].url!r}: expected {form}")
+        self._network = network or specs[0].network or NetworkSpec()
+        streams = {address.topic or spec.name: spec for address, spec in zip(addresses, specs, strict=True)}
+        self._arrivals = Arrivals(streams, self._network.max_waiting)
+        self._lock = threading.Lock()
+        self._opened = False
+        self._problem: str | None = None
+
+    def open(self, ledger: Ledger) -> None:
+        """Start receiving.
+
+        Raises:
+            SourceError: see :meth:`_start`.
+        """
+        if self._opened:
+            raise RuntimeError(f"source {self.name!r} is open already")
+        self._arrivals.open(ledger)
+        self._start()
+        self._opened = True
+
+    def next(self, timeout: float) -> Delivery | None:
+        """Return the next delivery, or None after ``timeout`` seconds without one."""
+        return self._arrivals.next(timeout)
+
+    def acknowledge(self, delivery: Delivery) -> None:
+        """Record a commit and acknowledge it to the sender."""
+        self._confirm(self._arrivals.acknowledge(delivery))
+
+    def backlog(self) -> Backlog:
+        """Return the counts of frames."""
+        return self._arrivals.backlog()
+
+    def problem(self) -> str | None:
+        """Return why nothing is received, or why the last message was refused."""
+        return self._problem
+
+    def close(self) -> None:
+        """Stop receiving; closing twice does nothing."""
+        self._arrivals.close()
+        if self._opened:
+            self._opened = False
+            self._stop()
+
+    def _start(self) -> None:
+        """Receive in a thread of its own from now on."""
+        raise NotImplementedError
+
+    def _confirm(self, ticket: Ticket) -> None:
+        """Send the acknowledgement of a commit."""
+        raise NotImplementedError
+
+    def _stop(self) -> None:
+        """Disconnect and end the thread."""
+        raise NotImplementedError
+
+    def _refused(self, reason: str) -> None:
+        self._problem = f"{self.name}: {reason}"
+        _LOG.warning("source %s: %s", self.name, reason)

@@ -1,35 +1,29 @@
 """Frames from an MQTT broker: QoS 1, a session that the broker keeps, acknowledged after the commit.
 
-The payload is the frame of TCP. The number committed last is published, retained, under ``TOPIC/committed``: what the
-broker has taken is not committed yet, and a sender that wants to be sure keeps its blocks until it reads their number
-there. docs/reference/wire.md has the protocol.
+The payload is the frame of TCP. The number committed last is published, retained, under ``TOPIC/committed``: a frame
+that the broker has is not committed yet, so a sender keeps its blocks until it reads their number there.
+docs/reference/wire.md has the protocol.
 """
 
 from __future__ import annotations
 
 import contextlib
-import logging
 import re
 import ssl
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
-from streams.ledger import Ledger
-from streams.link.arrivals import Arrivals
+from streams.link.arrivals import Receiver, Ticket
 from streams.link.sender import LinkError
 from streams.link.wire import ACK, WireError
-from streams.source import Backlog, Delivery
-from streams.spec import Address, NetworkSpec, SourceError, SourceSpec, parse_address, same_listener
-
-_LOG = logging.getLogger(__name__)
+from streams.spec import Address, NetworkSpec, SourceError, SourceSpec
 
 COMMITTED = "/committed"
-"""Behind a topic: where the number committed last stands."""
-_KEEPALIVE = 30
+"""Suffix of the topic with the number committed last."""
+_KEEPALIVE_S = 30
 _MAX_SECRET_BYTES = 4096
 
 
@@ -41,48 +35,30 @@ class _Token:
     message: int
 
 
-class MqttReceiver:
+class MqttReceiver(Receiver):
     """Subscribes to the topics of one or several sources at one broker; a live source.
 
-    Only messages under exactly these topics are taken; retained ones are acknowledged and ignored, for they may be of
-    any age. A payload that nothing can be believed of is acknowledged as well, so that it does not come for ever, and
-    :meth:`problem` tells of it; its place is stated as a gap by the frame after it.
+    Only messages under exactly these topics are taken; retained ones, which may be of any age, are acknowledged and
+    ignored. A payload without a valid checksum is acknowledged as well, so that it is not delivered for ever, and is
+    the :meth:`problem`; the frame after it states the gap.
     """
 
     def __init__(self, specs: Sequence[SourceSpec], network: NetworkSpec | None = None) -> None:
-        """Take the sources that share a broker.
-
-        Args:
-            specs: sources with the same broker in ``mqtt://HOST:PORT/TOPIC``, each with a topic of its own.
-            network: limits and credentials; those of the first source by default.
+        """Take the sources that share a broker, each with a topic of its own, see :class:`Receiver`.
 
         Raises:
-            SourceError: the address is none, a topic is given twice, or paho-mqtt is missing.
+            SourceError: also where a topic is given twice, or paho-mqtt is missing.
         """
-        self.name = ",".join(spec.name for spec in specs)
-        self._where = f"[[source]] {self.name}: url"
-        addresses = [parse_address(spec.url, self._where) for spec in specs]
-        self._address = same_listener(addresses)
-        if self._address.scheme != "mqtt":
-            raise SourceError(f"{self._where} {specs[0].url!r}: expected mqtt://HOST:PORT/TOPIC")
-        topics = {address.topic: spec for address, spec in zip(addresses, specs, strict=True)}
-        if len(topics) != len(specs):
+        super().__init__(specs, network, "mqtt://HOST:PORT/TOPIC")
+        if len(self._arrivals.streams) != len(specs):
             raise SourceError(f"{self._where}: several sources have the same topic")
-        self._network = network or specs[0].network or NetworkSpec()
-        self._arrivals = Arrivals(topics, self._network.max_waiting)
         self._client = make_client(self._address, self._network, client_id(self.name, self._network), self._where)
-        self._lock = threading.Lock()
         self._connection = 0
         self._connected = False
-        self._opened = False
-        self._problem: str | None = f"{self.name}: not connected to the broker yet"
+        self._problem = f"{self.name}: not connected to the broker yet"
 
-    def open(self, ledger: Ledger) -> None:
-        """Connect in the background; a broker that is not there yet is tried again until it is."""
-        if self._opened:
-            raise RuntimeError(f"source {self.name!r} is open already")
-        self._opened = True
-        self._arrivals.open(ledger)
+    def _start(self) -> None:
+        """Connect in the background; an unreachable broker is tried again."""
         client = self._client
         client.manual_ack_set(True)
         client.on_connect = self._on_connect
@@ -90,7 +66,7 @@ class MqttReceiver:
         client.on_connect_fail = self._on_connect_fail
         client.on_message = self._on_message
         client.reconnect_delay_set(min_delay=1, max_delay=10)
-        client.connect_async(self._address.host, self._address.port, _KEEPALIVE)
+        client.connect_async(self._address.host, self._address.port, _KEEPALIVE_S)
         client.loop_start()
 
     def _on_connect(self, client: Any, userdata: Any, flags: Any, reason: Any, properties: Any) -> None:
@@ -101,7 +77,7 @@ class MqttReceiver:
             self._connection += 1
             self._connected = True
             self._problem = None
-        # The broker may have lost the session that it should have kept, so everything is asked for anew.
+        # The broker may have lost the session, so all topics are subscribed again.
         for topic in self._arrivals.streams:
             client.subscribe(topic, qos=1)
             self._publish(topic)
@@ -127,19 +103,13 @@ class MqttReceiver:
             taken = self._arrivals.take(topic, message.payload, token, self._network.max_frame)
             self._problem = None
             if not taken:
-                # The broker lost the one before; its sender finds that nothing is committed and sends both again.
+                # The broker lost the one before; both stay uncommitted, and the sender repeats them.
                 client.ack(message.mid, message.qos)
         except WireError as error:
             self._refused(f"{topic}: {error}")
             client.ack(message.mid, message.qos)
 
-    def next(self, timeout: float) -> Delivery | None:
-        """Return the next delivery, or None after ``timeout`` seconds without one."""
-        return self._arrivals.next(timeout)
-
-    def acknowledge(self, delivery: Delivery) -> None:
-        """Let the broker forget a message that is committed, and tell its sender."""
-        ticket = self._arrivals.acknowledge(delivery)
+    def _confirm(self, ticket: Ticket) -> None:
         token = ticket.token
         with self._lock:
             current = isinstance(token, _Token) and token.connection == self._connection and self._connected
@@ -148,40 +118,14 @@ class MqttReceiver:
         self._publish(ticket.stream)
 
     def _publish(self, topic: str) -> None:
-        # Not connected: it is published with the next connection, and QoS 0 lets nothing pile up until then.
+        # The number is published with each connection; QoS 0 queues nothing in between.
         if self._connected:
             self._client.publish(topic + COMMITTED, ACK.pack(self._arrivals.committed(topic)), qos=0, retain=True)
 
-    def backlog(self) -> Backlog:
-        """Return how many frames came and what became of them."""
-        return self._arrivals.backlog()
-
-    def problem(self) -> str | None:
-        """Return why there is no connection, or why the last message was refused."""
-        return self._problem
-
-    def _refused(self, reason: str) -> None:
-        self._problem = f"{self.name}: {reason}"
-        _LOG.warning("source %s: %s", self.name, reason)
-
-    def close(self) -> None:
-        """Disconnect; the broker keeps what is not acknowledged. Closing twice does nothing."""
-        self._arrivals.close()
-        if self._opened:
-            self._opened = False
-            # The will to disconnect also ends the waiting for a broker that is not there.
-            self._client.disconnect()
-            self._client.loop_stop()
-
-    def __enter__(self) -> Self:
-        """Return the receiver itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close it."""
-        self.close()
+    def _stop(self) -> None:
+        # Disconnecting also ends the reconnect loop; the broker keeps what is not acknowledged.
+        self._client.disconnect()
+        self._client.loop_stop()
 
 
 def client_id(name: str, network: NetworkSpec) -> str:
@@ -193,10 +137,8 @@ def make_client(address: Address, network: NetworkSpec, name: str, where: str, *
     """Return a paho client with its credentials, not connected yet.
 
     Args:
-        address: of the broker.
-        network: names of the files with credentials.
         name: client id.
-        where: what to name in a message.
+        where: key or option named in a message.
         keep: whether the broker keeps the session.
 
     Raises:
@@ -235,34 +177,25 @@ def _secret(path: Path, where: str) -> str:
 
 
 class MqttLink:
-    """The way of :class:`streams.link.sender.Sender` to a receiver behind a broker.
+    """The :class:`streams.link.sender.Link` to a receiver behind a broker.
 
-    Frames go out with QoS 1, but a block counts as committed only when its number stands under ``TOPIC/committed``:
-    a broker that is killed may lose what it has taken.
+    Frames are sent with QoS 1, but a block counts as committed only when its number is under ``TOPIC/committed``: a
+    broker that is killed may lose frames that it has acknowledged.
     """
 
     def __init__(self, address: Address, network: NetworkSpec | None = None, timeout: float = 10.0) -> None:
-        """Say where to; nothing is opened yet.
-
-        Args:
-            address: broker and topic.
-            network: credentials.
-            timeout: seconds for connecting, and for which a frame may wait to be taken by the broker.
-
-        Raises:
-            SourceError: as :func:`make_client`.
-        """
+        """Prepare; ``timeout`` in s is that of connecting. SourceError as for :func:`make_client`."""
         self._address = address
         self._network = network or NetworkSpec()
         self._timeout = timeout
-        self._news = threading.Condition()
+        self._changed = threading.Condition()
         self._latest: int | None = None
         self._fresh = False
         self._state = ""
         self._client = self._new_client()
 
     def _new_client(self) -> Any:
-        # Nothing is asked of the broker to be kept, so the id may be new each time.
+        # The broker keeps no session, so the id may be new each time.
         client = make_client(self._address, self._network, "", "--to", keep=False)
         client.on_connect = self._on_connect
         client.on_disconnect = self._on_disconnect
@@ -273,21 +206,21 @@ class MqttLink:
     def _on_connect(self, client: Any, userdata: Any, flags: Any, reason: Any, properties: Any) -> None:
         if not reason.is_failure:
             client.subscribe(self._address.topic + COMMITTED, qos=1)
-        with self._news:
+        with self._changed:
             self._state = f"the broker refuses: {reason}" if reason.is_failure else "connected"
-            self._news.notify_all()
+            self._changed.notify_all()
 
     def _on_disconnect(self, client: Any, userdata: Any, flags: Any, reason: Any, properties: Any) -> None:
-        with self._news:
+        with self._changed:
             if client is self._client:
                 self._state = f"connection to the broker lost: {reason}"
-                self._news.notify_all()
+                self._changed.notify_all()
 
     def _on_message(self, client: Any, userdata: Any, message: Any) -> None:
         if len(message.payload) == ACK.size:
-            with self._news:
+            with self._changed:
                 self._latest, self._fresh = ACK.unpack(message.payload)[0], True
-                self._news.notify_all()
+                self._changed.notify_all()
 
     def connect(self) -> int:
         """Connect to the broker and return the number that the receiver committed last."""
@@ -295,15 +228,17 @@ class MqttLink:
         self._client = self._new_client()
         self._state, self._latest, self._fresh = "", None, False
         try:
-            self._client.connect(self._address.host, self._address.port, _KEEPALIVE)
+            self._client.connect(self._address.host, self._address.port, _KEEPALIVE_S)
         except (OSError, ValueError) as error:
             raise LinkError(f"{self._address.host}:{self._address.port}: {error}") from None
         self._client.loop_start()
-        with self._news:
-            self._news.wait_for(lambda: self._state or self._latest is not None, self._timeout)
+        with self._changed:
+            self._changed.wait_for(lambda: self._state or self._latest is not None, self._timeout)
             if self._state != "connected":
                 raise LinkError(self._state or f"{self._address.host}:{self._address.port}: no answer")
-            if not self._news.wait_for(lambda: self._latest is not None or self._state != "connected", self._timeout):
+            if not self._changed.wait_for(
+                lambda: self._latest is not None or self._state != "connected", self._timeout
+            ):
                 raise LinkError(f"no receiver has said under {self._address.topic}{COMMITTED} what it has")
             if self._latest is None:
                 raise LinkError(self._state)
@@ -311,7 +246,7 @@ class MqttLink:
             return self._latest
 
     def send(self, frame: bytes) -> None:
-        """Hand one frame to the broker; it may still be on its way."""
+        """Send one frame to the broker, which may not have received it on return."""
         if self._state != "connected":
             raise LinkError(self._state or "not connected")
         info = self._client.publish(self._address.topic, frame, qos=1)
@@ -319,9 +254,9 @@ class MqttLink:
             raise LinkError(f"the broker cannot be reached (code {info.rc})")
 
     def committed(self, timeout: float) -> int | None:
-        """Return the number committed last, if it is news."""
-        with self._news:
-            self._news.wait_for(lambda: self._fresh or self._state != "connected", timeout)
+        """Return the number committed last, if it is new."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._fresh or self._state != "connected", timeout)
             if self._fresh:
                 self._fresh = False
                 return self._latest

@@ -1,4 +1,4 @@
-"""The reference sender: streams any recording over TCP or MQTT until all of it is committed, whatever breaks."""
+"""The reference sender: streams a recording over TCP or MQTT, with reconnection, until all of it is committed."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _FIRST_PAUSE_S, _MAX_PAUSE_S = 0.1, 10.0
 
 
 class SendError(SpallwatchError):
-    """A recording could not be sent; the message says how far it came and what stands in the way."""
+    """A recording could not be sent; the message states how much was committed, and why no more."""
 
 
 class LinkError(SpallwatchError):
-    """A connection broke or is not there yet; the sender tries again."""
+    """A connection is broken or not yet possible; the sender tries again."""
 
 
 class Link(Protocol):
-    """A way to a receiver: TCP, or a broker."""
+    """A connection to a receiver: TCP, or a broker."""
 
     def connect(self) -> int:
         """Connect anew and return the number committed last; :class:`LinkError` where that fails."""
@@ -39,7 +39,7 @@ class Link(Protocol):
         ...
 
     def committed(self, timeout: float) -> int | None:
-        """Return the number committed last, if news of it comes within ``timeout`` s (0: only what came already)."""
+        """Return the number committed last, None where none is received within ``timeout`` s (0: do not wait)."""
         ...
 
     def close(self) -> None:
@@ -49,14 +49,13 @@ class Link(Protocol):
 
 @dataclass(frozen=True)
 class SendResult:
-    """What became of a recording.
+    """Result of sending a recording.
 
     Attributes:
         sent: frames sent, repetitions not counted.
-        acknowledged: number of the last block that the receiver has committed.
-        skipped: blocks that the receiver had already.
+        acknowledged: number of the last committed block.
+        skipped: blocks that were committed before.
         rejected: blocks of the recording that could not be made, and so were not sent.
-        reconnects: how often the connection was made again.
     """
 
     sent: int
@@ -70,18 +69,12 @@ class TcpLink:
     """A connection to ``tcp://HOST:PORT``."""
 
     def __init__(self, address: Address, stream: str, timeout: float = 30.0) -> None:
-        """Say where to; nothing is opened yet.
-
-        Args:
-            address: of the receiver.
-            stream: stream id.
-            timeout: seconds for connecting, and for which nothing may move while sending.
-        """
+        """Prepare; ``timeout`` in s is that of connecting and of each send without progress."""
         self._address = address
         self._hello = hello(stream)
         self._timeout = timeout
         self._socket: socket.socket | None = None
-        self._heard = bytearray()
+        self._received = bytearray()
 
     def connect(self) -> int:
         """Connect, say hello and return the number committed last."""
@@ -113,7 +106,7 @@ class TcpLink:
         if self._socket is None:
             raise LinkError("not connected")
         try:
-            # A timeout of 0 would be another mode of the socket; a millisecond is as good.
+            # A timeout of 0 would make the socket non-blocking.
             self._socket.settimeout(max(timeout, 1e-3))
             data = self._socket.recv(4096)
         except TimeoutError:
@@ -122,27 +115,27 @@ class TcpLink:
             raise LinkError(f"connection lost: {error}") from None
         if not data:
             raise LinkError("the receiver closed the connection")
-        self._heard += data
-        whole = len(self._heard) // ACK.size * ACK.size
+        self._received += data
+        whole = len(self._received) // ACK.size * ACK.size
         if not whole:
             return None
-        (latest,) = ACK.unpack_from(self._heard, whole - ACK.size)
-        del self._heard[:whole]
+        (latest,) = ACK.unpack_from(self._received, whole - ACK.size)
+        del self._received[:whole]
         return latest
 
     def close(self) -> None:
         """Close the connection."""
-        self._heard.clear()
+        self._received.clear()
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
 
 class Sender:
-    """Sends the blocks of a recording in order, keeps them until they are committed, and begins where the receiver is.
+    """Sends the blocks of a recording in order and keeps them until they are committed.
 
-    After each new connection the receiver says what it has; everything behind that is sent again. A receiver that lost
-    its memory gets the recording from the first block on.
+    At each connection the receiver states the number committed last; everything after it is sent (again). A receiver
+    without a ledger gets the recording from the first block on.
     """
 
     def __init__(
@@ -160,14 +153,11 @@ class Sender:
         """Prepare.
 
         Args:
-            source: the recording.
-            link: the way to the receiver.
-            pace: times real time, or None for as fast as it goes.
-            limit: the last block to send, or None for all.
+            pace: times real time, None: as fast as possible.
+            limit: number of the last block to send, None: all.
             patience: seconds without any progress after which to give up.
-            stall: seconds without a commit, while some are due, after which to connect anew.
+            stall: seconds without a commit, while some are due, after which to connect again.
             progress: called with the number committed last, whenever it changes.
-            sleep: waits so many seconds.
         """
         self._source, self._link = source, link
         self._pace, self._limit = pace, limit
@@ -177,7 +167,7 @@ class Sender:
         self._held: deque[tuple[int, bytes]] = deque()
         self._blocks: Iterator[Block] = iter(())
         self._position = 0
-        self._forgotten = 0
+        self._released = 0
         self._committed = 0
         self._highest = 0
         self._sent = self._skipped = 0
@@ -214,7 +204,7 @@ class Sender:
             self._link.close()
 
     def _iterate(self, after: int) -> Iterator[Block]:
-        """Give the blocks behind a number, from the recording anew."""
+        """Yield the blocks after a number, from the start of the recording."""
         skipped = 0
         for item in self._source:
             if self._limit is not None and item.sequence > self._limit:
@@ -231,18 +221,18 @@ class Sender:
             self._skipped = skipped
 
     def _resume(self, committed: int) -> None:
-        """Go to where the receiver is."""
-        if committed > self._position or committed < self._forgotten:
+        """Continue after the number that the receiver committed last."""
+        if committed > self._position or committed < self._released:
             self._held.clear()
             self._blocks = self._iterate(committed)
-            self._position = self._forgotten = self._committed = committed
-        self._note(committed)
+            self._position = self._released = self._committed = committed
+        self._release(committed)
         for _, frame in self._held:
             self._link.send(frame)
 
     def _stream(self) -> bool:
         """Send until all is committed; return False where commits fail to come."""
-        heard = time.monotonic()
+        progressed = time.monotonic()
         exhausted = False
         while True:
             room = len(self._held) < _WINDOW_FRAMES and sum(len(frame) for _, frame in self._held) < _WINDOW_BYTES
@@ -251,12 +241,10 @@ class Sender:
             if exhausted and not self._held:
                 return True
             wait = not room or exhausted
-            news = self._link.committed(min(self._stall, 1.0) if wait else 0.0)
-            if news is not None and self._note(news):
-                heard = time.monotonic()
-            if not self._held:
-                heard = time.monotonic()
-            if time.monotonic() - heard > self._stall:
+            committed = self._link.committed(min(self._stall, 1.0) if wait else 0.0)
+            if (committed is not None and self._release(committed)) or not self._held:
+                progressed = time.monotonic()
+            if time.monotonic() - progressed > self._stall:
                 return False
 
     def _send_next(self) -> bool:
@@ -279,10 +267,10 @@ class Sender:
         self._link.send(frame)
         return True
 
-    def _note(self, committed: int) -> bool:
-        """Forget what is committed; return whether that is news."""
+    def _release(self, committed: int) -> bool:
+        """Release the frames up to ``committed``; return whether it is a new number."""
         while self._held and self._held[0][0] <= committed:
-            self._forgotten = self._held.popleft()[0]
+            self._released = self._held.popleft()[0]
         if committed <= self._committed:
             return False
         self._committed = committed

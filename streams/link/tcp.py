@@ -1,39 +1,32 @@
-"""Frames over TCP: one thread reads all senders; what is committed is acknowledged. See docs/reference/wire.md."""
+"""Frames over TCP: one thread reads all senders and acknowledges commits. See docs/reference/wire.md."""
 
 from __future__ import annotations
 
 import contextlib
 import ipaddress
-import logging
 import selectors
 import socket
 import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Self
 
-from streams.ledger import Ledger
-from streams.link.arrivals import Arrivals, by_stream
+from streams.link.arrivals import Receiver, Ticket
 from streams.link.wire import ACK, HEAD, HELLO, WireError, frame_length, hello_length, hello_stream
-from streams.source import Backlog, Delivery
-from streams.spec import NetworkSpec, SourceError, SourceSpec, parse_address, same_listener
-
-_LOG = logging.getLogger(__name__)
+from streams.spec import NetworkSpec, SourceError, SourceSpec
 
 _CHUNK = 1 << 18
 _TICK = 0.25
-"""Seconds after which deadlines are looked at."""
-_FIRST_PROBE, _PROBES = 30, 4
-"""Seconds of silence after which the kernel asks whether a sender is still there, and how often it asks."""
-_OUT_LIMIT = 1 << 16
-"""Bytes of answers that a sender may leave unread."""
+"""Seconds between checks of the deadlines."""
+_FIRST_PROBE_S, _PROBES = 30, 4
+"""Silence after which the kernel probes a sender, and number of probes."""
+_MAX_OUT_BYTES = 1 << 16
+"""Answers that a sender may leave unread."""
 
 
 @dataclass(eq=False)
 class _Peer:
-    """A connection: what it has sent of the message that is coming in, and what it still has to be told."""
+    """A connection, with the part received of the present message and the answers not yet sent."""
 
     socket: socket.socket
     address: str
@@ -45,30 +38,16 @@ class _Peer:
     out: bytearray = field(default_factory=bytearray)
 
 
-class TcpReceiver:
+class TcpReceiver(Receiver):
     """Listens for the senders of one or several streams; a live source.
 
     The stream id of a sender must be the name of one of the sources, and its blocks bear that name. A second connection
-    for a stream takes the place of the first, which may be dead without knowing it.
+    for a stream replaces the first, which may be half-open.
     """
 
     def __init__(self, specs: Sequence[SourceSpec], network: NetworkSpec | None = None) -> None:
-        """Take the sources that share an address.
-
-        Args:
-            specs: sources with the same ``tcp://HOST:PORT``.
-            network: limits and peers; those of the first source by default.
-
-        Raises:
-            SourceError: the address is none, or it is not this machine's own and no peers are named.
-        """
-        self.name = ",".join(spec.name for spec in specs)
-        self._where = f"[[source]] {self.name}: url"
-        self._address = same_listener([parse_address(spec.url, self._where) for spec in specs])
-        if self._address.scheme != "tcp":
-            raise SourceError(f"{self._where} {specs[0].url!r}: expected tcp://HOST:PORT")
-        self._network = network or specs[0].network or NetworkSpec()
-        self._arrivals = Arrivals(by_stream(specs), self._network.max_waiting)
+        """Take the sources that share an address, see :class:`Receiver`."""
+        super().__init__(specs, network, "tcp://HOST:PORT")
         self._selector: selectors.BaseSelector | None = None
         self._listener: socket.socket | None = None
         self._thread: threading.Thread | None = None
@@ -76,26 +55,17 @@ class TcpReceiver:
         self._wake_out: socket.socket | None = None
         self._peers: set[_Peer] = set()
         self._current: dict[str, _Peer] = {}
-        self._lock = threading.Lock()
-        self._to_tell: set[str] = set()
-        self._stop = False
+        self._unconfirmed: set[str] = set()
+        self._stopped = False
         self._paused = False
-        self._problem: str | None = None
 
     @property
     def port(self) -> int:
-        """The port that is listened to, once open (0 in the URL lets the system choose)."""
+        """The listening port, once open (0 in the URL lets the system choose)."""
         return self._address.port if self._listener is None else self._listener.getsockname()[1]
 
-    def open(self, ledger: Ledger) -> None:
-        """Listen.
-
-        Raises:
-            SourceError: the address cannot be listened to, or other machines could reach it and no peers are named.
-        """
-        if self._thread is not None:
-            raise RuntimeError(f"source {self.name!r} is open already")
-        self._arrivals.open(ledger)
+    def _start(self) -> None:
+        """Listen; SourceError where that fails, or other machines could reach the address and no peers are named."""
         self._listener = self._listen()
         self._wake_in, self._wake_out = socket.socketpair()
         self._wake_in.setblocking(False)
@@ -121,61 +91,39 @@ class TcpReceiver:
         listener.setblocking(False)
         return listener
 
-    def next(self, timeout: float) -> Delivery | None:
-        """Return the next delivery, or None after ``timeout`` seconds without one."""
-        return self._arrivals.next(timeout)
-
-    def acknowledge(self, delivery: Delivery) -> None:
-        """Tell the sender, if it is still there, that a block is committed."""
-        ticket = self._arrivals.acknowledge(delivery)
+    def _confirm(self, ticket: Ticket) -> None:
         with self._lock:
-            self._to_tell.add(ticket.stream)
+            self._unconfirmed.add(ticket.stream)
         self._wake()
 
-    def backlog(self) -> Backlog:
-        """Return how many frames came and what became of them."""
-        return self._arrivals.backlog()
-
     def problem(self) -> str | None:
-        """Return why the last connection was given up while nobody is connected, or that the backlog is full."""
+        """Return that the backlog is full, or while no sender is connected why the last connection ended."""
         if self._thread is not None and not self._thread.is_alive():
             return f"{self.name}: the receiver has stopped"
         if self._paused:
             return f"{self.name}: blocks come faster than they are committed"
         return None if self._current else self._problem
 
-    def close(self) -> None:
-        """Stop listening; closing twice does nothing."""
-        self._arrivals.close()
-        self._stop = True
+    def _stop(self) -> None:
+        self._stopped = True
         self._wake()
         if self._thread is not None:
             self._thread.join(timeout=5.0)
             self._thread = None
 
-    def __enter__(self) -> Self:
-        """Return the receiver itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close it."""
-        self.close()
-
     def _wake(self) -> None:
         if self._wake_out is not None:
-            # A full pipe wakes as well; a closed one has nobody to wake.
+            # A full pipe wakes the thread as well; a closed one has no thread.
             with contextlib.suppress(OSError):
                 self._wake_out.send(b"\0")
 
     def _serve(self) -> None:
-        """Read, answer and look at the clock until closed; only this thread touches the sockets."""
+        """Read, answer and enforce deadlines until closed; only this thread uses the sockets."""
         selector, listener, wake = self._selector, self._listener, self._wake_in
         if selector is None or listener is None or wake is None:
             return
         try:
-            while not self._stop:
+            while not self._stopped:
                 for key, mask in selector.select(_TICK):
                     if key.fileobj is listener:
                         self._accept(listener, selector)
@@ -184,7 +132,7 @@ class TcpReceiver:
                             wake.recv(4096)
                     else:
                         self._handle(key.data, mask)
-                self._tell()
+                self._send_acknowledgements()
                 self._pause_or_resume()
                 self._enforce_deadlines()
         finally:
@@ -199,7 +147,7 @@ class TcpReceiver:
         try:
             connection, place = listener.accept()
         except OSError as error:
-            # The other side is gone again, or there are no descriptors left; the next round tries again.
+            # The sender has disconnected, or there are no descriptors left; the next round tries again.
             self._refused(f"a connection could not be accepted: {error}")
             return
         address = str(place[0])
@@ -211,7 +159,7 @@ class TcpReceiver:
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _FIRST_PROBE)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _FIRST_PROBE_S)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, _PROBES)
         peer = _Peer(connection, address, time.monotonic() + self._network.read_timeout)
         self._peers.add(peer)
@@ -222,7 +170,7 @@ class TcpReceiver:
         return reading | (selectors.EVENT_WRITE if peer.out else 0)
 
     def _watch(self, peer: _Peer) -> None:
-        """Wait for what can be done with a connection; while reading is paused, that may be nothing."""
+        """Register the events of a connection; while reading is paused, there may be none."""
         if self._selector is None or peer not in self._peers:
             return
         interest = self._interest(peer)
@@ -251,7 +199,7 @@ class TcpReceiver:
             self._drop(peer, str(error))
 
     def _read(self, peer: _Peer) -> None:
-        """Read what is there, at most one message: the senders take turns."""
+        """Read at most one message, so that the senders take turns."""
         data = peer.socket.recv(min(_CHUNK, peer.needed - len(peer.data)))
         if not data:
             whole = not peer.data and peer.stream is not None
@@ -290,28 +238,28 @@ class TcpReceiver:
         if peer.stream is None:
             return
         peer.out += ACK.pack(self._arrivals.committed(peer.stream))
-        if len(peer.out) > _OUT_LIMIT:
+        if len(peer.out) > _MAX_OUT_BYTES:
             self._drop(peer, "the sender does not read what is answered")
             return
         self._watch(peer)
 
-    def _tell(self) -> None:
-        """Queue the acknowledgement of what was committed since the last time."""
+    def _send_acknowledgements(self) -> None:
+        """Queue the acknowledgements of the commits since the last call."""
         with self._lock:
-            streams, self._to_tell = self._to_tell, set()
+            streams, self._unconfirmed = self._unconfirmed, set()
         for stream in streams:
             peer = self._current.get(stream)
             if peer is not None:
                 self._answer(peer)
 
     def _pause_or_resume(self) -> None:
-        """Stop reading while too much waits for its commit; the network then slows the senders down."""
+        """Stop reading while the queue is full; flow control then slows the senders down."""
         if self._paused == self._arrivals.full:
             return
         self._paused = not self._paused
         now = time.monotonic()
         for peer in list(self._peers):
-            # A sender that was kept waiting has all its time again.
+            # The timeout of a paused sender starts again.
             if peer.deadline is not None:
                 peer.deadline = now + self._network.read_timeout
             self._watch(peer)
@@ -325,7 +273,7 @@ class TcpReceiver:
                 self._drop(peer, f"no whole {what} within {self._network.read_timeout:g} s")
 
     def _drop(self, peer: _Peer, reason: str | None) -> None:
-        """Close a connection; what its sender has not heard to be committed it will send again."""
+        """Close a connection; its sender repeats what was not acknowledged."""
         if reason is not None:
             self._refused(f"{peer.address}{'' if peer.stream is None else f' ({peer.stream})'}: {reason}")
         self._peers.discard(peer)
@@ -335,7 +283,3 @@ class TcpReceiver:
             with contextlib.suppress(KeyError, ValueError):
                 self._selector.unregister(peer.socket)
         peer.socket.close()
-
-    def _refused(self, reason: str) -> None:
-        self._problem = f"{self.name}: {reason}"
-        _LOG.warning("source %s: %s", self.name, reason)

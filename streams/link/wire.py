@@ -1,7 +1,6 @@
 """The frames of TCP and MQTT: bytes to checked values and back. Layout and rules stand in docs/reference/wire.md.
 
-Nothing here trusts a number before it is checked: a length is compared with its limit before anything is allocated, and
-whatever the bytes are, the only error is :class:`WireError`.
+Each length is compared with its limit before memory is allocated; for any bytes the only error is :class:`WireError`.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from google_crc32c import value as crc32c
 from models.errors import SpallwatchError
 from streams.block import Block
 from streams.samples import Samples
-from streams.spec import UNITS
+from streams.spec import MAX_FRAME, UNITS
 
 VERSION = 1
 HELLO_MAGIC, FRAME_MAGIC = b"SPWH", b"SPW1"
@@ -33,8 +32,6 @@ _CRC = struct.Struct("<I")
 
 UNDATED = -(2**63)
 """In place of a start: the stream has no date."""
-MAX_FRAME = 16 << 20
-"""Bytes of the largest frame, checksum included."""
 MAX_CHANNELS = 1024
 MAX_JSON = 65535
 MAX_STREAM_ID = 64
@@ -49,16 +46,16 @@ SAMPLE_TYPES: Mapping[int, np.dtype[Any]] = {
 
 
 class WireError(SpallwatchError):
-    """Bytes break the protocol; the message says what was expected and what came.
+    """Bytes break the protocol; the message states what was expected and what was received.
 
     Attributes:
-        status: rejection status of the interface that says so.
-        sequence: number of the frame where its checksum vouches for it, else None: then nothing in it can be believed,
-            not even its length, and a connection cannot go on.
+        status: rejection status of the interface.
+        sequence: number of the frame where its checksum is right, else None: then not even its length is reliable,
+            and a connection must be closed.
     """
 
     def __init__(self, reason: str, status: str = "unreadable", sequence: int | None = None) -> None:
-        """Keep status and sequence beside the sentence for people."""
+        """Keep status and sequence beside the message."""
         super().__init__(reason)
         self.status = status
         self.sequence = sequence
@@ -69,12 +66,12 @@ class Frame:
     """A frame as sent.
 
     Attributes:
-        sequence: number of the block in its stream, from 1.
+        sequence: of the block in its stream, from 1.
         samples: with rate and units stated, int16, int32, float32 or float64 values before scaling; without start.
         start: ns since 1970 UTC of the first sample, or None.
         scale: factor from the values to the unit, by row; empty: 1.
-        after: number of the frame that the sender sent before this one (or knows to be committed), or None where it
-            is not stated; numbers between the two never come, but a missing ``after`` was lost on the way.
+        after: number of the frame sent before this one (or committed), None where it is not stated; the sender skips
+            the numbers between the two, but a missing ``after`` was lost on the way.
     """
 
     sequence: int
@@ -96,7 +93,7 @@ class Frame:
 
 
 def hello(stream: str) -> bytes:
-    """Return what a sender says first.
+    """Return the first message of a sender.
 
     Raises:
         WireError: the stream id is empty or too long.
@@ -138,10 +135,6 @@ def hello_stream(data: bytes) -> str:
 def frame_length(data: bytes, limit: int = MAX_FRAME) -> int:
     """Return the length of a whole frame from its first ``HEAD.size`` bytes.
 
-    Args:
-        data: at least the fixed part.
-        limit: largest frame to accept, bytes.
-
     Raises:
         WireError: no frame of this version, an unknown sample type, or larger than allowed.
     """
@@ -167,11 +160,7 @@ def _check_magic(magic: bytes, version: int, expected: bytes, what: str) -> None
 
 
 def decode_frame(data: bytes | bytearray | memoryview, limit: int = MAX_FRAME) -> Frame:
-    """Return the frame in a whole message.
-
-    Args:
-        data: the bytes from magic to checksum; the samples are copied from nowhere, so it must not be changed later.
-        limit: largest frame to accept, bytes.
+    """Return the frame in the bytes from magic to checksum; its samples are a view of ``data``.
 
     Raises:
         WireError: with ``sequence`` where the checksum is right but the content is not.

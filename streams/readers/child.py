@@ -1,7 +1,7 @@
 """Unsafe parsers run in a child process with limits on memory, processor time and time.
 
-The child is kept for many files and then replaced. Its death is the status ``reader_crashed`` of the file that it read,
-and nothing more.
+The child is kept for many files and then replaced. Its death only gives the file that it read the status
+``reader_crashed``.
 """
 
 from __future__ import annotations
@@ -23,13 +23,12 @@ from typing import Any, Self
 import numpy as np
 
 from models.errors import SpallwatchError
-from streams.readers.memory_file import read_into, write_all
+from streams.readers.worker import read_into, write_all
 from streams.samples import MAX_BYTES, ReaderError, Samples
 
 _ANSWER_BYTES = 1 << 22
 _KEPT_BYTES = 64 << 20
-# A service manager stops all processes at once. The file that is being read is not to blame, and the child ends with
-# its parent.
+# A service manager signals all processes at once; the child ends with its parent, so that no file counts as crashed.
 _START = """
 import signal, sys
 for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -40,7 +39,7 @@ from streams.readers.worker import main
 main()
 """
 _ENVIRONMENT = {
-    # Threads of a linear algebra that no parser needs would take address space from the parser.
+    # No parser needs threads of linear algebra; their stacks would take its address space.
     "OPENBLAS_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
@@ -56,7 +55,7 @@ _ENVIRONMENT = {
 
 @dataclass(frozen=True)
 class Limits:
-    """What one child may use.
+    """Limits of one child.
 
     Attributes:
         memory: address space in bytes.
@@ -72,9 +71,9 @@ class Limits:
 
 
 class ReaderProcess:
-    """A child process that parses files, one at a time; started when it is first needed.
+    """A child process that parses files, one at a time; started at the first call.
 
-    It may be used from any thread (calls take turns), as a context manager, or for the life of the program.
+    Calls from several threads take turns.
     """
 
     def __init__(self, limits: Limits | None = None) -> None:
@@ -96,17 +95,15 @@ class ReaderProcess:
 
         Args:
             function: a function of a module, called with ``data``, ``name`` and the arguments.
-            data: the bytes of the file.
-            name: its name, for messages.
-            arguments: whatever JSON can carry.
+            arguments: values that JSON can represent.
 
         Returns:
-            What the function returns: Samples, or a value as JSON would bring it back.
+            What the function returns: Samples, or a value as decoded from JSON.
 
         Raises:
-            ReaderError: whatever the reader raises; ``unreadable`` for its other exceptions; ``reader_crashed`` where
-                the child died or had to be killed; ``refused`` where the file is larger than ``MAX_BYTES``.
-            SystemExit: the process was closed, before or meanwhile: the program ends, which is no verdict on a file.
+            ReaderError: as the reader; ``unreadable`` for its other exceptions; ``reader_crashed`` where the child died
+                or was killed; ``refused`` where the file is larger than ``MAX_BYTES``.
+            SystemExit: the process was closed, before or meanwhile: the program ends, which is no verdict on the file.
         """
         if len(data) > MAX_BYTES:
             raise ReaderError("refused", f"{name}: {len(data)} bytes, {MAX_BYTES} are allowed")
@@ -157,14 +154,14 @@ class ReaderProcess:
         self.close()
 
     def forget(self) -> None:
-        """Let go of a child that belongs to the process from which this one was forked."""
+        """Close the handles of a child that belongs to the process from which this one was forked."""
         for handle in self._handles:
             os.close(handle)
         self._handles = []
 
     def _ask(self, request: bytes, data: bytes) -> dict[str, Any]:
         if self._process is not None and (self._files >= self._limits.files or self._process.poll() is not None):
-            # Worn out, or gone since the last file, for which this one is not to blame.
+            # Used up, or dead since the last file: not the fault of this one.
             self._stop()
         if self._process is None:
             self._start()
@@ -234,18 +231,11 @@ class ReaderProcess:
         self._handles = [requests, answers, *memory]
         theirs = [child_reads, child_writes]
         passed = [*theirs, *memory]
+        arguments = [*map(str, (*passed, self._limits.memory, self._limits.cpu_s)), json.dumps(sys.path)]
         try:
             # A plain new interpreter: a fork of a process with threads may hang in its first allocation.
             self._process = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-c",
-                    _START,
-                    *map(str, passed),
-                    str(self._limits.memory),
-                    str(self._limits.cpu_s),
-                    json.dumps(sys.path),
-                ],
+                [sys.executable, "-c", _START, *arguments],
                 pass_fds=passed,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -294,7 +284,7 @@ class ReaderProcess:
 
 
 class _DiedError(SpallwatchError):
-    """The child is gone or has to go."""
+    """The child has died or must be killed."""
 
 
 _shared = ReaderProcess()
@@ -302,7 +292,7 @@ _inherited: list[ReaderProcess] = []
 
 
 def _after_fork() -> None:
-    """Begin anew in a forked process: the lock may be held by a thread that does not exist here."""
+    """Begin with a new child in a forked process: a thread that does not exist here may hold the lock."""
     global _shared
     _inherited.append(_shared)
     _shared.forget()
@@ -323,14 +313,9 @@ def shared_process() -> ReaderProcess:
 
 
 def isolated(function: Callable[..., Any], *arguments: Any) -> Callable[[bytes, str], Any]:
-    """Turn a reader into one that runs in the shared child process.
+    """Return the reader ``function``, with these further arguments, run in the shared child process.
 
-    Args:
-        function: a function of a module that takes bytes, a name and ``arguments``.
-        arguments: whatever JSON can carry.
-
-    Returns:
-        A function of bytes and name that returns and raises what the reader does; see :meth:`ReaderProcess.call`.
+    It returns and raises what the reader does; see :meth:`ReaderProcess.call`.
     """
 
     def read(data: bytes, name: str) -> Any:

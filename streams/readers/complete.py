@@ -1,4 +1,4 @@
-"""How much of a file is there, by its own header: files that are still being written say more than they hold."""
+"""The size that a file's own header declares: a file still being written declares more than it holds."""
 
 from __future__ import annotations
 
@@ -9,13 +9,10 @@ _TDMS_UNKNOWN = 0xFFFFFFFFFFFFFFFF
 
 
 def declared_size(data: bytes, name: str) -> int | None:
-    """Return the least size in bytes that a file's header promises, or None where it promises none.
+    """Return the least size in bytes that a file's header promises, None where it promises none.
 
     Known are WAV (RIFF), .npy, HDF5 with netCDF4 and MAT v7.3 (end-of-file address of the superblock) and TDMS.
-
-    Args:
-        data: the file, or its first 4 KiB (for TDMS the whole of it).
-        name: its name.
+    ``data`` is the file, or its first 4 KiB (for TDMS the whole of it).
     """
     ending = name.lower().rpartition(".")[2]
     if data[:4] == b"RIFF" and len(data) >= 8:
@@ -26,7 +23,7 @@ def declared_size(data: bytes, name: str) -> int | None:
         return _tdms_size(data)
     for base in (0, 512):
         if data[base : base + 8] == b"\x89HDF\r\n\x1a\n":
-            return _hdf5_size(data, base)
+            return hdf5_size(data, base)
     return None
 
 
@@ -55,7 +52,8 @@ def _npy_size(data: bytes) -> int | None:
         return None
 
 
-def _hdf5_size(data: bytes, base: int) -> int | None:
+def hdf5_size(data: bytes, base: int) -> int | None:
+    """Return the end-of-file address of the superblock at ``base``, None where there is none."""
     version = data[base + 8] if len(data) > base + 8 else 255
     if version in (0, 1):
         width = data[base + 13] if len(data) > base + 13 else 0
@@ -91,11 +89,9 @@ def _tdms_size(data: bytes) -> int | None:
 
 
 def whole_part(data: bytes, kind: str) -> bytes:
-    """Return the part of a file that is still being written whose samples are final.
+    """Return the part of a growing file whose samples are final.
 
-    Args:
-        data: what is there of it.
-        kind: "csv": up to the last end of a line; "tdms": up to the end of the last whole segment.
+    ``kind`` "csv": up to the last end of a line; "tdms": up to the end of the last whole segment.
     """
     if kind == "tdms":
         return data[: _tdms_segments(data)[0]]

@@ -1,4 +1,4 @@
-"""HDF5 files through h5py, with guards against what the format allows: links out of the file, lies about sizes.
+"""HDF5 files through h5py, with guards against links out of the file and wrong sizes.
 
 It serves plain HDF5, netCDF-4 and MAT files of version 7.3, which are HDF5 files with conventions.
 """
@@ -15,14 +15,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.readers.stated import Facts, known_unit, plain_key, stated_rate, stated_start, stated_unit
+from streams.readers.complete import hdf5_size
+from streams.readers.stated import (
+    Facts,
+    check_lengths,
+    common_rate,
+    known_unit,
+    plain_key,
+    stated_rate,
+    stated_start,
+    stated_unit,
+)
 from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of, stack_rows
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_HIDDEN = "#"
+"""Beginning of the names under which MATLAB keeps its own data."""
 _MAX_DEPTH = 16
 _MAX_OBJECTS = 10_000
 _MAX_ATTRIBUTES = 256
 _MAX_TEXT_BYTES = 4096
+_MAX_LISTED = 400
 
 
 @dataclass(frozen=True)
@@ -30,7 +43,7 @@ class Found:
     """A data set that was found in a file.
 
     Attributes:
-        path: names of the groups and its own, joined by "/".
+        path: names of the groups and its own, joined by the separator.
         dataset: the h5py object.
         facts: attributes of the file, the groups on the way and the data set itself, the nearest winning.
         own: attributes of the data set alone.
@@ -82,35 +95,26 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
 def join_rows(
     rows: Sequence[NDArray[np.floating]], names: Sequence[str], facts: Sequence[Facts], name: str, zone: str, none: str
 ) -> Samples:
-    """Join rows to samples.
+    """Join one-dimensional rows to samples, with what is stated of each.
 
     Args:
-        rows: one-dimensional arrays.
-        names: of the rows.
-        facts: what is stated of each.
-        name: of the file, for messages.
-        zone: of stamps that name none.
-        none: what to say where there is no row.
+        zone: IANA name of the time zone of stamps that name none.
+        none: the reason to give where there is no row.
 
     Raises:
         ReaderError: ``wrong_shape`` without rows or for different lengths, ``wrong_rate`` for different rates.
     """
     if not rows:
         raise ReaderError("wrong_shape", f"{name}: {none}")
-    if len({row.size for row in rows}) > 1:
-        sizes = ", ".join(f"{key} {row.size}" for key, row in zip(names, rows, strict=True))
-        raise ReaderError("wrong_shape", f"{name}: vectors of different lengths: {sizes[:400]}")
-    rates = [stated_rate(item, f"{name}: {key}") for item, key in zip(facts, names, strict=True)]
-    stated = sorted({rate for rate in rates if rate is not None})
-    if stated and stated[-1] - stated[0] > 1e-4 * stated[0]:
-        raise ReaderError("wrong_rate", f"{name}: rows of different rates: {', '.join(f'{r:g}' for r in stated)} Hz")
+    check_lengths([row.size for row in rows], names, "vectors", name, _MAX_LISTED)
+    rates = (stated_rate(item, f"{name}: {key}") for item, key in zip(facts, names, strict=True))
     starts = (stated_start(item, zone) for item in facts)
     short = tuple(key.rpartition("/")[2] for key in names)
     return Samples(
         stack_rows(rows),
         names=tuple(names),
         channels=short if len(set(short)) == len(short) else tuple(names),
-        rate=stated[0] if stated else None,
+        rate=common_rate(rates, "rows", name),
         start=next((start for start in starts if start is not None), None),
         units=tuple(known_unit(stated_unit(item)) for item in facts),
     )
@@ -121,11 +125,12 @@ def open_hdf5(data: bytes, name: str) -> Iterator[Any]:
     """Open the bytes of an HDF5 file; every failure of the library while it is open becomes a ReaderError."""
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
+    # The library does not check for bytes in memory that the file is as long as its superblock says.
     base = next((place for place in (0, 512, 1024, 2048) if data[place : place + 8] == SIGNATURE), None)
     if base is None:
         raise ReaderError("unreadable", f"{name}: not an HDF5 file")
-    declared = _declared_end(data, base)
-    if declared > len(data):
+    declared = hdf5_size(data, base)
+    if declared is not None and declared > len(data):
         raise ReaderError("incomplete", f"{name}: {declared} bytes are declared, {len(data)} are there")
     try:
         import h5py
@@ -136,35 +141,17 @@ def open_hdf5(data: bytes, name: str) -> Iterator[Any]:
             yield file
     except (ReaderError, MemoryError):
         raise
-    except Exception as error:  # The library raises whatever its corrupt input leads it to.
+    except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable HDF5 file ({str(error)[:200]})") from error
 
 
-def _declared_end(data: bytes, base: int) -> int:
-    """Return the end of the file by its superblock, which the library does not check for bytes in memory."""
-    version = data[base + 8] if len(data) > base + 8 else 255
-    if version > 3 or len(data) < base + 16:
-        return 0
-    width = data[base + 13] if version < 2 else data[base + 9]
-    place = base + (24, 28, 12, 12)[version] + 2 * width
-    field = data[place : place + width]
-    return int.from_bytes(field, "little") if len(field) == width and field != b"\xff" * width else 0
-
-
-def walk(
-    file: Any, name: str, patterns: Sequence[str] = (), separator: str = "/", hidden: str = "#"
-) -> Iterator[Found]:
-    """Find the data sets whose paths match, along hard links only.
+def walk(file: Any, name: str, patterns: Sequence[str] = (), separator: str = "/") -> Iterator[Found]:
+    """Yield the data sets whose paths match, along hard links only, by name within each group.
 
     Args:
         file: an open h5py file.
-        name: of the file, for messages.
         patterns: of paths; none: all.
         separator: between the names of a path.
-        hidden: groups whose names begin so are passed over (MATLAB keeps its own there).
-
-    Yields:
-        What matches, by name within each group.
 
     Raises:
         ReaderError: ``refused`` where a matching path is a soft or external link, or the file has too many objects.
@@ -176,7 +163,7 @@ def walk(
         prefix, group, inherited = stack.pop()
         below: list[tuple[str, Any, Facts]] = []
         for key in sorted(group):
-            if key.startswith(hidden):
+            if key.startswith(_HIDDEN):
                 continue
             count += 1
             path = f"{prefix}{separator}{key}" if prefix else key
@@ -222,18 +209,7 @@ def _is_samples(dataset: Any) -> bool:
 
 
 def load(item: Found, name: str) -> NDArray[Any]:
-    """Read a data set once its claims are checked.
-
-    Args:
-        item: what :func:`walk` found.
-        name: of the file, for messages.
-
-    Returns:
-        The array as it is stored.
-
-    Raises:
-        ReaderError: see :func:`read_hdf5`.
-    """
+    """Read a data set as it is stored, once its claims are checked; ReaderError as for :func:`read_hdf5`."""
     dataset, where = item.dataset, f"{name}: data set {item.path[:100]}"
     if dataset.external:
         raise ReaderError("refused", f"{where} lies in other files, which are never read")

@@ -1,19 +1,11 @@
-"""Text files as loggers write them: lines of metadata, a header, units, a column of times, then the numbers."""
+"""Text files of loggers: lines of metadata, a header, units, a column of times, then the numbers."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field, replace
 
-from streams.readers.stated import (
-    Facts,
-    known_unit,
-    plain_key,
-    rate_of_times,
-    stated_rate,
-    stated_start,
-    stated_unit,
-)
+from streams.readers.stated import Facts, known_unit, plain_key, rate_of_times, stated_rate, stated_start, stated_unit
 from streams.readers.text import clean_text, first_line_of, is_number, read_text
 from streams.samples import ReaderError, Samples
 
@@ -36,7 +28,7 @@ class _Head:
 
 
 def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
-    """Read a text file of any layout that can be told without guessing.
+    """Read a text file whose layout can be recognised without guessing.
 
     Above the numbers there may be lines ``KEY: VALUE`` (also with "=", ";", "," or a tab; "#" or "%" before them), a
     line of column names and a line of units. Known are the keys of the sampling rate or interval, the unit and the time
@@ -125,7 +117,7 @@ def _are_units(fields: list[str]) -> bool:
 
 
 def _is_fact(line: str) -> bool:
-    """Tell a line of metadata from one of column names: it has one value, and a key that is known or a number."""
+    """Return whether a line is metadata rather than column names: one value, a known key or a number."""
     match = _FACT.match(line)
     if match is None:
         return False
@@ -175,7 +167,7 @@ def _names_and_units(samples: Samples, head: _Head) -> tuple[tuple[str, ...], tu
 
 
 def _moved(error: ReaderError, name: str, lines: int) -> ReaderError:
-    """Count the lines of a message from the top of the file."""
+    """Return the error with its line counted from the top of the file."""
     moved = re.sub(
         rf"^{re.escape(name)}: line (\d+)", lambda match: f"{name}: line {int(match[1]) + lines}", str(error), count=1
     )

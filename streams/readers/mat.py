@@ -15,30 +15,19 @@ import scipy.io
 from numpy.typing import NDArray
 
 from streams.readers.hdf5 import SIGNATURE, attributes, load, open_hdf5, walk
+from streams.readers.stated import check_lengths
 from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of, stack_rows
 
 _COMPRESSED = 15
 _MAX_RECORDS = 256
-_ITEM_BYTES = {
-    "int8": 1,
-    "uint8": 1,
-    "logical": 1,
-    "int16": 2,
-    "uint16": 2,
-    "char": 4,
-    "int32": 4,
-    "uint32": 4,
-    "single": 4,
-}
+_ITEM_BYTES = {"int8": 1, "uint8": 1, "logical": 1, "int16": 2, "uint16": 2}
+_ITEM_BYTES |= {"char": 4, "int32": 4, "uint32": 4, "single": 4}
 
 MatValues = Mapping[str, "NDArray[np.generic]"]
 
 
 def mat_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], str]]:
-    """List the variables of a MAT file without loading them.
-
-    Returns:
-        For each variable its shape and MATLAB class ("double", "struct", ...).
+    """Return shape and MATLAB class ("double", "struct", ...) of each variable, without loading any.
 
     Raises:
         ReaderError: ``unreadable`` where it is not a MAT file of version 5 to 7.3, ``incomplete`` where it breaks off,
@@ -55,7 +44,7 @@ def mat_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], st
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             found = scipy.io.whosmat(io.BytesIO(data))
-    except Exception as error:  # The parser raises whatever its corrupt input leads it to.
+    except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable MAT file ({error})") from error
     declared = max(declared, sum(prod(shape) * _ITEM_BYTES.get(kind, 8) for _, shape, kind in found))
     if declared > MAX_BYTES:
@@ -119,14 +108,8 @@ def _declared_bytes(data: bytes, name: str) -> int:
 def load_mat(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDArray[np.generic]]:
     """Load the variables, or fields of structures, that match any of some patterns.
 
-    Args:
-        patterns: such as ``X*_DE_time``, or ``bearing.gs`` for the field of a structure.
-
-    Returns:
-        The arrays under their full names, in the order of the file.
-
-    Raises:
-        ReaderError: as :func:`mat_variables`.
+    ``X*_DE_time`` is the pattern of a variable, ``bearing.gs`` that of the field of a structure. The arrays come under
+    their full names in the order of the file. ReaderError as for :func:`mat_variables`.
     """
     if _is_hdf5(data):
         return _load_hdf5(data, name, patterns)
@@ -186,10 +169,7 @@ def text(values: MatValues, key: str) -> str | None:
 
 
 def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Samples:
-    """Read the numeric vectors of a MAT file that match some patterns.
-
-    Args:
-        patterns: of variables and fields; single numbers and text are passed over.
+    """Read the numeric vectors of a MAT file that match some patterns; single numbers and text are passed over.
 
     Returns:
         Samples of shape (row, sample); a matrix gives a row for each vector of it, named ``NAME_1`` and so on.
@@ -208,10 +188,7 @@ def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Sample
         names.extend([key] if len(block) == 1 else [f"{key}_{i}" for i in range(1, len(block) + 1)])
     if not rows:
         raise ReaderError("wrong_shape", f"{name}: no vector matches {', '.join(patterns)}; {_held(data, name)}")
-    lengths = {row.size for row in rows}
-    if len(lengths) > 1:
-        sizes = ", ".join(f"{key} {row.size}" for key, row in zip(names, rows, strict=True))
-        raise ReaderError("wrong_shape", f"{name}: vectors of different lengths: {sizes}")
+    check_lengths([row.size for row in rows], names, "vectors", name)
     return Samples(stack_rows(rows), tuple(names))
 
 

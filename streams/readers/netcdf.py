@@ -20,7 +20,7 @@ _TIMES = ("time", "t")
 
 
 def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
-    """Read the numeric variables of a netCDF file.
+    """Read the numeric variables of a netCDF file, a row for each vector.
 
     Rate, unit and time of the first sample are taken from the attributes as in :func:`streams.readers.hdf5.read_hdf5`,
     else rate and time from a coordinate ``time`` in ``seconds since ...``. ``scale_factor``, ``add_offset`` and fill
@@ -29,9 +29,6 @@ def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str 
     Args:
         patterns: of the names of the variables; none: all but coordinates.
         zone: IANA name of the time zone of stamps that name none.
-
-    Returns:
-        A row for each vector.
 
     Raises:
         ReaderError: as :func:`streams.readers.hdf5.read_hdf5`.
@@ -92,7 +89,7 @@ def _classic(data: bytes, name: str) -> dict[str, tuple[NDArray[Any], Facts]]:
                     found[str(key)] = np.array(variable.data), {**shared, **_facts(variable._attributes)}
     except MemoryError:
         raise
-    except Exception as error:  # The parser raises whatever its corrupt input leads it to.
+    except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable netCDF file ({type(error).__name__})") from error
     if not found and len(data) > 32:
         raise ReaderError("unreadable", f"{name}: holds no variable")

@@ -1,4 +1,4 @@
-"""Side-cars: what a recording does not say of itself, in a file beside it.
+"""Side-cars: a file beside a recording states what the recording itself does not.
 
 ``FILE.json`` beside ``FILE``, else ``spallwatch.json`` or ``spallwatch.toml`` in its folder, which then counts for all
 files of the folder. Keys: ``rate_hz``, ``start_utc``, ``unit``, ``scale``, ``sensitivity_mv_per_g``, ``speed_hz``,
@@ -21,25 +21,25 @@ import numpy as np
 from streams.files import read_guarded
 from streams.readers.stated import seconds_utc
 from streams.samples import ReaderError, Samples
+from streams.spec import UNITS
 
 FOLDER_NAMES = ("spallwatch.json", "spallwatch.toml")
-_UNITS = ("g", "m/s2", "V", "unknown")
 _MAX_SIDECAR_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
 class SideCar:
-    """What a side-car says.
+    """The content of a side-car; a field is None where it is not stated.
 
     Attributes:
         path: of the side-car below the root, for messages.
-        rate: sampling rate in Hz.
+        rate: Hz.
         start: seconds since 1970 UTC of the first sample.
         unit: of every row.
         scale: factor from the stored numbers to the unit.
         sensitivity_mv_per_g: of the sensor, for rows in V, which then are given in g.
-        speed: shaft speed in Hz.
-        load: radial load in N.
+        speed: of the shaft, Hz.
+        load: radial, N.
         channels: names of the rows.
     """
 
@@ -55,15 +55,12 @@ class SideCar:
 
 
 def find_sidecar(root: Path, path: str, zone: str = "UTC") -> SideCar | None:
-    """Look for the side-car of a file.
+    """Return the side-car of a file, None where there is none.
 
     Args:
         root: the resolved folder of the recording.
         path: of the file below it.
         zone: IANA name of the zone of a ``start_utc`` that names none.
-
-    Returns:
-        What it says, or None where there is none.
 
     Raises:
         ReaderError: ``unreadable`` where it is no valid side-car, naming the key; ``refused`` as for any file.
@@ -93,8 +90,8 @@ def _parsed(raw: bytes, path: str, zone: str) -> SideCar:
     if unknown:
         raise ReaderError("unreadable", f"{path}: unknown key {unknown[0][:40]!r}; expected {', '.join(sorted(known))}")
     unit = values.get("unit")
-    if unit is not None and unit not in _UNITS:
-        raise ReaderError("wrong_unit", f"{path}: unit must be one of {', '.join(_UNITS)}, got {str(unit)[:40]!r}")
+    if unit is not None and unit not in UNITS:
+        raise ReaderError("wrong_unit", f"{path}: unit must be one of {', '.join(UNITS)}, got {str(unit)[:40]!r}")
     return SideCar(
         path=path,
         rate=_number(values, "rate_hz", path, positive=True),
@@ -141,10 +138,7 @@ def _channels(values: dict[str, Any], path: str) -> tuple[str, ...] | None:
 
 
 def apply_sidecar(samples: Samples, sidecar: SideCar, name: str) -> Samples:
-    """Add what the side-car of a file states to its samples; ``name`` is for messages.
-
-    Returns:
-        The samples with what both state; scaled, volts with a sensitivity converted to g.
+    """Add what a side-car states to the samples of its file: scaled, volts with a sensitivity converted to g.
 
     Raises:
         ReaderError: ``wrong_rate``, ``wrong_unit`` or ``wrong_shape`` where file and side-car contradict.

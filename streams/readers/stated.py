@@ -1,17 +1,17 @@
-"""What files say of themselves in words: units, rates, times, in the spellings that loggers use."""
+"""Units, rates and times that files state in text or attributes, in the spellings of common loggers."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
-from datetime import UTC, datetime
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
 from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.samples import ReaderError
+from streams.samples import RATE_TOLERANCE, ReaderError
 
 _UNITS = {
     "g": "g", "gn": "g", "g_n": "g", "g0": "g", "gravity": "g",
@@ -23,28 +23,10 @@ _UNITS = {
 }  # fmt: skip
 _RATES = ("ratehz", "rate", "samplerate", "sampleratehz", "samplingrate", "samplingratehz", "samplingfrequency",
           "samplingfrequencyhz", "samplefrequency", "samplefrequencyhz", "fs", "fshz", "abtastrate")  # fmt: skip
-_STEPS = (
-    "dt",
-    "deltat",
-    "deltax",
-    "dts",
-    "wfincrement",
-    "sampleinterval",
-    "samplinginterval",
-    "timestep",
-    "abtastintervall",
-)
-_STARTS = (
-    "startutc",
-    "start",
-    "starttime",
-    "wfstarttime",
-    "t0",
-    "acquisitiontime",
-    "timestamp",
-    "datetime",
-    "startzeit",
-)
+_STEPS = ("dt", "deltat", "deltax", "dts", "wfincrement", "sampleinterval", "samplinginterval", "timestep",
+          "abtastintervall")  # fmt: skip
+_STARTS = ("startutc", "start", "starttime", "wfstarttime", "t0", "acquisitiontime", "timestamp", "datetime",
+           "startzeit")  # fmt: skip
 _UNIT_KEYS = ("unit", "units", "unitstring", "niunitdescription", "engineeringunits", "einheit")
 _KILO = {"khz": 1e3, "hz": 1.0, "mhz": 1e6, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0, "s/s": 1.0, "": 1.0}
 
@@ -57,13 +39,9 @@ def plain_key(key: str) -> str:
 
 
 def known_unit(text: object) -> str | None:
-    """Translate the unit that a file states.
+    """Return the unit that a file states in our spelling: "g", "m/s2", "V" or "unknown".
 
-    Args:
-        text: as the file spells it.
-
-    Returns:
-        "g", "m/s2", "V" or "unknown"; None for an empty text; any other text as it stands, for a refusal to name it.
+    None for an empty text; any other text as it stands, so that a refusal can name it.
     """
     if not isinstance(text, str):
         return None
@@ -74,14 +52,10 @@ def known_unit(text: object) -> str | None:
 
 
 def stated_rate(facts: Facts, where: str) -> float | None:
-    """Find the sampling rate among named values.
+    """Return the sampling rate in Hz among named values, None where no known name occurs.
 
     Args:
         facts: the values under their :func:`plain_key`.
-        where: name of the file, for messages.
-
-    Returns:
-        The rate in Hz, or None where none of the known names occurs.
 
     Raises:
         ReaderError: ``wrong_rate`` where a value is no positive number or two of them differ.
@@ -95,8 +69,8 @@ def stated_rate(facts: Facts, where: str) -> float | None:
             found[key] = 1.0 / _positive(facts[key], key, where)
     rates = list(found.values())
     if any(not math.isclose(rate, rates[0], rel_tol=1e-4) for rate in rates):
-        said = ", ".join(f"{key} {rate:g} Hz" for key, rate in found.items())
-        raise ReaderError("wrong_rate", f"{where}: the file states several sampling rates: {said}")
+        listed = ", ".join(f"{key} {rate:g} Hz" for key, rate in found.items())
+        raise ReaderError("wrong_rate", f"{where}: the file states several sampling rates: {listed}")
     return nice_rate(rates[0], 1e-9) if rates else None
 
 
@@ -138,14 +112,9 @@ def stated_unit(facts: Facts) -> str | None:
 
 
 def stated_start(facts: Facts, zone: str) -> float | None:
-    """Find the time of the first sample among named values.
+    """Return the time of the first sample, s since 1970 UTC, among values under their :func:`plain_key`.
 
-    Args:
-        facts: the values under their :func:`plain_key`.
-        zone: IANA name of the zone of a stamp that names none.
-
-    Returns:
-        Seconds since 1970 UTC, or None where no value under the known names is a stamp of time.
+    ``zone`` is the IANA name of the zone of a stamp that names none. None where no known name has a stamp of time.
     """
     return next((start for key in _STARTS if (start := seconds_utc(facts.get(key), zone)) is not None), None)
 
@@ -184,15 +153,10 @@ def _parsed(value: object) -> datetime | None:
 
 
 def rate_of_times(times: NDArray[np.floating], where: str) -> float | None:
-    """Find the rate that a column of times states.
+    """Return the rate in Hz that a column of times in s states.
 
-    Args:
-        times: in s.
-        where: name of the file, for messages.
-
-    Returns:
-        The rate in Hz; None where there are less than two times, or their rounding leaves it uncertain by more than
-        5e-5 of it: then the configuration has to say it.
+    None where there are less than two times, or their rounding leaves it uncertain by more than 5e-5 of it: then the
+    configuration has to state it.
 
     Raises:
         ReaderError: ``nan`` for a time that is no number, ``wrong_rate`` where the times do not increase evenly.
@@ -210,16 +174,33 @@ def rate_of_times(times: NDArray[np.floating], where: str) -> float | None:
     deviation = float(np.max(np.abs(values - ideal)))
     resolution = float(np.spacing(np.max(np.abs(values))))
     steps = np.diff(values)
-    # Times that are written more coarsely than they follow each other repeat themselves and then jump by one unit.
+    # Times written more coarsely than the sampling interval repeat themselves, then jump by one unit.
     unit = float(np.min(steps[steps > 0.0]))
     if float(np.max(steps)) > max(1.5 * step, 1.01 * unit) or float(np.min(steps)) < 0.0:
         raise ReaderError(
             "wrong_rate", f"{where}: the times are not evenly spaced; the longest step is {steps.max():g} s"
         )
-    doubt = 2.0 * max(deviation, resolution) / span
-    return nice_rate(1.0 / step, doubt + 1e-12) if doubt < 5e-5 else None
+    uncertainty = 2.0 * max(deviation, resolution) / span
+    return nice_rate(1.0 / step, uncertainty + 1e-12) if uncertainty < 5e-5 else None
 
 
-def utc_text(seconds: float) -> str:
-    """Return seconds since 1970 UTC as ISO 8601."""
-    return datetime.fromtimestamp(seconds, UTC).isoformat()
+def check_lengths(
+    sizes: Sequence[int], names: Sequence[str], rows: str, where: str, max_listed: int | None = None
+) -> None:
+    """Raise ``wrong_shape`` where the rows of a file (``rows``: "channels", "vectors") differ in length."""
+    if len(set(sizes)) > 1:
+        listed = ", ".join(f"{name} {size}".strip() for name, size in zip(names, sizes, strict=True))
+        raise ReaderError("wrong_shape", f"{where}: {rows} of different lengths: {listed[:max_listed]}")
+
+
+def common_rate(rates: Iterable[float | None], rows: str, where: str, joint: str = ", ") -> float | None:
+    """Return the lowest rate in Hz that the rows of a file state, None where none is stated.
+
+    Raises:
+        ReaderError: ``wrong_rate`` where they differ by more than 1e-4 of it.
+    """
+    stated = sorted({rate for rate in rates if rate is not None})
+    if stated and stated[-1] - stated[0] > RATE_TOLERANCE * stated[0]:
+        listed = joint.join(f"{rate:g}" for rate in stated)
+        raise ReaderError("wrong_rate", f"{where}: {rows} of different rates: {listed} Hz")
+    return stated[0] if stated else None

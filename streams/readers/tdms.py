@@ -1,4 +1,4 @@
-"""TDMS files of LabVIEW, through nptdms, with the lengths checked that it takes on trust."""
+"""TDMS files of LabVIEW, through nptdms; the declared lengths are checked here, because nptdms does not."""
 
 from __future__ import annotations
 
@@ -11,7 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.readers.stated import Facts, known_unit, nice_rate, plain_key, seconds_utc, stated_rate, stated_unit
+from streams.readers.stated import (
+    Facts,
+    check_lengths,
+    common_rate,
+    known_unit,
+    nice_rate,
+    plain_key,
+    seconds_utc,
+    stated_rate,
+    stated_unit,
+)
 from streams.samples import MAX_BYTES, ReaderError, Samples, stack_rows
 
 _LEAD_IN = 28
@@ -55,15 +65,13 @@ def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
             titles = [(str(channel.group_name), str(channel.name)) for channel in wanted]
     except ReaderError:
         raise
-    except Exception as error:  # nptdms raises whatever its corrupt input leads it to.
+    except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable TDMS file ({type(error).__name__})") from error
     for row, length, title in zip(rows, lengths, titles, strict=True):
         if len(row) != length:
             raise ReaderError("incomplete", f"{name}: channel {title[1]}: {length} samples promised, {len(row)} there")
-    if len(set(lengths)) > 1:
-        sizes = ", ".join(f"{title[1]} {length}" for title, length in zip(titles, lengths, strict=True))
-        raise ReaderError("wrong_shape", f"{name}: channels of different lengths: {sizes}")
-    return _reading(_stacked(rows), titles, properties, name, zone)
+    check_lengths(lengths, [title[1] for title in titles], "channels", name)
+    return _described(_stacked(rows), titles, properties, name, zone)
 
 
 def _nptdms() -> Any:
@@ -78,7 +86,7 @@ def _nptdms() -> Any:
 
 
 def _check_segments(data: bytes, name: str) -> None:
-    """Compare the lengths that the lead-ins declare with what is there: nptdms reads what there is without a word."""
+    """Compare the lengths that the lead-ins declare with the data; nptdms silently reads what there is."""
     position = 0
     while position < len(data):
         lead = data[position : position + _LEAD_IN]
@@ -129,22 +137,18 @@ def _stacked(rows: list[NDArray[Any]]) -> NDArray[np.floating]:
     return stack_rows([row.astype(np.float32 if exact else np.float64, copy=False) for row in rows])
 
 
-def _reading(
+def _described(
     values: NDArray[np.floating], titles: list[tuple[str, str]], properties: list[Facts], name: str, zone: str
 ) -> Samples:
-    rates = [stated_rate(facts, f"{name}: {title[1]}") for facts, title in zip(properties, titles, strict=True)]
-    stated = sorted({rate for rate in rates if rate is not None})
-    if stated and stated[-1] - stated[0] > 1e-4 * stated[0]:
-        raise ReaderError(
-            "wrong_rate", f"{name}: channels of different rates: {', '.join(f'{r:g}' for r in stated)} Hz"
-        )
+    rates = (stated_rate(facts, f"{name}: {title[1]}") for facts, title in zip(properties, titles, strict=True))
+    rate = common_rate(rates, "channels", name)
     short = [channel for _, channel in titles]
     names = tuple(f"{group}/{channel}" for group, channel in titles)
     return Samples(
         values,
         names=names,
         channels=tuple(short) if len(set(short)) == len(short) else names,
-        rate=nice_rate(stated[0], 1e-9) if stated else None,
+        rate=None if rate is None else nice_rate(rate, 1e-9),
         start=_start(properties, zone),
         units=tuple(known_unit(stated_unit(facts)) for facts in properties),
     )

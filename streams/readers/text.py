@@ -97,7 +97,7 @@ def read_text(
 
 
 def first_line_of(body: bytes, begin: int = 0) -> bytes:
-    """Return the line that begins at a place, without its newline and without a copy of all the rest."""
+    """Return the line that begins at ``begin``, without its newline; the rest of the body is not copied."""
     end = body.find(b"\n", begin)
     return body[begin:] if end < 0 else body[begin:end]
 
@@ -159,7 +159,7 @@ def _parse(
 ) -> NDArray[np.floating]:
     trimmed = body.rstrip(b"\r\n ")
     n_lines = trimmed.count(b"\n") + 1
-    # pandas drops surplus fields without a word where it is asked for some columns only.
+    # pandas silently drops surplus fields where only some columns are read.
     if dialect.separator and trimmed.count(dialect.separator.encode()) != n_lines * (width - 1):
         raise _located(body, name, dialect, width, first_line, "the columns do not agree")
     try:
@@ -196,7 +196,7 @@ def _parse_with_pandas(
 
 
 def _located(body: bytes, name: str, dialect: _Dialect, width: int, first_line: int, reason: str) -> ReaderError:
-    """Find the first line that is not ``width`` numbers; the slow way, taken only once something is wrong."""
+    """Return the error that names the first line that is not ``width`` numbers; slow, for refused files only."""
     lines = body.rstrip(b"\r\n ").split(b"\n")
     broken_off = not body.endswith((b"\n", b"\r"))
     for index, line in enumerate(lines):

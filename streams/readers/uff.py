@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from streams.readers.memory_file import memory_file
-from streams.readers.stated import known_unit, nice_rate, seconds_utc
+from streams.readers.stated import check_lengths, common_rate, known_unit, nice_rate, seconds_utc
+from streams.readers.worker import memory_file
 from streams.samples import ReaderError, Samples, stack_rows
 
 _TIME_RESPONSES = (0, 1)
@@ -55,13 +55,13 @@ def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "
             si = _is_si(file)
     except (ReaderError, MemoryError):
         raise
-    except Exception as error:  # pyuff raises whatever its corrupt input leads it to.
+    except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable universal file ({type(error).__name__})") from error
     if not functions:
         raise ReaderError(
             "wrong_shape", f"{name}: no time response of data set 58 matches {', '.join(patterns) or '*'}"
         )
-    return _reading(functions, si, name, zone)
+    return _described(functions, si, name, zone)
 
 
 def _functions(file: Any, name: str, patterns: Sequence[str]) -> list[Function]:
@@ -109,7 +109,7 @@ def _is_si(file: Any) -> bool:
     return False
 
 
-def _reading(functions: list[Function], si: bool, name: str, zone: str) -> Samples:
+def _described(functions: list[Function], si: bool, name: str, zone: str) -> Samples:
     rows, rates, units, titles, nodes = [], [], [], [], []
     for function in functions:
         promised, values = int(function["num_pts"]), np.asarray(function["data"], dtype=np.float64)
@@ -130,12 +130,8 @@ def _reading(functions: list[Function], si: bool, name: str, zone: str) -> Sampl
         units.append(unit or ("m/s2" if acceleration and si else None))
         titles.append(title)
         nodes.append(_node(function))
-    if len({len(row) for row in rows}) > 1:
-        raise ReaderError(
-            "wrong_shape", f"{name}: functions of different lengths: {', '.join(str(len(r)) for r in rows)}"
-        )
-    if max(rates) - min(rates) > 1e-4 * min(rates):
-        raise ReaderError("wrong_rate", f"{name}: functions of different rates: {min(rates):g} to {max(rates):g} Hz")
+    check_lengths([len(row) for row in rows], [""] * len(rows), "functions", name)
+    common_rate((min(rates), max(rates)), "functions", name, joint=" to ")
     names = tuple(title if title and title != "NONE" and titles.count(title) == 1 else node
                   for title, node in zip(titles, nodes, strict=True))  # fmt: skip
     return Samples(

@@ -15,8 +15,8 @@ _EXACT_IN_FLOAT32 = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "FLOAT", "ALAW", "U
 def read_wav(data: bytes, name: str) -> Samples:
     """Read a WAV or FLAC file.
 
-    Integer samples are given as fractions of full scale, -1 to 1: what full scale means is for the configuration to
-    say (``scale``). Floating samples are given as they stand.
+    Integer samples are given as fractions of full scale, -1 to 1; the configuration states what full scale means
+    (``scale``). Floating samples are given as stored.
 
     Returns:
         Samples of shape (channel, frame), float32 up to 24 bits, else float64, and the rate of the header.
@@ -46,7 +46,7 @@ def read_wav(data: bytes, name: str) -> Samples:
 
 
 def _check_riff(data: bytes, name: str) -> None:
-    """Compare the length of the data chunk with the file: libsndfile shortens what it cannot find without a word."""
+    """Compare the length of the data chunk with the file; libsndfile silently shortens it."""
     if data[:4] != b"RIFF" or data[8:12] != b"WAVE":
         return
     position = 12

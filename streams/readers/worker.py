@@ -13,11 +13,12 @@ import os
 import resource
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
-from streams.readers.memory_file import read_all, write_all
 from streams.samples import MAX_BYTES, ReaderError, Samples
 
 _FIELDS = ("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled")
@@ -62,7 +63,7 @@ def _answer(request: dict[str, Any], input_fd: int, output_fd: int) -> dict[str,
     except RecursionError:
         return {"status": "unreadable", "reason": f"{name}: nested too deeply"}
     except Exception as error:
-        # Parsers of other people raise whatever their corrupt input leads them to.
+        # Third-party parsers raise any exception on corrupt input.
         return {"status": "unreadable", "reason": f"{name}: the reader failed ({type(error).__name__})"}
 
 
@@ -74,3 +75,43 @@ def _written(found: Samples, output_fd: int) -> dict[str, Any]:
     write_all(output_fd, array.reshape(-1).data)
     fields = {field: getattr(found, field) for field in _FIELDS}
     return {"shape": array.shape, "itemsize": array.dtype.itemsize, "stated": fields}
+
+
+def write_all(handle: int, data: bytes | memoryview) -> None:
+    """Make ``data`` the whole content of an open file; OSError where there is no room."""
+    view, place = memoryview(data).cast("B"), 0
+    while place < len(view):
+        place += os.pwrite(handle, view[place:], place)
+    os.ftruncate(handle, len(view))
+
+
+def read_all(handle: int, size: int) -> bytes:
+    """Return the first ``size`` bytes of an open file; EOFError where it is shorter."""
+    data = os.pread(handle, size, 0)
+    while len(data) < size:
+        more = os.pread(handle, size - len(data), len(data))
+        if not more:
+            raise EOFError(f"{len(data)} bytes instead of {size}")
+        data += more
+    return data
+
+
+def read_into(handle: int, target: memoryview) -> None:
+    """Fill ``target`` with the first bytes of an open file; EOFError where it is shorter."""
+    view, place = target.cast("B"), 0
+    while place < len(view):
+        got = os.preadv(handle, [view[place:]], place)
+        if not got:
+            raise EOFError(f"{place} bytes instead of {len(view)}")
+        place += got
+
+
+@contextmanager
+def memory_file(data: bytes) -> Iterator[str]:
+    """Give a path by which this process can open the bytes; nothing is written to disk."""
+    handle = os.memfd_create("recording", os.MFD_CLOEXEC)
+    try:
+        write_all(handle, data)
+        yield f"/proc/self/fd/{handle}"
+    finally:
+        os.close(handle)

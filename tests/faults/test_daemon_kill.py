@@ -146,10 +146,13 @@ def test_a_daemon_that_died_is_said_to_have(tmp_path: Path) -> None:
     assert '"status": "died"' in said.stdout
 
 
-def test_a_folder_without_configurations_is_refused_in_words(tmp_path: Path) -> None:
-    said = call("run", "--config", str(tmp_path))
-    assert said.returncode == 2
-    assert "it holds no *.toml" in said.stderr
+@pytest.mark.parametrize(
+    ("command", "reason"), [("run", "is a folder; run follows one machine"), ("page", "it holds no *.toml")]
+)
+def test_a_folder_without_configurations_is_refused_in_words(tmp_path: Path, command: str, reason: str) -> None:
+    done = call(command, "--config", str(tmp_path))
+    assert done.returncode == 2
+    assert reason in done.stderr
 
 
 def test_the_daemon_loads_no_compiler_no_plotting_and_no_netcdf(tmp_path: Path) -> None:

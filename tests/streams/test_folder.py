@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from streams.block import Block, Rejected
-from streams.folder.listing import left_alone, shown, unshown
+from streams.folder.listing import is_skipped, shown, unshown
 from streams.folder.source import FolderSource
 from streams.spec import SourceError, SourceSpec
 from tests.streams.folders import Rig, csv_bytes, noise, verdicts
@@ -199,7 +199,7 @@ def test_names_are_written_one_to_one() -> None:
         assert unshown(shown(name)) == name
         assert shown(name).isprintable()
         assert shown(name).encode()
-    assert left_alone("x.tdms_index")
+    assert is_skipped("x.tdms_index")
 
 
 def test_a_folder_that_vanishes_and_comes_back(rig: Rig) -> None:
