@@ -60,14 +60,11 @@ class Block:
 
 @dataclass(frozen=True)
 class Rejected:
-    """The place of a block that could not be made, and the reason; it is counted and stored like a block.
+    """The place of a block that could not be made; counted and stored like a block.
 
-    Attributes:
-        sequence: 1-based number that the block would have had.
-        name: the file or part of it.
-        status: a rejection status of the interface (``unreadable``, ``wrong_shape``, ``nan``, ...).
-        reason: one sentence: what was expected and what was found.
-        content_hash: digest of the raw bytes where they could be read, else "".
+    ``sequence`` is the number that the block would have had, ``name`` the file or part of it, ``status`` a rejection
+    status of the interface (``unreadable``, ``nan``, ...), ``reason`` one sentence of what was expected and found,
+    ``content_hash`` the digest of the raw bytes where they could be read, else "".
     """
 
     source: str
@@ -84,14 +81,11 @@ def to_si(
     scale: float = 1.0,
     sensitivity_mv_per_g: float | None = None,
 ) -> tuple[NDArray[np.floating], str]:
-    """Convert samples of any shape to m/s2 where their unit is known; the precision is kept.
+    """Return samples of any shape in m/s2, in their precision, and "m/s2"; of unit "unknown" scaled, and "unknown".
 
     Args:
         scale: factor from the stored numbers to ``unit``.
         sensitivity_mv_per_g: of the sensor, for "V".
-
-    Returns:
-        The samples and "m/s2"; for "unknown" the scaled samples and "unknown".
 
     Raises:
         ValueError: the unit is none of "g", "m/s2", "V", "unknown", or "V" comes without a sensitivity.

@@ -12,7 +12,7 @@ import re
 import stat
 import tarfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Literal, Protocol
@@ -72,10 +72,10 @@ class Folder:
 
     sequential = False
 
-    def __init__(self, root: Path, only: str | None = None) -> None:
-        """Take the files below ``root``, or the one called ``only`` in it."""
+    def __init__(self, root: Path, only: Sequence[str] | None = None, several: bool = True) -> None:
+        """Take the files below ``root``, or ``only`` those of some paths; ``several``: there may be more than one."""
         self.root = root.resolve()
-        self.several = only is None
+        self.several = several
         self._only = only
 
     def __iter__(self) -> Iterator[Item]:
@@ -83,9 +83,9 @@ class Folder:
         for path in self._paths():
             yield Item(path, lambda path=path: read_guarded(self.root, path))
 
-    def _paths(self) -> list[str]:
+    def _paths(self) -> Sequence[str]:
         if self._only is not None:
-            return [self._only]
+            return self._only
         found: list[str] = []
         # A linked folder is not entered; a linked file is refused when it is read.
         for folder, folders, names in os.walk(self.root, followlinks=False):
@@ -262,15 +262,11 @@ def check_readable(folder: Path, where: str) -> None:
 
 
 def open_files(name: str, path: str, must_be_folder: bool = False) -> Files:
-    """Return the files of a path: a file, a folder or a tar archive.
-
-    Args:
-        name: of the source, for messages.
-        must_be_folder: whether only a folder is accepted.
+    """Return the files of a path: a file, a folder or a tar archive; ``name`` is that of the source.
 
     Raises:
-        SourceError: there is no such path, it is neither a regular file nor a folder, or a folder that may not be
-            read.
+        SourceError: there is no such path, it is neither a regular file nor a folder (or no folder although it must be
+            one), or a folder that may not be read.
     """
     where = f"[[source]] {name}: url"
     try:
@@ -291,4 +287,4 @@ def open_files(name: str, path: str, must_be_folder: bool = False) -> Files:
         return Archive(place)
     # The configuration names this very file, so a link is followed; the link's own name is kept.
     real = place.resolve()
-    return Folder(real.parent, real.name)
+    return Folder(real.parent, [real.name], several=False)

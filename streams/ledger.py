@@ -18,10 +18,8 @@ class FileProgress:
 
     Attributes:
         path: below the folder, as :func:`streams.folder.listing.shown` writes it.
-        size: in bytes when it was read; likewise ``mtime_ns`` and ``inode``.
         head_hash: digest of its first ``HEAD_BYTES``, by which candidates for the same file are found.
-        content_hash: digest of its first ``read_bytes`` bytes, by which a grown file is distinguished from another.
-        read_bytes: number of bytes of which the samples were taken.
+        content_hash: digest of its first ``read_bytes`` bytes, of which the samples were taken.
         samples: number of its samples, from the first on, in committed blocks or in a rejection.
         verdict: "pending" while samples of it wait, "accepted", or a rejection status of the interface.
     """

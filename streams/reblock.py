@@ -23,10 +23,8 @@ _TIME_TOLERANCE_S = 1e-3
 class Cut:
     """A block that was cut, or what is left over before a gap.
 
-    Attributes:
-        samples: with origin, offset, speed and load of the first piece.
-        used: of each origin in order, the index behind its last used sample.
-        missing: number of samples short of a block, 0 where it is one.
+    ``samples`` have origin, offset, speed and load of the first piece; ``used`` has for each origin, in order, the
+    index behind its last used sample; ``missing`` is the number of samples short of a block, 0 where it is one.
     """
 
     samples: Samples

@@ -53,11 +53,9 @@ def data_set_named(name: str) -> DataSet | None:
 
 
 def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
-    """Return the description of the files of a plain format, one of FORMATS.
+    """Return the description of the files of a plain format, one of FORMATS, with some endings (none: all files).
 
-    Args:
-        spec: the keys of its channels select the variables of the files.
-        endings: of the files meant; none: all files.
+    The keys of the configured channels select the variables of a file.
 
     Raises:
         SourceError: the format needs a library that is not installed.
@@ -94,10 +92,7 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
 
 
 def data_set_of(spec: SourceSpec, files: Files, kind: str) -> DataSet:
-    """Return the data set or plain format of a recording; its reader applies side-cars.
-
-    Args:
-        kind: name of a data set or of a format, or "auto".
+    """Return the data set or plain format of a recording, by name or "auto"; its reader applies side-cars.
 
     Raises:
         SourceError: the name is not known, nothing is recognised, or a library is missing.

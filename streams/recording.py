@@ -231,15 +231,9 @@ def _one_run(paths: Iterable[str], name: str, data_set: DataSet) -> list[str]:
 
 
 def open_recording(spec: SourceSpec, path: str, kind: str, must_be_folder: bool = False) -> Recording:
-    """Open a recording.
+    """Open a recording: a file, a folder or a tar archive.
 
-    Args:
-        path: a file, a folder or a tar archive.
-        kind: name of a data set or of a format, or "auto": recognised by its files.
-        must_be_folder: whether only a folder is accepted.
-
-    Raises:
-        SourceError: as :func:`streams.open.open_source`.
+    ``kind`` is the name of a data set or format, or "auto". SourceError as for :func:`streams.open.open_source`.
     """
     files = open_files(spec.name, path, must_be_folder)
     return Recording(spec, files, data_set_of(spec, files, kind))

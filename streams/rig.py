@@ -113,13 +113,11 @@ class SimulatedRig:
         speed: float = 40.0,
         nominal: Rig | None = None,
     ) -> None:
-        """Draw the life of a bearing.
+        """Draw the life of a bearing; load in N, shaft speed in Hz.
 
         Args:
             healthy_blocks: blocks before the damage begins.
             blocks: blocks in all, None: until V_eq is 1.3 times the threshold.
-            load: radial, N.
-            speed: of the shaft, Hz.
             nominal: rig parameters from which the true ones deviate.
         """
         rng = np.random.default_rng([seed, 1])

@@ -44,14 +44,11 @@ class Delivery:
 
 @dataclass(frozen=True)
 class Backlog:
-    """Counts of a live source; offered = accepted + rejected + pending at any moment.
+    """Counts of a live source in items (files of a folder, frames of a stream).
 
-    Attributes:
-        offered: items seen: files of a folder, frames of a stream.
-        accepted: items whose samples are all in committed blocks.
-        rejected: items refused, each with a reason in the ledger.
-        pending: items that wait, delivered but unacknowledged ones among them.
-        oldest_age_s: seconds since the oldest pending item was first seen, 0 where none is pending.
+    At any moment offered = accepted + rejected + pending: those whose samples are all in committed blocks, those
+    refused with a reason in the ledger, and those that wait, delivered but unacknowledged ones among them.
+    ``oldest_age_s`` counts from when the oldest pending item was first seen, 0 where none is pending.
     """
 
     offered: int

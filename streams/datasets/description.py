@@ -18,14 +18,8 @@ POUND_FORCE = 4.4482216152605
 class FileFacts:
     """What the name of a file, or of its folder, states; None where it does not.
 
-    Attributes:
-        order: key that sorts the files by acquisition.
-        number: 1-based number of the file in its run, None where the names do not count.
-        elapsed: seconds from the first sample of the run.
-        start: seconds since 1970 UTC of the first sample.
-        rate: by the data set for this file, Hz.
-        speed: of the shaft, Hz.
-        load: radial, N.
+    ``order`` sorts the files by acquisition, ``number`` is the 1-based number of the file in its run, ``elapsed`` in s
+    counts from the first sample of the run. Start in s since 1970 UTC, rate and shaft speed in Hz, radial load in N.
     """
 
     order: tuple[object, ...]

@@ -9,12 +9,10 @@ import logging
 import stat
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol
 
 from streams.datasets.description import DataSet
-from streams.files import Item, check_readable, natural_key, read_guarded
+from streams.files import Folder, check_readable, natural_key
 from streams.folder.intake import Intake
 from streams.folder.listing import is_skipped, list_files, stat_file
 from streams.folder.register import MAX_INCOMPLETE_S, Order, Register
@@ -32,23 +30,11 @@ _OVERFLOW_SHOWN_S = 60.0
 """Time for which lost events are shown as a problem."""
 
 
-class Clock(Protocol):
-    """Source of time; tests set their own."""
+class Clock:
+    """The clock of the machine; tests set their own."""
 
     def monotonic(self) -> float:
-        """Return seconds that never go back."""
-        ...
-
-    def wait(self, event: threading.Event, seconds: float) -> None:
-        """Wait until an event is set, at most ``seconds``."""
-        ...
-
-
-class SystemClock:
-    """The clock of the machine."""
-
-    def monotonic(self) -> float:
-        """Return seconds that never go back."""
+        """Return seconds that never decrease."""
         return time.monotonic()
 
     def wait(self, event: threading.Event, seconds: float) -> None:
@@ -71,7 +57,7 @@ class FolderSource(LiveSource):
         self._spec = spec
         self._root = Path(root).expanduser()
         self._real = self._root
-        self._clock = clock or SystemClock()
+        self._clock = clock or Clock()
         self._loader: Loader | None = None
         self._intake: Intake | None = None
         self._wake = threading.Event()
@@ -104,7 +90,7 @@ class FolderSource(LiveSource):
             # The scan reports it as a problem.
             self._real = self._root.absolute()
         if self._spec.format.strip().lower() != "auto":
-            self._load_as(data_set_of(self._spec, _Sample(self._real, ()), self._spec.format))
+            self._load_as(data_set_of(self._spec, Folder(self._real, ()), self._spec.format))
         self._ledger = ledger
         self._intake = None
         now = self._clock.monotonic()
@@ -227,7 +213,7 @@ class FolderSource(LiveSource):
         if not tried:
             return False
         try:
-            self._load_as(data_set_of(self._spec, _Sample(self._real, tuple(tried)), "auto"))
+            self._load_as(data_set_of(self._spec, Folder(self._real, tried), "auto"))
         except SourceError as error:
             self._unknown = str(error)
             return False
@@ -242,18 +228,3 @@ class FolderSource(LiveSource):
         if self._intake is None and self._loader is not None and self._ledger is not None:
             self._intake = Intake(self._spec, self._loader, self._ledger, self._register)
         return self._intake is not None and self._intake.advance(now)
-
-
-class _Sample:
-    """A few files of a folder, for recognition."""
-
-    sequential = False
-    several = True
-
-    def __init__(self, root: Path, paths: tuple[str, ...]) -> None:
-        self.root = root
-        self._paths = paths
-
-    def __iter__(self) -> Iterator[Item]:
-        for path in self._paths:
-            yield Item(path, lambda path=path: read_guarded(self.root, path))

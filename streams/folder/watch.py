@@ -30,8 +30,6 @@ class Watch:
         self._finished: set[str] = set()
         self._observer: Any = None
         self._root = ""
-        self.lost = 0
-        """Number of names beyond ``_MAX_NAMES``."""
         self.overflows = 0
         """How often the kernel dropped events."""
 
@@ -85,8 +83,6 @@ class Watch:
             with self._lock:
                 if len(self._finished) < _MAX_NAMES:
                     self._finished.add(os.path.relpath(path, self._root))
-                else:
-                    self.lost += 1
         self._wake()
 
     def note_overflow(self) -> None:

@@ -29,11 +29,8 @@ _LOG = logging.getLogger(__name__)
 class Ticket:
     """State of a delivery until it is acknowledged.
 
-    Attributes:
-        size: bytes of its frame.
-        since: when it was received, s.
-        token: of the transport, for the acknowledgement; replaced when the frame is received again.
-        out_of_order: whether a higher number was received before, so that the ledger may have this one.
+    ``size`` in bytes and receipt time ``since`` are those of its frame; ``token`` is of the transport, replaced when
+    the frame is received again; ``out_of_order``: a higher number was received before, so the ledger may have this one.
     """
 
     stream: str

@@ -51,11 +51,8 @@ class Link(Protocol):
 class SendResult:
     """Result of sending a recording.
 
-    Attributes:
-        sent: frames sent, repetitions not counted.
-        acknowledged: number of the last committed block.
-        skipped: blocks that were committed before.
-        rejected: blocks of the recording that could not be made, and so were not sent.
+    ``sent`` frames without repetitions, ``acknowledged`` the number of the last committed block, ``skipped`` blocks
+    that were committed before, ``rejected`` blocks of the recording that could not be made.
     """
 
     sent: int

@@ -16,9 +16,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -55,13 +55,9 @@ _ENVIRONMENT = {
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of one child.
+    """Limits of one child: address space in bytes; whole seconds of processor time and seconds of time for one file.
 
-    Attributes:
-        memory: address space in bytes.
-        cpu_s: processor time for one file, whole seconds.
-        wall_s: time for one file in s.
-        files: number of files after which the child is replaced.
+    After ``files`` files the child is replaced.
     """
 
     memory: int = 4 << 30
@@ -70,7 +66,7 @@ class Limits:
     files: int = 1000
 
 
-class ReaderProcess:
+class ReaderProcess(AbstractContextManager["ReaderProcess"]):
     """A child process that parses files, one at a time; started at the first call.
 
     Calls from several threads take turns.
@@ -95,10 +91,7 @@ class ReaderProcess:
 
         Args:
             function: a function of a module, called with ``data``, ``name`` and the arguments.
-            arguments: values that JSON can represent.
-
-        Returns:
-            What the function returns: Samples, or a value as decoded from JSON.
+            arguments: values that JSON can represent; so is the result, unless it is Samples.
 
         Raises:
             ReaderError: as the reader; ``unreadable`` for its other exceptions; ``reader_crashed`` where the child died
@@ -143,13 +136,7 @@ class ReaderProcess:
         finally:
             self._lock.release()
 
-    def __enter__(self) -> Self:
-        """Return the process itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close it."""
         self.close()
 

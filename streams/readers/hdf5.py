@@ -40,13 +40,10 @@ _MAX_LISTED = 400
 
 @dataclass(frozen=True)
 class Found:
-    """A data set that was found in a file.
+    """A data set that was found in a file, an h5py object, under its path from the groups.
 
-    Attributes:
-        path: names of the groups and its own, joined by the separator.
-        dataset: the h5py object.
-        facts: attributes of the file, the groups on the way and the data set itself, the nearest winning.
-        own: attributes of the data set alone.
+    ``facts`` are the attributes of the file, the groups on the way and the data set, the nearest winning; ``own`` those
+    of the data set alone.
     """
 
     path: str
@@ -60,19 +57,17 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
 
     Rate, unit and time of the first sample are taken from the attributes of the data set, else of the groups that hold
     it, else of the file: ``rate_hz``, ``sampling_rate``, ``fs``, ``dt`` and the like; ``unit``, ``units``;
-    ``start_utc``, ``start_time`` and the like.
+    ``start_utc``, ``start_time`` and the like. Each vector gives a row, a matrix one for each vector of it, named
+    ``PATH_1`` and so on.
 
     Args:
         patterns: of the paths of the wanted data sets, such as ``run1/acc*``; none: all.
         zone: IANA name of the time zone of stamps that name none.
 
-    Returns:
-        A row for each vector; a matrix gives a row for each vector of it, named ``PATH_1`` and so on.
-
     Raises:
         ReaderError: ``empty``; ``refused`` for links, external storage, virtual data sets and claims above
-            ``MAX_BYTES``; ``incomplete`` where the file breaks off or samples were never written; ``wrong_shape`` where
-            nothing matches or lengths differ; ``wrong_rate`` where rates differ; ``unreadable``.
+            ``MAX_BYTES``; ``incomplete`` where the file breaks off or samples were never written; ``wrong_shape``
+            where nothing matches or lengths differ; ``wrong_rate`` where rates differ; ``unreadable``.
     """
     with open_hdf5(data, name) as file:
         found = list(walk(file, name, patterns))

@@ -29,18 +29,10 @@ _MAX_SIDECAR_BYTES = 1 << 16
 
 @dataclass(frozen=True)
 class SideCar:
-    """The content of a side-car; a field is None where it is not stated.
+    """The content of a side-car, None where it states nothing.
 
-    Attributes:
-        path: of the side-car below the root, for messages.
-        rate: Hz.
-        start: seconds since 1970 UTC of the first sample.
-        unit: of every row.
-        scale: factor from the stored numbers to the unit.
-        sensitivity_mv_per_g: of the sensor, for rows in V, which then are given in g.
-        speed: of the shaft, Hz.
-        load: radial, N.
-        channels: names of the rows.
+    Rate and shaft speed are in Hz, the start of the first sample in s since 1970 UTC, the load in N. ``scale`` is the
+    factor from the stored numbers to the unit; with a sensitivity rows in V are given in g.
     """
 
     path: str
@@ -55,12 +47,9 @@ class SideCar:
 
 
 def find_sidecar(root: Path, path: str, zone: str = "UTC") -> SideCar | None:
-    """Return the side-car of a file, None where there is none.
+    """Return the side-car of the file at ``path`` below the resolved folder ``root``, None where there is none.
 
-    Args:
-        root: the resolved folder of the recording.
-        path: of the file below it.
-        zone: IANA name of the zone of a ``start_utc`` that names none.
+    ``zone`` is the IANA name of the zone of a ``start_utc`` that names none.
 
     Raises:
         ReaderError: ``unreadable`` where it is no valid side-car, naming the key; ``refused`` as for any file.

@@ -52,10 +52,7 @@ def known_unit(text: object) -> str | None:
 
 
 def stated_rate(facts: Facts, where: str) -> float | None:
-    """Return the sampling rate in Hz among named values, None where no known name occurs.
-
-    Args:
-        facts: the values under their :func:`plain_key`.
+    """Return the sampling rate in Hz among values under their :func:`plain_key`, None where no known name occurs.
 
     Raises:
         ReaderError: ``wrong_rate`` where a value is no positive number or two of them differ.

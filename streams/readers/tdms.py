@@ -16,7 +16,6 @@ from streams.readers.stated import (
     check_lengths,
     common_rate,
     known_unit,
-    nice_rate,
     plain_key,
     seconds_utc,
     stated_rate,
@@ -70,8 +69,18 @@ def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
     for row, length, title in zip(rows, lengths, titles, strict=True):
         if len(row) != length:
             raise ReaderError("incomplete", f"{name}: channel {title[1]}: {length} samples promised, {len(row)} there")
-    check_lengths(lengths, [title[1] for title in titles], "channels", name)
-    return _described(_stacked(rows), titles, properties, name, zone)
+    short = [title for _, title in titles]
+    check_lengths(lengths, short, "channels", name)
+    rates = (stated_rate(facts, f"{name}: {title}") for facts, title in zip(properties, short, strict=True))
+    names = tuple(f"{group}/{title}" for group, title in titles)
+    return Samples(
+        _stacked(rows),
+        names=names,
+        channels=tuple(short) if len(set(short)) == len(short) else names,
+        rate=common_rate(rates, "channels", name),
+        start=_start(properties, zone),
+        units=tuple(known_unit(stated_unit(facts)) for facts in properties),
+    )
 
 
 def _nptdms() -> Any:
@@ -135,23 +144,6 @@ def _properties(channel: Any) -> Facts:
 def _stacked(rows: list[NDArray[Any]]) -> NDArray[np.floating]:
     exact = all(row.dtype.itemsize <= (4 if row.dtype.kind == "f" else 2) for row in rows)
     return stack_rows([row.astype(np.float32 if exact else np.float64, copy=False) for row in rows])
-
-
-def _described(
-    values: NDArray[np.floating], titles: list[tuple[str, str]], properties: list[Facts], name: str, zone: str
-) -> Samples:
-    rates = (stated_rate(facts, f"{name}: {title[1]}") for facts, title in zip(properties, titles, strict=True))
-    rate = common_rate(rates, "channels", name)
-    short = [channel for _, channel in titles]
-    names = tuple(f"{group}/{channel}" for group, channel in titles)
-    return Samples(
-        values,
-        names=names,
-        channels=tuple(short) if len(set(short)) == len(short) else names,
-        rate=None if rate is None else nice_rate(rate, 1e-9),
-        start=_start(properties, zone),
-        units=tuple(known_unit(stated_unit(facts)) for facts in properties),
-    )
 
 
 def _start(properties: list[Facts], zone: str) -> float | None:

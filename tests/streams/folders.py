@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.block import Block, Rejected
-from streams.folder.source import FolderSource
+from streams.folder.source import Clock, FolderSource
 from streams.spec import ChannelSpec, SourceSpec
 from tests.memory_ledger import MemoryLedger
 
@@ -19,7 +19,7 @@ RATE = 1000.0
 CHANNELS = (ChannelSpec("x", column=1, unit="g"),)
 
 
-class SetClock:
+class SetClock(Clock):
     """A clock that passes only while somebody waits."""
 
     def __init__(self) -> None:
