@@ -14,7 +14,7 @@ from itertools import groupby
 from pathlib import Path
 
 from benchmarks.common import Row, print_table, write_json
-from models.published.catalogue import published_figures
+from models.published import published_figures
 from models.published.figure import Figure, worst
 
 MARKS = ("<!-- table of benchmarks.published -->\n", "<!-- end of the table -->\n")

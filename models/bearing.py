@@ -15,13 +15,9 @@ class Bearing:
     """Geometry of a rolling bearing, SI units and radians.
 
     Attributes:
-        designation: name by the manufacturer.
         n_elements: rolling elements in one row.
         element_diameter: diameter of a rolling element, m.
         pitch_diameter: diameter of the circle through the element centres, m.
-        contact_angle: contact angle, rad.
-        rows: number of rows.
-        element: "ball" or "roller".
         rotating_ring: the ring that turns with the shaft.
         outer_race_radius: r_o, radius of the outer race at the contact, m, or None where unknown.
         inner_race_radius: r_i, radius of the inner race at the contact, m, or None where unknown.
@@ -29,7 +25,6 @@ class Bearing:
         outer_groove_radius: the same of the outer race, m, or None; of a self-aligning race the sphere radius.
         effective_length: length of the line contact of a roller, m, or None.
         dynamic_load_rating: basic dynamic load rating C_r, N, or None.
-        source: origin of the figures.
     """
 
     designation: str

@@ -1,8 +1,8 @@
 """Hertzian contact of rolling bearings: stiffness and size of contacts, static equilibrium, bearing stiffness, life.
 
 Contact law throughout: f = k_c * delta**n with n = 1.5 for balls and 10/9 for rollers, delta the approach of both rings
-along the element (both contacts in series). Angles are measured from the load direction; axis 1 of every pair and
-matrix lies along the load, axis 2 across it, so that the loaded zone is around angle zero.
+along the element (both contacts in series). SI units and radians. Angles are measured from the load direction; axis 1
+of every pair and matrix lies along the load, axis 2 across it, so that the loaded zone is around angle zero.
 """
 
 from __future__ import annotations
@@ -109,8 +109,6 @@ def point_contact_stiffness(
     Args:
         r_rolling: relative radius of curvature in the rolling direction, m (Eq. 6).
         r_across: relative radius across it, m (Eq. 7).
-        material: elastic constants.
-        method: see contact_shape.
 
     Source: thesis, Eqs. 5, 8-10 and 17 with two misprints mended: xi belongs inside the bracket,
     k = pi kappa E' sqrt(eps r_eq / (4.5 xi^3)), and E' is twice the E_eq of Eq. 3.
@@ -153,11 +151,6 @@ def in_series(k_inner: float, k_outer: float, exponent: float) -> float:
 def contact_stiffness(bearing: Bearing, material: Material = _STEEL, method: Method = "simplified") -> float:
     """Return k_c of one element between both rings from the geometry, N/m^1.5 (balls) or N/m^(10/9) (rollers).
 
-    Args:
-        bearing: its geometry.
-        material: elastic constants (of balls; Palmgren's line contact is that of steel).
-        method: see contact_shape; without meaning for rollers.
-
     Raises:
         ValueError: if a radius that the contact needs is unknown or does not conform; the message names it.
     """
@@ -187,12 +180,7 @@ def relative_radii(bearing: Bearing) -> tuple[tuple[float, float], tuple[float, 
 def contact_patches(
     bearing: Bearing, force: float, material: Material = _STEEL
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return half the length (across the rolling direction) and half the width of both contacts of one element, m.
-
-    Args:
-        bearing: its geometry.
-        force: force on the element, N, not negative.
-        material: elastic constants.
+    """Return half the length (across rolling) and half the width, m, of both contacts of one element under a force, N.
 
     Returns:
         (half length, half width) on the inner and on the outer race: a and b of Eqs. 11-12 for balls, half the
@@ -268,8 +256,6 @@ def static_equilibrium(
 
     Args:
         angles: angles of all elements from the load direction, rad, shape (elements,).
-        load: radial load, N, not negative; without load there is no displacement.
-        k_c: contact stiffness, N/m**exponent.
         clearance: radial clearance h of Eq. 20, m, not negative (preload is not modelled); of each element, shape
             (elements,), where a defect lets some sink deeper.
         exponent: n of the contact law.
@@ -345,12 +331,11 @@ def mean_bearing_stiffness(
 def l10h_life(
     dynamic_load_rating: float, load: float, speed: float, element: str = "ball", factor: float = 1.0
 ) -> float:
-    """Return the rating life that 90 % of bearings reach, s (Eq. 1; ISO 281).
+    """Return the rating life that 90 % of bearings reach, s, at a shaft speed in Hz (Eq. 1; ISO 281).
 
     Args:
         dynamic_load_rating: C_r, N.
         load: equivalent dynamic load P, N, positive.
-        speed: rotation speed, Hz, positive.
         element: "ball" (exponent 3) or "roller" (10/3: the 10/9 printed in the thesis is a misprint).
         factor: life factor alpha_l.
 

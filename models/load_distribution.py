@@ -2,7 +2,7 @@
 
 Two descriptions stand side by side: the sum over the elements where they really are (Eqs. 19-25 and 61), and the
 integral that smears them over the ring (Eqs. 13, 26, 27, 30 and 31), which is what catalogues and the thesis' contact
-areas use. Angles are measured from the load direction.
+areas use. SI units and radians; angles are measured from the load direction.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.integrate import quad
 from scipy.optimize import root_scalar
 
 from models.hertz import contact_exponent, contact_forces, element_angles, static_equilibrium
-from models.path.defect import ball_path
+from models.path.defect import ball_path, wrap
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -79,7 +79,6 @@ def load_integral(extent: float, exponent: float) -> float:
 
     Args:
         extent: load factor (1 - h/delta_r) / 2: 0.5 without clearance, less with it; between 0 and 0.5.
-        exponent: n of the contact law.
 
     Raises:
         ValueError: if the extent is not within (0, 0.5].
@@ -96,12 +95,6 @@ def load_integral(extent: float, exponent: float) -> float:
 
 def ring_approach(bearing: Bearing, load: float, k_c: float, clearance: float = 0.0) -> float:
     """Return the radial displacement delta_r of the ring on smeared elements, m (Eq. 31, solved).
-
-    Args:
-        bearing: its geometry; the rows share the load evenly.
-        load: radial load, N, positive.
-        k_c: contact stiffness, N/m**n.
-        clearance: radial clearance h, m, not negative.
 
     Raises:
         ValueError: if the load is not positive, or the clearance negative.
@@ -158,7 +151,7 @@ def load_distribution(
     angles, exponent = element_angles(bearing, cage_angle), contact_exponent(bearing)
     u = static_equilibrium(angles, load, k_c, clearance=clearance, exponent=exponent)
     delta = np.maximum(u[0] * np.cos(angles) + u[1] * np.sin(angles) - clearance, 0.0)
-    return LoadDistribution(_wrap(angles), k_c * delta**exponent, u)
+    return LoadDistribution(wrap(angles), k_c * delta**exponent, u)
 
 
 def stiffness_over_passage(
@@ -175,10 +168,6 @@ def stiffness_over_passage(
     An element over a defect sinks by d(phi), by which its contact loosens: the clearance there is h + d.
 
     Args:
-        bearing: its geometry.
-        load: radial load, N.
-        k_c: contact stiffness, N/m**n.
-        clearance: radial clearance h, m.
         defect: damage of the outer race, or None; of ball bearings only.
         points: cage angles, evenly over one spacing of the elements of a row.
 
@@ -196,7 +185,7 @@ def stiffness_over_passage(
         if path is not None and defect is not None:
             first = defect.first_row * bearing.n_elements
             damaged = slice(first, first + defect.rows * bearing.n_elements)
-            gaps[damaged] += path(_wrap(angles[damaged]))[0]
+            gaps[damaged] += path(wrap(angles[damaged]))[0]
         u = static_equilibrium(angles, load, k_c, clearance=gaps, exponent=exponent)
         matrix[i] = contact_forces(u, angles, k_c, gaps, exponent)[1]
     return StiffnessPassage(cage_angle, matrix)
@@ -232,7 +221,3 @@ def stiffness_against_load(
             displacement[i] += u[0] / points
             stiffness[i] += contact_forces(u, angles, k_c, clearance, exponent)[1] / points
     return displacement, stiffness
-
-
-def _wrap(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    return angles - 2.0 * math.pi * np.round(angles / (2.0 * math.pi))

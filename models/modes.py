@@ -18,7 +18,6 @@ def natural_frequencies(rig: Rig, k_xx: float, k_yy: float) -> NDArray[np.float6
     """Return the six natural frequencies of the undamped linearised rig, Hz, ascending (Eqs. 59 and 60).
 
     Args:
-        rig: masses and stiffnesses.
         k_xx: bearing stiffness across the load, N/m.
         k_yy: bearing stiffness along the load, N/m.
     """

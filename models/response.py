@@ -17,7 +17,7 @@ Status = Literal["converged", "not_periodic", "not_converged"]
 HARMONICS = 6
 # Share of the Nyquist frequency below the transition band of a recorder's anti-alias filter.
 PASSBAND = 0.9
-_SENSORS: dict[str, int] = {"mo": 0, "mr": 1}
+SENSORS: dict[str, int] = {"mo": 0, "mr": 1}
 _CHUNK = 8192
 _PEAK_OVERSAMPLING = 8
 
@@ -29,7 +29,6 @@ class Response:
     Attributes:
         rms: RMS of a_o in ``rms_band``, m/s2 (over several periods where the motion does not repeat).
         peak: largest absolute value of a_o in ``rms_band``, m/s2.
-        rms_resonator: RMS of a_r in ``rms_band``, m/s2.
         peak_resonator: largest absolute value of a_r in ``rms_band``, m/s2.
         bpfo: ball-pass frequency over the outer race, Hz, with which the motion repeats.
         harmonics: single-sided amplitudes of the first six lines k * bpfo of a_o, m/s2, shape (6,).
@@ -37,7 +36,6 @@ class Response:
         period_change: relative change of the full-bandwidth RMS between the last two of them.
         spread: standard deviation of that RMS from period to period, m/s2; zero if the motion repeats, NaN if it
             diverged (then the status is "not_converged").
-        model: name of the model.
         status: "converged", "not_periodic" (a mean and a spread are given) or "not_converged" (unusable).
         rms_band: the band (lo, hi), Hz, to which RMS and peak refer, or None for the full bandwidth.
         coefficients: complex Fourier coefficients c_k of exp(2 pi i k bpfo t), k = 0..K, of a_o and a_r, m/s2, shape
@@ -61,7 +59,7 @@ class Response:
 
     def lines(self, sensor: Sensor = "mo") -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return frequencies, Hz, and single-sided amplitudes, m/s2, of the lines k * bpfo, k = 1..K."""
-        amplitude = 2.0 * np.abs(self.coefficients[_SENSORS[sensor], 1:])
+        amplitude = 2.0 * np.abs(self.coefficients[SENSORS[sensor], 1:])
         return np.arange(1.0, len(amplitude) + 1.0) * self.bpfo, amplitude
 
     def rms_in_band(self, low: float, high: float, sensor: Sensor = "mo") -> float:
@@ -92,11 +90,7 @@ class Response:
         at every sample, whatever the ratio of the rate to the ball period.
 
         Args:
-            rate: sampling rate, Hz.
-            duration: length, s.
             phase: shift of the ball passages, rad: 2 pi is one ball period.
-            sensor: "mo" or "mr".
-            band: keep only lines within (lo, hi), Hz.
 
         Raises:
             ValueError: if rate or duration is not positive and finite, or the band is empty.
@@ -105,7 +99,7 @@ class Response:
             if not (math.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} must be positive and finite, got {value!r}")
         low, high = (0.0, math.inf) if band is None else check_band(band)
-        coefficients = 2.0 * self.coefficients[_SENSORS[sensor]]
+        coefficients = 2.0 * self.coefficients[SENSORS[sensor]]
         frequency = self.bpfo * np.arange(len(coefficients))
         keep = (frequency >= low) & (frequency <= high) & (frequency <= PASSBAND * 0.5 * rate) & (frequency > 0.0)
         coefficients = np.where(keep, coefficients, 0.0)[: int(np.flatnonzero(keep)[-1]) + 1 if keep.any() else 1]

@@ -73,7 +73,6 @@ class Defect:
         dphi_d: angular extent on the damaged part, rad (Eqs. 49-50): about the axis of the race, or about the ball's
             own axis.
         h_d: depth of the floor, m; deeper than the ball can reach is the localised defect of Eq. 51.
-        floor: the bottom of the defect.
         position: angle of the centre, rad, at the beginning: from the load direction (races), or of a ball's spot from
             the contact with the outer race.
         rows: how many rows of the bearing it spans, beginning with ``first_row``.
@@ -150,11 +149,8 @@ class Scene:
     Attributes:
         speed: shaft speed, Hz.
         load: radial load, N.
-        bearing: geometry of the bearing.
-        rig: lumped parameters around it.
         defect: the damage, or None for a healthy bearing.
         clearance: radial clearance h of Eq. 34, m.
-        model: name of the model.
         waviness: roundness errors of the races.
         unbalance: unbalance of the shaft (mass times eccentricity), kg m; at the load direction at time zero.
         gravity: acceleration of gravity that acts on the masses, m/s2.

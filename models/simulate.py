@@ -44,12 +44,10 @@ def simulate(
     """Return the settled vibration of a scene.
 
     Args:
-        scene: the scene.
         tolerance: relative change of the RMS from period to period at which the motion counts as settled.
         accuracy: target of the relative error of the RMS due to the steps (rms over scenes), at least 2e-4, the
             default; coarser ones are faster. benchmarks/six_dof.py measures the actual error.
         steps_per_period: minimum number of steps in a ball period, instead of ``accuracy``.
-        max_periods: limit of simulated periods.
         band: frequencies (lo, hi), Hz, in which RMS and peak are taken; None is the full bandwidth.
         lines_to: frequency up to which the lines of the spectrum are computed, Hz; raised to the end of the band,
             and lowered to 0.4 of the step rate, beyond which the steps do not resolve them.

@@ -23,7 +23,6 @@ class CompiledPart:
     """Time to prepare one part.
 
     Attributes:
-        name: see PARTS.
         elapsed: wall time, imports and loading included, s.
         kernels: processor seconds of the compiler by function, without those of the functions that it calls; empty
             if all were loaded.

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
+from models.dynamics.six_dof import rig_parameters
 from models.hertz import element_angles, static_equilibrium
 from models.kernels import lane_paths as paths
 from models.kernels import lanes as kernels
-from models.kernels import six_dof
 from models.kernels.lanes import LANES
 from models.path.defect import RaceProfile, ball_path, floor_angle, race_radius
 
@@ -109,26 +109,9 @@ def grid_of(bearing: Bearing, rig: Rig, clearance: float, speed: float, steps_pe
         np.asarray((first + number) * (pitch / bearing.rows), dtype=np.float64),
         (first + number) % bearing.rows,
         _half_step(rig, step),
-        _parameters(rig, clearance, omega),
+        rig_parameters(rig, clearance, omega),
         geometry,
     )
-
-
-def _parameters(rig: Rig, clearance: float, omega: float) -> NDArray[np.float64]:
-    parameter = np.zeros(six_dof.PARAMETERS)
-    parameter[six_dof.P_K_C] = rig.k_c
-    parameter[six_dof.P_ALPHA] = rig.alpha_c * rig.m_b
-    parameter[six_dof.P_BETA] = rig.beta_c * rig.k_c
-    parameter[six_dof.P_CLEARANCE] = clearance
-    parameter[six_dof.P_OMEGA] = omega
-    parameter[six_dof.P_INV_M_I] = 1.0 / rig.m_i
-    parameter[six_dof.P_INV_M] = 1.0 / (rig.m_o + rig.m_r)
-    parameter[six_dof.P_INV_M_O] = 1.0 / rig.m_o
-    parameter[six_dof.P_INV_M_R] = 1.0 / rig.m_r
-    parameter[six_dof.P_SHARE_R] = rig.m_r / (rig.m_o + rig.m_r)
-    parameter[six_dof.P_K_R] = rig.k_r
-    parameter[six_dof.P_C_R] = rig.c_r
-    return parameter
 
 
 def _half_step(rig: Rig, step: float) -> NDArray[np.float64]:
@@ -190,7 +173,6 @@ class Group:
     """LANES scenes ready to run; ``run_block`` carries all of them over PERIODS ball periods.
 
     Attributes:
-        grid: what they share.
         wave: accelerations of the last block, shape (steps, 2, LANES), m/s2: outer ring and resonator.
     """
 
@@ -198,9 +180,6 @@ class Group:
         """Begin at the static equilibrium at rest, every ball in its place.
 
         Args:
-            grid: of the condition that the scenes share.
-            scenes: LANES of them.
-            slip: slip of the balls, or None.
             workspace: where the large arrays live; it belongs to one group at a time.
 
         Raises:

@@ -255,7 +255,6 @@ def simulate_lanes(scenes: Sequence[Scene], options: LaneOptions | None = None, 
     Args:
         scenes: at least one; they may differ in load and defect. Scenes of similar extent beside each other are
             fastest, because the kernel's tables span the widest defect of a group.
-        options: how they are simulated.
         workers: processes for the groups of LANES scenes; 0 is one per core. The result is the same
             bit for bit.
 

@@ -123,7 +123,6 @@ def find_orbit(
     """Return the settled motion, starting from the static equilibrium at rest.
 
     Args:
-        period: the map over one period.
         tolerance: relative change of the RMS that counts as none; it must stay below it twice in succession.
         max_periods: periods to simulate at most, at least 2 (fewer than 4 cannot settle).
         steering: approximation of what a small residual of the scaled period map is multiplied by to find the settled
@@ -212,7 +211,6 @@ def period_jacobian(period: PeriodMap, size: float = 1e-2) -> NDArray[np.float64
     """Return the Jacobian of the scaled period map minus identity at the equilibrium, by differences, (12, 12).
 
     Args:
-        period: the map.
         size: size of the differences in scaled coordinates; small against the static approach of the contacts.
     """
     scale, wave = SCALE, period.new_wave()

@@ -56,7 +56,6 @@ def simulate_row(
     Args:
         scene: bearing, rig, operating point, and the defect but for its extent.
         extents: angular extents, rad, shape (extents,).
-        steps_per_period: steps a ball period is to have at least.
         tolerance: relative change of the RMS from period to period that counts as none.
         band: frequencies (lo, hi), Hz, in which the RMS is taken; None is the full bandwidth.
 

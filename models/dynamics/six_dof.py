@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.bearing import Bearing
-    from models.scene import Defect, Scene
+    from models.scene import Defect, Rig, Scene
 
 # Longest step, s, and fewest steps a period with a relative error of the RMS below the key (rms over
 # scenes); benchmarks/six_dof.py prints the actual error. The default is the finest.
@@ -55,6 +55,7 @@ class BallPeriod:
 
     duration: float
     steps: int
+    parameter: NDArray[np.float64]
     first: NDArray[np.int64]
     flow: NDArray[np.float64]
     part: NDArray[np.float64]
@@ -65,35 +66,17 @@ class BallPeriod:
     near: int
     depth: NDArray[np.float64]
     rate: NDArray[np.float64]
-    parameter: NDArray[np.float64]
     time: NDArray[np.float64]
     weight: NDArray[np.float64]
 
     def run(self, state: NDArray[np.float64], wave: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
         """Return the state (2, 6) after one period and the kernel's status; write accelerations into ``wave``.
 
-        Args:
-            state: deviation from the static equilibrium at the start, shape (2, 6), m and m/s.
-            wave: shape (steps + segments, 2), written: acceleration of m_o and m_r along the load, m/s2.
+        ``state`` is the deviation from the static equilibrium at the start, m and m/s; ``wave``, shape
+        (steps + segments, 2), takes the acceleration of m_o and m_r along the load, m/s2.
         """
         after = np.empty((2, 6))
-        status = kernels.ball_period(
-            state,
-            after,
-            wave,
-            self.first,
-            self.flow,
-            self.part,
-            self.turn,
-            self.advance,
-            self.damaged,
-            self.plain,
-            self.near,
-            self.depth,
-            self.rate,
-            self.parameter,
-        )
-        return after, status
+        return after, kernels.ball_period(state, after, wave, *self._arguments())
 
     def settle(
         self,
@@ -118,10 +101,12 @@ class BallPeriod:
             State at the start of the last period, periods, relative change and value of the RMS, whether it settled.
         """
         last = np.empty((2, 6))
-        return last, *settle(
-            state,
-            last,
-            wave,
+        found = settle(state, last, wave, *self._arguments(), self.weight, scale, steering, tolerance, cap)
+        return last, *found
+
+    def _arguments(self) -> tuple[Any, ...]:
+        """Return the arguments that both kernels share, in their order."""
+        return (
             self.first,
             self.flow,
             self.part,
@@ -133,11 +118,6 @@ class BallPeriod:
             self.depth,
             self.rate,
             self.parameter,
-            self.weight,
-            scale,
-            steering,
-            tolerance,
-            cap,
         )
 
     def new_wave(self) -> NDArray[np.float64]:
@@ -186,7 +166,6 @@ def steps_for(scene: Scene, accuracy: float | None = None) -> int:
     """Return the default number of steps per ball period of a scene.
 
     Args:
-        scene: what is modelled.
         accuracy: target of the relative error of the RMS (rms over scenes), at least 2e-4, the default.
 
     Raises:
@@ -203,10 +182,8 @@ def prepare(scene: Scene, steps_per_period: int | None = None, accuracy: float |
     """Return one ball period of a scene.
 
     Args:
-        scene: what is modelled.
         steps_per_period: steps a ball period is to have at least (a few more, because steps end on kinks); by default
             so many as ``accuracy`` asks for.
-        accuracy: see ``steps_for``.
 
     Raises:
         ValueError: if the scene is outside the model, steps_per_period is less than 8, or accuracy too fine.
@@ -218,7 +195,7 @@ def prepare(scene: Scene, steps_per_period: int | None = None, accuracy: float |
     check_steps(steps_per_period)
     point = operating_point(replace(scene, defect=None))
     path, profile = defect_arrays(scene.bearing, scene.defect)
-    first, flow, part, turn, advance, damaged, plain, near, depth, rate, time, weight = set_up(
+    found = set_up(
         path,
         profile,
         point.positions,
@@ -229,23 +206,7 @@ def prepare(scene: Scene, steps_per_period: int | None = None, accuracy: float |
         point.omega,
         point.linear,
     )
-    return BallPeriod(
-        duration=1.0 / bpfo,
-        steps=len(turn),
-        first=first,
-        flow=flow,
-        part=part,
-        turn=turn,
-        advance=advance,
-        damaged=damaged,
-        plain=plain,
-        near=near,
-        depth=depth,
-        rate=rate,
-        parameter=point.parameter,
-        time=time,
-        weight=weight,
-    )
+    return BallPeriod(1.0 / bpfo, len(found[3]), point.parameter, *found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,15 +282,20 @@ def _equilibrium(scene: Scene) -> NDArray[np.float64]:
 
 def _parameters(scene: Scene, omega: float) -> NDArray[np.float64]:
     """Return the kernel's ``parameter`` array."""
-    rig = scene.rig
-    u = _equilibrium(scene)
+    parameter = rig_parameters(scene.rig, scene.clearance, omega)
+    parameter[kernels.P_LOAD] = scene.load
+    parameter[kernels.P_U_1], parameter[kernels.P_U_2] = _equilibrium(scene)
+    return parameter
+
+
+def rig_parameters(rig: Rig, clearance: float, omega: float) -> NDArray[np.float64]:
+    """Return the kernel's ``parameter`` array without load and equilibrium; ``omega`` is that of the cage, rad/s."""
     parameter = np.zeros(kernels.PARAMETERS)
     parameter[kernels.P_K_C] = rig.k_c
     parameter[kernels.P_ALPHA] = rig.alpha_c * rig.m_b
     parameter[kernels.P_BETA] = rig.beta_c * rig.k_c
-    parameter[kernels.P_CLEARANCE] = scene.clearance
+    parameter[kernels.P_CLEARANCE] = clearance
     parameter[kernels.P_OMEGA] = omega
-    parameter[kernels.P_LOAD] = scene.load
     parameter[kernels.P_INV_M_I] = 1.0 / rig.m_i
     parameter[kernels.P_INV_M] = 1.0 / (rig.m_o + rig.m_r)
     parameter[kernels.P_INV_M_O] = 1.0 / rig.m_o
@@ -337,6 +303,4 @@ def _parameters(scene: Scene, omega: float) -> NDArray[np.float64]:
     parameter[kernels.P_SHARE_R] = rig.m_r / (rig.m_o + rig.m_r)
     parameter[kernels.P_K_R] = rig.k_r
     parameter[kernels.P_C_R] = rig.c_r
-    parameter[kernels.P_U_1] = u[0]
-    parameter[kernels.P_U_2] = u[1]
     return parameter

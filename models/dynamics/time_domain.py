@@ -1,4 +1,4 @@
-"""The six-degree-of-freedom model over a stretch of time, for scenes whose motion has no ball period.
+"""The six-degree-of-freedom model simulated over time, for scenes whose motion has no ball period.
 
 Defects that turn (inner race, ball), a force that turns (unbalance) and balls that slip have no common period; they are
 simulated from rest at the static equilibrium, the beginning is dropped, and what remains is averaged with its standard
@@ -24,7 +24,7 @@ from models.bearing import kinematics
 from models.dynamics.six_dof import check_scene
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
-from models.response import PASSBAND, Status, check_band
+from models.response import PASSBAND, SENSORS, Status, check_band
 from models.scene import Scene
 
 if TYPE_CHECKING:
@@ -46,12 +46,11 @@ _SAME_LEVEL = 3e-3
 _SAME_PERIOD = 2e-2
 # A smaller vibration counts as zero, m/s2.
 SILENCE = 1e-9
-_SENSORS: dict[str, int] = {"mo": 0, "mr": 1}
 
 
 @dataclass(frozen=True, eq=False)
 class TimeResponse:
-    """What a scene sounded like over a stretch of time. SI units; sensor "mo" is the casing, "mr" the resonator.
+    """The vibration of a scene over time. SI units; sensor "mo" is the casing, "mr" the resonator.
 
     Attributes:
         rate: sampling rate of ``acceleration``, Hz.
@@ -65,9 +64,6 @@ class TimeResponse:
         peak_resonator: largest absolute value of a_r, m/s2.
         blocks: number of blocks: turns of the shaft, of the cage for a damaged ball, or ball passages where nothing but
             them drives the motion; 4 parts where fewer would fit.
-        kinematics: the kinematic frequencies.
-        step: step of the integration, s.
-        model: name of the model.
         status: "converged" (the motion repeats with the ball passage), "not_periodic" (it does not; mean and spread are
             given) or "not_converged" (the level still drifts, or left the finite numbers: do not use).
     """
@@ -97,7 +93,7 @@ class TimeResponse:
             raise ValueError(
                 f"the band ends at {high!r} Hz, the signal is flat up to {PASSBAND * 0.5 * self.rate:g} Hz"
             )
-        signal = self.acceleration[_SENSORS[sensor]]
+        signal = self.acceleration[SENSORS[sensor]]
         spectrum = np.fft.rfft(signal)
         frequency = np.fft.rfftfreq(len(signal), 1.0 / self.rate)
         inside = np.fft.irfft(np.where((frequency >= low) & (frequency <= high), spectrum, 0.0), len(signal))
@@ -105,7 +101,7 @@ class TimeResponse:
 
     def line(self, frequency: float, sensor: Sensor = "mo") -> float:
         """Return the single-sided amplitude at one frequency, Hz, in m/s2, through a Hann window."""
-        signal = self.acceleration[_SENSORS[sensor]]
+        signal = self.acceleration[SENSORS[sensor]]
         window = np.hanning(len(signal))
         turn = np.exp(-2j * np.pi * frequency / self.rate * np.arange(len(signal)))
         return float(2.0 * np.abs(np.sum(signal * window * turn)) / np.sum(window))
@@ -120,12 +116,9 @@ def simulate_time(
     direction: tuple[float, float] = (1.0, 0.0),
     step: float = DEFAULT_STEP,
 ) -> TimeResponse:
-    """Return the vibration of a scene with whatever effects it names, over some time.
+    """Return ``duration`` seconds of the vibration of a scene with all effects that it names, sampled at ``rate`` Hz.
 
     Args:
-        scene: what is modelled.
-        duration: length of the signal, s.
-        rate: sampling rate, Hz.
         settle: time that is simulated before and dropped, s; by default 40 ball periods, and 0.2 s at least.
         direction: of the sensor, along the load and across it; made a unit vector.
         step: longest step of the integration, s; taken so that a sample has a whole number of steps, at least 2.

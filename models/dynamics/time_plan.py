@@ -29,12 +29,7 @@ _NEAR_ANGLE = math.pi / 2.0 + math.atan(kernels.NEAR_SLOPE)
 
 
 def prepare_plan(scene: Scene, duration: float) -> kernels.Plan:
-    """Return everything the kernel needs for a run of ``duration`` seconds (the sensor lies along the load).
-
-    Args:
-        scene: a scene that was checked.
-        duration: length of the run, s.
-    """
+    """Return everything the kernel needs for a run of ``duration`` seconds (the sensor lies along the load)."""
     bearing, lines = scene.bearing, kinematics(scene.bearing, scene.speed)
     omega, shaft = 2.0 * math.pi * lines.ftf, 2.0 * math.pi * scene.speed
     pitch = 2.0 * math.pi / bearing.n_elements

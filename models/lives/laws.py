@@ -89,8 +89,6 @@ def draw_law(law: str, rng: np.random.Generator, ratio: float) -> Curve:
     """Return a curve W(u) of a law, continued beyond u = 1, with parameters drawn.
 
     Args:
-        law: one of ``LAWS``.
-        rng: draws the parameters.
         ratio: V_th / V_0, more than one.
 
     Raises:
@@ -141,8 +139,6 @@ def grow(
     """Return a path along a law with gamma-distributed increments.
 
     Args:
-        curve: W(u) of ``draw_law``.
-        rng: draws the increments.
         duration: nominal life T, s.
         v_0: V_eq at the onset, m2.
         threshold: V_eq at u = 1, m2.

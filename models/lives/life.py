@@ -39,17 +39,11 @@ class LifePlan:
     """The draws of a life.
 
     Attributes:
-        number: number of the life in its population.
-        law: its growth law.
-        path: V_eq over time.
-        rig: its rig.
-        floor: its floor.
         load: N.
         speed: Hz.
         slip: largest slip angle, rad.
         h_threshold: depth where V_eq is the population's threshold, m.
         depth_share: share of ln V_eq that ln h_d takes.
-        gain: gain of the sensor.
         harmonic_gain: further factor on each harmonic, shape (6,).
         background_rms: RMS of background vibration, m/s2.
         background_harmonic: the same at each harmonic, as an amplitude, m/s2.
@@ -71,10 +65,9 @@ class LifePlan:
     background_harmonic: float
 
     def defects(self, t: NDArray[np.float64], threshold: float, race: float) -> list[Defect]:
-        """Return the defect at each of some times since the onset.
+        """Return the defect at times since the onset (s, shape (n,)).
 
         Args:
-            t: s, shape (n,).
             threshold: V_eq at which the depth is ``h_threshold``, m2.
             race: r_o, radius of the outer race, m.
         """
@@ -88,8 +81,6 @@ class LifeHistory:
     """Measured features of one life, and the truth. SI units; n blocks, missing ones are absent.
 
     Attributes:
-        number: number of the life in its population.
-        law: its growth law.
         t: time of each block since the onset, s, shape (n,).
         load: radial load known to the monitor, N, shape (n,).
         speed: shaft speed known to the monitor, Hz, shape (n,).
@@ -160,10 +151,6 @@ def draw_life(population: Population, number: int) -> LifePlan:
 def simulate_life(population: Population, number: int) -> LifeHistory:
     """Return one life of a population.
 
-    Args:
-        population: what it is drawn from.
-        number: its number, not negative.
-
     Raises:
         ValueError: if a scene is outside what the model describes; the message names the field.
     """
@@ -228,8 +215,6 @@ def simulate_lives(
     """Yield lives of a population in the order of their numbers as given.
 
     Args:
-        population: what they are drawn from.
-        numbers: their numbers.
         workers: threads to share them between; 0 means one a core. The lives do not depend on it.
         progress: called with the lives done and their total.
 

@@ -59,8 +59,6 @@ class Population:
     their logarithm.
 
     Attributes:
-        bearing: the bearing.
-        rig: the nominal lumped parameters around it.
         rig_spread: (parameter, standard deviation of its factor) of each rig parameter that differs from life to life.
         clearance: radial clearance, m.
         load: range of radial loads, N; one per life.
@@ -89,7 +87,6 @@ class Population:
         background_harmonic: the same at each harmonic, as an amplitude, m/s2.
         missing: probability that a block is missing.
         interval: time from block to block, s.
-        seed: of all draws.
     """
 
     bearing: Bearing = field(default_factory=lambda: from_catalogue("1205 ETN9"))

@@ -12,9 +12,8 @@ import numpy as np
 
 from models.maps.check import condition_errors, interpolation_errors, rms_and_most, step_error
 from models.maps.data import RmsMap
-from models.maps.nodes import Nodes, Progress, simulate_node_row
+from models.maps.nodes import Nodes, Progress, rig_rows, rig_scenes, simulate_node_row
 from models.maps.plan import MODEL_VERSION, SCHEMA_VERSION, MapPlan
-from models.maps.rig_spread import rig_rows, rig_scenes
 from models.response import HARMONICS
 from models.workers import in_threads
 
@@ -48,7 +47,6 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
     Floors are solved row by row, scenes with slip by the lane kernels (``models.maps.ensemble``).
 
     Args:
-        plan: the plan.
         workers: threads (rows) or processes (lanes); 0 is one per core. The result does not depend on it.
         progress: called with the scenes done and their total, from this process.
 
@@ -62,7 +60,8 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
         if progress is not None:
             progress(done, total)
 
-    if solver_of(plan) == "rows":
+    solver = solver_of(plan)
+    if solver == "rows":
         nodes = _row_nodes(plan, workers, note)
     else:
         from models.maps.ensemble import ensemble_nodes
@@ -74,18 +73,10 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
         speed=np.array(plan.speed),
         h_d=np.array(plan.h_d),
         dphi_d=np.array(plan.dphi_d),
-        rms=nodes.rms,
-        rms_std=nodes.rms_std,
-        rms_se=nodes.rms_se,
-        rms_error=nodes.rms_error,
-        harmonic_amplitude=nodes.harmonic_amplitude,
-        harmonic_std=nodes.harmonic_std,
-        harmonic_se=nodes.harmonic_se,
-        harmonic_error=nodes.harmonic_error,
+        **vars(nodes),
         rms_rig_std=rms_rig,
         harmonic_rig_std=harmonic_rig,
-        status=nodes.status,
-        attributes=map_attributes(plan) | {"solver": nodes.solver},
+        attributes=map_attributes(plan) | {"solver": solver},
     )
     _measure(built, workers)
     return built
@@ -124,7 +115,6 @@ def _row_nodes(plan: MapPlan, workers: int, progress: Progress) -> Nodes:
         harmonic_se=harmonic_std / math.sqrt(plan.floors),
         harmonic_error=settling + steps.lines * rms[..., None],
         status=values[..., 4].astype(np.int8),
-        solver="rows",
     )
 
 

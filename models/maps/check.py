@@ -40,8 +40,6 @@ def mean_rms(plan: MapPlan, points: Sequence[Point], factor: int = 1, workers: i
     """Return the RMS at any points (load, speed, h_d, dphi_d), averaged over the plan's floors, m/s2.
 
     Args:
-        plan: the plan of the map.
-        points: inside or outside its axes.
         factor: multiple of the steps of the nodes.
         workers: threads without slip; 0 is one per core.
     """
@@ -142,9 +140,6 @@ def check_map(rms_map: RmsMap, points: int, *, seed: int = 0, progress: Progress
     contain the scatter of their records.
 
     Args:
-        rms_map: the map.
-        points: number of each.
-        seed: seed of their choice.
         progress: called with the points done and their total.
 
     Raises:

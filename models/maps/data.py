@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 # Loads and speeds this close to the end of their axis count as on it.
 _CONDITION_TOLERANCE = 0.01
+_SLICED = ("rms", "rms_error", "rms_std", "rms_rig_std", "harmonic_amplitude", "harmonic_std", "harmonic_rig_std")
 
 
 class OutsideMapError(MapError):
@@ -23,11 +24,9 @@ class OutsideMapError(MapError):
 
 @dataclass(frozen=True, eq=False)
 class MapSlice:
-    """A map at one load and speed.
+    """A map at one load (N) and speed (Hz).
 
     Attributes:
-        load: N.
-        speed: Hz.
         h_d: depths, m, shape (H,).
         dphi_d: extents, rad, shape (D,).
         rms: m/s2, shape (H, D).
@@ -60,12 +59,7 @@ class MapSlice:
         return (x >= self.dphi_d[0]) & (x <= self.dphi_d[-1]) & (y >= self.h_d[0]) & (y <= self.h_d[-1])
 
     def interpolate(self, dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.float64]:
-        """Return the RMS between the nodes, bilinearly, m/s2; NaN where ``inside`` is False.
-
-        Args:
-            dphi_d: extents, rad; broadcast against ``h_d``.
-            h_d: depths, m.
-        """
+        """Return the RMS between the nodes, bilinearly, m/s2; NaN where ``inside`` is False."""
         return self._bilinear(self.rms, dphi_d, h_d)
 
     def interpolate_harmonics(self, dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.float64]:
@@ -195,14 +189,8 @@ class RmsMap:
             speed,
             self.h_d,
             self.dphi_d,
-            at(self.rms),
-            at(self.rms_error),
-            at(self.harmonic_amplitude),
-            self.rms_band,
-            at(self.rms_std),
-            at(self.harmonic_std),
-            at(self.rms_rig_std),
-            at(self.harmonic_rig_std),
+            rms_band=self.rms_band,
+            **{name: at(getattr(self, name)) for name in _SLICED},
         )
 
 

@@ -70,7 +70,6 @@ def ensemble_nodes(plan: MapPlan, *, workers: int = 1, progress: Progress | None
     """Return the nodes of a plan averaged over its floors.
 
     Args:
-        plan: the plan.
         workers: processes; 0 is one per core. The result does not depend on it.
         progress: called with the scenes done and their total, from this process.
 
@@ -178,7 +177,6 @@ def _statistics(plan: MapPlan, options: LaneOptions, values: NDArray[np.float64]
         harmonic_se=harmonic_std / np.sqrt(plan.floors),
         harmonic_error=settling[..., None] + steps.lines * mean[..., None],
         status=values[..., 2].max(axis=-1).astype(np.int8),
-        solver="lanes",
     )
 
 

@@ -180,14 +180,7 @@ def default_map_path(plan: MapPlan, cache_dir: Path | str | None = None) -> Path
 def cached_map(
     plan: MapPlan, cache_dir: Path | str | None = None, *, workers: int = 1, progress: Progress | None = None
 ) -> RmsMap:
-    """Return the map of a plan, built on first use and read afterwards; a damaged one is rebuilt.
-
-    Args:
-        plan: what the map is to be made from.
-        cache_dir: folder of the kept maps; by default the user's cache folder.
-        workers: processes for building, as in ``build_map``.
-        progress: as in ``build_map``; not called where nothing is built.
-    """
+    """Return the map of a plan, built on first use and read afterwards; a damaged one is rebuilt."""
     path = default_map_path(plan, cache_dir)
     try:
         kept = load_map(path)

@@ -1,8 +1,13 @@
-"""Nodes of RMS maps, one row along dphi_d at a time. The simulation, and numba with it, is imported when one is run."""
+"""Nodes of RMS maps, one row along dphi_d at a time, and their spread over uncertain parameters of the rig.
+
+Rigs are drawn around the plan's, and each is compared with the plan's own rig on the same floor, which separates the
+spread over parameters (``rms_rig_std``) from that over floors (``rms_std``). Draws are simulated without slip, whose
+random error would hide the spread. The simulation, and numba with it, is imported when it is run.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -10,7 +15,7 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.maps.plan import STATUSES
-from models.scene import Defect, Scene
+from models.scene import Defect, Rig, Scene
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,11 +29,12 @@ Progress = Callable[[int, int], None]
 MAP_ACCURACY = 1e-3
 # A smaller vibration counts as zero, m/s2.
 _SILENCE = 1e-12
+_UNCERTAIN = ("m_r", "k_c", "c_i", "c_r", "alpha_c", "beta_c")
 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Results at all nodes of a map; fields as in ``RmsMap``, and the name of the solver."""
+    """Results at all nodes of a map; fields as in ``RmsMap``."""
 
     rms: NDArray[np.float64]
     rms_std: NDArray[np.float64]
@@ -39,17 +45,11 @@ class Nodes:
     harmonic_se: NDArray[np.float64]
     harmonic_error: NDArray[np.float64]
     status: NDArray[np.int8]
-    solver: str
 
 
 @dataclass(frozen=True, eq=False)
 class StepError:
-    """Relative error of the RMS and the lines due to the steps, measured at some nodes of a map.
-
-    Attributes:
-        rms: of the RMS.
-        lines: of the lines 1..6 of BPFO, shape (6,).
-    """
+    """Relative error of the RMS and the lines due to the steps, measured at some nodes of a map."""
 
     rms: float
     lines: NDArray[np.float64]
@@ -149,3 +149,51 @@ def nodes_at_random(plan: MapPlan, count: int, seed: int) -> list[tuple[float, f
     axes = (plan.load, plan.speed, depths, extents)
     picks = [rng.integers(0, len(axis), count) for axis in axes]
     return [tuple(axis[pick[n]] for axis, pick in zip(axes, picks, strict=True)) for n in range(count)]
+
+
+def drawn_rig(plan: MapPlan, number: int) -> Rig:
+    """Return draw ``number`` of the plan's rig: log-normal factors, independent of each other, median 1."""
+    rng = np.random.default_rng([plan.rig_seed, number])
+    sd = np.array([plan.rig_spread] * len(_UNCERTAIN) + [plan.rig_spread_k_r])
+    factors = np.exp(sd * rng.standard_normal(len(sd)))
+    names = (*_UNCERTAIN, "k_r")
+    return replace(plan.rig, **{n: getattr(plan.rig, n) * float(f) for n, f in zip(names, factors, strict=True)})
+
+
+def rig_scenes(plan: MapPlan) -> int:
+    """Return the number of scenes per extent that the spread needs."""
+    return plan.rig_draws + min(plan.rig_draws, _floors(plan))
+
+
+def _floors(plan: MapPlan) -> int:
+    return plan.floors if plan.floor.kind == "rough" else 1
+
+
+def rig_rows(plan: MapPlan, load: float, speed: float, h_d: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the standard deviations over the draws of the RMS, shape (D,), and of the lines, shape (D, 6), m/s2.
+
+    Draw n has the plan's floor n modulo their number.
+    """
+    plan = replace(plan, slip=None, floors=_floors(plan))
+    changes = np.array(list(_rig_changes(plan, load, speed, h_d)))
+    spread = np.std(changes, axis=0, ddof=1)
+    return spread[:, 0], spread[:, 1:]
+
+
+def _rig_changes(plan: MapPlan, load: float, speed: float, h_d: float) -> Iterator[NDArray[np.float64]]:
+    """Yield RMS and lines of each draw less those of the plan's rig on the same floor, shape (D, 7)."""
+    extents = np.array(plan.dphi_d)
+    own: dict[int, NDArray[np.float64]] = {}
+    for number in range(plan.rig_draws):
+        floor = number % plan.floors
+        if floor not in own:
+            own[floor] = _rig_columns(plan, load, speed, h_d, extents, floor)
+        drawn = replace(plan, rig=drawn_rig(plan, number))
+        yield _rig_columns(drawn, load, speed, h_d, extents, floor) - own[floor]
+
+
+def _rig_columns(
+    plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64], floor: int
+) -> NDArray[np.float64]:
+    row = simulate_node_row(plan, load, speed, h_d, extents, floor)
+    return np.column_stack((row.rms, row.harmonics))

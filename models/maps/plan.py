@@ -33,8 +33,6 @@ class MapPlan:
         speed: axis of shaft speeds, Hz, ascending.
         h_d: axis of depths, m, ascending.
         dphi_d: axis of extents, rad, ascending.
-        bearing: the bearing.
-        rig: lumped parameters around it.
         clearance: radial clearance, m.
         floor: the bottom of the defect; of several floors, the first.
         floors: number of floors averaged (seeds floor.seed, floor.seed + 1, ...); with slip that is redrawn, each has
@@ -43,12 +41,9 @@ class MapPlan:
         position: angle of the defect's centre from the load direction, rad.
         rms_band: band in which RMS is taken, Hz, or None for the full bandwidth.
         steps_per_period: steps of the integration per ball period, or None for the model's choice.
-        model: the model.
-        slip: deviation of balls from their place in the cage, or None.
         rig_draws: number of rigs drawn around ``rig`` for the spread over its uncertain parameters, or 0.
         rig_spread: relative standard deviation of m_r, k_c, c_i, c_r, alpha_c and beta_c between draws.
         rig_spread_k_r: relative standard deviation of k_r, which a resonance peak determines best.
-        rig_seed: seed of the draws.
     """
 
     load: tuple[float, ...]

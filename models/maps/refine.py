@@ -51,11 +51,7 @@ def build_refined_map(
     the tolerance only if the limit of nodes is reached. The tolerance is kept in the attributes.
 
     Args:
-        plan: its axes are refined; their nodes are kept.
         tolerance: RMS of the error between nodes over the largest RMS of the map at that load and speed.
-        most_nodes: limit of the nodes of the map.
-        workers: as in ``build_map``.
-        progress: as in ``build_map``.
 
     Raises:
         MapError: if the tolerance is not positive or the plan has too many nodes to begin with.
@@ -77,11 +73,6 @@ def build_refined_map(
 
 def refine_plan(plan: MapPlan, tolerance: float, *, most_nodes: int = MAX_NODES) -> MapPlan:
     """Return a plan with its axes of extent and depth refined to a tolerance, or to the limit of nodes.
-
-    Args:
-        plan: its axes are refined; their nodes are kept.
-        tolerance: as in ``build_refined_map``.
-        most_nodes: limit of the nodes of the map.
 
     Raises:
         MapError: if the tolerance is not positive or the plan has too many nodes to begin with.
@@ -122,7 +113,6 @@ def _refined(axis: tuple[float, ...], sample: Sample, target: float, most: int) 
     """Return an axis with intervals halved until the chords are off by less than the target (RMS along the axis).
 
     Args:
-        axis: where to begin.
         sample: RMS at places of the axis for several conditions and rows, shape (conditions, rows, places).
         target: over the largest RMS of a condition.
         most: nodes that the axis may have.

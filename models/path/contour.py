@@ -49,9 +49,6 @@ class PartPath:
 
     Attributes:
         edge: depth, m, and its slope, m/rad, at an angle beyond an edge.
-        half_width: half the extent, rad.
-        h_d: depth of the floor, m.
-        cos_alpha: cosine of the contact angle.
         centre: where the defect is met, rad.
         floor: height (m) and slope of the rough floor over the angle from the centre, or None.
     """

@@ -83,8 +83,6 @@ def race_profile(sd: float, pitch: float, cutoff: float, seed: int, race_radius:
         sd: standard deviation after filtering, m.
         pitch: spacing of the samples, rad (rounded to a whole number around the race).
         cutoff: spatial cut-off, cycles per metre.
-        seed: seed of the noise.
-        race_radius: r_o, m.
 
     Raises:
         ValueError: if sd is negative, or pitch or cutoff not positive, or the pitch too coarse for the cut-off.
@@ -137,7 +135,6 @@ class BallPath:
     Attributes:
         r_o: radius of the outer race, m.
         r_b: radius of the ball, m.
-        cos_alpha: cosine of the contact angle.
         half_width: half the extent of the defect, rad.
         h_d: depth of the floor, m (infinite: no floor).
         position: angle of the centre from the load direction, rad.
@@ -164,7 +161,7 @@ class BallPath:
 
         At a kink the derivative is one of the two one-sided ones; a small offset of the angle selects it.
         """
-        x = _wrap(angle - self.position)
+        x = wrap(angle - self.position)
         delta = self.half_width - np.abs(x)
         inside = delta > 0.0
         edge, edge_slope = edge_path(np.where(inside, delta, 0.0), self.r_o, self.r_b)
@@ -281,5 +278,6 @@ def ball_path(bearing: Bearing, defect: Defect | None) -> BallPath | None:
     )
 
 
-def _wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return angles reduced to -pi to pi."""
     return angle - 2.0 * math.pi * np.round(angle / (2.0 * math.pi))

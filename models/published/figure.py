@@ -37,13 +37,8 @@ class Figure:
     """One printed figure.
 
     Attributes:
-        designation: the bearing it belongs to.
-        place: where it is printed.
-        quantity: what it is; figures of one place and quantity make one group.
         condition: under which load, speed and so on; empty where there is only one.
-        unit: unit of both values.
         text: the figure as printed, from which its last digit is known.
-        obtained: what this program computes.
         relation: "=", or the bound that the text gives.
         note: what is known of the difference.
     """

@@ -21,7 +21,7 @@ from models.load_distribution import (
     stiffness_over_passage,
 )
 from models.modes import natural_frequencies
-from models.published.catalogue import published_figures
+from models.published import published_figures
 from models.published.figure import Figure
 from models.scene import Defect, Rig
 from monitor.commands import option

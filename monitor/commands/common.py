@@ -152,11 +152,3 @@ def counter(description: str, *, quiet: bool) -> Callable[[int, int], None]:
 def finite(value: float) -> float | None:
     """Return a finite number, or None for NaN and infinity."""
     return float(value) if math.isfinite(value) else None
-
-
-def duration_words(seconds: float) -> str:
-    """Return a duration to three figures in its largest unit that holds at least two."""
-    for unit, size in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if abs(seconds) >= 2 * size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds:.3g} s"

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from monitor.commands import option
-from monitor.commands.common import InputError, counter, duration_words, emit, progress_bar, say
+from monitor.commands.common import InputError, counter, emit, progress_bar, say
 from monitor.commands.replay import summary_lines
 from monitor.config.load import Config, validate
+from monitor.words.numbers import duration
 
 if TYPE_CHECKING:
     from models.maps.data import RmsMap
@@ -228,16 +229,16 @@ def _lines(summary: dict[str, Any]) -> Iterator[str]:
     yield ""
     level = "" if summary["method"] == "thesis" else ", intervals of 80 %"
     yield f"truth and estimates (test bearing, threshold 0.05 mm3/mm{level})"
-    volume, forecast = f"{'V_eq true':>10} {'found':>24}", f"{'TT true':>9} {'found':>32}"
+    volume, forecast = f"{'V_eq true':>10} {'found':>24}", f"{'TT true':>11} {'found':>38}"
     yield f"{'life':>6} {'block':>6}   {volume}   {forecast}  status"
     for row in summary["truth"]:
         v_eq = _with_interval(row, "v_eq", "mm2", lambda value: f"{value:.3f}")
-        tt = _with_interval(row, "tt", "s", duration_words)
-        tt_true = "-" if row["tt_true_s"] is None else duration_words(row["tt_true_s"])
+        tt = _with_interval(row, "tt", "s", duration)
+        tt_true = "-" if row["tt_true_s"] is None else duration(row["tt_true_s"])
         status = " / ".join(dict.fromkeys(row[name] or "-" for name in ("edv_status", "tt_status")))
         yield (
             f"{row['share_of_life']:>6.0%} {row['block']:>6}   {row['v_eq_true_mm2']:>10.4f} {v_eq:>24}   "
-            f"{tt_true:>9} {tt:>32}  {status}"
+            f"{tt_true:>11} {tt:>38}  {status}"
         )
     yield from _NOTES[summary["method"]]
     yield ""

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from monitor.commands import option
-from monitor.commands.common import InputError, check_suffix, duration_words, emit, finite, input_errors
+from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
 from monitor.commands.history_files import (
     SUFFIXES,
     is_records,
@@ -25,6 +25,7 @@ from monitor.health.damage import tracker as damage
 from monitor.health.damage.library.forecaster import LibraryInput, LibraryState
 from monitor.health.damage.library.forecaster import step as ask_library
 from monitor.health.damage.thesis import forecast
+from monitor.words.numbers import duration
 
 Issued = list[tuple[damage.Remaining, ...]]
 
@@ -198,6 +199,6 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
     if len(values["by_threshold"]) > 1:
         yield "dependence of TT on the threshold:"
         for one in values["by_threshold"]:
-            tt = one["status"] if one["tt_s"] is None else duration_words(one["tt_s"])
+            tt = one["status"] if one["tt_s"] is None else duration(one["tt_s"])
             ratio = "" if one["tt_over_first"] is None else f", {one['tt_over_first']:.3g} times that of the first"
             yield f"  {one['threshold_mm2']:g} mm3/mm: last TT {tt}{ratio}, {one['answers']} answers"

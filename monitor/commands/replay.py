@@ -9,7 +9,8 @@ from typing import Any
 import click
 
 from monitor.commands import option
-from monitor.commands.common import duration_words, emit, progress_bar, read_config, say
+from monitor.commands.common import emit, progress_bar, read_config, say
+from monitor.words.numbers import duration
 
 
 @click.command("replay")
@@ -93,8 +94,8 @@ def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
 
 def _forecast_words(channel: Mapping[str, Any]) -> Iterator[str]:
     if channel["tt_s"] is not None:
-        yield f"{duration_words(channel['tt_s'])}, "
+        yield f"{duration(channel['tt_s'])}, "
     if channel["tt_lower_s"] is not None:
-        yield f"interval {duration_words(channel['tt_lower_s'])} to {duration_words(channel['tt_upper_s'])}, "
+        yield f"interval {duration(channel['tt_lower_s'])} to {duration(channel['tt_upper_s'])}, "
     if channel["p_threshold"] is not None:
         yield f"probability of reaching the threshold within the maintenance window {channel['p_threshold']:.0%}, "

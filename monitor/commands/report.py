@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from monitor.commands import option
-from monitor.commands.common import InputError, counter, duration_words, emit, say
+from monitor.commands.common import InputError, counter, emit, say
+from monitor.words.numbers import duration
 
 if TYPE_CHECKING:
     from monitor.commands.report_batch import BatchSettings, Outcome
@@ -133,7 +134,7 @@ def _lines(outcomes: Sequence[Outcome], out: Path, seconds: float) -> Iterator[s
     failed = [outcome for outcome in outcomes if outcome.error]
     reused = sum(outcome.reused for outcome in outcomes)
     yield (
-        f"{len(outcomes) - len(failed)} of {len(outcomes)} runs reported in {duration_words(seconds)}"
+        f"{len(outcomes) - len(failed)} of {len(outcomes)} runs reported in {duration(seconds)}"
         + (f", {reused} of them unchanged" if reused else "")
     )
     for outcome in failed:

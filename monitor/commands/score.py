@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from monitor.commands import option
-from monitor.commands.common import InputError, duration_words, emit
+from monitor.commands.common import InputError, emit
+from monitor.words.numbers import duration
 
 if TYPE_CHECKING:
     from monitor.report.score.issued import Issued
@@ -166,10 +167,10 @@ def _lifetimes(found: Sequence[tuple[int, Issued, Any]]) -> dict[int, float]:
 
 _COLUMNS = (
     ("CRA", "cra", 7),
-    ("CRPS", "crps_s", 10),
-    ("horizon", "prognostic_horizon_s", 10),
+    ("CRPS", "crps_s", 11),
+    ("horizon", "prognostic_horizon_s", 11),
     ("coverage", "coverage", 8),
-    ("width", "width_s", 10),
+    ("width", "width_s", 11),
     ("answered", "answered", 8),
 )
 
@@ -193,7 +194,7 @@ def _run_lines(run: Mapping[str, Any]) -> Iterator[str]:
         f"before the end ({_END_WORDS[run['end_source']]})"
     )
     if run["onset_delay_s"] is not None:
-        yield f"  onset known after {duration_words(run['onset_delay_s'])}, {run['false_alarms']} false alarms"
+        yield f"  onset known after {duration(run['onset_delay_s'])}, {run['false_alarms']} false alarms"
     if not run["forecasts"]:
         return
     verdict = {True: "passed", False: "failed", None: "not defined"}[run["alpha_lambda"]]
@@ -215,7 +216,7 @@ _END_WORDS = {
 def _cell(name: str, value: float | None) -> str:
     if value is None:
         return "-"
-    return duration_words(value) if name.endswith("_s") else f"{value:.3g}"
+    return duration(value) if name.endswith("_s") else f"{value:.3g}"
 
 
 def _with_error(name: str, figure: Mapping[str, Any]) -> str:

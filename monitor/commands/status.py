@@ -1,16 +1,26 @@
-"""``spallwatch status``: what the daemon of a machine is doing now."""
+"""``spallwatch status``: what the daemon of a machine, or of each machine of a folder, is doing now."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import click
 
 from monitor.commands import option
-from monitor.commands.common import duration_words, emit, read_config
+from monitor.commands.common import emit, read_config
+from monitor.config.fleet import load_fleet
+from monitor.health.alarms import FAILURE, NO_DATA, machine_state
+from monitor.service.status_file import read_status
+from monitor.words.numbers import duration
 
+_COLUMNS = ("machine", "state", "daemon", "blocks", "last block", "alarms", "remark")
+_MAX_STATUS_AGE_S = 60.0
+_STATES = frozenset(
+    {"failure", "no_data", "bad_data", "out_of_specification", "maintenance_required", "check_function", "normal"}
+)
 _SAID = {
     "never_ran": "has never run",
     "died": "is not running: it died",
@@ -27,12 +37,8 @@ def command(config_path: Path | None, as_json: bool, quiet: bool) -> None:
     Where FILE is a folder, all its machines are listed, the worst first.
     """
     if config_path is not None and config_path.is_dir():
-        from monitor.commands.fleet_status import fleet_status
-
-        fleet_status(config_path, as_json=as_json)
+        _print_fleet(config_path, as_json=as_json)
         return
-    from monitor.service.status_file import read_status
-
     config = read_config(config_path)
     status = {"machine": config.machine.name, **read_status(config.machine.state_dir)}
     emit(status, _lines(status), as_json=as_json)
@@ -54,7 +60,7 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
     for name, problem in status["problems"].items():
         yield f"problem, {name}: {problem}"
     for name, source in status["sources"].items():
-        age = f", the oldest for {duration_words(source['oldest_age_s'])}" if source["pending"] else ""
+        age = f", the oldest for {duration(source['oldest_age_s'])}" if source["pending"] else ""
         yield (
             f"source {name}: {source['offered']} offered, {source['accepted']} accepted, "
             f"{source['rejected']} rejected, {source['pending']} pending{age}"
@@ -74,7 +80,7 @@ def _channel(channel: Mapping[str, Any]) -> Iterator[str]:
     if channel["v_eq_mm2"] is not None:
         yield f"V_eq {channel['v_eq_mm2']:.3g} mm3/mm"
     if channel["tt_s"] is not None:
-        yield f"TT {duration_words(channel['tt_s'])}"
+        yield f"TT {duration(channel['tt_s'])}"
     if channel["last_block"] is not None:
         when = channel["last_block_utc"] or "undated"
         yield f"last block {channel['last_block']} ({when}, {channel['last_block_status']})"
@@ -82,3 +88,86 @@ def _channel(channel: Mapping[str, Any]) -> Iterator[str]:
 
 def _words(state: str) -> str:
     return state.replace("_", " ")
+
+
+def _print_fleet(folder: Path, *, as_json: bool) -> None:
+    """Print the status of all machines of a folder, the worst first.
+
+    Raises:
+        ConfigError: the folder holds no usable set of configurations; all problems are named.
+    """
+    machines = [
+        {
+            "machine": machine.config.machine.name,
+            "file": machine.path.name,
+            **read_status(machine.config.machine.state_dir),
+        }
+        for machine in load_fleet(folder).machines
+    ]
+    machines.sort(key=lambda status: (_rank(status), status["machine"]))
+    emit({"machines": machines}, _table([_row(status) for status in machines]), as_json=as_json)
+
+
+def present_state(status: Mapping[str, Any]) -> str:
+    """Return the state of a machine from ``read_status``; without a running daemon it has no data."""
+    state = str(status.get("state", NO_DATA))
+    if state in _STATES and (status["running"] or state == FAILURE):
+        return state
+    return NO_DATA
+
+
+def _rank(status: Mapping[str, Any]) -> tuple[int, bool, bool]:
+    """Return the sort key: the worst state first, then machines without a daemon, then those with problems."""
+    state = present_state(status)
+    worse = sum(machine_state(state, other) != state for other in _STATES)
+    return worse, bool(status["running"]), not status.get("problems")
+
+
+def _row(status: Mapping[str, Any]) -> tuple[str, ...]:
+    channels = status.get("channels", {}).values()
+    ages = [channel["last_block_age_s"] for channel in channels if channel.get("last_block_age_s") is not None]
+    alarms = status.get("alarms", sum(len(channel.get("alarms", ())) for channel in channels))
+    return (
+        status["machine"],
+        present_state(status).replace("_", " "),
+        status["status"].replace("_", " "),
+        str(status.get("blocks", "")),
+        f"{duration(round(min(ages)))} ago" if ages and status["running"] else "",
+        str(alarms) if alarms else "",
+        _remark(status),
+    )
+
+
+def _remark(status: Mapping[str, Any]) -> str:
+    """Return the best explanation of the state, in one sentence."""
+    state = status.get("state")
+    if not status["running"]:
+        return f"no daemon since {status['updated_utc']}" if "updated_utc" in status else "no daemon has run"
+    age = _age(status.get("updated_utc"))
+    if age is not None and age > _MAX_STATUS_AGE_S:
+        return f"the daemon has not renewed its status for {duration(age)}"
+    problems = [f"{name}: {problem}" for name, problem in status.get("problems", {}).items()]
+    if problems:
+        return problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")
+    worst = [
+        f"{name}: {channel['reason']}"
+        for name, channel in status.get("channels", {}).items()
+        if channel["state"] == state and state != "normal"
+    ]
+    return worst[0] + (f" (and {len(worst) - 1} more)" if len(worst) > 1 else "") if worst else ""
+
+
+def _age(when: str | None) -> float | None:
+    """Return the age of a time stamp of the status file, s."""
+    if when is None:
+        return None
+    try:
+        return (datetime.now(UTC) - datetime.fromisoformat(when)).total_seconds()
+    except (TypeError, ValueError):
+        return None
+
+
+def _table(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    widths = [max(len(line[k]) for line in (_COLUMNS, *rows)) for k in range(len(_COLUMNS))]
+    for line in (_COLUMNS, *rows):
+        yield "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()

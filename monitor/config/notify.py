@@ -7,8 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from monitor.config.addresses import HttpUrl, MailAddress, check_address, refuse_clear
-from monitor.config.fields import Count, Positive, Section
+from monitor.config.fields import Count, HttpUrl, MailAddress, Positive, Section, check_address, refuse_clear
 from monitor.config.publish import BrokerSection
 
 

@@ -8,8 +8,7 @@ from urllib.parse import unquote, urlsplit
 
 from pydantic import Field, model_validator
 
-from monitor.config.addresses import check_address, refuse_clear
-from monitor.config.fields import Count, Section
+from monitor.config.fields import Count, Section, check_address, refuse_clear
 
 
 class BrokerSection(Section):

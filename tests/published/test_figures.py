@@ -20,7 +20,7 @@ from models.hertz import (
     relative_radii,
 )
 from models.modes import contact_damping, natural_frequencies, stiffness_damping
-from models.published.catalogue import published_figures
+from models.published import published_figures
 from models.published.figure import Figure, inner_taken_as_concave, worst
 from models.scene import Rig
 

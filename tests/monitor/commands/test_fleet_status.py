@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from monitor.commands.fleet_status import present_state
+from monitor.commands.status import present_state
 from monitor.service.status_file import StatusFile
 from tests.faults.daemons import call
 from tests.fleet import add_machine
