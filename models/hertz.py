@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy.optimize import root_scalar
-from scipy.special import elliprd, elliprf
 
 from models.bearing import Bearing
+from models.numerics import carlson, find_root
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -83,17 +82,16 @@ def contact_shape(ratio: float, method: Method = "simplified") -> ContactShape:
     if method == "simplified":
         return ContactShape(1.0339 * ratio**0.636, 1.0003 + 0.5968 / ratio, 1.5277 + 0.6023 * math.log(ratio))
     # kappa lies between 1 (a circle) and the ratio itself; the margins outweigh rounding where both are nearly one.
-    bracket = (1.0 - 1e-9, ratio * (1.0 + 1e-9))
-    kappa = max(1.0, float(root_scalar(lambda kappa: _radii_ratio(kappa) - ratio, bracket=bracket, rtol=1e-14).root))
+    low, high = 1.0 - 1e-9, ratio * (1.0 + 1e-9)
+    kappa = max(1.0, find_root(lambda kappa: _radii_ratio(kappa) - ratio, low, high, rtol=1e-14))
     second, first = _elliptic_parts(kappa)
     return ContactShape(kappa, first + second / kappa**2, first + second)
 
 
 def _elliptic_parts(kappa: float) -> tuple[float, float]:
     """Return D and B of K = B + D, E = B + (1 - m) D at m = 1 - 1/kappa^2 (Carlson's forms, no cancellation)."""
-    complement = kappa**-2
-    d = float(elliprd(0.0, complement, 1.0)) / 3.0
-    return d, float(elliprf(0.0, complement, 1.0)) - d
+    r_f, r_d = carlson(kappa**-2)
+    return r_d / 3.0, r_f - r_d / 3.0
 
 
 def _radii_ratio(kappa: float) -> float:
@@ -280,7 +278,7 @@ def static_equilibrium(
 
     # The start must touch an element: without one there is no gradient that leads to the load.
     approach = float(np.max(clearance)) + (5.0 * load / (len(angles) * k_c)) ** (1.0 / exponent)
-    u = np.array([approach / float(np.cos(angles).max()), 0.0])
+    u: NDArray[np.float64] = np.array([approach / float(np.cos(angles).max()), 0.0])
     # One element in contact leaves the direction across it without stiffness, so the Newton step is damped
     # (Levenberg): less after each success, more after each failure.
     damping = 1e-3

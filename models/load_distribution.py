@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.integrate import quad
-from scipy.optimize import root_scalar
 
 from models.hertz import contact_exponent, contact_forces, element_angles, static_equilibrium
+from models.numerics import find_root, integrate
 from models.path.defect import ball_path, wrap
 
 if TYPE_CHECKING:
@@ -90,7 +89,7 @@ def load_integral(extent: float, exponent: float) -> float:
     def density(psi: float) -> float:
         return max(0.0, 1.0 - (1.0 - math.cos(psi)) / (2.0 * extent)) ** exponent * math.cos(psi)
 
-    return float(quad(density, 0.0, edge, epsabs=0.0, epsrel=1e-10)[0]) / math.pi
+    return integrate(density, 0.0, edge, rtol=1e-10) / math.pi
 
 
 def ring_approach(bearing: Bearing, load: float, k_c: float, clearance: float = 0.0) -> float:
@@ -117,7 +116,7 @@ def ring_approach(bearing: Bearing, load: float, k_c: float, clearance: float = 
     high = 2.0 * tight
     while missing(high) < 0.0:
         high *= 2.0
-    return clearance + float(root_scalar(missing, bracket=(tight, high), xtol=1e-18, rtol=1e-13).root)
+    return clearance + find_root(missing, tight, high, xtol=1e-18, rtol=1e-13)
 
 
 def load_zone(approach: float, clearance: float = 0.0) -> float:

@@ -6,7 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import eigh
+
+from models.numerics import generalised_eigenvalues
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,12 +23,12 @@ def natural_frequencies(rig: Rig, k_xx: float, k_yy: float) -> NDArray[np.float6
         k_yy: bearing stiffness along the load, N/m.
     """
     mass = np.diag([rig.m_i, rig.m_o, rig.m_r])
-    values = []
+    values: list[NDArray[np.float64]] = []
     for k_b in (k_xx, k_yy):
         stiffness = np.array(
             [[k_b + rig.k_i, -k_b, 0.0], [-k_b, k_b + rig.k_r, -rig.k_r], [0.0, -rig.k_r, rig.k_r]], dtype=float
         )
-        values.append(eigh(stiffness, mass, eigvals_only=True))
+        values.append(generalised_eigenvalues(stiffness, mass))
     return np.sort(np.sqrt(np.maximum(np.concatenate(values), 0.0))) / (2.0 * math.pi)
 
 

@@ -16,7 +16,7 @@ from models.hertz import element_angles, static_equilibrium
 from models.kernels import lane_paths as paths
 from models.kernels import lanes as kernels
 from models.kernels.lanes import LANES
-from models.path.defect import RaceProfile, ball_path, floor_angle, race_radius
+from models.path.defect import RaceProfile, ball_path, floor_angle, race_radius, wrap
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -214,8 +214,7 @@ class Group:
             raise ValueError(f"scenes side by side must damage the same number of rows, got {sorted(rows)}")
         length = self.grid.pitch + self.grid.step_angle + 2.0 * self._slip_angle
         middle = self.grid.ring - self._slip_angle + 0.5 * length
-        off = middle[:, None] - self._path[paths.D_POSITION]
-        off = np.abs(off - 2.0 * math.pi * np.round(off / (2.0 * math.pi)))
+        off = np.abs(wrap(middle[:, None] - self._path[paths.D_POSITION]))
         touches = (off - 0.5 * length < self._path[paths.D_HALF]) & (self._path[paths.D_HALF] > 0.0)
         return np.any(touches, axis=1) & (self.grid.row < max(rows, default=0))
 

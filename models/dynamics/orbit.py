@@ -215,7 +215,7 @@ def period_jacobian(period: PeriodMap, size: float = 1e-2) -> NDArray[np.float64
     """
     scale, wave = SCALE, period.new_wave()
     base = period.run(np.zeros((2, 6)), wave)[0].ravel() / scale
-    columns = []
+    columns: list[NDArray[np.float64]] = []
     for k in range(12):
         x = np.zeros(12)
         x[k] = size

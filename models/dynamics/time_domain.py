@@ -18,12 +18,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import kaiserord, oaconvolve
 
 from models.bearing import kinematics
 from models.dynamics.six_dof import check_scene
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
+from models.numerics import filter_valid, kaiser_order
 from models.response import PASSBAND, SENSORS, Status, check_band
 from models.scene import Scene
 
@@ -141,7 +141,7 @@ def simulate_time(
     status = kernels.run(np.zeros((2, 6)), wave, h, plan)
     settled = wave[begin : begin + samples * oversampling]
     window = wave[begin - margin : begin + (samples - 1) * oversampling + margin + 1]
-    signals = [oaconvolve(window[:, k], taps, mode="valid")[::oversampling] for k in (0, 1)]
+    signals = [filter_valid(window[:, k], taps)[::oversampling] for k in (0, 1)]
     blocks = max(samples / rate * _block_rate(scene, lines), _LEAST_BLOCKS)
     levels, resonator = (_levels(settled[:, k], blocks) for k in (0, 1))
     peak, peak_resonator = np.max(np.abs(settled), axis=0).tolist()
@@ -241,10 +241,10 @@ def compile_kernels() -> None:
 def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:
     """Return the taps (an odd number) of the filter before every ``oversampling``-th sample is kept."""
     width = (1.0 - PASSBAND) / oversampling
-    count, beta = kaiserord(_STOPBAND_DB, width)
-    half = int(count) // 2 + 1
+    count, beta = kaiser_order(_STOPBAND_DB, width)
+    half = count // 2 + 1
     cutoff = 0.5 * (1.0 + PASSBAND) / oversampling
-    taps = cutoff * np.sinc(cutoff * np.arange(-half, half + 1)) * np.kaiser(2 * half + 1, float(beta))
+    taps = cutoff * np.sinc(cutoff * np.arange(-half, half + 1)) * np.kaiser(2 * half + 1, beta)
     return taps / taps.sum()
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -18,7 +18,8 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
-from numba.core.event import Event, Listener, install_listener
+from numba.core import event as events
+from numba.core.event import Event, Listener
 
 # An integer of a kernel. To numba a literal argument is a type of its own, for which the function is compiled once
 # more; constants are therefore passed as np.int64.
@@ -27,7 +28,7 @@ Index = int | np.int64
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 # Sums may be reordered (so that loops over balls use vector instructions) and products fused; NaN and infinity keep
-# their meaning, because a diverged state must be seen. Nobody calls kernels from C.
+# their meaning, because a diverged state must be seen. No kernel is called from C.
 _OPTIONS: dict[str, Any] = {
     "nogil": True,
     "fastmath": {"reassoc", "contract", "nsz", "arcp"},
@@ -61,14 +62,14 @@ def inlined(function: _F) -> _F:
 
 
 @contextmanager
-def compiling() -> Iterator[dict[str, float]]:
+def compiling() -> Generator[dict[str, float]]:
     """Give a dictionary that is filled with what is compiled meanwhile: seconds (of the core) by name of function.
 
     Seconds of a function do not contain those of the functions that it calls. What is loaded from the cache is not
     compiled. Only this thread's calls may compile meanwhile.
     """
     listener = _Stopwatch()
-    with install_listener("numba:compile", listener):
+    with cast("Any", events).install_listener("numba:compile", listener):
         yield listener.seconds
 
 
@@ -84,8 +85,7 @@ class _Stopwatch(Listener):
         self._open.append((time.thread_time(), 0.0))
 
     def on_end(self, event: Event) -> None:
-        data: Any = event.data
-        function = data["dispatcher"].py_func
+        function: Any = cast("Any", event).data["dispatcher"].py_func
         name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
         began, called = self._open.pop()
         took = time.thread_time() - began
@@ -98,7 +98,7 @@ class _Stopwatch(Listener):
 def _stamp(compiled: Any, function: Callable[..., Any]) -> None:
     """Make the cache of a kernel stale when any file that it depends on has changed.
 
-    The place of the stamp is numba's own affair: where a version keeps it elsewhere, its own stamp remains.
+    Where a version of numba keeps the stamp elsewhere, its own stamp remains.
     """
     file: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if hasattr(file, "_source_stamp"):

@@ -148,7 +148,7 @@ def check_map(rms_map: RmsMap, points: int, *, seed: int = 0, progress: Progress
     if points < 1:
         raise ValueError(f"points must be positive, got {points!r}")
     plan = rms_map.plan
-    node_errors = []
+    node_errors: list[float] = []
     several = len(rms_map.load) > 1 or len(rms_map.speed) > 1
     parts = 3 if several else 2
     for n, node in enumerate(nodes_at_random(plan, points, seed)):

@@ -99,9 +99,10 @@ def ensemble_rms(
     options = ensemble_options(plan)
     assert options.steps_per_period is not None
     options = replace(options, steps_per_period=factor * options.steps_per_period)
-    runner, found = LaneRunner(options), []
+    runner = LaneRunner(options)
+    found: list[float] = []
     for number, point in enumerate(points):
-        levels = []
+        levels: list[NDArray[np.float64]] = []
         for first in range(0, plan.floors, LANES):
             seeds = range(first, min(first + LANES, plan.floors))
             scenes = [scene_at(plan, *point, seed) for seed in seeds]
@@ -144,7 +145,7 @@ def _scene(task: _Task, index: int) -> Scene:
 def _simulate(task: _Task) -> NDArray[np.float64]:
     """Return RMS, settling change, status and lines of the scenes of a task, shape (scenes, _COLUMNS)."""
     runner = LaneRunner(task.options)
-    rows = []
+    rows: list[NDArray[np.float64]] = []
     for begin in range(task.begin, task.end, LANES):
         scenes = [_scene(task, i) for i in range(begin, min(begin + LANES, task.end))]
         # A number that no other group of the map has, whatever process it runs in.

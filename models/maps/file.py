@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from platformdirs import user_cache_dir
@@ -21,7 +21,6 @@ from models.maps.plan import AXES, SCHEMA_VERSION, STATUSES, MapError, MapPlan
 from models.response import HARMONICS
 
 if TYPE_CHECKING:
-    from netCDF4 import Dataset
     from numpy.typing import NDArray
 
 _HARMONIC = "bpfo_harmonic"
@@ -70,7 +69,7 @@ def save_map(rms_map: RmsMap, path: Path | str) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def _write(dataset: Dataset, rms_map: RmsMap) -> None:
+def _write(dataset: Any, rms_map: RmsMap) -> None:
     dataset.setncatts(rms_map.attributes)
     for axis in AXES:
         values = getattr(rms_map, axis)
@@ -90,7 +89,7 @@ def _write(dataset: Dataset, rms_map: RmsMap) -> None:
     _write_marks(dataset, rms_map)
 
 
-def _write_marks(dataset: Dataset, rms_map: RmsMap) -> None:
+def _write_marks(dataset: Any, rms_map: RmsMap) -> None:
     """Write where the map is not monotone, for other readers; ``load_map`` ignores it."""
     for axis in _MARKED:
         marks = dataset.createVariable(f"not_monotone_{axis}", "i1", AXES)
@@ -100,7 +99,7 @@ def _write_marks(dataset: Dataset, rms_map: RmsMap) -> None:
         marks[...] = rms_map.falling(axis).astype(np.int8)
 
 
-def _variable(dataset: Dataset, name: str, kind: Any, dims: tuple[str, ...], values: NDArray[Any], units: str) -> None:
+def _variable(dataset: Any, name: str, kind: Any, dims: tuple[str, ...], values: NDArray[Any], units: str) -> None:
     variable = dataset.createVariable(name, kind, dims)
     variable.units = units
     variable.long_name = _LONG_NAMES.get(name, "multiple of BPFO")
@@ -132,7 +131,7 @@ def load_map(path: Path | str) -> RmsMap:
             raise MapError(f"{path}: not a usable RMS map: {type(error).__name__}: {error}") from error
 
 
-def _read(dataset: Dataset) -> RmsMap:
+def _read(dataset: Any) -> RmsMap:
     attributes = {name: _plain(dataset.getncattr(name)) for name in dataset.ncattrs()}
     if attributes.get("schema_version") != SCHEMA_VERSION:
         found = attributes.get("schema_version", "none")
@@ -168,7 +167,7 @@ def _check_values(plan: MapPlan, arrays: dict[str, NDArray[np.float64]], status:
 
 def _plain(value: Any) -> Any:
     """Return an attribute as plain Python: numpy scalars and arrays of netCDF become numbers and lists."""
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+    return cast("Any", value).tolist() if isinstance(value, np.generic | np.ndarray) else value
 
 
 def default_map_path(plan: MapPlan, cache_dir: Path | str | None = None) -> Path:

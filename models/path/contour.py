@@ -202,13 +202,16 @@ class Pieces:
 
 def pieces(paths: list[BallPath | PartPath]) -> Pieces:
     """Return the paths between their kinks, values and one-sided slopes exact at the ends of all cells."""
-    starts, ends, counts, cells = [], [], [], [np.zeros((0, 4))]
+    starts: list[float] = []
+    ends: list[float] = []
+    counts: list[int] = []
+    cells: list[Values] = [np.zeros((0, 4))]
     for path in paths:
         for a, b in pairwise(path.kinks()):
             if b - a < _SAME_ANGLE:
                 continue
             count = max(_CELLS, math.ceil((b - a) / _CELL_WIDTH))
-            x = np.linspace(a, b, count + 1)
+            x: Values = np.linspace(a, b, count + 1)
             x[0], x[-1] = a + _NUDGE, b - _NUDGE
             d, slope = path(x)
             slope = slope * ((b - a) / count)

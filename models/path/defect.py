@@ -24,7 +24,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+
+from models.numerics import periodic_spline
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -102,9 +103,8 @@ def race_profile(sd: float, pitch: float, cutoff: float, seed: int, race_radius:
     values = np.fft.irfft(noise, samples)
     values *= sd / float(np.sqrt(np.mean(values * values)))
     angles = np.arange(samples + 1) * (2.0 * math.pi / samples)
-    spline = CubicSpline(angles, np.append(values, values[0]), bc_type="periodic")
-    extrema = spline(spline.derivative().roots(extrapolate=False))
-    coefficients = np.ascontiguousarray(spline.c)
+    pieces, extrema = periodic_spline(angles, np.append(values, values[0]))
+    coefficients = np.ascontiguousarray(pieces)
     coefficients.flags.writeable = False
     return RaceProfile(coefficients, 2.0 * math.pi / samples, float(-extrema.min()), float(extrema.max()))
 

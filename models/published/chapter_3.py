@@ -128,7 +128,7 @@ def _roller_table(bearing: Bearing, k_c: float) -> list[Figure]:
     figures: list[Figure] = []
     for place, columns in _ROLLER_TABLE.items():
         for quantity, texts in columns.items():
-            rows = []
+            rows: list[tuple[str, str, float]] = []
             for load, text in zip(_ROLLER_LOADS, texts, strict=True):
                 force = load / (11 * 0.2453)
                 zone = load_zone(ring_approach(bearing, load, k_c, clearance), clearance)

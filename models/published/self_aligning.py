@@ -61,7 +61,9 @@ def _stiffness_of_1205() -> list[Figure]:
             (f"{load:g} N", text, float(mean_bearing_stiffness(bearing, load, k_c)[axis, axis]) * 1e-6)
             for load, text in zip((1000.0, 2000.0), texts, strict=True)
         ], note="no pair of k_c and clearance meets all four")  # fmt: skip
-    across, along, lost = [], [], []
+    across: list[tuple[str, str, float]] = []
+    along: list[tuple[str, str, float]] = []
+    lost: list[tuple[str, str, float]] = []
     for load in (1000.0, 2000.0):
         healthy = stiffness_over_passage(bearing, load, k_c)
         defect = Defect(math.radians(EXTENTS_DEG["D3"]), SEEDED_DEPTH)
