@@ -278,7 +278,7 @@ def static_equilibrium(
 
     # The start must touch an element: without one there is no gradient that leads to the load.
     approach = float(np.max(clearance)) + (5.0 * load / (len(angles) * k_c)) ** (1.0 / exponent)
-    u: NDArray[np.float64] = np.array([approach / float(np.cos(angles).max()), 0.0])
+    u = np.array([approach / float(np.cos(angles).max()), 0.0])
     # One element in contact leaves the direction across it without stiffness, so the Newton step is damped
     # (Levenberg): less after each success, more after each failure.
     damping = 1e-3
@@ -287,7 +287,8 @@ def static_equilibrium(
         residual = target - force
         if float(np.abs(residual).max()) <= 1e-12 * load:
             return u
-        trial = u + np.linalg.solve(jacobian + damping * np.trace(jacobian) * np.eye(2), residual)
+        damped = jacobian + damping * float(np.trace(jacobian)) * np.eye(2)
+        trial = u + np.asarray(np.linalg.solve(damped, residual), dtype=np.float64)
         # Near the solution the energy is flat to rounding; as much increase is forgiven as rounding may feign.
         if energy(trial) <= energy(u) + 1e-14 * load * float(np.abs(u).max()):
             u, damping = trial, max(0.1 * damping, 1e-14)

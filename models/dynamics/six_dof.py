@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,6 +31,11 @@ if TYPE_CHECKING:
 
     from models.bearing import Bearing
     from models.scene import Defect, Rig, Scene
+
+    _Floats = NDArray[np.float64]
+    _Arguments = tuple[
+        NDArray[np.int64], _Floats, _Floats, _Floats, _Floats, _Floats, _Floats, int, _Floats, _Floats, _Floats
+    ]
 
 # Longest step, s, and fewest steps a period with a relative error of the RMS below the key (rms over
 # scenes); benchmarks/six_dof.py prints the actual error. The default is the finest.
@@ -104,7 +109,7 @@ class BallPeriod:
         found = settle(state, last, wave, *self._arguments(), self.weight, scale, steering, tolerance, cap)
         return last, *found
 
-    def _arguments(self) -> tuple[Any, ...]:
+    def _arguments(self) -> _Arguments:
         """Return the arguments that both kernels share, in their order."""
         return (
             self.first,

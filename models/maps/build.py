@@ -181,7 +181,7 @@ def map_attributes(plan: MapPlan) -> dict[str, Any]:
     }
     if plan.rig_draws > 0:
         flat |= {name: getattr(plan, name) for name in ("rig_spread", "rig_spread_k_r", "rig_seed")}
-    parts: list[tuple[str, Any]] = [("bearing", plan.bearing), ("rig", plan.rig), ("floor", plan.floor)]
+    parts: list[tuple[str, object]] = [("bearing", plan.bearing), ("rig", plan.rig), ("floor", plan.floor)]
     if plan.slip is not None:
         parts.append(("slip", plan.slip))
     for prefix, part in parts:

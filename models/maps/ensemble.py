@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -145,7 +145,7 @@ def _scene(task: _Task, index: int) -> Scene:
 def _simulate(task: _Task) -> NDArray[np.float64]:
     """Return RMS, settling change, status and lines of the scenes of a task, shape (scenes, _COLUMNS)."""
     runner = LaneRunner(task.options)
-    rows: list[NDArray[np.float64]] = []
+    rows: list[NDArray[Any]] = []
     for begin in range(task.begin, task.end, LANES):
         scenes = [_scene(task, i) for i in range(begin, min(begin + LANES, task.end))]
         # A number that no other group of the map has, whatever process it runs in.

@@ -147,8 +147,8 @@ def nodes_at_random(plan: MapPlan, count: int, seed: int) -> list[tuple[float, f
     depths = [h for h in plan.h_d if h > 0.0] or [plan.h_d[0]]
     extents = [x for x in plan.dphi_d if x > 0.0] or [plan.dphi_d[0]]
     axes = (plan.load, plan.speed, depths, extents)
-    picks = [rng.integers(0, len(axis), count) for axis in axes]
-    return [tuple(axis[pick[n]] for axis, pick in zip(axes, picks, strict=True)) for n in range(count)]
+    load, speed, h_d, dphi_d = (np.array(axis)[rng.integers(0, len(axis), count)].tolist() for axis in axes)
+    return list(zip(load, speed, h_d, dphi_d, strict=True))
 
 
 def drawn_rig(plan: MapPlan, number: int) -> Rig:

@@ -207,11 +207,11 @@ def pieces(paths: list[BallPath | PartPath]) -> Pieces:
     counts: list[int] = []
     cells: list[Values] = [np.zeros((0, 4))]
     for path in paths:
-        for a, b in pairwise(path.kinks()):
+        for a, b in pairwise(float(kink) for kink in path.kinks()):
             if b - a < _SAME_ANGLE:
                 continue
             count = max(_CELLS, math.ceil((b - a) / _CELL_WIDTH))
-            x: Values = np.linspace(a, b, count + 1)
+            x = np.linspace(a, b, count + 1)
             x[0], x[-1] = a + _NUDGE, b - _NUDGE
             d, slope = path(x)
             slope = slope * ((b - a) / count)
@@ -227,8 +227,8 @@ def pieces(paths: list[BallPath | PartPath]) -> Pieces:
                     axis=1,
                 )
             )
-            starts.append(float(a))
-            ends.append(float(b))
+            starts.append(a)
+            ends.append(b)
             counts.append(count)
     first = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
     return Pieces(np.array(starts), np.array(ends), first, np.concatenate(cells))

@@ -102,7 +102,7 @@ def race_profile(sd: float, pitch: float, cutoff: float, seed: int, race_radius:
     noise[0] = 0.0
     values = np.fft.irfft(noise, samples)
     values *= sd / float(np.sqrt(np.mean(values * values)))
-    angles = np.arange(samples + 1) * (2.0 * math.pi / samples)
+    angles = np.asarray(np.arange(samples + 1) * (2.0 * math.pi / samples), dtype=np.float64)
     pieces, extrema = periodic_spline(angles, np.append(values, values[0]))
     coefficients = np.ascontiguousarray(pieces)
     coefficients.flags.writeable = False
