@@ -1,1 +1,1 @@
-"""What a bearing with a given damage would sound like: geometry, contact, dynamics, maps (first floor)."""
+"""Simulated vibration of a damaged bearing: geometry, contact, dynamics, maps (first floor)."""

@@ -53,13 +53,7 @@ def contact_exponent(bearing: Bearing) -> float:
 
 @dataclass(frozen=True)
 class ContactShape:
-    """Shape of an elliptical contact: its ellipticity a/b and the complete elliptic integrals that go with it.
-
-    Attributes:
-        kappa: ratio of the longer to the shorter semi-axis, 1 or more.
-        eps: complete integral of the second kind, E(1 - 1/kappa^2).
-        xi: complete integral of the first kind, K(1 - 1/kappa^2).
-    """
+    """Ellipticity ``kappa`` = a/b >= 1 of a contact, and the complete integrals eps = E and xi = K of 1 - 1/kappa^2."""
 
     kappa: float
     eps: float
@@ -102,11 +96,7 @@ def _radii_ratio(kappa: float) -> float:
 def point_contact_stiffness(
     r_rolling: float, r_across: float, material: Material = _STEEL, method: Method = "simplified"
 ) -> float:
-    """Return the stiffness of one elliptical contact, N/m^1.5.
-
-    Args:
-        r_rolling: relative radius of curvature in the rolling direction, m (Eq. 6).
-        r_across: relative radius across it, m (Eq. 7).
+    """Return the stiffness of one elliptical contact of relative radii of Eqs. 6 and 7, N/m^1.5.
 
     Source: thesis, Eqs. 5, 8-10 and 17 with two misprints mended: xi belongs inside the bracket,
     k = pi kappa E' sqrt(eps r_eq / (4.5 xi^3)), and E' is twice the E_eq of Eq. 3.
@@ -178,11 +168,9 @@ def relative_radii(bearing: Bearing) -> tuple[tuple[float, float], tuple[float, 
 def contact_patches(
     bearing: Bearing, force: float, material: Material = _STEEL
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return half the length (across rolling) and half the width, m, of both contacts of one element under a force, N.
+    """Return (half length, half width), m, of the contacts of one element with inner and outer race under a force, N.
 
-    Returns:
-        (half length, half width) on the inner and on the outer race: a and b of Eqs. 11-12 for balls, half the
-        effective length and a of Eq. 4 for rollers.
+    They are a and b of Eqs. 11-12 for balls, half the effective length (across rolling) and a of Eq. 4 for rollers.
 
     Raises:
         ValueError: if a radius that the contact needs is unknown or does not conform; the message names it.
@@ -207,12 +195,9 @@ def _known(bearing: Bearing, name: str) -> float:
 
 
 def element_angles(bearing: Bearing, cage_angle: float = 0.0) -> NDArray[np.float64]:
-    """Return the angles of all elements from the load direction, rad, row after row (Eq. 32).
+    """Return the angles of all elements from the load direction, rad, shape (rows * n_elements,) (Eq. 32).
 
     The rows of a bearing with several are staggered evenly, two of them by half a spacing.
-
-    Returns:
-        array of shape (rows * n_elements,).
     """
     pitch = 2.0 * math.pi / bearing.n_elements
     row = pitch / bearing.rows * np.arange(bearing.rows)[:, None]
@@ -289,7 +274,7 @@ def static_equilibrium(
             return u
         damped = jacobian + damping * float(np.trace(jacobian)) * np.eye(2)
         trial = u + np.asarray(np.linalg.solve(damped, residual), dtype=np.float64)
-        # Near the solution the energy is flat to rounding; as much increase is forgiven as rounding may feign.
+        # Near the solution the energy is flat to rounding; an increase within rounding is accepted.
         if energy(trial) <= energy(u) + 1e-14 * load * float(np.abs(u).max()):
             u, damping = trial, max(0.1 * damping, 1e-14)
         else:
@@ -305,10 +290,9 @@ def static_equilibrium(
 def bearing_stiffness(
     bearing: Bearing, load: float, k_c: float, *, clearance: float = 0.0, cage_angle: float = 0.0
 ) -> NDArray[np.float64]:
-    """Return the stiffness matrix of the bearing at one cage angle, N/m (Eq. 61).
+    """Return the stiffness matrix of the bearing at one cage angle, N/m, shape (2, 2) (Eq. 61).
 
-    Returns:
-        array of shape (2, 2); [0, 0] is k_yy of the thesis (along the load), [1, 1] its k_xx (across).
+    [0, 0] is k_yy of the thesis (along the load), [1, 1] its k_xx (across).
     """
     angles, exponent = element_angles(bearing, cage_angle), contact_exponent(bearing)
     u = static_equilibrium(angles, load, k_c, clearance=clearance, exponent=exponent)
@@ -333,8 +317,7 @@ def l10h_life(
     """Return the rating life that 90 % of bearings reach, s, at a shaft speed in Hz (Eq. 1; ISO 281).
 
     Args:
-        dynamic_load_rating: C_r, N.
-        load: equivalent dynamic load P, N, positive.
+        load: equivalent dynamic load P, N.
         element: "ball" (exponent 3) or "roller" (10/3: the 10/9 printed in the thesis is a misprint).
         factor: life factor alpha_l.
 

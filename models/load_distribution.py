@@ -192,7 +192,7 @@ def stiffness_over_passage(
 
 def _check_defect(bearing: Bearing, defect: Defect) -> None:
     if bearing.element != "ball":
-        raise ValueError(f"{bearing.designation}: the way over a defect is that of balls, not of rollers")
+        raise ValueError(f"{bearing.designation}: the path over a defect is that of balls, not of rollers")
     if defect.part != "outer":
         raise ValueError(f"defect.part must be 'outer', which stands still, got {defect.part!r}")
     if not (defect.first_row >= 0 and 1 <= defect.rows <= bearing.rows - defect.first_row):

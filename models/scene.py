@@ -70,12 +70,11 @@ class Defect:
     """A defect of the outer race, the inner race or one ball of each damaged row.
 
     Attributes:
-        dphi_d: angular extent on the damaged part, rad (Eqs. 49-50): about the axis of the race, or about the ball's
-            own axis.
+        dphi_d: angular extent about the axis of the race, or about the ball's own axis, rad (Eqs. 49-50).
         h_d: depth of the floor, m; deeper than the ball can reach is the localised defect of Eq. 51.
         position: angle of the centre, rad, at the beginning: from the load direction (races), or of a ball's spot from
             the contact with the outer race.
-        rows: how many rows of the bearing it spans, beginning with ``first_row``.
+        rows: number of damaged rows of the bearing, from ``first_row`` on.
         part: "outer" (stands still), "inner" (turns with the shaft) or "ball" (turns with the first ball of a row).
         first_row: the first damaged row, counted from 0.
     """
@@ -174,7 +173,7 @@ class Scene:
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of the effects that ``models.dynamics.time_domain`` models (of slip, ``models.dynamics.lanes`` too);
-        without any, the motion is periodic with the ball passage and ``models.simulate.simulate`` answers.
+        without any, the motion is periodic with the ball passage and ``models.simulate.simulate`` solves it.
         """
         named = {
             "waviness": any(w.amplitude != 0.0 for w in self.waviness),

@@ -28,7 +28,7 @@ PERIODS = 7
 # Default step, s, and least steps a period; benchmarks/lanes.py prints the error that they leave.
 DEFAULT_STEP = 20e-6
 MIN_STEPS = 256
-# Places at which the mean-force rule looks for each ball.
+# Places of each ball over which the mean-force rule averages.
 _MEAN_FORCE_POINTS = 24
 _REACH = 1.0 - 1e-9
 # Numbers in a cache line.
@@ -221,9 +221,8 @@ class Group:
     def run_block(self, draws: NDArray[np.float64] | None = None) -> int:
         """Simulate PERIODS ball periods; return the kernel's status.
 
-        Args:
-            draws: slip angles of the balls that pass the point opposite to the load, rad, shape (PERIODS, rows of the
-                bearing, LANES), or None without slip.
+        ``draws`` are the slip angles of the balls that pass the point opposite to the load, rad, shape (PERIODS, rows
+        of the bearing, LANES), or None without slip.
         """
         if draws is None:
             if not self._filled:
@@ -285,10 +284,10 @@ def aligned(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class Workspace:
-    """The large arrays of a group, kept from group to group: to get fresh memory costs more than a block."""
+    """The large arrays of a group, reused from group to group: fresh memory costs more than a block."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
+        """Allocate nothing yet."""
         self._tables = np.empty(0)
         self._wave = np.empty(0)
 

@@ -46,9 +46,9 @@ class LaneOptions:
     """Settings of the simulation of a batch.
 
     Attributes:
-        steps_per_period: steps of a ball period at least; by default so many that a step is 20 us at most, and 256.
+        steps_per_period: minimum number of steps in a ball period; by default 256, and steps of at most 20 us.
         tolerance: relative change of the RMS from block to block at which the motion counts as settled.
-        max_blocks: blocks to simulate at most where the motion repeats, at least 3.
+        max_blocks: limit of simulated blocks where the motion repeats, at least 3.
         slip_blocks: blocks that are measured where it does not, at least 2.
         band: frequencies (lo, hi), Hz, in which the RMS is taken; None is the full bandwidth.
     """
@@ -131,7 +131,7 @@ def _measure(grid: Grid, wave: NDArray[np.float64], band: tuple[float, float] | 
 
 
 class LaneRunner:
-    """Simulates groups of scenes one after the other in this process; it keeps its memory from group to group."""
+    """Simulates groups of scenes one after the other in this process and reuses its memory."""
 
     def __init__(self, options: LaneOptions | None = None) -> None:
         """Take the options that hold for all groups."""

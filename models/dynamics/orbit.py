@@ -46,7 +46,7 @@ class PeriodMap(Protocol):
 
 @runtime_checkable
 class SettlingMap(PeriodMap, Protocol):
-    """A period map that can look for its own settled motion, compiled: the same search as ``_accelerate``, faster."""
+    """A period map with a compiled search for the settled motion, the same as ``_accelerate``."""
 
     def settle(
         self,

@@ -92,7 +92,7 @@ class BallPeriod:
         tolerance: float,
         cap: int,
     ) -> tuple[NDArray[np.float64], int, float, float, bool]:
-        """Look for the motion that repeats (models.kernels.orbit.settle).
+        """Search for the motion that repeats (models.kernels.orbit.settle).
 
         Args:
             state: where to begin, shape (2, 6).
@@ -187,8 +187,8 @@ def prepare(scene: Scene, steps_per_period: int | None = None, accuracy: float |
     """Return one ball period of a scene.
 
     Args:
-        steps_per_period: steps a ball period is to have at least (a few more, because steps end on kinks); by default
-            so many as ``accuracy`` asks for.
+        steps_per_period: minimum number of steps in a ball period (a few more are taken, because steps end on
+            kinks); by default that of ``accuracy``.
 
     Raises:
         ValueError: if the scene is outside the model, steps_per_period is less than 8, or accuracy too fine.
@@ -249,7 +249,7 @@ def operating_point(scene: Scene) -> OperatingPoint:
 
 
 def damaged_rows(defect: Defect | None) -> int:
-    """Return how many rows have a defect that a ball could feel."""
+    """Return the number of rows with a defect that moves a ball."""
     return 0 if defect is None or defect.dphi_d == 0.0 or defect.h_d == 0.0 else defect.rows
 
 
@@ -280,7 +280,7 @@ def _equilibrium(scene: Scene) -> NDArray[np.float64]:
     """Return the static displacement along and across the load, m."""
     k_c = scene.rig.k_c
     if scene.clearance == 0.0:
-        # Forces of all contacts grow alike then, with the power 3/2 of the displacement.
+        # All contact forces then grow with the power 3/2 of the displacement.
         return _unit_equilibrium(scene.bearing) * (scene.load / k_c) ** (1.0 / BALL_EXPONENT)
     return static_equilibrium(element_angles(scene.bearing), scene.load, k_c, clearance=scene.clearance)
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 # Default step, s: benchmarks/effects.py prints the error that it leaves.
 DEFAULT_STEP = 10e-6
-# What is dropped at the beginning: ball periods, and seconds at least.
+# Dropped at the beginning: ball periods, and the minimum in seconds.
 SETTLE_PERIODS = 40
 SETTLE_SECONDS = 0.2
 _LEAST_BLOCKS = 4.0
@@ -163,7 +163,7 @@ def simulate_time(
 
 
 def _repeats(scene: Scene) -> bool:
-    """Tell whether nothing in the scene keeps the motion from repeating with the ball passage."""
+    """Return whether the motion repeats with the ball passage."""
     return (
         scene.unbalance == 0.0
         and (scene.slip is None or scene.slip.phi_slip == 0.0)
@@ -189,7 +189,7 @@ def _settling(settle: float | None, lines: Kinematics) -> float:
 
 
 def _check_arguments(duration: float, rate: float, step: float, direction: tuple[float, float]) -> NDArray[np.float64]:
-    """Return the direction as a unit vector; refuse arguments that make no sense, naming them."""
+    """Return the direction as a unit vector; raise ValueError that names an invalid argument."""
     for name, value in (("duration", duration), ("rate", rate), ("step", step)):
         if not (math.isfinite(value) and value > 0.0):
             raise ValueError(f"{name} must be positive and finite, got {value!r}")
@@ -209,9 +209,7 @@ class _Levels:
 
 
 def _levels(signal: NDArray[np.float64], blocks: float) -> _Levels:
-    """Return RMS, its standard error and spread over ``blocks`` blocks, and its change between the halves of the
-    signal. The last, broken block is left out: a part of a passage would bias a mean.
-    """
+    """Return the levels over ``blocks`` blocks; the last, broken one is left out, because it would bias the mean."""
     count = math.floor(blocks + 1e-9)
     energy = np.concatenate(([0.0], np.cumsum(signal**2)))
     edges = np.arange(count + 1) * (len(signal) / blocks)

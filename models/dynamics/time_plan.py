@@ -1,7 +1,7 @@
 """What the time-domain kernel needs for a run: which ball meets which piece of which path, from when to when.
 
 Balls are named by row and number and keep their path coordinate, angle = start + rate * t, for good; the kernel names
-them by the slot of the cage in which they stand, so each meeting is cut where the cage has turned by one pitch.
+them by the slot of the cage that they occupy, so each meeting is cut where the cage has turned by one pitch.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Kernel of the six-degree-of-freedom model over any stretch of time, for scenes whose motion has no ball period.
+"""Kernel of the six-degree-of-freedom model simulated over time, for scenes whose motion has no ball period.
 
 Coordinates, scheme (Lawson-RK4) and contact law are those of ``models.kernels.six_dof``. What differs:
 
@@ -277,7 +277,7 @@ def _fill(t: float, h: float, half: tuple[float, float], interval: int, plan: Pl
 def _parts(
     x1: Axis, x2: Axis, t: float, length: float, parts: Index, interval: int, plan: Plan, nodes: Nodes, uses: Uses
 ) -> tuple[Axis, Axis, float, float, bool]:
-    """Return what ``_step`` does, for a stretch of any length taken in some parts."""
+    """Return what ``_step`` does, for a time of any length, taken in some parts."""
     h = length / parts
     e = _propagators(plan.parameter, h)
     angle = 0.5 * h * plan.parameter[P_OMEGA]

@@ -36,11 +36,9 @@ _BEYOND = 1.35
 
 @dataclass(frozen=True, eq=False)
 class LifePlan:
-    """The draws of a life.
+    """The draws of a life, SI units.
 
     Attributes:
-        load: N.
-        speed: Hz.
         slip: largest slip angle, rad.
         h_threshold: depth where V_eq is the population's threshold, m.
         depth_share: share of ln V_eq that ln h_d takes.
@@ -65,12 +63,7 @@ class LifePlan:
     background_harmonic: float
 
     def defects(self, t: NDArray[np.float64], threshold: float, race: float) -> list[Defect]:
-        """Return the defect at times since the onset (s, shape (n,)).
-
-        Args:
-            threshold: V_eq at which the depth is ``h_threshold``, m2.
-            race: r_o, radius of the outer race, m.
-        """
+        """Return the defect at times since the onset, s; it has depth ``h_threshold`` where V_eq is ``threshold``."""
         v_eq = self.path.at(t)
         h_d = self.h_threshold * (v_eq / threshold) ** self.depth_share
         return [Defect(float(v / (race * h)), float(h), self.floor) for v, h in zip(v_eq, h_d, strict=True)]

@@ -135,7 +135,7 @@ def inner_radius(bearing: Bearing) -> float:
 
 
 def part_paths(bearing: Bearing, defect: Defect | None) -> list[BallPath | PartPath]:
-    """Return the paths over a defect: one over a race, two around a ball, none where there is nothing to feel.
+    """Return the paths over a defect: one over a race, two around a ball, none without extent or depth.
 
     The angle is that of a ball from the race's zero, or that of a ball's spot from the contact with the outer race.
 

@@ -246,5 +246,5 @@ def library_settings(
 
 
 def prior_of(library: Library | None) -> str | None:
-    """Return in words the prior of the answers of a library."""
+    """Return the prior of a library as text."""
     return None if library is None else f"{library.prior} (library {library.hash[:16]})"

@@ -61,7 +61,7 @@ def command(
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the result of a replay in words."""
+    """Yield the lines for people of the summary of a replay."""
     counts = ", ".join(f"{number} {status}" for status, number in {**summary["flagged"], **summary["rejected"]}.items())
     yield (
         f"{summary['blocks']} blocks in {summary['seconds']:.2f} s: {summary['accepted']} accepted, "

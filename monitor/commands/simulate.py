@@ -53,7 +53,7 @@ _WAVEFORM_RATE = 51200.0
 @click.option("--waviness-um", type=click.FloatRange(min=0), default=0.0, show_default=True, help="Amplitude of waves.")
 @click.option("--waviness-order", type=click.IntRange(1), default=12, show_default=True, help="Waves around the race.")
 @click.option("--waviness-race", type=click.Choice(["outer", "inner"]), default="outer", show_default=True)
-@click.option("--gravity/--no-gravity", default=False, help="Let gravity act on the masses, along the load.")
+@click.option("--gravity/--no-gravity", default=False, help="Add gravity on the masses, along the load.")
 @click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip angle, drawn per passage.")
 @click.option(
     "--duration-s",

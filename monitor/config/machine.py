@@ -41,7 +41,7 @@ class MachineSection(Section):
         return value
 
     def to_waterfall(self) -> WaterfallSettings:
-        """Return how many envelope spectra are kept."""
+        """Return the settings of the kept envelope spectra."""
         return WaterfallSettings(rows=self.spectra, interval=self.spectra_interval_s)
 
 
