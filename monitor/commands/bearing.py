@@ -39,7 +39,7 @@ LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
 @click.option("--speed-hz", type=option.POSITIVE, help="Shaft speed.")
 @click.option("--clearance-um", type=click.FloatRange(min=0), help="Radial clearance.")
 @click.option("--dphi-deg", type=click.FloatRange(min=0, max=360), help="Extent of a defect of the outer race.")
-@click.option("--h-d-um", type=click.FloatRange(min=0), default=500.0, show_default=True, help="Depth of the defect.")
+@click.option("--h-d-um", type=click.FloatRange(min=0), default=500.0, help="Depth of the defect.")
 @option.output
 def command(
     config_path: Path | None,

@@ -83,15 +83,13 @@ def demo_config(method: str = "library") -> Config:
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("demo-out"),
-    show_default=True,
     help="Folder for records and report; an earlier demo in it is replaced.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Number of the simulated life.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, help="Number of the simulated life.")
 @click.option(
     "--method",
     type=click.Choice(["library", "filter", "thesis"]),
     default="library",
-    show_default=True,
     help="Method for V_eq; TT comes from the library unless it is thesis.",
 )
 @option.output

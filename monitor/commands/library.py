@@ -43,8 +43,8 @@ def command() -> None:
 @command.command("build")
 @option.config
 @option.bearing
-@click.option("--runs", type=click.IntRange(min=20), default=1000, show_default=True, help="Lives to simulate.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all random draws.")
+@click.option("--runs", type=click.IntRange(min=20), default=1000, help="Lives to simulate.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of all random draws.")
 @option.thresholds(click.FloatRange(min=0.01, max=1.0))
 @click.option("--load-newton", type=option.Range(positive=True), help="Default: 10 % around the configured load.")
 @click.option("--speed-hz", type=option.Range(positive=True), help="Default: 10 % around the configured speed.")
@@ -52,20 +52,16 @@ def command() -> None:
     "--load-variation-percent",
     type=click.FloatRange(min=0, max=50),
     default=0.0,
-    show_default=True,
     help="Known change of the load from block to block, either way.",
 )
 @click.option(
     "--speed-variation-percent",
     type=click.FloatRange(min=0, max=50),
     default=0.0,
-    show_default=True,
     help="Known change of the speed from block to block, either way; needed from 1 %.",
 )
-@click.option(
-    "--duration-min", type=option.Range(positive=True), default="150:900", show_default=True, help="Onset to threshold."
-)
-@click.option("--interval-s", type=option.POSITIVE, default=300.0, show_default=True, help="Time between blocks.")
+@click.option("--duration-min", type=option.Range(positive=True), default="150:900", help="Onset to threshold.")
+@click.option("--interval-s", type=option.POSITIVE, default=300.0, help="Time between blocks.")
 @click.option("--rms-band-hz", type=option.Range(positive=True), help="Band of the RMS. Default: 0 to 9500 Hz.")
 @click.option(
     "--calibrate",

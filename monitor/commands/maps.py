@@ -50,36 +50,26 @@ def command() -> None:
 @option.bearing
 @click.option("--load-newton", type=click.FloatRange(min=0), multiple=True, help="One or several loads.")
 @click.option("--speed-hz", type=option.POSITIVE, multiple=True, help="One or several speeds.")
-@click.option("--dphi-deg", type=option.Axis(), default="0:50:51", show_default=True, help="Extents.")
-@click.option("--h-d-um", type=option.Axis(), default="0:32:33", show_default=True, help="Depths.")
-@click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth", show_default=True)
-@click.option("--floors", type=click.IntRange(min=1), default=1, show_default=True, help="Floors to average.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the first rough floor.")
+@click.option("--dphi-deg", type=option.Axis(), default="0:50:51", help="Extents.")
+@click.option("--h-d-um", type=option.Axis(), default="0:32:33", help="Depths.")
+@click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth")
+@click.option("--floors", type=click.IntRange(min=1), default=1, help="Floors to average.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the first rough floor.")
 @click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip angle of the balls.")
 @click.option(
     "--slip-rule", type=click.Choice(["per_passage", "mean_force"]), default="per_passage", help="How slip is drawn."
 )
-@click.option("--slip-seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the slip.")
+@click.option("--slip-seed", type=click.IntRange(min=0), default=0, help="Seed of the slip.")
 @click.option("--rig-draws", type=click.IntRange(min=0), default=0, help="Rigs drawn for the spread over parameters.")
-@click.option(
-    "--rig-spread", type=click.FloatRange(0, 0.5), default=0.035, show_default=True, help="Relative sd of parameters."
-)
-@click.option(
-    "--rig-spread-k-r", type=click.FloatRange(0, 0.5), default=0.014, show_default=True, help="Relative sd of k_r."
-)
-@click.option("--rig-seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the rigs.")
+@click.option("--rig-spread", type=click.FloatRange(0, 0.5), default=0.035, help="Relative sd of parameters.")
+@click.option("--rig-spread-k-r", type=click.FloatRange(0, 0.5), default=0.014, help="Relative sd of k_r.")
+@click.option("--rig-seed", type=click.IntRange(min=0), default=0, help="Seed of the rigs.")
 @click.option(
     "--interpolation-tolerance",
     type=click.FloatRange(0, 1, min_open=True),
     help="Refine the axes until the error between nodes (rms, over the largest RMS) is below this.",
 )
-@click.option(
-    "--most-nodes",
-    type=click.IntRange(min=1),
-    default=MAX_NODES,
-    show_default=True,
-    help="Limit of the refinement.",
-)
+@click.option("--most-nodes", type=click.IntRange(min=1), default=MAX_NODES, help="Limit of the refinement.")
 @click.option("--rms-band-hz", type=option.Range(), help="Band of the RMS, the same as of the recordings.")
 @option.workers("Threads or processes")
 @click.option("--out", type=option.OUT_FILE, required=True, help="The map (netCDF).")
@@ -247,8 +237,8 @@ def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
 
 @command.command("check")
 @click.argument("path", metavar="FILE", type=option.FILE)
-@click.option("--points", type=click.IntRange(min=1), default=50, show_default=True, help="Random nodes.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of their choice.")
+@click.option("--points", type=click.IntRange(min=1), default=50, help="Random nodes.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of their choice.")
 @option.output
 def check(path: Path, points: int, seed: int, as_json: bool, quiet: bool) -> None:
     """Estimate the error of a map: nodes against finer steps, points between nodes against the model."""

@@ -18,9 +18,7 @@ OUT_FILE = click.Path(path_type=Path, dir_okay=False)
 config = click.option("--config", "config_path", type=FILE, help="Configuration of the machine (TOML).")
 bearing = click.option("--bearing", "name", help="A bearing of the configuration or of the catalogue.")
 channel = click.option("--channel", help="Channel of the records, where several have a final stage.")
-interval = click.option(
-    "--interval", type=click.FloatRange(0.5, 0.98), default=0.8, show_default=True, help="Level of intervals."
-)
+interval = click.option("--interval", type=click.FloatRange(0.5, 0.98), default=0.8, help="Level of intervals.")
 library = click.option("--library", "library_path", type=FILE, help="Library of simulated lives (.npz).")
 rows = click.option("--out", type=OUT_FILE, help="Write the rows too: .csv, .json or .nc.")
 
@@ -46,7 +44,6 @@ def thresholds(kind: click.ParamType = POSITIVE) -> Callable[[F], F]:
         type=kind,
         multiple=True,
         default=(0.05,),
-        show_default=True,
         help="Threshold of V_eq, mm3 per mm of width; may be given several times.",
     )
 

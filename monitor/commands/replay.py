@@ -20,13 +20,12 @@ from monitor.words.numbers import duration
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("replay-out"),
-    show_default=True,
     help="Folder for the store, the records and the report.",
 )
 @click.option("--pace", type=option.POSITIVE, help="Multiple of real time. Default: as fast as possible.")
 @click.option("--limit", type=click.IntRange(min=1), help="Maximum number of blocks.")
 @click.option("--resume", is_flag=True, help="Continue the store under --out after its last block.")
-@click.option("--report/--no-report", default=True, show_default=True, help="Write report.html under --out.")
+@click.option("--report/--no-report", default=True, help="Write report.html under --out.")
 @option.output
 def command(
     path: str | None,

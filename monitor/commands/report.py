@@ -20,11 +20,7 @@ if TYPE_CHECKING:
 
 @click.command("report")
 @click.argument("records", nargs=-1, type=option.FILE)
-@click.option(
-    "--out",
-    type=option.FILE,
-    help="The page, .html or .pdf [report.html]; with --batch a folder [reports].",
-)
+@click.option("--out", type=option.FILE, help="The page, .html or .pdf [report.html]; with --batch a folder [reports].")
 @click.option("--title", help="Title of the page.")
 @click.option("--timezone", help="Time zone of dates, such as Europe/Rome. [UTC]")
 @click.option(
@@ -41,7 +37,7 @@ if TYPE_CHECKING:
 @click.option("--batch", type=click.Path(path_type=Path, file_okay=False), help="Report every run under this folder.")
 @click.option("--config", "config_path", type=option.FILE, help="With --batch: replay recordings.")
 @click.option("--pdf", is_flag=True, help="Write every page as PDF too (needs the extra pdf and Pango).")
-@click.option("--workers", type=click.IntRange(min=0), default=0, help="With --batch: processes. [one per core]")
+@click.option("--workers", type=click.IntRange(min=0), default=0, help="With --batch: processes; 0: one per core.")
 @option.output
 def command(
     records: tuple[Path, ...],

@@ -37,17 +37,13 @@ class _Seconds(click.ParamType):
     "--stream", help="Stream id: the name of the [[source]] of a TCP receiver. Default: the name of the recording."
 )
 @option.config
-@click.option("--format", "kind", default="auto", show_default=True, help="Without --config: format or data set.")
+@click.option("--format", "kind", default="auto", help="Without --config: format or data set.")
 @click.option("--rate-hz", type=option.POSITIVE, help="Without --config: sampling rate.")
-@click.option("--block-s", type=_Seconds(), default=5.0, show_default=True, help="Without --config: block length.")
+@click.option("--block-s", type=_Seconds(), default=5.0, help="Without --config: block length.")
 @click.option("--pace", type=option.POSITIVE, help="Multiple of real time. Default: as fast as possible.")
 @click.option("--limit", type=click.IntRange(min=1), help="Number of the last block to send.")
 @click.option(
-    "--patience-s",
-    type=click.FloatRange(min=0),
-    default=300.0,
-    show_default=True,
-    help="Give up after this time without progress.",
+    "--patience-s", type=click.FloatRange(min=0), default=300.0, help="Give up after this time without progress."
 )
 @click.option("--username-file", type=_FILE, help="User name for the broker: the first line of this file.")
 @click.option("--password-file", type=_FILE, help="Password for the broker: the first line of this file.")

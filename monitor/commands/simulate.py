@@ -35,36 +35,28 @@ _WAVEFORM_RATE = 51200.0
 @click.command("simulate")
 @option.config
 @option.bearing
-@click.option("--speed-hz", type=option.POSITIVE, default=40.0, show_default=True)
-@click.option("--load-newton", type=click.FloatRange(min=0), default=4000.0, show_default=True)
-@click.option("--dphi-deg", type=click.FloatRange(0, 360), default=0.0, show_default=True, help="Extent of the defect.")
-@click.option("--h-d-um", type=click.FloatRange(min=0), default=0.0, show_default=True, help="Depth of the defect.")
+@click.option("--speed-hz", type=option.POSITIVE, default=40.0)
+@click.option("--load-newton", type=click.FloatRange(min=0), default=4000.0)
+@click.option("--dphi-deg", type=click.FloatRange(0, 360), default=0.0, help="Extent of the defect.")
+@click.option("--h-d-um", type=click.FloatRange(min=0), default=0.0, help="Depth of the defect.")
 @click.option("--clearance-um", type=click.FloatRange(min=0), help="Radial clearance.")
-@click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth", show_default=True)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of rough floor and slip.")
-@click.option("--rows", type=click.Choice(["1", "2"]), default="1", show_default=True, help="Number of damaged rows.")
-@click.option("--first-row", type=click.IntRange(1), default=1, show_default=True, help="The first damaged row.")
-@click.option("--sensor", type=click.Choice(["mo", "mr"]), default="mo", show_default=True, help="Casing or resonator.")
-@click.option("--direction-deg", type=float, default=0.0, show_default=True, help="Angle of the sensor from the load.")
-@click.option(
-    "--fault", type=click.Choice(["outer", "inner", "ball"]), default="outer", show_default=True, help="Damaged part."
-)
-@click.option("--unbalance-kg-m", type=click.FloatRange(min=0), default=0.0, show_default=True, help="Of the shaft.")
-@click.option("--waviness-um", type=click.FloatRange(min=0), default=0.0, show_default=True, help="Amplitude of waves.")
-@click.option("--waviness-order", type=click.IntRange(1), default=12, show_default=True, help="Waves around the race.")
-@click.option("--waviness-race", type=click.Choice(["outer", "inner"]), default="outer", show_default=True)
+@click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of rough floor and slip.")
+@click.option("--rows", type=click.Choice(["1", "2"]), default="1", help="Number of damaged rows.")
+@click.option("--first-row", type=click.IntRange(1), default=1, help="The first damaged row.")
+@click.option("--sensor", type=click.Choice(["mo", "mr"]), default="mo", help="Casing or resonator.")
+@click.option("--direction-deg", type=float, default=0.0, help="Angle of the sensor from the load.")
+@click.option("--fault", type=click.Choice(["outer", "inner", "ball"]), default="outer", help="Damaged part.")
+@click.option("--unbalance-kg-m", type=click.FloatRange(min=0), default=0.0, help="Of the shaft.")
+@click.option("--waviness-um", type=click.FloatRange(min=0), default=0.0, help="Amplitude of waves.")
+@click.option("--waviness-order", type=click.IntRange(1), default=12, help="Waves around the race.")
+@click.option("--waviness-race", type=click.Choice(["outer", "inner"]), default="outer")
 @click.option("--gravity/--no-gravity", default=False, help="Add gravity on the masses, along the load.")
 @click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip angle, drawn per passage.")
-@click.option(
-    "--duration-s",
-    type=click.FloatRange(0.01, 60.0),
-    default=1.0,
-    show_default=True,
-    help="Simulated time.",
-)
-@click.option("--model", type=click.Choice(["six_dof"]), default="six_dof", show_default=True)
-@click.option("--tolerance", type=click.FloatRange(1e-12, 0.1), default=1e-5, show_default=True)
-@click.option("--periods", type=click.IntRange(min=2), default=300, show_default=True, help="Limit of ball periods.")
+@click.option("--duration-s", type=click.FloatRange(0.01, 60.0), default=1.0, help="Simulated time.")
+@click.option("--model", type=click.Choice(["six_dof"]), default="six_dof")
+@click.option("--tolerance", type=click.FloatRange(1e-12, 0.1), default=1e-5)
+@click.option("--periods", type=click.IntRange(min=2), default=300, help="Limit of ball periods.")
 @click.option("--rms-band-hz", type=option.Range(), help="Take RMS and peak in this band only.")
 @click.option("--plot", type=option.OUT_FILE, help="Draw the scene (PNG, SVG or HTML).")
 @click.option("--waveform", type=option.OUT_FILE, help="Write one second, or --duration-s, as CSV.")

@@ -47,7 +47,7 @@ class _Other:
 @click.option("--features", type=click.Choice(["rms", "rms+harmonics"]), help="Default: all that INPUT has.")
 @option.interval
 @option.channel
-@click.option("--smoothing-blocks", type=click.IntRange(min=1), default=6, show_default=True, help="Thesis only.")
+@click.option("--smoothing-blocks", type=click.IntRange(min=1), default=6, help="Thesis only.")
 @click.option("--stop-outside-map", is_flag=True, help="Stop at the first RMS outside the map, as in the thesis.")
 @click.option("--other-load-newton", type=option.POSITIVE, help="Also the RMS at this load.")
 @click.option("--other-speed-hz", type=option.POSITIVE, help="Also the RMS at this speed.")
