@@ -34,7 +34,6 @@ class History:
     """Records of one channel from t_fs on; n blocks.
 
     Attributes:
-        channel: its name.
         time: s, UTC since 1970 or from the first block, shape (n,).
         running: damage time from the first block, s, without standstill, shape (n,).
         rms: m/s2, shape (n,).
@@ -55,14 +54,14 @@ class History:
 
 
 def read_history(path: Path, channel: str | None = None) -> History:
-    """Read the final stage of a channel from a file of records, or from a folder of them.
+    """Read the final stage of a channel from a published file, or a folder of them (or one above ``records``).
 
     Args:
-        path: a ``.nc`` file as ``replay``, ``demo`` or the daemon publish it, or a folder (or one above ``records``).
-        channel: its name; needed where several channels have a final stage.
+        path: the file or folder.
+        channel: needed where several channels have a final stage.
 
     Raises:
-        HistoryError: naming the file and what is wrong: unreadable, no records, no such channel, no final stage.
+        HistoryError: unreadable, no records, no such channel, no final stage.
     """
     datasets = [_open(file) for file in _files(path)]
     names = list(dict.fromkeys(str(name) for dataset in datasets for name in dataset.channel.values))

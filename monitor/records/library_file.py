@@ -25,11 +25,7 @@ class LibraryError(WrongInputError, ValueError):
 
 
 def save_library(library: Library, path: Path | str) -> None:
-    """Write a library; readers see the old file or the whole new one.
-
-    Raises:
-        OSError: if the folder cannot be written to.
-    """
+    """Replace a library file atomically; may raise OSError."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     header = {"kind": _KIND, "schema_version": SCHEMA_VERSION, "hash": library.hash, **header_of(library)}
@@ -62,7 +58,7 @@ def load_library(path: Path | str) -> Library:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        # numpy's own words would advise to unpickle it.
+        # The message of numpy advises to unpickle it.
         raise LibraryError(f"{path}: not a readable .npz of plain arrays") from error
     except AttributeError:
         raise LibraryError(f"{path}: a single array, expected an .npz archive") from None

@@ -63,11 +63,7 @@ class Buckets:
 
     @classmethod
     def of_rows(cls, rows: Sequence[Any]) -> Buckets:
-        """Return buckets from rows of series, index, records, other statuses than ok (JSON or None), extremes.
-
-        Raises:
-            ValueError: the extremes are not of the present features.
-        """
+        """Return buckets from rows of series, index, records, other statuses than ok (JSON or None), extremes."""
         series, index, records = (np.array([row[place] for row in rows], dtype=np.int64) for place in range(3))
         extremes = np.frombuffer(b"".join(row[4] for row in rows), dtype="<f8").reshape(len(rows), 2, len(FEATURES))
         counts = np.zeros((len(rows), len(STATUSES)), dtype=np.int64)
@@ -130,12 +126,7 @@ def check_features(connection: sqlite3.Connection) -> None:
 
 
 def roll_up(connection: sqlite3.Connection, budget_s: float = _COMMIT_BUDGET_S) -> None:
-    """Add the blocks that are not in the table yet, within a transaction; fewer than a batch are left for later.
-
-    Args:
-        connection: of the store's writer.
-        budget_s: time after which the rest is left for the next call.
-    """
+    """Add new blocks to the table within a transaction of the writer, while they are a batch and for ``budget_s``."""
     (newest,) = connection.execute("SELECT coalesce(max(id), 0) FROM blocks").fetchone()
     last = rolled_up_to(connection)
     end = time.monotonic() + budget_s

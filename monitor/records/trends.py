@@ -92,8 +92,7 @@ def read_trends(
     Args:
         connection: to the store, outside a transaction.
         key: the channel.
-        since: start of the range, s, or None for the first record.
-        until: end of the range, s, inclusive, or None for the last record.
+        since, until: ends of the range, s, inclusive, or None for the first or last record.
         points: greatest number of rows; at least 2.
     """
     # One snapshot: a commit may move blocks from the tail to the rollup meanwhile.

@@ -12,27 +12,20 @@ from monitor.service.ingest import Ingest
 
 _LOG = logging.getLogger(__name__)
 _COUNT_SHARE = 50.0
-"""Times the duration of a count that pass before the next one."""
+"""Least ratio of the time between two counts to the duration of one."""
 _MARKS = """
 SELECT (SELECT max(id) FROM acknowledgements), (SELECT max(id) FROM events), (SELECT max(id) FROM notices)
 """
 
 
 class Acknowledgements:
-    """Passes acknowledgements on to the ingest, each once.
+    """Passes acknowledgements from the event log to the ingest.
 
-    The first poll takes them all, also those given while no daemon ran, and those given to a daemon that was killed
-    before its next block: one that is passed on twice has nothing left to release.
+    The first poll takes them all, also those given while no daemon ran; one that is passed twice has no effect.
     """
 
     def __init__(self, store: Store, log: EventLog, ingest: Ingest) -> None:
-        """Take what is open; nothing is read yet.
-
-        Args:
-            store: read in the thread that commits.
-            log: on the same database, in which it has made its tables.
-            ingest: on the store.
-        """
+        """Keep store, log and ingest of one database; they are used in the thread that commits."""
         self._store, self._log, self._ingest = store, log, ingest
         self._seen = 0
         self._count_due = float("-inf")
@@ -41,11 +34,7 @@ class Acknowledgements:
         """Events and notices that are not acknowledged, as of the latest count."""
 
     def poll(self) -> None:
-        """Take what is new.
-
-        Raises:
-            StoreError: the database cannot be read.
-        """
+        """Take new acknowledgements; raise StoreError where the database cannot be read."""
         marks = self._store.rows(_MARKS)[0]
         if marks == self._marks:
             return

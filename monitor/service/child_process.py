@@ -25,15 +25,7 @@ Child = subprocess.Popen[bytes]
 
 
 def start_child(entry: str, *arguments: str) -> Child:
-    """Start a child whose standard input and output are pipes.
-
-    Args:
-        entry: the function that it runs, ``module:function``.
-        arguments: its ``sys.argv[1:]``.
-
-    Raises:
-        OSError: it cannot be started.
-    """
+    """Start a child with pipes that runs the function ``module:function`` with ``sys.argv[1:]``; may raise OSError."""
     command = [sys.executable, "-c", _START, entry, *arguments, json.dumps(sys.path)]
     child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert child.stdout is not None

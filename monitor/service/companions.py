@@ -1,4 +1,4 @@
-"""What runs beside the thread that commits: files, page, notifications, records over MQTT."""
+"""Outputs beside the thread that commits: files, page, notifications, records over MQTT."""
 
 from __future__ import annotations
 
@@ -35,13 +35,9 @@ class Companions:
         path: Path | None = None,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Start notifications and records over MQTT.
+        """Start notifications and records over MQTT for a store that is open for writing.
 
-        Args:
-            config: the machine.
-            store: open for writing.
-            path: file of the configuration, which the page reads; None for no page.
-            monotonic: seconds that never go back.
+        The page reads the configuration from the file ``path``; without one there is no page.
 
         Raises:
             ConfigError: a notification channel cannot be set up as configured.
@@ -86,7 +82,7 @@ class Companions:
             self._page.tick()
 
     def problems(self) -> dict[str, str]:
-        """Return what is wrong with each, in one sentence, by its name."""
+        """Return the problem of each that has one, by its name."""
         found = {
             "publisher": self._publisher.problem,
             "publish.mqtt": self._records.problem,
@@ -95,11 +91,7 @@ class Companions:
         return self._events.problems() | {name: problem for name, problem in found.items() if problem is not None}
 
     def end(self, *, room: bool) -> None:
-        """Publish and notify a last time, and end all; takes at most four seconds.
-
-        Args:
-            room: whether there is room on the disk for files.
-        """
+        """Publish, where there is room on the disk, and notify a last time; end all within four seconds."""
         ending = [threading.Thread(target=end, daemon=True) for end in self._ending]
         for thread in ending:
             thread.start()

@@ -27,7 +27,7 @@ from streams.spec import SourceError
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.2
-"""Longest wait for a delivery, over all sources."""
+"""Wait for a delivery, over all sources."""
 _RETRY_S = 1.0
 
 Result = tuple[SourceState, SourceOutput]
@@ -50,13 +50,13 @@ class Ingest(Closing):
         clock: Callable[[], float] = time.time,
         idle: Callable[[], object] = lambda: None,
     ) -> None:
-        """Go on with the states at which the store ends.
+        """Continue with the states at which the store ends; own ledger and sources.
 
         Args:
             store: open for writing, in this thread.
             ledger: on that store; the sources were opened with it.
-            sources: open; they are closed with the ingest.
-            settings: by the name of the source that blocks bear.
+            sources: open.
+            settings: by the name of the source in blocks.
             clock: UTC seconds since 1970.
             idle: called in this thread after each failed attempt to use the store.
 
@@ -107,11 +107,7 @@ class Ingest(Closing):
         return replace(state, alarms=acknowledged(state.alarms, self._acknowledgements.get(source, ())))
 
     def acknowledge(self, source: str, given: Acknowledgement) -> bool:
-        """Release with the next block what a rule has latched since a block or before.
-
-        Returns:
-            Whether anything is latched: False for what never was, and for what was released before.
-        """
+        """Release a latched alarm with the next block; return whether there was one."""
         before = self.state(source).alarms
         if acknowledged(before, (given,)) == before:
             return False
@@ -119,25 +115,17 @@ class Ingest(Closing):
         return True
 
     def run(self, stop: threading.Event, seen: Callable[[Record], None] | None = None) -> None:
-        """Take deliveries until ``stop`` is set; one that was begun is finished first if the store lets it.
-
-        Args:
-            stop: ends the loop.
-            seen: called with each record after its commit.
-        """
+        """Take deliveries until ``stop`` is set, and call ``seen`` with each committed record."""
         while not stop.is_set():
             record = self.step(stop)
             if record is not None and seen is not None:
                 seen(record)
 
     def step(self, stop: threading.Event) -> Record | None:
-        """Wait a moment for a delivery and commit it.
-
-        Args:
-            stop: ends the attempts to commit.
+        """Wait a moment for a delivery and commit it, until ``stop`` is set.
 
         Returns:
-            The committed record, or None where nothing came or the block was refused.
+            The committed record, or None without a delivery or for a refused block.
         """
         # First a round without waiting: a quiet source does not slow down a busy one.
         for timeout in (0.0, _POLL_S / len(self.sources)):
@@ -202,7 +190,7 @@ class Ingest(Closing):
             done = self._commit(result, delivery, stop)
             if output.record.accepted and self._analysis_errors.pop(item.source, None) is not None:
                 _LOG.warning("%s: blocks can be analysed again", item.source)
-        except Exception as error:  # A block on which the analysis raises must not stop those after it.
+        except Exception as error:  # A block on which the analysis raises must not stop the next ones.
             state, output = result = self._failed(item, error)
             done = self._commit(result, delivery, stop, final=True)
         if not done:
@@ -287,11 +275,7 @@ class Ingest(Closing):
 
 
 def _stored_state(store: Store, settings: SourceSettings) -> SourceState:
-    """Return the state of a source at which a store ends.
-
-    Raises:
-        StoreError: the store cannot be read, or the state is of another version.
-    """
+    """Return the state of a source at which a store ends; StoreError where it is of another version."""
     latest = store.record(settings.name, store.last(settings.name))
     try:
         return SourceState.begin(settings, store.load_states(), latest)

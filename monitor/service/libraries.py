@@ -37,12 +37,12 @@ def build_library(
     """Simulate lives 0 to ``runs - 1`` of a population and fit the forecaster on them.
 
     Args:
-        population: what the lives are drawn from; its ``until`` must be the largest threshold or more.
-        runs: how many.
+        population: its ``until`` must be the largest threshold or more.
+        runs: number of lives.
         thresholds: V_th to forecast, m2.
         workers: threads that simulate; 0 means one a core. The library does not depend on it.
         progress: called with the lives done and their total.
-        settings: how to fit; by default with the population's seed.
+        settings: of the fit; by default with the population's seed.
 
     Raises:
         ValueError: too few lives, thresholds that the population does not reach, or a scene outside the model.
@@ -87,7 +87,7 @@ def _extent_deg(population: Population, depth: float) -> float:
 def library_path(
     population: Population, runs: int, thresholds: Sequence[float], cache_dir: Path | str | None = None
 ) -> Path:
-    """Return where a library is kept: in ``cache_dir`` or the user's cache folder.
+    """Return the file of a library in ``cache_dir`` or the user's cache folder.
 
     The source of the modules that fit it is a part of its name: another version of the fit builds a library anew.
     """
@@ -110,13 +110,7 @@ def cached_library(
 ) -> Library:
     """Return a library, built on first use and read afterwards; a damaged one is built anew.
 
-    Args:
-        population: what the lives are drawn from.
-        runs: how many.
-        thresholds: V_th to forecast, m2.
-        cache_dir: folder of the kept libraries; by default the user's cache folder.
-        workers: threads that simulate; 0 means one a core.
-        progress: called with the lives done and their total; not called where nothing is built.
+    Arguments are those of :func:`build_library` and :func:`library_path`.
     """
     path = library_path(population, runs, thresholds, cache_dir)
     try:

@@ -34,15 +34,8 @@ class PageProcess:
         state_dir: Path,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Keep the settings; :meth:`tick` starts the child.
-
-        Args:
-            config: file of the machine.
-            web: where it listens, and to whom.
-            state_dir: where its token is kept if none is configured.
-            monotonic: seconds that never go back.
-        """
-        self._given = {
+        """Keep file and section of the configuration and the folder of the token; :meth:`tick` starts the child."""
+        self._request = {
             "config": str(config.absolute()),
             "web": web.model_dump(mode="json"),
             "state_dir": str(state_dir.absolute()),
@@ -56,7 +49,7 @@ class PageProcess:
         self.url: str | None = None
         """Address of the page once it answers, or None."""
         self.problem: str | None = None
-        """Why the page is not served, in one sentence, or None."""
+        """Why the page is not served, or None."""
 
     @property
     def pid(self) -> int | None:
@@ -70,7 +63,7 @@ class PageProcess:
             if now >= self._due:
                 self._begin(now)
             return
-        self._listen(self._child, now)
+        self._read(self._child, now)
         if self._child is not None and now - self._last_output > _MAX_SILENCE_S:
             self._fail(f"the page has said nothing for {_MAX_SILENCE_S:.0f} s", now)
 
@@ -86,11 +79,11 @@ class PageProcess:
         self._started = self._last_output = now
         self._reason = None
         try:
-            self._child = start_child(_ENTRY, json.dumps(self._given))
+            self._child = start_child(_ENTRY, json.dumps(self._request))
         except OSError as error:
             self._fail(f"the page cannot be started: {error.strerror or error}", now)
 
-    def _listen(self, child: Child, now: float) -> None:
+    def _read(self, child: Child, now: float) -> None:
         part = read_output(child, 0.0, _MAX_BYTES)
         if part is None:
             return

@@ -33,13 +33,9 @@ def main() -> None:
 
 
 def serve(requests: TextIO, answers: TextIO, store: Path, records_dir: Path) -> None:
-    """Publish once for each line that comes.
+    """Publish once for each line of ``requests``, and answer with a JSON object.
 
-    Args:
-        requests: each line asks for one publication.
-        answers: one JSON object for each: ``published``, the list of files, ``problem``, or null, and ``seconds``.
-        store: the database, which is opened for reading.
-        records_dir: folder of the files.
+    Its keys are ``published`` (a list of :class:`Published`), ``problem`` (or null) and ``seconds``.
     """
     for _ in requests:
         answers.write(json.dumps(_publish(store, records_dir)) + "\n")

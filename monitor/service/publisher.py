@@ -17,7 +17,7 @@ _LOG = logging.getLogger(__name__)
 _MAX_PUBLICATION_S = 600.0
 _MIN_PAUSE_FACTOR = 20.0
 _CHECK_TURNS = 10
-_RETIRED_AFTER = 200
+_MAX_ANSWERS = 200
 """Publications after which a new child takes over: the libraries leak some kilobytes with every file."""
 
 
@@ -37,9 +37,9 @@ class Publisher:
         """Keep the settings; :meth:`tick` starts the child.
 
         Args:
-            store: what is published; open for writing.
+            store: open for writing.
             records_dir: folder of the files.
-            every: seconds from one publication to the next; more where it takes long.
+            every: least seconds from one publication to the next.
             monotonic: seconds that never go back.
         """
         self._store, self._records_dir = store, records_dir
@@ -48,18 +48,18 @@ class Publisher:
         self._buffer = b""
         self._answers = 0
         self._retired: Child | None = None
-        self._asked: float | None = None
+        self._requested_at: float | None = None
         self._due = monotonic()
         # Files may have been lost or damaged since the last run.
         self._changed = True
         self._idle_turns = 0
         self.problem: str | None = None
-        """What keeps files from being published, in one sentence, or None."""
+        """Why files are not published, or None."""
 
     @property
     def busy(self) -> bool:
         """Whether a publication is under way."""
-        return self._asked is not None
+        return self._requested_at is not None
 
     @property
     def pid(self) -> int | None:
@@ -75,12 +75,12 @@ class Publisher:
         now = self._monotonic()
         if self.busy:
             self._collect(0.0)
-            if self._asked is not None and now - self._asked > _MAX_PUBLICATION_S:
+            if self._requested_at is not None and now - self._requested_at > _MAX_PUBLICATION_S:
                 self._fail(f"publishing takes longer than {_MAX_PUBLICATION_S:.0f} s")
         elif now >= self._due:
             self._idle_turns += 1
             if self._changed or self._idle_turns >= _CHECK_TURNS:
-                self._ask()
+                self._request()
             else:
                 self._due = now + self._every
 
@@ -92,14 +92,14 @@ class Publisher:
         if self.busy:
             return False
         if self._changed:
-            self._ask()
+            self._request()
         while self.busy and time.monotonic() < until:
             self._collect(until - time.monotonic())
         return not self.busy and self.problem is None
 
     def close(self) -> None:
         """End the child; a file that it was replacing keeps its old content."""
-        self._asked = None
+        self._requested_at = None
         earlier, self._retired = self._retired, None
         self._retire()
         later, self._retired = self._retired, None
@@ -116,8 +116,8 @@ class Publisher:
         self._retired = child
         close_pipes(child)
 
-    def _ask(self) -> None:
-        self._asked, self._changed, self._idle_turns = self._monotonic(), False, 0
+    def _request(self) -> None:
+        self._requested_at, self._changed, self._idle_turns = self._monotonic(), False, 0
         try:
             if self._child is None:
                 self._child = start_child(
@@ -147,7 +147,7 @@ class Publisher:
     def _take(self, answer: dict[str, Any]) -> None:
         """Note what was written; what cannot be noted is published again."""
         took = float(answer["seconds"])
-        self._asked = None
+        self._requested_at = None
         self._due = self._monotonic() + max(self._every, _MIN_PAUSE_FACTOR * took)
         try:
             for done in answer["published"]:
@@ -157,17 +157,17 @@ class Publisher:
             self._changed = True
         if answer["published"]:
             _LOG.info("published %s in %.1f s", ", ".join(str(done[0]) for done in answer["published"]), took)
-        self._say(answer["problem"])
+        self._set_problem(answer["problem"])
         self._answers += 1
-        if self._answers >= _RETIRED_AFTER and (self._retired is None or self._retired.poll() is not None):
+        if self._answers >= _MAX_ANSWERS and (self._retired is None or self._retired.poll() is not None):
             self._retire()
 
     def _fail(self, problem: str) -> None:
         self.close()
         self._due = self._monotonic() + self._every
-        self._say(problem)
+        self._set_problem(problem)
 
-    def _say(self, problem: str | None) -> None:
+    def _set_problem(self, problem: str | None) -> None:
         if problem is not None:
             self._changed = True
         if problem != self.problem:

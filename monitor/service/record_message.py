@@ -1,4 +1,4 @@
-"""A record, and how a machine stands, as the JSON that is published over MQTT; docs/reference/wire.md has the keys."""
+"""Records and machine status as JSON for MQTT; docs/reference/wire.md has the keys."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Row:
 
 
 def channel_message(record: Row, channel: str) -> str:
-    """Return what a record says of a channel; keys with a unit end in it, null is no value."""
+    """Return the values of a channel in a record; null is no value."""
     values = record.channels.get(channel, {})
     absolute = values.get("absolute_level") != "no"
     threshold, t_fs = first(values.get("v_th")), values.get("t_fs")
@@ -56,7 +56,7 @@ def channel_message(record: Row, channel: str) -> str:
 
 
 def state_message(machine: str, status: Mapping[str, Any] | None) -> str:
-    """Return how a machine stands by its status file; without one, that it is gone without a word."""
+    """Return the status of a machine by its status file, or without one that it is unreachable."""
     if status is None:
         values: dict[str, Any] = {"machine": machine, "status": "unreachable", "state": "no_data", "channels": {}}
     else:

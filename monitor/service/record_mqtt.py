@@ -33,12 +33,12 @@ _QUERY = """
 SELECT blocks.id, source, sequence, status, flags, reason, time, elapsed, layout, row
 FROM blocks JOIN records ON records.block = blocks.id WHERE blocks.id > ? ORDER BY blocks.id LIMIT ?
 """
-_AT_A_TIME = 100
-_UNCONFIRMED = 1000
+_MAX_ROWS = 100
+_MAX_UNCONFIRMED = 1000
 _MAX_SILENCE_S = 30.0
-_PLACE_EVERY = 5.0
-_STATE_EVERY = 1.0
-_ENDING_TURN = 0.05
+_PLACE_S = 5.0
+_STATE_S = 1.0
+_ENDING_TURN_S = 0.05
 _MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
 
 
@@ -69,7 +69,7 @@ class RecordMqtt:
         state_dir: Path,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin to publish what is committed from now on, and what an earlier run has not published.
+        """Begin to publish new records, and those that an earlier run has not published.
 
         Args:
             section: broker and limits; None publishes nothing.
@@ -79,7 +79,7 @@ class RecordMqtt:
             monotonic: seconds that never go back.
         """
         self.problem: str | None = None
-        """What keeps records from being published, in one sentence, or None."""
+        """Why records are not published, or None."""
         self._thread: threading.Thread | None = None
         if section is None:
             return
@@ -98,7 +98,7 @@ class RecordMqtt:
         self._allowed = monotonic()
         self._wake = threading.Condition()
         self._news, self._ending, self._until = True, False, float("inf")
-        # All that is committed from now on is published.
+        # The position is set now, so that later records are published.
         try:
             with SharedConnection(self._store) as store:
                 self._place = self._begin(store)
@@ -125,7 +125,7 @@ class RecordMqtt:
             self._wake.notify()
 
     def close(self, seconds: float = 0.5) -> None:
-        """Publish for at most so many seconds more, then end; what is left is published after the next start."""
+        """Publish for at most so many seconds more, then end; the rest is published after the next start."""
         if self._thread is None:
             return
         with self._wake:
@@ -156,7 +156,7 @@ class RecordMqtt:
         except (OSError, ValueError, KeyError, TypeError) as error:
             _LOG.warning("%s cannot be read (%s); publishing over MQTT goes on with new records", path, error)
         last = store.rows("SELECT id, source, sequence FROM blocks WHERE id = ?", end)
-        # An empty store is a place too: what is committed before the first message is published is not skipped.
+        # The position in an empty store is kept, too, so that no record is skipped.
         self._reached = _At(*last[0]) if last else _At(0, "", 0)
         self._write_place()
         return end
@@ -217,8 +217,8 @@ class RecordMqtt:
             elif self._monotonic() - confirmed > _MAX_SILENCE_S:
                 raise BrokerError(f"mqtt {self._section.host}: the broker does not confirm")
             self._publish_state(link)
-            ready = len(self._waiting) < _UNCONFIRMED and self._wait_allowed() <= 0.0
-            rows = store.rows(_QUERY, place, _AT_A_TIME) if ready else []
+            ready = len(self._waiting) < _MAX_UNCONFIRMED and self._wait_allowed() <= 0.0
+            rows = store.rows(_QUERY, place, _MAX_ROWS) if ready else []
             for row in rows:
                 if self._wait_allowed() > 0.0:
                     break
@@ -226,18 +226,18 @@ class RecordMqtt:
                 place = row[0]
             if self._monotonic() >= self._place_due:
                 self._write_place()
-            if not rows and self._rest():
+            if not rows and self._wait():
                 return
 
-    def _rest(self) -> bool:
+    def _wait(self) -> bool:
         """Wait for new records, or until the rate limit allows more; return whether to end."""
         until_allowed = self._wait_allowed()
         if self._ending and not self._sent and until_allowed <= 0.0:
             return True
-        most = min(_STATE_EVERY, until_allowed) if until_allowed > 0.0 else _STATE_EVERY
+        most = min(_STATE_S, until_allowed) if until_allowed > 0.0 else _STATE_S
         with self._wake:
             if self._ending:
-                self._wake.wait_for(lambda: self._news, min(most, _ENDING_TURN))
+                self._wake.wait_for(lambda: self._news, min(most, _ENDING_TURN_S))
             else:
                 self._wake.wait_for(lambda: self._news or self._ending, most)
         return False
@@ -276,7 +276,7 @@ class RecordMqtt:
         now = self._monotonic()
         if now < self._state_due and not self._ending:
             return
-        self._state_due = now + _STATE_EVERY
+        self._state_due = now + _STATE_S
         try:
             status = json.loads((self._state_dir / "status.json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -290,7 +290,7 @@ class RecordMqtt:
 
     def _write_place(self) -> None:
         """Write the position; on a full disk, some records are published again after a restart."""
-        self._place_due = self._monotonic() + _PLACE_EVERY
+        self._place_due = self._monotonic() + _PLACE_S
         if self._reached is None or self._reached == self._written:
             return
         values = {"source": self._reached.source or None, "sequence": self._reached.sequence}

@@ -44,13 +44,7 @@ families (Hz), and of which block it is."""
 
 @dataclass
 class Replay:
-    """Results of a replay.
-
-    Attributes:
-        summary: for ``--json``, keys as in the interface.
-        store_path: its database.
-        spectra: by channel, the envelope spectrum that named its fault best.
-    """
+    """Results of a replay: the keys of ``--json``, the database, and the best envelope spectrum of each channel."""
 
     summary: dict[str, Any]
     store_path: Path
@@ -72,14 +66,13 @@ def replay(
     """Replay a recording into a store and records under ``out``.
 
     Args:
-        config: the machine; it must have one source.
-        path: what to replay in place of the configured URL: a path or a source URL.
+        config: of a machine with one source.
+        path: path or URL in place of the configured URL.
         out: folder for ``state.db`` and the records.
-        pace: times real time, or None for as fast as it goes.
-        limit: most blocks to take.
+        pace: times real time, or None for full speed.
+        limit: greatest number of blocks.
         resume: continue the store under ``out`` after its last block.
-        maps: RMS maps by channel that take the place of the configured files.
-        libraries: libraries of simulated lives by channel, likewise.
+        maps, libraries: by channel, in place of the configured files.
         progress: wraps the iteration over so many blocks, to show it.
 
     Raises:
@@ -176,11 +169,7 @@ class _Run:
     _changes: list[SpectrumChange] = field(default_factory=list)
 
     def take_all(self, items: Iterable[Block | Rejected], pace: float | None) -> None:
-        """Take all items, at ``pace`` times real time or as fast as it goes, and commit them.
-
-        Raises:
-            ConfigError: a block does not fit the configuration.
-        """
+        """Take and commit all items at ``pace``; raise ConfigError for a block that does not fit."""
         started = time.monotonic()
         first: float | None = None
         for item in items:

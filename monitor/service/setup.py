@@ -38,11 +38,7 @@ _PARAMETERS = tuple(item.name for item in fields(Rig) if item.name != "calibrate
 
 
 def source_spec(config: Config, source: SourceSection, path: str | None = None) -> SourceSpec:
-    """Return the specification of a source; ``path`` takes the place of the configured URL.
-
-    Raises:
-        ConfigError: if there is neither.
-    """
+    """Return the specification of a source at ``path`` or its configured URL; ConfigError where there is neither."""
     url = path if path is not None else source.url
     if url is None:
         raise ConfigError(f"[[source]] {source.name}: url is missing, and no path was given in its place")
@@ -74,11 +70,7 @@ def source_spec(config: Config, source: SourceSection, path: str | None = None) 
 
 
 def open_configured(config: Config, source: SourceSection, path: str | None = None) -> Source:
-    """Open a source of the configuration.
-
-    Raises:
-        ConfigError: naming the source, what was expected and what was found.
-    """
+    """Open a source of the configuration, or raise ConfigError."""
     try:
         return open_source(source_spec(config, source, path))
     except SourceError as error:
@@ -93,11 +85,7 @@ def source_settings(
 ) -> SourceSettings:
     """Return the settings of a source and its channels, their maps and libraries loaded.
 
-    Args:
-        config: the configuration.
-        source: one of its sources.
-        maps: maps by channel name that take the place of the configured files.
-        libraries: libraries of simulated lives by channel name, likewise.
+    ``maps`` and ``libraries`` by channel take the place of the configured files.
 
     Raises:
         ConfigError: a map or a library cannot be read or does not fit the channel.
@@ -138,7 +126,7 @@ def _load_library(channel: ChannelSection, path: Path) -> Library:
 
 
 def _check_library(config: Config, channel: ChannelSection, library: Library) -> None:
-    """Refuse a library that cannot answer what is asked, or whose lives are those of another machine."""
+    """Refuse a library without the configured features or thresholds, or of another machine."""
     features = "+".join(config.track.features)
     try:
         library.fit_for(features)
@@ -153,7 +141,7 @@ def _check_library(config: Config, channel: ChannelSection, library: Library) ->
 
 
 def _check_band(channel: ChannelSection, made_for: tuple[float, float] | None, kind: str) -> None:
-    """Refuse a map or library whose RMS was taken in another band than the recording's will be."""
+    """Refuse a map or library with another RMS band than that of the channel."""
     band = None if made_for is None else tuple(made_for)
     if band != channel.rms_band_hz:
         raise ConfigError(
@@ -163,7 +151,7 @@ def _check_band(channel: ChannelSection, made_for: tuple[float, float] | None, k
 
 
 def _check_origin(config: Config, channel: ChannelSection, kind: str, made_for: tuple[Bearing, Rig, float]) -> None:
-    """Refuse a map or library made for another bearing or another rig: it would give volumes all the same."""
+    """Refuse a map or library of another bearing or rig, whose volumes would be wrong."""
     of_bearing, of_rig, of_clearance = made_for
     bearing, rig = config.bearing_of(channel), config.rig.to_rig()
     clearance = next(b.clearance_um for b in config.bearing if b.name == channel.bearing) * 1e-6

@@ -21,7 +21,7 @@ class StatusFile(Closing):
     """Written by the one daemon of a state folder, replaced atomically; use :meth:`open`."""
 
     def __init__(self, path: Path, lock: int) -> None:
-        """Take over an open lock; :meth:`open` is the way to get one."""
+        """Own an open lock; see :meth:`open`."""
         self.path = path
         self._lock: int | None = lock
 
@@ -47,11 +47,7 @@ class StatusFile(Closing):
         return cls(state_dir / _NAME, lock)
 
     def write(self, values: Mapping[str, Any]) -> None:
-        """Replace the content of the file.
-
-        Raises:
-            OSError: it cannot be written; the old one is intact.
-        """
+        """Replace the content of the file; OSError leaves the old content."""
         temporary = self.path.with_name(f".{_NAME}.tmp")
         temporary.write_text(json.dumps(values, allow_nan=False), encoding="utf-8")
         temporary.replace(self.path)

@@ -14,12 +14,7 @@ from monitor.health.state import SourceState
 
 
 def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> dict[str, Any]:
-    """Return the provenance of the records of a machine, by channel where channels differ.
-
-    Args:
-        config: the machine.
-        channels: settings by name.
-    """
+    """Return the provenance of the records of a machine, with values by channel where channels differ."""
     bands = {name: channel.rms_band for name, channel in channels.items()}
     damage = {name: channel.damage for name, channel in channels.items() if channel.damage is not None}
     with_prior = {name: settings for name, settings in damage.items() if settings.prior is not None}

@@ -1,4 +1,4 @@
-"""What handlers receive and return: numbers of a query, an answer in bytes, or a refusal."""
+"""Input and output of handlers: numbers of a query, an answer in bytes, or a refusal."""
 
 from __future__ import annotations
 
@@ -38,15 +38,7 @@ class RequestError(SpallwatchError):
 
 @dataclass(frozen=True)
 class Answer:
-    """A complete answer, ready to be sent.
-
-    Attributes:
-        body: the bytes.
-        media_type: of the body.
-        packed: the same with gzip, or None for a short body.
-        tag: for If-None-Match, or None.
-        status: of HTTP.
-    """
+    """A complete answer; ``packed`` is the body with gzip, ``tag`` is for If-None-Match."""
 
     body: bytes
     media_type: str = JSON_TYPE
@@ -56,14 +48,7 @@ class Answer:
 
 
 def answer_of(body: bytes, media_type: str, *, status: int = 200, level: int = 1) -> Answer:
-    """Return an answer with its tag, compressed unless it is short.
-
-    Args:
-        body: the bytes.
-        media_type: of the body.
-        status: of HTTP.
-        level: of gzip; the default is four times as fast as 9 and leaves a tenth more.
-    """
+    """Return an answer with its tag, compressed unless it is short; level 1 is four times as fast as 9."""
     packed = gzip.compress(body, level, mtime=0) if len(body) >= _MIN_PACKED_BYTES else None
     tag = f'"{hashlib.blake2b(body, digest_size=12).hexdigest()}"'
     return Answer(body, media_type, packed, tag, status)
@@ -76,12 +61,7 @@ def json_answer(value: Mapping[str, Any], status: int = 200) -> Answer:
 
 
 def numbers(values: NDArray[np.floating], digits: int = 7) -> list[float | None]:
-    """Return numbers for JSON, to so many significant digits; None for what is not finite.
-
-    Args:
-        values: (n,).
-        digits: more than a screen shows, at a third of the bytes of all of them.
-    """
+    """Return numbers (n,) for JSON, to so many significant digits; None for NaN and infinity."""
     found: list[float | None] = []
     form = f"%.{digits}g"
     for value, finite in zip(values.tolist(), np.isfinite(values).tolist(), strict=True):
@@ -95,11 +75,7 @@ def times(values: NDArray[np.floating]) -> list[float]:
 
 
 def optional_number(query: Query, key: str) -> float | None:
-    """Return a number, or None where there is none.
-
-    Raises:
-        RequestError: 400, it is not one.
-    """
+    """Return a number of the query, or None; raise :class:`RequestError` 400 for other text."""
     text = query.get(key, "")
     if text == "":
         return None
@@ -113,11 +89,7 @@ def optional_number(query: Query, key: str) -> float | None:
 
 
 def whole_number(query: Query, key: str, default: int, low: int, high: int) -> int:
-    """Return a whole number, limited to ``low`` to ``high``.
-
-    Raises:
-        RequestError: 400, it is not one.
-    """
+    """Return a whole number of the query, limited to ``low`` to ``high``; :class:`RequestError` 400 for others."""
     value = optional_number(query, key)
     if value is None:
         return default

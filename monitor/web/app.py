@@ -282,7 +282,7 @@ def _login_routes(doors: Doors, keeper: Doorkeeper) -> list[Route]:
             token = None
         if not isinstance(token, str):
             return _login_error(400, "the body must be a JSON object with the token")
-        if not keeper.knows(token.strip()):
+        if not keeper.is_token(token.strip()):
             waited = await keeper.delay_wrong_token()
             return (
                 _login_error(401, "the token is wrong")

@@ -29,11 +29,8 @@ class TokenError(SpallwatchError):
 def load_token(path: Path, *, make: bool) -> str:
     """Return the token in a file: its first line.
 
-    A file that others can read or write is refused. Its group may read it, as service managers hand out secrets so.
-
-    Args:
-        path: of the file.
-        make: create a missing one, of 32 random bytes and readable by its owner only.
+    A file that others can read or write is refused; its group may read it, as service managers pass secrets that way.
+    A missing file is created with ``make``: 32 random bytes, readable by its owner only.
 
     Raises:
         TokenError: the file is missing, unreadable, open to others, or its token is too short.
@@ -92,7 +89,7 @@ class Doorkeeper:
         self._penalty = asyncio.Lock()
         self._waiting = 0
 
-    def knows(self, token: str) -> bool:
+    def is_token(self, token: str) -> bool:
         """Return whether this is the token, in a time that does not depend on where it differs."""
         return hmac.compare_digest(_digest(token), self._digest)
 

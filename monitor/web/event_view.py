@@ -26,7 +26,7 @@ _WITHOUT = "SELECT utc, 1, id, NULL, NULL, 1, body FROM notices"
 
 
 class Place(NamedTuple):
-    """Where an event stands among those of all machines."""
+    """Sort key of an event among those of all machines."""
 
     moment: float
     machine: str
@@ -35,7 +35,7 @@ class Place(NamedTuple):
 
 
 def events(site: Machines, query: Query) -> dict[str, Any]:
-    """Return the newest events of all machines or of one, and how many wait for somebody."""
+    """Return the newest events of all machines or of one, and the number of unacknowledged ones."""
     limit = whole_number(query, "limit", 200, 1, 1000)
     chosen = [site.machine(query["machine"])] if query.get("machine") else list(site)
     before = _place_of(site, query["before"]) if query.get("before") else None
@@ -48,14 +48,14 @@ def events(site: Machines, query: Query) -> dict[str, Any]:
                 found += _read(machine, limit, before)
                 waiting += unacknowledged(machine)
         except StoreError as error:
-            # The others' events are worth seeing all the same.
+            # The events of the other machines are returned.
             failing[machine.name] = without_folders(str(error))
     found.sort(key=lambda item: item[0], reverse=True)
     return {"unacknowledged": waiting, "failing": failing, "events": [event for _, event in found[:limit]]}
 
 
 def unacknowledged(machine: Machine) -> int:
-    """Return how many events of a machine wait for somebody."""
+    """Return the number of unacknowledged events of a machine."""
     if machine.store.identity() is None:
         return 0
     skipped = ", ".join(f"'{kind}'" for kind in WITHOUT_ACKNOWLEDGEMENT)
@@ -88,15 +88,10 @@ def marker(machine: Machine) -> tuple[int, ...]:
 
 
 def acknowledge(site: Machines, name: str, body: bytes) -> dict[str, Any]:
-    """Acknowledge an event, and return it.
-
-    Args:
-        site: the machines.
-        name: of the event, with its machine.
-        body: JSON object with ``who`` and ``note``.
+    """Acknowledge an event, by its name with the machine, and return it; ``body`` is JSON with ``who`` and ``note``.
 
     Raises:
-        RequestError: there is no such event, nobody is named, or a text is too long.
+        RequestError: there is no such event, ``who`` is empty, or a text is too long.
     """
     machine, event = _split(site, name)
     try:

@@ -24,14 +24,10 @@ _known: dict[str, tuple[tuple[int, int], Answer]] = {}
 
 
 def static_file(name: str, folder: Path = _FOLDER) -> Answer:
-    """Return one of the page's own files, kept in memory until it changes.
-
-    Args:
-        name: below the folder, with "/" between folders.
-        folder: where the files are.
+    """Return a file of the page, by its path below the folder, kept in memory until it changes.
 
     Raises:
-        RequestError: 404, it is not one of them.
+        RequestError: 404, there is none.
     """
     if name not in {path.relative_to(folder).as_posix() for path in folder.rglob("*") if _is_plain(path)}:
         raise RequestError(404, "there is no such file")
@@ -73,11 +69,7 @@ def published_files(site: Machines) -> dict[str, Any]:
 
 
 def open_published(site: Machines, name: str) -> tuple[BinaryIO, int]:
-    """Return an open published file and its size; a new publication does not change it.
-
-    Raises:
-        RequestError: 404, there is none of this name.
-    """
+    """Return an open published file and its size; :class:`RequestError` 404 where there is none of this name."""
     for machine in site:
         if name in _published(machine):
             try:

@@ -1,4 +1,4 @@
-"""How many blocks have which status, counted on from where it was left: a year of them is not counted twice."""
+"""Number of blocks by status, counted incrementally."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 from monitor.web.answers import without_folders
 from monitor.web.reading import StoreReader
 
-_STEP = 20_000
-MOST_LISTED = 1000
+_STEP_BLOCKS = 20_000
+_MAX_LISTED = 1000
 _QUERY = """
 SELECT id, source, sequence, status, axis_time, day IS NOT NULL, name, reason FROM blocks WHERE id > ?
 ORDER BY id LIMIT ?
@@ -22,7 +22,7 @@ class LedgerTally:
     """Counts by source and status, and the latest blocks that were not ``ok``; may be used from any thread."""
 
     def __init__(self, store: StoreReader) -> None:
-        """Take the store; nothing is counted yet."""
+        """Keep the store; nothing is counted yet."""
         self._store = store
         self._lock = threading.Lock()
         self._file: tuple[int, int] | None = None
@@ -31,21 +31,17 @@ class LedgerTally:
     def _begin(self) -> None:
         self._last = 0
         self._counts: Counter[tuple[str, str]] = Counter()
-        self._others: deque[dict[str, Any]] = deque(maxlen=MOST_LISTED)
+        self._others: deque[dict[str, Any]] = deque(maxlen=_MAX_LISTED)
         self.complete = False
 
     def update(self) -> bool:
-        """Count some more; return whether there are still more.
-
-        Raises:
-            StoreError: the store cannot be read.
-        """
+        """Count some blocks; return whether there are more. StoreError where the store cannot be read."""
         with self._lock:
             file = self._store.identity()
             if file != self._file:
                 self._file = file
                 self._begin()
-            rows = self._store.rows(_QUERY, self._last, _STEP)
+            rows = self._store.rows(_QUERY, self._last, _STEP_BLOCKS)
             for number, source, sequence, status, time, dated, name, reason in rows:
                 self._counts[source, status] += 1
                 self._last = number
@@ -61,11 +57,11 @@ class LedgerTally:
                             "reason": without_folders(reason),
                         }
                     )
-            self.complete = len(rows) < _STEP
+            self.complete = len(rows) < _STEP_BLOCKS
             return not self.complete
 
     def counts(self, source: str | None = None) -> dict[str, int]:
-        """Return how many blocks have which status, of one source or of all."""
+        """Return the number of blocks by status, of one source or of all."""
         found: Counter[str] = Counter()
         with self._lock:
             for (name, status), number in self._counts.items():
@@ -74,7 +70,7 @@ class LedgerTally:
         return dict(sorted(found.items()))
 
     def by_source(self) -> Mapping[tuple[str, str], int]:
-        """Return how many blocks of each source have which status."""
+        """Return the number of blocks by source and status."""
         with self._lock:
             return dict(self._counts)
 

@@ -1,4 +1,4 @@
-"""The RMS map of a channel at its operating point, and the way of its damage over it."""
+"""The RMS map of a channel at its operating point, and the track of its damage on it."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from monitor.words.features import FEATURES
 if TYPE_CHECKING:
     from models.maps.data import RmsMap
 
-_MOST_POINTS = 2000
-_MOST_MAPS = 16
+_MAX_POINTS = 2000
+_MAX_MAPS = 16
 _TRACK = ("dphi_d", "h_d", "v_eq")
 _COLUMNS = ("dphi_deg", "h_d_um", "v_eq_mm2")
 _lock = threading.Lock()
@@ -27,7 +27,7 @@ _maps: dict[tuple[Path, int, int], RmsMap] = {}
 
 
 def map_of(machine: Machine, channel: str) -> dict[str, Any]:
-    """Return the map and the track, or ``map`` null and why."""
+    """Return the map and the track, or ``map`` null and the reason."""
     section = machine.channel(channel)
     if not section.track:
         return {"map": None, "reason": "the channel is not tracked"}
@@ -53,11 +53,7 @@ def map_of(machine: Machine, channel: str) -> dict[str, Any]:
 
 
 def _load(path: Path) -> RmsMap:
-    """Return a map, kept in memory until its file changes.
-
-    Raises:
-        RequestError: 404, it cannot be read.
-    """
+    """Return a map, kept in memory until its file changes; :class:`RequestError` 404 where it cannot be read."""
     from models.maps.file import load_map
     from models.maps.plan import MapError
 
@@ -66,7 +62,7 @@ def _load(path: Path) -> RmsMap:
         key = (path, found.st_mtime_ns, found.st_size)
         with _lock:
             if key not in _maps:
-                while len(_maps) >= _MOST_MAPS:
+                while len(_maps) >= _MAX_MAPS:
                     _maps.pop(next(iter(_maps)))
                 _maps[key] = load_map(path)
             return _maps[key]
@@ -76,7 +72,7 @@ def _load(path: Path) -> RmsMap:
 
 
 def _nearest(rms_map: RmsMap, machine: Machine, latest: Mapping[str, float]) -> tuple[float, float]:
-    """Return load and speed of the latest record, or as configured, brought onto the map."""
+    """Return load and speed of the latest record, or as configured, limited to the map."""
     operating = machine.config.operating
     load = latest.get("load", operating.load_newton)
     speed = latest.get("speed", operating.speed_hz)
@@ -86,13 +82,13 @@ def _nearest(rms_map: RmsMap, machine: Machine, latest: Mapping[str, float]) -> 
 
 
 def _track(machine: Machine, source: str, channel: str, first: float | None) -> dict[str, Any]:
-    """Return the way of the damage since the final stage began, evenly thinned where it is long."""
+    """Return the track of the damage in the final stage, evenly thinned where it is long."""
     names = ("time_s", *_COLUMNS)
     if first is None:
         return {name: [] for name in names}
     with machine.store.connection() as connection:
         last = connection.execute("SELECT max(sequence) FROM blocks WHERE source = ?", (source,)).fetchone()[0]
-        step = max(1, -(-(last - int(first) + 1) // _MOST_POINTS))
+        step = max(1, -(-(last - int(first) + 1) // _MAX_POINTS))
         rows = connection.execute(
             "SELECT axis_time, layout, row FROM blocks JOIN records ON block = id WHERE source = ? AND sequence >= ?"
             " AND (sequence % ? = ? OR sequence = ?) ORDER BY sequence",

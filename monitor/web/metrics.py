@@ -1,4 +1,4 @@
-"""``/metrics`` for Prometheus: the health of the machines, and how their daemons and the page itself do."""
+"""``/metrics`` for Prometheus: machines, daemons and the page itself."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _PLAIN = (
 
 
 def address_of(path: str) -> str:
-    """Return the kind of address that a path is, one of a few, whatever is asked."""
+    """Return the kind of address of a path, one of a few."""
     for pattern, name in _ADDRESSES:
         if pattern.match(path):
             return pattern.sub(name, path)
@@ -60,7 +60,7 @@ def address_of(path: str) -> str:
 
 
 class Measures:
-    """How many requests were answered, and how long that took."""
+    """Number and duration of answered requests."""
 
     def __init__(self) -> None:
         """Begin at nothing."""
@@ -87,13 +87,7 @@ class Measures:
 
 
 def metrics(site: Machines, measures: Measures, streams: int) -> bytes:
-    """Return the text for Prometheus.
-
-    Args:
-        site: the machines.
-        measures: of the page itself.
-        streams: how many listen.
-    """
+    """Return the text for Prometheus; ``streams`` is the number of open streams."""
     listening = GaugeMetricFamily("spallwatch_page_streams", "pages that are open on the stream of events")
     listening.add_metric((), streams)
     families = [listening, InfoMetricFamily("spallwatch_build", "version of the page", {"version": __version__})]
@@ -103,7 +97,7 @@ def metrics(site: Machines, measures: Measures, streams: int) -> bytes:
 
 
 class _Families(CollectorRegistry):
-    """Metrics that are there already."""
+    """Metrics that were collected before."""
 
     def __init__(self, families: list[Metric]) -> None:
         super().__init__()
@@ -176,9 +170,9 @@ def _channels(site: Machines) -> Iterator[Metric]:
                 state.add_metric((*label, word), channel["state"] == word)
             for word in STAGES:
                 stage.add_metric((*label, word), channel["stage"] == word)
-            standing = [alarm["severity"] for alarm in channel.get("alarms", ())]
+            raised = [alarm["severity"] for alarm in channel.get("alarms", ())]
             for severity in SEVERITIES:
-                alarms.add_metric((*label, severity), standing.count(severity))
+                alarms.add_metric((*label, severity), raised.count(severity))
             if channel["last_block_age_s"] is not None:
                 age.add_metric(label, channel["last_block_age_s"] + (status.age or 0.0))
             moment = _seconds(channel["last_block_utc"])
@@ -234,7 +228,7 @@ def _blocks(site: Machines) -> Iterator[Metric]:
 
 
 def _or_none(make: Callable[[], Any]) -> Any:
-    """Return what a store says, None where it cannot be read: the other metrics are worth having all the same."""
+    """Return a value of a store, None where it cannot be read, so that the other metrics remain."""
     try:
         return make()
     except StoreError:

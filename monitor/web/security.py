@@ -43,9 +43,8 @@ class Doors:
 
     Attributes:
         hosts: values of the Host header, in lower case.
-        port: it listens on.
-        cookie: name of the cookie of a session, another for each port, as browsers do not tell ports apart.
-        secure: whether it speaks TLS.
+        cookie: name of the session cookie, which has the port, as browsers share cookies between ports.
+        secure: whether TLS is used.
         reading: whether reading needs the token.
     """
 
@@ -64,18 +63,13 @@ class Doors:
         for name in ("localhost", "127.0.0.1", "[::1]", host, *web.allowed_hosts):
             given = name.lower()
             if given.rpartition(":")[2].isdigit() and not given.endswith("]"):
-                hosts |= _spelt(given.rpartition(":")[0], int(given.rpartition(":")[2]))
+                hosts |= _spellings(given.rpartition(":")[0], int(given.rpartition(":")[2]))
             else:
-                hosts |= _spelt(given, port)
+                hosts |= _spellings(given, port)
         return cls(frozenset(hosts), port, f"spallwatch-{port}", secure, web.reading_needs_token)
 
     def admits_host(self, host: str, server: str | None) -> bool:
-        """Return whether a Host header names this page.
-
-        Args:
-            host: the header.
-            server: the address that the connection came to; a foreign name that resolves to it is not admitted.
-        """
+        """Return whether a Host header names this page, or is the address ``server`` of the connection."""
         host = host.lower()
         if host in self.hosts:
             return True
@@ -84,10 +78,10 @@ class Doors:
         except ValueError:
             return False
         literal = f"[{address}]" if address.version == 6 else str(address)
-        return host in _spelt(literal, self.port)
+        return host in _spellings(literal, self.port)
 
 
-def _spelt(name: str, port: int) -> set[str]:
+def _spellings(name: str, port: int) -> set[str]:
     """Return how browsers write a name and a port: the usual ports of HTTP are left out."""
     return {f"{name}:{port}", name} if port in (80, 443) else {f"{name}:{port}"}
 
@@ -113,14 +107,7 @@ class Guard:
         keeper: Doorkeeper,
         measured: Callable[[str, int, float], object] = lambda *_: None,
     ) -> None:
-        """Take what is guarded.
-
-        Args:
-            app: the application.
-            doors: how it is reached.
-            keeper: of token and sessions.
-            measured: called with the path, the status and the seconds of each answer.
-        """
+        """Guard an application; ``measured`` is called with path, status and seconds of each answer."""
         self._app, self._doors, self._keeper, self._measured = app, doors, keeper, measured
         self._headers = dict(_HEADERS)
         if doors.secure:
@@ -201,12 +188,12 @@ class Guard:
         return len(origins) == 1 and found.scheme in schemes and found.netloc.lower() == host.lower()
 
     def _bearer(self, headers: Headers) -> bool | None:
-        """Return whether the token that was given is right; None where none was."""
+        """Return whether the token of a request is right; None where it has none."""
         given = headers.getlist("authorization")
         if not given:
             return None
         kind, _, token = given[0].partition(" ")
-        return len(given) == 1 and kind.lower() == "bearer" and self._keeper.knows(token.strip())
+        return len(given) == 1 and kind.lower() == "bearer" and self._keeper.is_token(token.strip())
 
     def _check_rights(self, scope: Scope, headers: Headers, *, by_cookie: bool) -> _Refusal | None:
         path, posting = scope["path"], scope["method"] == "POST"

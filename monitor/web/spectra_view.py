@@ -16,11 +16,7 @@ _BINS = 300
 
 
 def spectrum(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
-    """Return the spectrum of one block, by default the newest, and of which blocks there are any.
-
-    Raises:
-        RequestError: 404, there is none.
-    """
+    """Return the spectrum of one block, by default the newest, and the blocks with a spectrum; 404 without one."""
     section = machine.channel(channel)
     block = whole_number(query, "block", 0, 0, 2**62)
     found = read_spectra(machine.store, channel, source=section.source, at=block or None, newest=1)
