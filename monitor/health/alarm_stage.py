@@ -31,8 +31,8 @@ Events = list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
-class Acknowledgement:
-    """Acknowledgement of an alarm; ``sequence`` is the block that raised it, ``utc`` s since 1970."""
+class AlarmAcknowledgement:
+    """AlarmAcknowledgement of an alarm; ``sequence`` is the block that raised it, ``utc`` s since 1970."""
 
     channel: str
     rule: str
@@ -41,7 +41,7 @@ class Acknowledgement:
     utc: float
 
 
-def acknowledged(states: Mapping[str, AlarmState], given: Sequence[Acknowledgement]) -> dict[str, AlarmState]:
+def acknowledged(states: Mapping[str, AlarmState], given: Sequence[AlarmAcknowledgement]) -> dict[str, AlarmState]:
     """Return the alarm states by channel with all latches released that acknowledgements are for."""
     after = dict(states)
     for item in given:
@@ -55,7 +55,7 @@ def alarm_step(
     record: Record,
     verdicts: Mapping[str, Verdict],
     settings: SourceSettings,
-    acknowledgements: Sequence[Acknowledgement] = (),
+    acknowledgements: Sequence[AlarmAcknowledgement] = (),
 ) -> tuple[dict[str, AlarmState], Events]:
     """Take a record into the alarm states of all channels.
 
@@ -108,7 +108,7 @@ def _input(record: Record, channel: str, detector: DetectState, verdict: Verdict
 
 
 def _release_events(
-    given: Acknowledgement, sequence: int, before: AlarmState, after: AlarmState, settings: AlarmSettings
+    given: AlarmAcknowledgement, sequence: int, before: AlarmState, after: AlarmState, settings: AlarmSettings
 ) -> Events:
     feature = next((rule.feature for rule in settings.rules if rule.name == given.rule), None)
     return [

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from monitor.health.alarm_stage import Acknowledgement, alarm_step
+from monitor.health.alarm_stage import AlarmAcknowledgement, alarm_step
 from monitor.health.channel import ChannelBlock, check_channel
 from monitor.health.channel import step as channel_step
 from monitor.health.condition import load_of, speed_of
@@ -57,7 +57,7 @@ def step(
     settings: SourceSettings,
     *,
     now: float | None = None,
-    acknowledgements: Sequence[Acknowledgement] = (),
+    acknowledgements: Sequence[AlarmAcknowledgement] = (),
     truth: Mapping[str, Any] | None = None,
 ) -> tuple[SourceState, SourceOutput]:
     """Take one block of a source into its state.

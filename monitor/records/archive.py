@@ -71,7 +71,7 @@ class Archived:
 def forecast_values(
     body: Mapping[str, Any], run: Mapping[str, Any], data_until: float, issued_utc: float | None
 ) -> tuple[Any, ...]:
-    """Return what stands in the ``COLUMNS`` for one forecast.
+    """Return the values of the ``COLUMNS`` for one forecast.
 
     Args:
         body: as in :class:`monitor.health.record.Record`; ``quantiles_s`` is an object of seconds by level.
@@ -110,9 +110,9 @@ def insert_forecasts(
 
 
 def complete_archive(connection: sqlite3.Connection) -> None:
-    """Give a table of forecasts without the ``COLUMNS`` what can be known of them later, within a transaction.
+    """Add the ``COLUMNS`` to a table of forecasts without them, within a transaction.
 
-    When they were committed was not kept and stays unknown. What they leaned on is known from the run of their block.
+    The time of the commit stays unknown; the inputs are those of the run of the block.
     """
     for name, kind in COLUMNS.items():
         connection.execute(f"ALTER TABLE forecasts ADD COLUMN {name} {kind}")
@@ -140,7 +140,7 @@ FROM forecasts JOIN blocks ON blocks.id = block WHERE forecasts.id > ? ORDER BY 
 
 
 def archived_of(rows: Sequence[Sequence[Any]]) -> Iterator[Archived]:
-    """Yield the forecasts that the rows of :data:`ARCHIVE_QUERY` stand for."""
+    """Yield the forecasts in the rows of :data:`ARCHIVE_QUERY`."""
     names = [field.name for field in fields(Archived)]
     for row in rows:
         values = dict(zip(names, row[1:], strict=True))

@@ -22,9 +22,9 @@ from monitor.records.packing import Entry, channels_of, entries_of, numbers_of
 UTC_UNITS = "seconds since 1970-01-01T00:00:00Z"
 UNDATED_UNITS = "s"
 NO_VALUE = -1
-"""What stands for a missing word."""
+"""Value of a missing word."""
 INT_FILL = -1
-"""What stands for a missing whole number, the ``_FillValue`` of the file."""
+"""Value of a missing whole number, the ``_FillValue`` of the file."""
 TIME_STATUSES = ("given", "carried", "unknown")
 
 _FLAG_DTYPE = np.int8

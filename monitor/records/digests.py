@@ -21,11 +21,7 @@ _BYTES = 8
 
 
 def ledger_digest(values: Sequence[Any]) -> bytes:
-    """Return the digest of a ledger entry.
-
-    Args:
-        values: source, sequence, content_hash, name, status, flags, reason, time, elapsed, day, axis_time, time_status.
-    """
+    """Return the digest of a ledger entry: the columns of ``blocks`` from ``source`` to ``time_status``."""
     # The database keeps -0.0 as 0.0.
     return _digest(repr(value + 0.0 if isinstance(value, float) else value).encode() for value in values)
 

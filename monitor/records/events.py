@@ -49,12 +49,11 @@ class Acknowledgement:
 
 @dataclass(frozen=True)
 class LoggedEvent:
-    """One event.
+    """An event of a block, or a notice.
 
     Attributes:
-        id: its name in the log: a number, or "n" and a number for a notice.
-        source: of the block, or None.
-        block: number of the block, or None.
+        id: a number, or "n" and a number for a notice.
+        source, block: of the event, or None.
         utc: seconds since 1970 of the block (None if undated) or of the notice.
         body: ``kind``, ``channel`` and further keys of the kind.
         acknowledgements: in the order of time.

@@ -8,12 +8,9 @@ from pathlib import Path
 
 
 def take_lock(path: Path) -> int | None:
-    """Take the lock beside a file; return what :func:`release_lock` needs, or None where another process holds it.
+    """Take the lock beside a file; return its descriptor, or None where another process holds it.
 
-    The kernel releases it when the process ends.
-
-    Raises:
-        OSError: the lock file cannot be made.
+    The kernel releases it when the process ends. OSError where the lock file cannot be made.
     """
     descriptor = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:

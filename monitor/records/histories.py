@@ -168,7 +168,7 @@ def write_history(
         path: the file, put in its place when it is complete.
         time: of each row, s on the axis of the input, shape (n,).
         columns: by the name of a record's variable, values of shape (n,) or (n, thresholds); None is no value, words
-            are words of the schema. Names that the schema does not know are RMS under another condition, m/s2.
+            are words of the schema. Other names are RMS under another condition, m/s2.
         thresholds: of V_eq, m2, where columns have that dimension.
         attributes: global attributes.
 

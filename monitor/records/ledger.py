@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 from monitor.health.record import storable
 from monitor.records.database import Closing, SharedConnection
-from monitor.records.store import Store
+from monitor.records.store import Store, count_refusal
 from streams.block import Rejected
 from streams.ledger import FileProgress
 
@@ -121,10 +121,7 @@ class StoreLedger(Closing):
     def refuse(self, item: Rejected, progress: Iterable[FileProgress]) -> None:
         """Count the offer of a block that is ``duplicate`` or ``changed``, and store the progress of its files."""
         with self._store.transaction() as connection:
-            connection.execute(
-                "INSERT INTO refusals VALUES (?, ?, ?, ?, ?, 1) ON CONFLICT DO UPDATE SET times = times + 1",
-                (item.source, item.sequence, item.content_hash, item.name, item.status),
-            )
+            count_refusal(connection, item, item.status)
             write_progress(connection, item.source, progress)
 
 

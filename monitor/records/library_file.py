@@ -45,11 +45,7 @@ def save_library(library: Library, path: Path | str) -> None:
 
 
 def load_library(path: Path | str) -> Library:
-    """Return the library in a file.
-
-    Raises:
-        LibraryError: no such file, another version, or its content does not have its hash.
-    """
+    """Return the library in a file; LibraryError for another version or a content without its hash."""
     path = Path(path)
     if not path.is_file():
         raise LibraryError(f"{path}: no such library; make one with: spallwatch library build --out {path}")

@@ -2,7 +2,7 @@
 
 Blocks of one source nearly all have the same layout, so that a day of records is read as a matrix instead of one value
 after the other. Words are their integers (place in ``Variable.values``, or bits), and NaN, which no record holds,
-stands for None.
+means None.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ class BlockEntry(NamedTuple):
 
 
 class SeriesKey(NamedTuple):
-    """A channel of a source on one axis; blocks that have no channel at all stand under the channel ""."""
+    """A channel of a source on one axis; blocks without any channel have the channel ""."""
 
     source: str
     channel: str

@@ -82,8 +82,7 @@ def publish(
 def file_name(machine: str, day: int | None) -> str:
     """Return MACHINE-YYYYMMDD.nc for a UTC day (days since 1970), or MACHINE-undated.nc.
 
-    Raises:
-        PublishError: the machine's name cannot be part of a file name.
+    PublishError where the machine's name cannot be part of a file name.
     """
     if not machine or "/" in machine or "\0" in machine:
         raise PublishError(f"machine name {machine!r} cannot be part of a file name")

@@ -26,6 +26,7 @@ from monitor.records.filing import STORED_QUERY, Filing, Stored, file_record
 from monitor.records.packing import pack
 from monitor.records.rollup import OPEN_BUDGET_S, check_features, roll_up
 from monitor.records.spectra import write_changes
+from streams.block import Rejected
 
 Commit = Literal["committed", "duplicate", "changed"]
 _CHUNK_RECORDS = 500
@@ -217,10 +218,7 @@ class Store(Closing):
         ).fetchone()
         if found is not None:
             outcome: Commit = "duplicate" if found[1] == record.content_hash else "changed"
-            connection.execute(
-                "INSERT INTO refusals VALUES (?, ?, ?, ?, ?, 1) ON CONFLICT DO UPDATE SET times = times + 1",
-                (record.source, record.sequence, record.content_hash, record.name, outcome),
-            )
+            count_refusal(connection, record, outcome)
             return outcome, found[0]
         filing = file_record(connection, record)
         entry = (
@@ -360,6 +358,14 @@ class Store(Closing):
                     connection.execute("ROLLBACK")
         except sqlite3.Error as error:
             raise StoreError(f"{self.path}: {error}") from error
+
+
+def count_refusal(connection: sqlite3.Connection, item: Record | Rejected, outcome: str) -> None:
+    """Count the offer of a block whose number is in the ledger, within a transaction."""
+    values = (item.source, item.sequence, item.content_hash, item.name, outcome)
+    connection.execute(
+        "INSERT INTO refusals VALUES (?, ?, ?, ?, ?, 1) ON CONFLICT DO UPDATE SET times = times + 1", values
+    )
 
 
 def _state_text(name: str, state: Mapping[str, Any]) -> str:

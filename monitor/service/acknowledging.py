@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 
-from monitor.health.alarm_stage import Acknowledgement
+from monitor.health.alarm_stage import AlarmAcknowledgement
 from monitor.records.events import EventLog
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
@@ -54,6 +54,6 @@ class Acknowledgements:
             source, body, block = event.source or "", event.body, event.block or 0
             if source not in self._ingest.settings:
                 continue
-            given = Acknowledgement(body["channel"], body["rule"], body["severity"], block, utc)
+            given = AlarmAcknowledgement(body["channel"], body["rule"], body["severity"], block, utc)
             if self._ingest.acknowledge(source, given):
                 _LOG.info("%s: %s of %s since block %d is acknowledged", source, given.severity, given.rule, block)

@@ -39,11 +39,8 @@ class BrokerLink:
     ) -> None:
         """Read the credentials; nothing is connected yet.
 
-        Args:
-            section: the broker.
-            read_secret: returns the secret in a file.
-            will: topic and text that the broker publishes, retained, when the connection breaks.
-            wake: called from another thread when a message is confirmed or the connection is lost.
+        The broker publishes ``will`` (topic and text), retained, when the connection breaks; ``wake`` is called from
+        another thread when a message is confirmed or the connection is lost.
 
         Raises:
             BrokerError: paho-mqtt is missing, or a certificate cannot be read.

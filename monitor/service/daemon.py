@@ -82,15 +82,7 @@ class Daemon:
         clock: Callable[[], float] = time.time,
         free: Callable[[Path], int] = free_bytes,
     ) -> None:
-        """Keep the configuration; nothing is opened yet.
-
-        Args:
-            config: the machine.
-            path: file of the configuration, for a page; None for no page.
-            monotonic: seconds that never go back.
-            clock: UTC seconds since 1970.
-            free: returns the free bytes of a folder's file system.
-        """
+        """Keep the configuration; nothing is opened yet. Without its file ``path``, there is no page."""
         self._config, self._path = config, path
         self._monotonic, self._clock, self._free = monotonic, clock, free
         self._manager = ServiceManager()

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any, Self
 
 from monitor.config.load import Config, ConfigError
-from monitor.health.alarm_stage import Acknowledgement, acknowledged
+from monitor.health.alarm_stage import AlarmAcknowledgement, acknowledged
 from monitor.health.record import Record
 from monitor.health.settings import SourceSettings
 from monitor.health.state import SourceState
@@ -66,7 +66,7 @@ class Ingest(Closing):
         self.sources = tuple(sources)
         self.settings = dict(settings)
         self._states = {name: _stored_state(store, found) for name, found in self.settings.items()}
-        self._acknowledgements: dict[str, tuple[Acknowledgement, ...]] = {}
+        self._acknowledgements: dict[str, tuple[AlarmAcknowledgement, ...]] = {}
         self._store, self._ledger, self._clock, self._idle = store, ledger, clock, idle
         self._store_error: str | None = None
         self._analysis_errors: dict[str, str] = {}
@@ -106,7 +106,7 @@ class Ingest(Closing):
         state = self._states[source]
         return replace(state, alarms=acknowledged(state.alarms, self._acknowledgements.get(source, ())))
 
-    def acknowledge(self, source: str, given: Acknowledgement) -> bool:
+    def acknowledge(self, source: str, given: AlarmAcknowledgement) -> bool:
         """Release a latched alarm with the next block; return whether there was one."""
         before = self.state(source).alarms
         if acknowledged(before, (given,)) == before:
@@ -122,11 +122,7 @@ class Ingest(Closing):
                 seen(record)
 
     def step(self, stop: threading.Event) -> Record | None:
-        """Wait a moment for a delivery and commit it, until ``stop`` is set.
-
-        Returns:
-            The committed record, or None without a delivery or for a refused block.
-        """
+        """Wait a moment for a delivery and commit it; return its record, None without one or for a refused block."""
         # First a round without waiting: a quiet source does not slow down a busy one.
         for timeout in (0.0, _POLL_S / len(self.sources)):
             for _ in self.sources:

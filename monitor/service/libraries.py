@@ -1,6 +1,6 @@
 """Libraries of simulated lives for a rig: simulate the population, fit the forecaster, keep the result.
 
-A kept library stands in the user's cache folder, under a name that depends on everything that made it.
+A kept library is a file in the user's cache folder, whose name depends on everything that made it.
 """
 
 from __future__ import annotations

@@ -49,17 +49,7 @@ class MachineStatus:
         began: float,
         since: float,
     ) -> None:
-        """Read the latest block of each source.
-
-        Args:
-            config: the machine.
-            store: open.
-            ingest: on that store.
-            monotonic: seconds that never go back.
-            clock: UTC seconds since 1970.
-            began: start on the monotonic clock.
-            since: start in UTC seconds.
-        """
+        """Read the latest block of each source; ``began`` (monotonic) and ``since`` (UTC) are the start, s."""
         self._config, self._ingest = config, ingest
         self._monotonic, self._clock = monotonic, clock
         self._began, self._since = began, since

@@ -34,14 +34,7 @@ class Publisher:
         every: float = 60.0,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Keep the settings; :meth:`tick` starts the child.
-
-        Args:
-            store: open for writing.
-            records_dir: folder of the files.
-            every: least seconds from one publication to the next.
-            monotonic: seconds that never go back.
-        """
+        """Keep a store that is open for writing, and the least seconds ``every`` from publication to publication."""
         self._store, self._records_dir = store, records_dir
         self._every, self._monotonic = every, monotonic
         self._child: Child | None = None

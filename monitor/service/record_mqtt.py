@@ -74,7 +74,7 @@ class RecordMqtt:
         Args:
             section: broker and limits; None publishes nothing.
             machine: its name.
-            channels: names of the channels by source.
+            channels: names by source.
             state_dir: folder of the store, the status file and the position.
             monotonic: seconds that never go back.
         """

@@ -27,11 +27,7 @@ WHERE json_extract(body, '$.kind') IN ('no_data', 'data_again') ORDER BY id
 
 
 def silence_limit(interval: float | None) -> float:
-    """Return the seconds without a block after which a source is silent.
-
-    Args:
-        interval: usual seconds from block to block, or None where it is not known yet.
-    """
+    """Return the seconds without a block after which a source with a usual interval (s, None unknown) is silent."""
     return _DEFAULT_LIMIT_S if interval is None else max(_MIN_LIMIT_S, _SILENT_INTERVALS * interval)
 
 
@@ -90,14 +86,7 @@ class SilenceLog:
     def __init__(
         self, store: Store, log: EventLog, channels: Mapping[str, Sequence[str]], clock: Callable[[], float]
     ) -> None:
-        """Read the latest notice of each source.
-
-        Args:
-            store: of the log.
-            log: open.
-            channels: names of the channels by source.
-            clock: UTC seconds since 1970.
-        """
+        """Read the latest notice of each source; ``channels`` are names by source, ``clock`` gives UTC seconds."""
         self._log, self._clock = log, clock
         self._channels = {source: list(names) for source, names in channels.items()}
         latest = dict(store.rows(_LATEST_KINDS))

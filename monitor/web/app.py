@@ -10,7 +10,6 @@ from collections.abc import AsyncGenerator, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import aclosing
 from functools import partial
-from types import TracebackType
 from typing import Any, BinaryIO, Self
 
 from starlette.applications import Starlette
@@ -51,11 +50,7 @@ class Site:
         self._upkeep = threading.Thread(target=machines.keep_counting, args=(self._ending,), name="upkeep", daemon=True)
 
     async def run(self, make: Callable[..., Any], *values: Any) -> Any:
-        """Call a function in one of the few threads.
-
-        Raises:
-            RequestError: 503, too many wait already.
-        """
+        """Call a function in one of the few threads; raise :class:`RequestError` 503 where too many wait."""
         if self._waiting >= _MAX_WAITING:
             raise RequestError(503, "too much is asked at once; try again later")
         self._waiting += 1
@@ -77,9 +72,7 @@ class Site:
         self._upkeep.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """End the threads and close the stores."""
         self._ending.set()
         self._threads.shutdown(wait=True, cancel_futures=True)
@@ -181,55 +174,37 @@ async def _parts(site: Site, file: BinaryIO, size: int) -> AsyncGenerator[bytes]
 
 
 def _api_routes(site: Site) -> list[Route]:
-    def of_all(path: str, make: Callable[[Machines, Query], dict[str, Any]]) -> Route:
+    def route(path: str, make: Callable[[Request], dict[str, Any]]) -> Route:
         async def endpoint(request: Request) -> Response:
-            return await site.answer(request, lambda: json_answer(make(site.machines, request.query_params)))
+            return await site.answer(request, lambda: json_answer(make(request)))
 
         return Route(path, endpoint, methods=["GET"])
 
-    def of_machine(path: str, make: Callable[[Machine, Query], dict[str, Any]]) -> Route:
-        async def endpoint(request: Request) -> Response:
-            def find() -> Answer:
-                machine = _begun(site.machines.machine(request.path_params["machine"]))
-                return json_answer(make(machine, request.query_params))
-
-            return await site.answer(request, find)
-
-        return Route(path, endpoint, methods=["GET"])
+    def machine(request: Request) -> Machine:
+        return _begun(site.machines.machine(request.path_params["machine"]))
 
     def of_channel(path: str, make: Callable[[Machine, str, Query], dict[str, Any]]) -> Route:
-        async def endpoint(request: Request) -> Response:
-            def find() -> Answer:
-                machine = _begun(site.machines.machine(request.path_params["machine"]))
-                return json_answer(make(machine, request.path_params["channel"], request.query_params))
-
-            return await site.answer(request, find)
-
-        return Route(path, endpoint, methods=["GET"])
+        return route(path, lambda request: make(machine(request), request.path_params["channel"], request.query_params))
 
     channel = "/api/channels/{machine}/{channel}"
     return [
-        of_all("/api/machines", lambda machines, _: api.machines(machines)),
-        of_machine("/api/machines/{machine}/blocks", api.blocks),
+        route("/api/machines", lambda _: api.machines(site.machines)),
+        route("/api/machines/{machine}/blocks", lambda request: api.blocks(machine(request), request.query_params)),
         of_channel(channel, lambda machine, name, _: api.channel(machine, name)),
         of_channel("/api/machines/{machine}/channels/{channel}", lambda machine, name, _: api.channel(machine, name)),
         of_channel(f"{channel}/records", api.records),
         of_channel(f"{channel}/spectrum", spectra_view.spectrum),
         of_channel(f"{channel}/waterfall", spectra_view.waterfall),
         of_channel(f"{channel}/map", lambda machine, name, _: map_view.map_of(machine, name)),
-        of_all("/api/events", event_view.events),
-        of_all("/api/records", lambda machines, _: published_files(machines)),
+        route("/api/events", lambda request: event_view.events(site.machines, request.query_params)),
+        route("/api/records", lambda _: published_files(site.machines)),
         Route("/api/events/{event}/acknowledge", partial(_acknowledge, site), methods=["POST"]),
         Route("/api/stream", partial(_stream, site), methods=["GET"]),
     ]
 
 
 def _begun(machine: Machine) -> Machine:
-    """Return a machine that has a store.
-
-    Raises:
-        RequestError: 503, it has none.
-    """
+    """Return a machine that has a store; raise :class:`RequestError` 503 for others."""
     if machine.store.identity() is None:
         raise RequestError(503, f"nothing is recorded of machine {machine.name} yet: it has no store")
     return machine

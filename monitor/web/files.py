@@ -24,11 +24,7 @@ _known: dict[str, tuple[tuple[int, int], Answer]] = {}
 
 
 def static_file(name: str, folder: Path = _FOLDER) -> Answer:
-    """Return a file of the page, by its path below the folder, kept in memory until it changes.
-
-    Raises:
-        RequestError: 404, there is none.
-    """
+    """Return a file of the page, kept in memory until it changes; :class:`RequestError` 404 where there is none."""
     if name not in {path.relative_to(folder).as_posix() for path in folder.rglob("*") if _is_plain(path)}:
         raise RequestError(404, "there is no such file")
     path = folder / name

@@ -38,11 +38,7 @@ class StoreReader:
 
     @contextmanager
     def connection(self) -> Iterator[sqlite3.Connection]:
-        """Lend a connection for reading, to one thread.
-
-        Raises:
-            StoreError: there is no store, it cannot be read, or it took too long.
-        """
+        """Lend a connection to one thread; StoreError where the store cannot be read, or not in time."""
         connection, file = self._take()
         until = time.monotonic() + self._max_loan_s
         connection.set_progress_handler(lambda: time.monotonic() > until, _INSTRUCTIONS)
@@ -118,7 +114,7 @@ def _open(path: Path) -> sqlite3.Connection:
 
 
 class LatestValues:
-    """Values in the latest record of each source that has any, SI; may be asked from any thread."""
+    """Values in the latest record of each source that has any, SI; may be used from any thread."""
 
     def __init__(self, store: StoreReader) -> None:
         """Keep the store."""

@@ -96,7 +96,7 @@ class _Refusal:
 class Guard:
     """ASGI middleware: refuse requests, set headers, end slow answers, measure.
 
-    It stands in place of Starlette's TrustedHostMiddleware (which ignores the port and the address of the connection),
+    It is used instead of Starlette's TrustedHostMiddleware (which ignores the port and the address of the connection),
     SessionMiddleware (whose sessions cannot be ended) and GZipMiddleware (which packs in the event loop).
     """
 

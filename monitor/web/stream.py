@@ -32,13 +32,7 @@ Subject = tuple[str, str]
 
 @dataclass(eq=False)
 class Subscriber:
-    """A client of the stream.
-
-    Attributes:
-        subject: machine and channel that are followed closely, or None.
-        waiting: messages that were not taken yet.
-        dropped: set when there were too many of them.
-    """
+    """A client of the stream, with the machine and channel that it follows; dropped when too many messages wait."""
 
     subject: Subject | None
     waiting: asyncio.Queue[bytes] = field(default_factory=lambda: asyncio.Queue(_MAX_WAITING))

@@ -141,13 +141,10 @@ def open_or_salvage(
 
     Args:
         path: the database file, made where there is none.
-        machine: name of the machine.
+        machine: its name.
         records_dir: folder of the published files, or None to ignore them.
         clock: UTC seconds since 1970.
         beat: called repeatedly during a salvage, which may take minutes.
-
-    Returns:
-        The store, and the report of a salvage or None.
 
     Raises:
         StoreError: as :meth:`Store.open` does, and where there is no room for the new store; the old one is unchanged.
@@ -202,9 +199,9 @@ def _found_wrong(connection: sqlite3.Connection, path: Path, machine: str) -> st
         return None
     if not tables >= _TABLES:
         return f"the table {min(_TABLES - tables)} is missing"
-    said = dict(connection.execute("SELECT key, value FROM meta"))
-    version = said.get("schema_version", "")
-    if said.get("machine", machine) != machine or (version.isdigit() and int(version) > STORE_VERSION):
+    meta = dict(connection.execute("SELECT key, value FROM meta"))
+    version = meta.get("schema_version", "")
+    if meta.get("machine", machine) != machine or (version.isdigit() and int(version) > STORE_VERSION):
         return None
     if not version.isdigit() or connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
         return "it does not say what it is"
@@ -222,13 +219,7 @@ def _found_wrong(connection: sqlite3.Connection, path: Path, machine: str) -> st
 def _salvage(
     path: Path, machine: str, reason: str, records_dir: Path | None, now: float, beat: Callable[[], object]
 ) -> SalvageReport:
-    """Make a new store of the readable rows, replace the damaged one by it, and log the report.
-
-    Raises:
-        StoreError: another process writes to the store, or the damaged one belongs to another machine.
-        sqlite3.Error: the new store cannot be written.
-        OSError: likewise.
-    """
+    """Make a new store of the readable rows, replace the damaged one by it, and log the report."""
     _LOG.error("%s: is damaged (%s); saving what can be read", path, reason)
     lock = take_lock(path)
     if lock is None:

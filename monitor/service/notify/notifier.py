@@ -39,14 +39,7 @@ class Notifier:
     ) -> None:
         """Start a thread for each channel, on the event log of the database ``store``.
 
-        Args:
-            machine: sender of the messages.
-            channels: channels of delivery.
-            settings: limits.
-            store: path of the database.
-            first_pause: seconds before the second attempt; the pauses double, up to 15 minutes.
-            monotonic: seconds that never go back.
-            clock: UTC seconds since 1970.
+        The second attempt comes after ``first_pause`` seconds; the pauses double, up to 15 minutes.
         """
         self._reader = LogReader(store, tuple(channel.name for channel in channels), clock)
         clocks = Clocks(monotonic, clock)

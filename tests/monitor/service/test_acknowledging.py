@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.config.alarms import AlarmLevel, AlarmsSection
-from monitor.health.alarm_stage import Acknowledgement
+from monitor.health.alarm_stage import AlarmAcknowledgement
 from monitor.health.record import Record
 from monitor.health.settings import SourceSettings
 from monitor.records.events import EventLog
@@ -223,7 +223,7 @@ def test_given_the_same_acknowledgements_before_the_same_blocks_records_are_the_
     replayed = []
     for item, record in zip(blocks, live, strict=True):
         given = [
-            Acknowledgement(
+            AlarmAcknowledgement(
                 *(event[key] for key in ("channel", "rule", "severity", "since_block", "acknowledged_utc_s"))
             )
             for event in record.events

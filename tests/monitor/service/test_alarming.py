@@ -11,7 +11,7 @@ import numpy as np
 from monitor.commands.check import find_problems
 from monitor.config.alarms import AlarmLevel, AlarmsSection
 from monitor.config.load import Config
-from monitor.health.alarm_stage import Acknowledgement, acknowledged
+from monitor.health.alarm_stage import AlarmAcknowledgement, acknowledged
 from monitor.health.alarms import AlarmSettings, Level, Rule
 from monitor.health.settings import SourceSettings
 from monitor.records.store import Store
@@ -54,7 +54,7 @@ def test_alarms_and_conditions_are_events_of_the_record() -> None:
         ("condition", 13),
     ]
     assert found.state.alarms["x"].condition == "maintenance_required"
-    given = Acknowledgement("x", "rms", "alert", 5, 1.7e9)
+    given = AlarmAcknowledgement("x", "rms", "alert", 5, 1.7e9)
     released = acknowledged(found.state.alarms, (given,))
     assert released != found.state.alarms
     assert acknowledged(released, (given,)) == released
