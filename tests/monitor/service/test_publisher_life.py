@@ -14,7 +14,7 @@ from tests.faults.test_store_kill import block
 
 
 def test_another_child_takes_over_after_some_publications(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(publishing, "_RETIRED_AFTER", 2)
+    monkeypatch.setattr(publishing, "_MAX_ANSWERS", 2)
     children: list[int | None] = []
     with Store.open(tmp_path / "state.db", machine="m") as store:
         publisher = Publisher(store, tmp_path / "records")
