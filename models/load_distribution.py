@@ -28,12 +28,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class LoadDistribution:
-    """The loads of all elements at one cage angle.
+    """The loads of all elements at one cage angle, N, row after row, and their angles within -pi and pi, rad.
 
-    Attributes:
-        angles: angles of the elements from the load direction, rad, row after row, within -pi and pi.
-        loads: their radial loads, N, same shape.
-        displacement: of the inner against the outer ring, m, shape (2,): along the load, across it.
+    The displacement is that of the inner against the outer ring, m, shape (2,): along the load, across it.
     """
 
     angles: NDArray[np.float64]

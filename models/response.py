@@ -27,9 +27,8 @@ class Response:
     """The settled vibration of one scene along the load. SI units; sensor "mo" is the casing, "mr" the resonator.
 
     Attributes:
-        rms: RMS of a_o in ``rms_band``, m/s2 (over several periods where the motion does not repeat).
-        peak: largest absolute value of a_o in ``rms_band``, m/s2.
-        peak_resonator: largest absolute value of a_r in ``rms_band``, m/s2.
+        rms, peak: RMS (over several periods where the motion does not repeat) and largest absolute value of a_o in
+            ``rms_band``, m/s2; ``rms_resonator`` and ``peak_resonator`` the same of a_r.
         bpfo: ball-pass frequency over the outer race, Hz, with which the motion repeats.
         harmonics: single-sided amplitudes of the first six lines k * bpfo of a_o, m/s2, shape (6,).
         periods: ball periods that were simulated.

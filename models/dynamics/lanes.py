@@ -84,7 +84,7 @@ class LaneResponse:
     Attributes:
         rms: RMS of a_o in the band of the options, m/s2, shape (n,).
         rms_se: standard error of it, m/s2: zero where the motion repeats, otherwise from the scatter of the blocks.
-        rms_resonator: RMS of a_r in the same band, m/s2, shape (n,).
+        rms_resonator: the same of a_r, m/s2, shape (n,).
         harmonics: single-sided amplitudes of the lines 1..6 of BPFO in spectra of PERIODS periods of a_o, m/s2, shape
             (n, 6); of several blocks the powers are averaged.
         block_change: relative change of the full-bandwidth RMS between the last two blocks, shape (n,).

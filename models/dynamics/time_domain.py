@@ -59,9 +59,7 @@ class TimeResponse:
         rms: RMS of a_o over full bandwidth (not the recorder's) and whole blocks, m/s2.
         rms_se: its standard error from means over blocks, m/s2.
         spread: standard deviation of the RMS from block to block, m/s2.
-        peak: largest absolute value of a_o, m/s2.
-        rms_resonator: RMS of a_r, m/s2.
-        peak_resonator: largest absolute value of a_r, m/s2.
+        peak: largest absolute value of a_o, m/s2; ``rms_resonator`` and ``peak_resonator`` are those of a_r.
         blocks: number of blocks: turns of the shaft, of the cage for a damaged ball, or ball passages where nothing but
             them drives the motion; 4 parts where fewer would fit.
         status: "converged" (the motion repeats with the ball passage), "not_periodic" (it does not; mean and spread are

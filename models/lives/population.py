@@ -63,8 +63,7 @@ class Population:
         clearance: radial clearance, m.
         load: range of radial loads, N; one per life.
         speed: range of shaft speeds, Hz; one per life.
-        load_variation: known change of the load from block to block: each has a factor of 1 +- this.
-        speed_variation: the same of the speed.
+        load_variation, speed_variation: known change from block to block: each has a factor of 1 +- this.
         load_jitter: standard deviation of the factor on the load of a block, unknown to the monitor.
         speed_jitter: the same of the speed. (A few tenths of a per cent move the RMS by some per cent.) Blocks of
             lives with slip are simulated side by side at one speed, without it.
@@ -85,7 +84,7 @@ class Population:
         background_rms: range of the RMS of background vibration, m/s2, drawn in the logarithm, one per life; it adds
             as power.
         background_harmonic: the same at each harmonic, as an amplitude, m/s2.
-        missing: probability that a block is missing.
+        missing: probability that a block is lost.
         interval: time from block to block, s.
     """
 

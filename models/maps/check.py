@@ -39,9 +39,7 @@ Point = tuple[float, float, float, float]
 def mean_rms(plan: MapPlan, points: Sequence[Point], factor: int = 1, workers: int = 1) -> NDArray[np.float64]:
     """Return the RMS at any points (load, speed, h_d, dphi_d), averaged over the plan's floors, m/s2.
 
-    Args:
-        factor: multiple of the steps of the nodes.
-        workers: threads without slip; 0 is one per core.
+    ``factor`` multiplies the steps of the nodes; ``workers`` are threads without slip, 0 is one per core.
     """
     if plan.slip is not None and plan.slip.phi_slip > 0.0:
         from models.maps.ensemble import ensemble_rms
@@ -111,17 +109,14 @@ def rms_and_most(errors: Sequence[float] | NDArray[np.float64]) -> tuple[float, 
 
 @dataclass(frozen=True)
 class MapCheck:
-    """Errors of a map against the converged model; NaN if the motion diverges at all points.
+    """Errors of a map against the converged model, each as RMS and as largest absolute value; NaN if all diverge.
 
     Attributes:
         points: number of random nodes, and of random points between nodes.
-        error_rms: RMS of the relative error of the stored RMS at nodes, against four times as many steps.
-        error_max: largest absolute value of it.
-        interpolation_rms: RMS of the error between nodes, relative to the largest RMS of the map's slice.
-        interpolation_max: largest absolute value of it.
-        condition_rms: RMS of the error between loads and speeds at nodes of h_d and dphi_d, likewise relative; None
-            for a map with one load and one speed.
-        condition_max: largest absolute value of it, or None.
+        error_rms: of the stored RMS at nodes, relative, against four times as many steps.
+        interpolation_rms: between nodes, relative to the largest RMS of the map's slice.
+        condition_rms: between loads and speeds at nodes of h_d and dphi_d, likewise relative; None for a map with one
+            load and one speed.
     """
 
     points: int

@@ -30,14 +30,10 @@ class MapSlice:
         h_d: depths, m, shape (H,).
         dphi_d: extents, rad, shape (D,).
         rms: m/s2, shape (H, D).
-        rms_error: estimated numerical error of ``rms``, m/s2, shape (H, D).
         harmonic_amplitude: lines 1..6 of BPFO, m/s2, shape (H, D, 6).
         rms_band: band of the RMS, Hz, or None for the full bandwidth.
-        rms_std: standard deviation of ``rms`` over floors, m/s2, shape (H, D); zero for one floor that repeats.
-        harmonic_std: of ``harmonic_amplitude``, m/s2, shape (H, D, 6).
-        rms_rig_std: standard deviation of ``rms`` over the uncertain rig parameters of the plan, m/s2, shape
-            (H, D); zero where the plan draws no rigs.
-        harmonic_rig_std: of ``harmonic_amplitude``, m/s2, shape (H, D, 6).
+
+    Errors and standard deviations are those of ``RmsMap``, of the shape of their quantity.
     """
 
     load: float
@@ -107,11 +103,8 @@ class RmsMap:
         rms_se: standard error of ``rms`` as a mean over floors, m/s2; zero for one floor.
         rms_error: estimated numerical error of ``rms``, m/s2 (steps and settling, not interpolation).
         harmonic_amplitude: mean single-sided amplitudes of lines 1..6 of BPFO, m/s2, shape (L, S, H, D, 6).
-        harmonic_std: standard deviation of them over the floors, m/s2.
-        harmonic_se: standard error of them as means over floors, m/s2; zero for one floor.
-        harmonic_error: estimated numerical error of them, m/s2.
-        rms_rig_std: standard deviation of the RMS over the plan's draws of the rig, m/s2; zero where it has none.
-        harmonic_rig_std: standard deviation of the lines over these draws, m/s2.
+        harmonic_std, harmonic_se, harmonic_error: the same of these amplitudes.
+        rms_rig_std, harmonic_rig_std: standard deviations over the plan's draws of the rig, m/s2; zero without draws.
         status: index into STATUSES, int8, the worst of all floors.
         attributes: parameters in SI units, software version, hash.
     """

@@ -29,10 +29,7 @@ class MapPlan:
     """Settings of a map, SI units and radians; equal plans give equal maps.
 
     Attributes:
-        load: axis of radial loads, N, ascending.
-        speed: axis of shaft speeds, Hz, ascending.
-        h_d: axis of depths, m, ascending.
-        dphi_d: axis of extents, rad, ascending.
+        load, speed, h_d, dphi_d: axes, N, Hz, m and rad, ascending.
         clearance: radial clearance, m.
         floor: the bottom of the defect; of several floors, the first.
         floors: number of floors averaged (seeds floor.seed, floor.seed + 1, ...); with slip that is redrawn, each has

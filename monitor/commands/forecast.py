@@ -155,7 +155,7 @@ def _row(time: float, threshold_mm2: float, result: damage.Remaining) -> dict[st
 
 
 def _by_threshold(threshold_mm2: Sequence[float], issued: Issued) -> list[dict[str, Any]]:
-    """Return for each threshold the number of answers, the last TT, and the ratio of TT to that of the first threshold.
+    """Return for each threshold the number of forecasts, the last TT, and the ratio of TT to that of the first.
 
     The ratio is the median over the moments at which both have a TT above zero.
     """

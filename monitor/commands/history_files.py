@@ -34,17 +34,11 @@ def is_records(path: Path) -> bool:
 def read_readings(
     path: Path, channel: str | None, *, load: float | None, speed: float | None
 ) -> tuple[list[float], list[DamageInput]]:
-    """Read the history that a tracker takes.
+    """Read the history for a tracker: times on the axis of the input, s, and one reading per time.
 
-    Args:
-        path: CSV with ``time_s,rms_g`` from t_fs on and optionally ``harmonic_1_g`` to ``harmonic_6_g``,
-            ``load_newton`` and ``speed_hz``; or records.
-        channel: of the records.
-        load: N, for inputs without a load; None if the input must give it.
-        speed: Hz, likewise.
-
-    Returns:
-        Times on the axis of the input, s, and one reading per time.
+    ``path`` is a CSV file with ``time_s,rms_g`` from t_fs on and optionally ``harmonic_1_g`` to ``harmonic_6_g``,
+    ``load_newton`` and ``speed_hz``; or records. ``load``, N, and ``speed``, Hz, are for inputs without; None if the
+    input must give them.
 
     Raises:
         InputError: naming the file and what is missing or wrong.
@@ -115,8 +109,7 @@ def _known(value: float, otherwise: float | None) -> float | None:
 def read_volumes(path: Path, channel: str | None) -> tuple[list[float], list[float], list[float]]:
     """Read a history of V_eq: CSV with ``time_s,v_eq_mm2`` from t_fs on, or records of ``channel``.
 
-    Returns:
-        Times on the axis of the input, s; damage times, s; V_eq, m2, NaN where the records have none.
+    Return times on the axis of the input, s; damage times, s; V_eq, m2, NaN where the records have none.
 
     Raises:
         InputError: naming the file and what is missing or wrong.
@@ -178,12 +171,9 @@ def _number(path: Path, line: int, name: str, text: str | None) -> float:
 
 
 def write_out(out: Path, values: Mapping[str, Any], columns: Mapping[str, Any]) -> None:
-    """Write a result by the suffix of the file: the rows as CSV, all of it as JSON, or the columns as netCDF.
+    """Write a result in one step: ``rows`` of the values as CSV, all values as JSON, or the columns as netCDF.
 
-    Args:
-        out: the file, replaced in one step.
-        values: what ``--json`` prints, with ``rows``.
-        columns: arguments of ``monitor.records.histories.write_history`` besides the attributes.
+    The suffix of the file chooses. ``columns`` are arguments of ``monitor.records.histories.write_history``.
 
     Raises:
         InputError: the file cannot be written.

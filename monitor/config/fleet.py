@@ -21,13 +21,7 @@ class MachineFile:
 
 @dataclass(frozen=True)
 class Fleet:
-    """The machines of a folder, ordered by file name, and the address of their common page.
-
-    Attributes:
-        machines: at least one.
-        web: the ``[web]`` section of the files that have one, or its defaults.
-        problems: why files were left out, one a file.
-    """
+    """The machines of a folder (at least one, by file name), their common page, and the problems of left-out files."""
 
     machines: tuple[MachineFile, ...]
     web: WebSection
@@ -40,11 +34,7 @@ class Fleet:
 
 
 def load_fleet(folder: Path, *, strict: bool = True) -> Fleet:
-    """Read every ``*.toml`` of a folder.
-
-    Args:
-        folder: holds one configuration file a machine.
-        strict: refuse files that are not valid; otherwise they are left out.
+    """Read every ``*.toml`` of a folder; files that are not valid are refused, or left out if not ``strict``.
 
     Raises:
         ConfigError: with all problems: no (valid) file; two machines with the same name, folder or listening address;
