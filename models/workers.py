@@ -5,18 +5,12 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
 from typing import TypeVar
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
-
-
-def _worker_count(workers: int) -> int:
-    workers = (os.cpu_count() or 1) if workers == 0 else workers
-    if workers < 1:
-        raise ValueError(f"workers must not be negative, got {workers!r}")
-    return workers
 
 
 def in_threads(function: Callable[[_T], _R], tasks: Sequence[_T], workers: int) -> Iterator[_R]:
@@ -27,29 +21,29 @@ def in_threads(function: Callable[[_T], _R], tasks: Sequence[_T], workers: int) 
     Raises:
         ValueError: if workers is negative.
     """
-    workers = _worker_count(workers)
-    if workers == 1 or len(tasks) <= 1:
-        yield from map(function, tasks)
-        return
-    with ThreadPoolExecutor(min(workers, len(tasks))) as pool:
-        try:
-            yield from pool.map(function, tasks)
-        finally:
-            pool.shutdown(cancel_futures=True)
+    return _in_order(ThreadPoolExecutor, function, tasks, workers)
 
 
 def in_processes(function: Callable[[_T], _R], tasks: Sequence[_T], workers: int) -> Iterator[_R]:
     """Yield ``function`` of each task in order, from this process or several; it must be picklable.
 
-    ``workers`` is the number of processes; 0 is one per core.
-
-    Raises:
-        ValueError: if workers is negative.
+    Workers and errors are those of ``in_threads``.
     """
-    workers = _worker_count(workers)
-    if workers == 1 or len(tasks) <= 1:
+    processes = partial(ProcessPoolExecutor, mp_context=multiprocessing.get_context("spawn"))
+    return _in_order(processes, function, tasks, workers)
+
+
+def _in_order(
+    executor: Callable[[int], Executor], function: Callable[[_T], _R], tasks: Sequence[_T], workers: int
+) -> Iterator[_R]:
+    count = (os.cpu_count() or 1) if workers == 0 else workers
+    if count < 1:
+        raise ValueError(f"workers must not be negative, got {workers!r}")
+    if count == 1 or len(tasks) <= 1:
         yield from map(function, tasks)
         return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
-        yield from pool.map(function, tasks)
+    with executor(min(count, len(tasks))) as pool:
+        try:
+            yield from pool.map(function, tasks)
+        finally:
+            pool.shutdown(cancel_futures=True)
