@@ -218,8 +218,7 @@ def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
     """Draw a map as a picture or a page: its levels, cuts through them, and their errors."""
     check_suffix("--out", out, PICTURES)
     rms_map = load_map(path)
-    from monitor.report.figures.rms_map import draw_map
-    from monitor.report.map_facts import span_of
+    from monitor.report.figures.rms_map import draw_map, span_of
 
     with output_errors("--out", out):
         draw_map(rms_map, out)

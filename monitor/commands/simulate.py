@@ -27,7 +27,7 @@ from monitor.commands.common import (
 from streams.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from monitor.report.figures.scene import Heard
+    from monitor.report.figures.scene import SensorSignal
 
 _WAVEFORM_RATE = 51200.0
 
@@ -173,7 +173,7 @@ def _scene(options: dict[str, Any], bearing: Bearing, rig: Rig, clearance: float
     )
 
 
-def _plot(heard: Heard, options: dict[str, Any], scene: Scene) -> None:
+def _plot(heard: SensorSignal, options: dict[str, Any], scene: Scene) -> None:
     from monitor.report.figures.scene import draw_scene
 
     path: Path = options["plot"]

@@ -153,14 +153,15 @@ def write_tables(tables: Iterable[Table], folder: Path, attributes: Mapping[str,
     return written
 
 
-def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file atomically, text as UTF-8; missing folders are made.
+def write_whole(path: Path, content: str | bytes, *, make_folder: bool = True) -> None:
+    """Write a file atomically, text as UTF-8.
 
     Raises:
         OSError: it cannot be written.
     """
     temporary = path.with_name(f".{path.name}.tmp")
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if make_folder:
+        path.parent.mkdir(parents=True, exist_ok=True)
     try:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
         replace_durably(temporary, path)

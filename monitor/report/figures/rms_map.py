@@ -1,4 +1,4 @@
-"""An RMS map as a report: the levels, cuts through them, and how far they are to be trusted."""
+"""An RMS map as a report: levels, cuts through them, and their errors."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from models.maps.data import MapSlice, RmsMap
+from models.maps.plan import STATUSES, MapPlan
 from monitor.report.figures.drawing import BLUE, GREEN, INK, PURPLE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet, write_sheet
-from monitor.report.map_facts import facts_of, lead_of, span_of
-from monitor.words.numbers import figure
+from monitor.words.numbers import count, figure
 from streams.block import STANDARD_GRAVITY
 
 Values = NDArray[np.float64]
 
-_MOST_PANELS = 12
+_MAX_PANELS = 12
 _PIXELS = (240, 360)
 _PANEL = 3.1
 _CUTS = 4
 _NEGLIGIBLE = 0.1
-"""Doubt below this many per cent is not drawn: the list of what made the map says it."""
+"""Errors below this many per cent are in the facts only."""
 _STROKES: tuple[tuple[str, Any], ...] = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"))
 V_EQ_MM2 = {0.005: 0.62, 0.02: 0.45, 0.05: 0.3, 0.1: 0.14}
-"""Volumes whose hyperbolas are drawn, mm3 per mm of width, and the share of the panel's height where each is named."""
+"""Volumes whose hyperbolas are drawn, mm3 per mm, and the share of the panel's height at which each is labelled."""
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
-    """One kind of doubt about a map at one condition.
+class NodeError:
+    """One kind of error of a map at the nodes of one condition.
 
     Attributes:
         name: for programs.
         title: for people, with the unit.
-        percent: its values at the nodes, NaN where there is none, shape (H, D).
+        percent: shape (H, D), NaN for no value.
     """
 
     name: str
@@ -59,29 +59,28 @@ def draw_map(rms_map: RmsMap, path: Path) -> None:
 
 
 def map_sheet(rms_map: RmsMap) -> Sheet:
-    """Return the report of a map (thesis, Fig. 61); of more than twelve conditions it shows twelve and says so."""
+    """Return the report of a map (thesis, Fig. 61) with twelve conditions at most."""
     at = [rms_map.slice_at(float(load), float(speed)) for load in rms_map.load for speed in rms_map.speed]
     parts = [_line_part(at)] if min(at[0].rms.shape) < 2 else [_levels_part(rms_map, at), _cuts_part(at[0])]
-    if len(parts) > 1 and doubts(at[0]):
-        parts.append(_doubts_part(at[0]))
-    return Sheet(f"RMS map of {rms_map.plan.bearing.designation}", lead_of(rms_map), parts, facts_of(rms_map))
+    if len(parts) > 1 and node_errors(at[0]):
+        parts.append(_errors_part(at[0]))
+    return Sheet(f"RMS map of {rms_map.plan.bearing.designation}", _lead(rms_map), parts, _facts(rms_map))
 
 
 def condition(at: MapSlice) -> str:
-    """Return the load and speed of a slice for people."""
+    """Return load and speed of a slice as text."""
     return f"{at.load:g} N, {at.speed:g} Hz"
 
 
 def node_miss(values: Values, axis: Values, place: int) -> Values:
-    """Return by how much each node is off the line between its neighbours along an axis; zero at the ends.
+    """Return the distance of each node from the line between its neighbours along an axis; zero at the ends.
 
-    That is what leaving the node out would cost there. For a smooth surface the line between nodes as they are is off
-    by a quarter of it, half-way between them.
+    Half-way between nodes the error of linear interpolation of a smooth surface is a quarter of it.
 
     Args:
         values: at the nodes, shape (H, D).
-        axis: positions of the nodes along the axis, ascending.
-        place: which axis it is, 0 or 1.
+        axis: positions of the nodes, ascending.
+        place: number of the axis, 0 or 1.
     """
     found = np.zeros_like(values)
     if len(axis) < 3:
@@ -92,33 +91,33 @@ def node_miss(values: Values, axis: Values, place: int) -> Values:
     return found
 
 
-def doubts(at: MapSlice) -> list[Doubt]:
-    """Return the kinds of doubt that a slice knows of, in per cent; those that are negligible are left out."""
+def node_errors(at: MapSlice) -> list[NodeError]:
+    """Return the errors of a slice that are not negligible."""
     largest = span_of(at.rms)[1]
     between = np.maximum(node_miss(at.rms, at.dphi_d, 1), node_miss(at.rms, at.h_d, 0))
     with np.errstate(invalid="ignore", divide="ignore"):
         kinds = [
-            Doubt("nodes", "off the line of its neighbours\n(% of the largest RMS)", 100.0 * between / largest),
-            Doubt("numerical", "numerical error\n(% of the RMS)", 100.0 * at.rms_error / at.rms),
-            Doubt("floors", "spread over floors or periods\n(% of the RMS)", 100.0 * at.rms_std / at.rms),
-            Doubt("rigs", "spread over rigs\n(% of the RMS)", 100.0 * at.rms_rig_std / at.rms),
+            NodeError("nodes", "off the line of its neighbours\n(% of the largest RMS)", 100.0 * between / largest),
+            NodeError("numerical", "numerical error\n(% of the RMS)", 100.0 * at.rms_error / at.rms),
+            NodeError("floors", "spread over floors or periods\n(% of the RMS)", 100.0 * at.rms_std / at.rms),
+            NodeError("rigs", "spread over rigs\n(% of the RMS)", 100.0 * at.rms_rig_std / at.rms),
         ]
     return [kind for kind in kinds if _most(kind.percent) > _NEGLIGIBLE]
 
 
 def _most(values: Values) -> float:
-    """Return the 99th percentile of what is finite, zero where nothing is."""
+    """Return the 99th percentile of finite values, zero without any."""
     finite = values[np.isfinite(values)]
     return float(np.percentile(finite, 99.0)) if finite.size else 0.0
 
 
 def cut_nodes(size: int) -> list[int]:
-    """Return the nodes of an axis along which cuts are drawn: four, evenly, the last among them, without the first."""
+    """Return the nodes of an axis for cuts: four, evenly spaced, with the last and without the first."""
     return sorted({round(k * (size - 1) / _CUTS) for k in range(1, _CUTS + 1)} - {0})
 
 
 def show_levels(axes: Axes, at: MapSlice, highest: float, radius: float, *, volumes: bool = True) -> Any:
-    """Draw the RMS of a slice in g with contours and lines of equal volume; return what a colour bar is made for."""
+    """Draw the RMS of a slice in g with contours and lines of equal volume; return the image for a colour bar."""
     extent, depth = np.degrees(at.dphi_d), 1e6 * at.h_d
     rms = at.rms / STANDARD_GRAVITY
     x = np.linspace(extent[0], extent[-1], _PIXELS[1])
@@ -140,7 +139,7 @@ def show_levels(axes: Axes, at: MapSlice, highest: float, radius: float, *, volu
 
 
 def _volumes(axes: Axes, radius: float, box: tuple[float, float, float, float]) -> None:
-    """Draw V_eq = r_o dphi_d h_d for a few volumes (Eq. 90), each named at a height of its own."""
+    """Draw V_eq = r_o dphi_d h_d for a few volumes (thesis, Eq. 90)."""
     left, right, low, high = (float(value) for value in box)
     span = np.linspace(max(left, 0.05), right, 400)
     halo = [withStroke(linewidth=2.2, foreground="white", alpha=0.75)]
@@ -168,7 +167,7 @@ def _volumes(axes: Axes, radius: float, box: tuple[float, float, float, float]) 
 
 
 def _levels_part(rms_map: RmsMap, at: Sequence[MapSlice]) -> Part:
-    shown = at[:_MOST_PANELS]
+    shown = at[:_MAX_PANELS]
     columns, highest = min(2, len(shown)), span_of(rms_map.rms)[1] / STANDARD_GRAVITY
     rows = math.ceil(len(shown) / columns)
     falling = rms_map.falling("h_d").reshape(-1, *at[0].rms.shape)
@@ -205,11 +204,11 @@ def _levels_part(rms_map: RmsMap, at: Sequence[MapSlice]) -> Part:
 
 
 def _line_part(at: Sequence[MapSlice]) -> Part:
-    """Return the levels of a map of one depth or one extent: lines, one a condition."""
+    """Return the levels of a map of one depth or one extent, a line for each condition."""
     by_extent = len(at[0].dphi_d) >= len(at[0].h_d)
     x = np.degrees(at[0].dphi_d) if by_extent else 1e6 * at[0].h_d
     held = f"{1e6 * at[0].h_d[0]:.3g} µm deep" if by_extent else f"{np.degrees(at[0].dphi_d[0]):.3g}° wide"
-    shown = at[:_MOST_PANELS]
+    shown = at[:_MAX_PANELS]
     lines = {condition(part): part.rms.ravel() / STANDARD_GRAVITY for part in shown}
 
     def draw(made: FigureBase) -> None:
@@ -282,8 +281,8 @@ def _cut(axes: Axes, x: Values, y: Values, spread: Values, color: str, stroke: s
         axes.fill_between(x, y - spread, y + spread, color=color, alpha=0.15, lw=0)
 
 
-def _doubts_part(at: MapSlice) -> Part:
-    kinds = doubts(at)
+def _errors_part(at: MapSlice) -> Part:
+    kinds = node_errors(at)
     rows = math.ceil(len(kinds) / 2)
     data: dict[str, Any] = {}
     for kind in kinds:
@@ -317,3 +316,83 @@ def _doubts_part(at: MapSlice) -> Part:
     )
     label = f"How far the map is to be trusted, over extent and depth: {', '.join(kind.name for kind in kinds)}."
     return Part("How far to trust it", caption, label, 2.6 * rows, draw, data, "doubts")
+
+
+def _lead(rms_map: RmsMap) -> str:
+    """Return the leading sentence: the range of the RMS, and whether it is absolute."""
+    low, high = (value / STANDARD_GRAVITY for value in span_of(rms_map.rms))
+    trust = (
+        "the rig's parameters were calibrated on this machine"
+        if rms_map.plan.rig.calibrated
+        else "the rig's parameters were not calibrated on this machine, so that levels and volumes are relative"
+    )
+    level = f"RMS {figure(low)} to {figure(high)} g" if math.isfinite(low) else "No simulation ended well: no RMS"
+    return f"{level} in {_band(rms_map.plan)}; {trust}."
+
+
+def span_of(values: np.ndarray) -> tuple[float, float]:
+    """Return the least and the largest finite value, NaN without any."""
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if finite.size else (math.nan, math.nan)
+
+
+def _facts(rms_map: RmsMap) -> list[tuple[str, str]]:
+    """Return labels and texts of a map's provenance and errors."""
+    plan, attributes = rms_map.plan, rms_map.attributes
+    found = [
+        ("Bearing", f"{plan.bearing.designation}, clearance {figure(1e6 * plan.clearance)} µm"),
+        ("Condition", f"{_axis(rms_map.load, 'N')}; {_axis(rms_map.speed, 'Hz')}"),
+        ("Grid", f"{count(len(rms_map.dphi_d), 'extent')}, {count(len(rms_map.h_d), 'depth')}"),
+        ("Floor", _floor(plan)),
+        ("Rig", _rig(plan)),
+        ("Band of the RMS", _band(plan)),
+        ("Numerical error", _numerical(rms_map)),
+        ("Between nodes", _error(attributes, "interpolation")),
+    ]
+    if plan.slip is not None:
+        found.append(("Slip", f"up to {figure(math.degrees(plan.slip.phi_slip), 2)}°, {plan.slip.rule}"))
+    if attributes.get("condition_error") is not None:
+        found.append(("Between loads and speeds", _error(attributes, "condition")))
+    states = [f"{np.count_nonzero(rms_map.status == code):,} {name}" for code, name in enumerate(STATUSES)]
+    found.append(("Simulations", ", ".join(text for text in states if not text.startswith("0 "))))
+    found.append(("Hash", rms_map.hash[:16]))
+    return found
+
+
+def _band(plan: MapPlan) -> str:
+    return "full bandwidth" if plan.rms_band is None else f"{plan.rms_band[0]:g} to {plan.rms_band[1]:g} Hz"
+
+
+def _axis(values: np.ndarray, unit: str) -> str:
+    if len(values) < 5:
+        return ", ".join(f"{value:g}" for value in values) + f" {unit}"
+    return f"{values[0]:g} to {values[-1]:g} {unit} ({len(values)} nodes)"
+
+
+def _floor(plan: MapPlan) -> str:
+    if plan.floor.kind == "smooth":
+        return "smooth" if plan.floors == 1 else f"smooth, mean of {plan.floors} records"
+    floors = "one floor" if plan.floors == 1 else f"mean of {plan.floors} floors"
+    return f"rough, {figure(1e6 * plan.floor.sd)} µm, {floors}, from seed {plan.floor.seed}"
+
+
+def _rig(plan: MapPlan) -> str:
+    drawn = "" if plan.rig_draws == 0 else f"; {plan.rig_draws} rigs drawn, {figure(100 * plan.rig_spread)} % apart"
+    return ("calibrated" if plan.rig.calibrated else "not calibrated on this machine") + drawn
+
+
+def _numerical(rms_map: RmsMap) -> str:
+    known = np.isfinite(rms_map.rms) & np.isfinite(rms_map.rms_error)
+    level = float(np.sum(rms_map.rms[known] ** 2))
+    if level == 0.0:
+        return "unknown"
+    return f"{figure(100.0 * math.sqrt(float(np.sum(rms_map.rms_error[known] ** 2)) / level), 2)} % (rms)"
+
+
+def _error(attributes: dict[str, object], name: str) -> str:
+    values = [attributes.get(f"{name}_error"), attributes.get(f"{name}_error_max")]
+    known = [float(value) for value in values if isinstance(value, int | float | np.number)]
+    if len(known) < 2 or not all(math.isfinite(value) for value in known):
+        return "not measured"
+    rms, most = (figure(100.0 * value, 2) for value in known)
+    return f"wrong by {rms} % of the largest RMS (rms), {most} % at most"

@@ -1,4 +1,4 @@
-"""A simulated scene as a report: what the sensor hears, the way of the element over the damage, and the spectrum."""
+"""A simulated scene as a report: the signal, the path of the element over the damage, and the spectrum."""
 
 from __future__ import annotations
 
@@ -34,23 +34,23 @@ _ZOOM = 2000.0
 _PATH_POINTS = 1201
 # Deeper than any ball sinks between two edges, m.
 _NO_FLOOR = 1.0
-# Lines below this share of the largest are not seen in a picture.
+# Lines below this share of the largest are invisible in a picture.
 _UNSEEN = 2e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Heard:
-    """What a sensor heard, ready to be drawn.
+class SensorSignal:
+    """The signal of a sensor and its spectrum.
 
     Attributes:
-        time: of the signal, s.
+        time: s.
         signal: acceleration, m/s2.
-        frequency: of the spectrum, Hz, up to 12 kHz.
-        amplitude: of its lines, m/s2.
-        periodic: whether the spectrum is one of lines at multiples of BPFO and nothing between them.
-        rms: m/s2, as the model gives it.
-        status: how the simulation ended.
-        band: to which the RMS refers, Hz, None for full bandwidth.
+        frequency: Hz, up to 12 kHz.
+        amplitude: of the spectrum, m/s2.
+        periodic: whether the spectrum has lines at multiples of BPFO only.
+        rms: m/s2, from the model.
+        status: of the simulation.
+        band: of the RMS, Hz, None for full bandwidth.
     """
 
     time: Values
@@ -63,40 +63,37 @@ class Heard:
     band: tuple[float, float] | None = None
 
 
-def heard_of(response: Response, sensor: Sensor) -> Heard:
-    """Return four ball periods and the lines of a motion that repeats."""
+def heard_of(response: Response, sensor: Sensor) -> SensorSignal:
+    """Return four ball periods and the lines of a periodic motion."""
     signal = response.acceleration(_RATE, _PASSAGES / response.bpfo, sensor=sensor)
     frequency, amplitude = response.lines(sensor)
     shown = frequency <= _HIGHEST
     rms = response.rms if sensor == "mo" else response.rms_resonator
     time = np.arange(signal.size) / _RATE
     lines = frequency[shown], amplitude[shown]
-    return Heard(time, signal, *lines, True, rms, response.status, response.rms_band)
+    return SensorSignal(time, signal, *lines, True, rms, response.status, response.rms_band)
 
 
-def heard_over_time(response: TimeResponse, sensor: Sensor, fundamental: float) -> Heard:
-    """Return four passages about the loudest moment and the spectrum (Hann window) of a motion that does not repeat.
+def heard_over_time(response: TimeResponse, sensor: Sensor, fundamental: float) -> SensorSignal:
+    """Return four passages about the maximum and the spectrum (Hann window) of a motion that is not periodic.
 
-    Args:
-        response: the simulation.
-        sensor: "mo" or "mr".
-        fundamental: how often the damage passes, Hz.
+    ``fundamental`` is the passage frequency of the damage, Hz.
     """
     whole = response.acceleration[0 if sensor == "mo" else 1]
     window = np.hanning(whole.size)
     amplitude = 2.0 * np.abs(np.fft.rfft(whole * window)) / np.sum(window)
     frequency = np.arange(amplitude.size, dtype=np.float64) * (response.rate / whole.size)
     shown = (frequency > 0.0) & (frequency <= _HIGHEST)
-    # Around the loudest moment: a damaged ball, say, is heard only while it carries load.
+    # About the maximum: a damaged ball gives a signal only while it carries load.
     samples = min(whole.size, math.ceil(_PASSAGES * response.rate / fundamental))
     first = min(max(0, int(np.argmax(np.abs(whole))) - samples // 2), whole.size - samples)
     few = slice(first, first + samples)
     rms = response.rms if sensor == "mo" else response.rms_resonator
     time = np.arange(whole.size)[few] / response.rate
-    return Heard(time, whole[few], frequency[shown], amplitude[shown], False, rms, response.status)
+    return SensorSignal(time, whole[few], frequency[shown], amplitude[shown], False, rms, response.status)
 
 
-def draw_scene(scene: Scene, heard: Heard, path: Path, *, sensor: Sensor, title: str) -> None:
+def draw_scene(scene: Scene, heard: SensorSignal, path: Path, *, sensor: Sensor, title: str) -> None:
     """Write the report of a scene; PNG, SVG or HTML by the name's ending.
 
     Raises:
@@ -105,7 +102,7 @@ def draw_scene(scene: Scene, heard: Heard, path: Path, *, sensor: Sensor, title:
     write_sheet(scene_sheet(scene, heard, sensor=sensor, title=title), path)
 
 
-def scene_sheet(scene: Scene, heard: Heard, *, sensor: Sensor, title: str) -> Sheet:
+def scene_sheet(scene: Scene, heard: SensorSignal, *, sensor: Sensor, title: str) -> Sheet:
     """Return the report of a scene (thesis, Figs. 47, 48 and 53)."""
     place = "casing" if sensor == "mo" else "resonator"
     band = "over full bandwidth" if heard.band is None else f"in {heard.band[0]:g} to {heard.band[1]:g} Hz"
@@ -118,21 +115,17 @@ def scene_sheet(scene: Scene, heard: Heard, *, sensor: Sensor, title: str) -> Sh
 
 
 def fundamental_of(scene: Scene) -> tuple[float, str]:
-    """Return how often the damage passes, Hz, and what that line is called; of a healthy bearing BPFO."""
+    """Return the passage frequency of the damage (Hz) and its name; for a healthy bearing BPFO."""
     lines = kinematics(scene.bearing, scene.speed)
     part = "outer" if scene.defect is None else scene.defect.part
     return {"outer": (lines.bpfo, "BPFO"), "inner": (lines.bpfi, "BPFI"), "ball": (2.0 * lines.bsf, "twice BSF")}[part]
 
 
 def passages(scene: Scene, until: float) -> list[tuple[float, float]]:
-    """Return when balls are inside the defect of the outer race, as beginnings and ends in seconds.
+    """Return begin and end (s) of each passage of a ball through the defect of the outer race until a time (s).
 
-    Balls of the first row stand over the load at time zero, those of the next ones ahead of them by an even share of
-    their spacing. Of a motion that does not repeat nothing is known: its beginning is not that of the cage.
-
-    Args:
-        scene: with what is damaged.
-        until: end of the stretch, s.
+    At time zero a ball of the first row is at the load; the next rows are ahead by equal shares of the ball spacing.
+    Empty for a motion that is not periodic, where the phase of the cage is unknown.
     """
     defect = scene.defect
     if defect is None or defect.part != "outer" or scene.effects:
@@ -152,14 +145,14 @@ def passages(scene: Scene, until: float) -> list[tuple[float, float]]:
 def resonances(scene: Scene) -> Values:
     """Return the natural frequencies of the rig along the load, Hz, with the mean stiffness of the healthy bearing."""
     k_b = mean_bearing_stiffness(scene.bearing, scene.load, scene.rig.k_c, clearance=scene.clearance)[0, 0]
-    # Both directions alike, so that every frequency stands twice.
+    # Both directions are alike, so that every frequency appears twice.
     return natural_frequencies(scene.rig, float(k_b), float(k_b))[::2]
 
 
 def ways(scene: Scene, defect: Defect) -> dict[str, tuple[Values, Values]]:
-    """Return the ways of an element over the damage: angles, degrees, and depths, µm, by name.
+    """Return the paths of an element over the damage by name: angles (degrees) and depths (µm).
 
-    A rough floor is accompanied by the smooth one, and a ball's spot has a way over each race.
+    A rough floor comes with the smooth one; a defect of the ball has a path over each race.
     """
     found: dict[str, tuple[Values, Values]] = {}
     rough = defect.floor.kind == "rough"
@@ -176,7 +169,7 @@ def ways(scene: Scene, defect: Defect) -> dict[str, tuple[Values, Values]]:
     return found
 
 
-def _signal_part(scene: Scene, heard: Heard) -> Part:
+def _signal_part(scene: Scene, heard: SensorSignal) -> Part:
     since, until = float(heard.time[0]), float(heard.time[-1])
     marked = passages(scene, until)
     _, name = fundamental_of(scene)
@@ -203,7 +196,7 @@ def _signal_part(scene: Scene, heard: Heard) -> Part:
     return Part("What the sensor hears", caption, label, 2.5, draw, data, "signal")
 
 
-def _peak(heard: Heard) -> float:
+def _peak(heard: SensorSignal) -> float:
     return float(np.max(np.abs(heard.signal))) / STANDARD_GRAVITY
 
 
@@ -237,7 +230,7 @@ def _path_part(scene: Scene, defect: Defect) -> Part:
     return Part("The way over the damage", caption, label, 2.1, draw, data, "way")
 
 
-def _spectrum_part(scene: Scene, heard: Heard) -> Part:
+def _spectrum_part(scene: Scene, heard: SensorSignal) -> Part:
     fundamental, name = fundamental_of(scene)
     modes = resonances(scene)
 
@@ -266,7 +259,7 @@ def _spectrum_part(scene: Scene, heard: Heard) -> Part:
     return Part("Spectrum", caption, label, 4.2, draw, data, "spectrum")
 
 
-def show_spectrum(axes: Axes, heard: Heard, band: tuple[float, float], modes: Sequence[float] | Values) -> None:
+def show_spectrum(axes: Axes, heard: SensorSignal, band: tuple[float, float], modes: Sequence[float] | Values) -> None:
     """Draw the part of a spectrum within a band, Hz, in g, with natural frequencies dotted."""
     inside = (heard.frequency >= band[0]) & (heard.frequency <= band[1])
     x, y = heard.frequency[inside], heard.amplitude[inside] / STANDARD_GRAVITY

@@ -1,7 +1,4 @@
-"""Reports of the model: figures with captions, as one picture (PNG, SVG) or as a page (HTML), by the file's ending.
-
-A part draws itself into whatever figure it is given, so that the picture and the page show the same.
-"""
+"""Reports of the model: figures with captions, as one picture (PNG, SVG) or as a page (HTML)."""
 
 from __future__ import annotations
 
@@ -9,7 +6,6 @@ import io
 import itertools
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,14 +14,13 @@ import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, FigureBase
 
-from monitor.records.filesystem import replace_durably
 from monitor.report.figures.drawing import INK, SOFT, STYLE, WIDTH, Picture, to_svg
 from monitor.report.options import Options
 from monitor.report.page import render
 from monitor.report.tables import write_whole
 
 _LETTERS = 150
-"""Letters of a caption in one line of a picture."""
+"""Characters of a caption in one line of a picture."""
 _LINE, _HEADING, _TITLE = 0.165, 0.34, 0.42
 """Heights in inches: of a line of caption, of a heading, of the title."""
 _DPI = 130
@@ -36,13 +31,10 @@ class Part:
     """A figure of a model report.
 
     Attributes:
-        heading: above it.
-        caption: what is seen, below it.
-        label: what it shows, for those who cannot see it.
-        height: in inches, at the width of every figure of a report.
-        draw: draws it into a figure or a part of one.
-        data: what is drawn, as columns or single values; units end the names.
-        name: by which a program finds it.
+        label: alternative text.
+        height: in inches.
+        draw: draws it into a figure (page) or subfigure (picture).
+        data, name: as in :class:`monitor.report.figures.drawing.Picture`.
     """
 
     heading: str
@@ -63,14 +55,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A model report.
-
-    Attributes:
-        title: of the whole.
-        lead: the sentence that says most.
-        parts: its figures.
-        facts: names and texts of what made it.
-    """
+    """A model report: title, leading sentence, figures, and provenance as labels and texts."""
 
     title: str
     lead: str
@@ -79,7 +64,7 @@ class Sheet:
 
 
 def write_sheet(sheet: Sheet, path: Path) -> None:
-    """Write a report: a page where the name ends in .html, otherwise one picture, PNG or SVG.
+    """Write a report as HTML, PNG or SVG by the name's ending.
 
     Raises:
         OSError: the file cannot be written.
@@ -95,7 +80,7 @@ def write_sheet(sheet: Sheet, path: Path) -> None:
 
 @mpl.rc_context(STYLE)
 def compose(sheet: Sheet) -> Figure:
-    """Return all parts above each other, with captions, and what made them at the foot."""
+    """Return all parts below each other, with captions, and the facts at the foot."""
     captions = [textwrap.fill(part.caption, _LETTERS) for part in sheet.parts]
     foot = textwrap.fill("; ".join(f"{name}: {text}" for name, text in sheet.facts), _LETTERS + 18)
     heights = [part.height + _HEADING + _height(text) for part, text in zip(sheet.parts, captions, strict=True)]
@@ -116,7 +101,7 @@ def compose(sheet: Sheet) -> Figure:
 
 
 def write_picture(figure: Figure, path: Path) -> None:
-    """Write a figure on white, PNG or SVG by the name's ending, and put it in place at once.
+    """Write a figure on white, PNG or SVG by the name's ending, atomically.
 
     Raises:
         OSError: the file cannot be written.
@@ -125,14 +110,7 @@ def write_picture(figure: Figure, path: Path) -> None:
     with mpl.rc_context(STYLE):
         metadata = {"Date": None} if kind == "svg" else None
         figure.savefig(buffer, format=kind, dpi=_DPI, facecolor="white", metadata=metadata)
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        temporary.write_bytes(buffer.getvalue())
-        replace_durably(temporary, path)
-    except OSError:
-        with suppress(OSError):
-            temporary.unlink()
-        raise
+    write_whole(path, buffer.getvalue(), make_folder=False)
 
 
 def _height(text: str) -> float:

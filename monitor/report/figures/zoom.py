@@ -1,6 +1,6 @@
-"""What a figure over time holds for those who zoom into it: the blocks themselves, thinned where nobody could see them.
+"""Data of figures over time for charts that can be zoomed.
 
-The page carries it as JSON beside the static picture; where scripts are on, ``templates/zoom.js`` draws charts of it.
+The page carries them as JSON beside the static picture; ``templates/zoom.js`` draws the charts where scripts are on.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from monitor.report.figures.drawing import TimeAxis, colour_name, places_kept, w
 
 Column = NDArray[np.float64]
 BINS = 600
-"""Columns of a picture; of each the extremes of every line are kept, so that nothing that stands out is lost."""
+"""Columns of a picture; of each the extremes of every line are kept."""
 _VENDOR = "web/static/vendor"
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line of a chart: its name, its colour as in the picture, its values, and "line", "dashed" or "dots"."""
+    """A line of a chart; ``kind`` is "line", "dashed" or "dots"."""
 
     label: str
     colour: str
@@ -51,11 +51,10 @@ class Panel:
     """A chart.
 
     Attributes:
-        axes: of the picture, which say how the vertical axis is called and scaled.
-        lines: of it, in the order in which they are drawn.
+        axes: of the picture, for label and scale of the vertical axis.
         bands: below the lines.
         levels: name, colour and value of horizontal lines.
-        top: the highest value that the axis may show, NaN for any.
+        top: upper limit of the vertical axis, NaN for none.
         height: relative to the others.
     """
 
@@ -77,22 +76,19 @@ def zoom_data(
     shade: Sequence[float] = (),
     bins: int = BINS,
 ) -> dict[str, Any]:
-    """Return charts as plain values for the page.
+    """Return the plain values that ``zoom.js`` reads.
 
-    All columns share one horizontal axis: a block is kept where any line has an extreme of its bin, and all its values
-    with it, so that nothing between two blocks is made up.
+    All columns share one horizontal axis: a block is kept, with all its values, where any line has an extreme of its
+    bin.
 
     Args:
         axis: of the picture.
-        time: ascending, s (or numbers of blocks).
+        time: ascending, s or block numbers.
         panels: from top to bottom.
-        marks: name, colour, moment and matplotlib's line style of vertical lines.
-        ticks: name, colour and moments of what is marked at the foot of the first chart, or at its top where true.
-        shade: ends of a span with a background, or nothing.
+        marks: name, colour, time and matplotlib's line style of vertical lines.
+        ticks: name, colour and times of marks at the foot (False) or the top (True) of the first chart.
+        shade: ends of a shaded span, empty for none.
         bins: see :data:`BINS`.
-
-    Returns:
-        What ``zoom.js`` reads: ``start`` and ``steps`` in seconds, ``panels``, ``marks``, ``ticks``, ``shade``.
     """
     columns: list[Column] = []
 
@@ -164,12 +160,12 @@ def _chart(panel: Panel, take: Any) -> dict[str, Any]:
 
 
 def _some(at: Column, most: int = 500) -> NDArray[np.intp]:
-    """Return which of many marks to draw, spread over all of them."""
+    """Return the indices of at most ``most`` marks, evenly spaced."""
     return np.unique(np.linspace(0, at.size - 1, min(at.size, most)).round().astype(np.intp))
 
 
 def _brief(value: float) -> float | int | None:
-    """Return a value to four figures, which is finer than any screen; None where there is none."""
+    """Return a value to four figures, None for NaN."""
     return _short(float(f"{value:.4g}")) if math.isfinite(value) else None
 
 
@@ -178,13 +174,13 @@ def _short(value: float) -> float | int:
 
 
 def zoom_json(data: Mapping[str, Any]) -> str:
-    """Return charts as JSON that may stand in a page: no name in it can end its element."""
+    """Return charts as JSON that is safe inside a script element."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def zoom_script() -> str:
-    """Return the script that draws the charts, with the library that it draws them with and that one's licence."""
+    """Return the script that draws the charts, with its library and the library's licence."""
     vendor = resources.files("monitor").joinpath(_VENDOR)
     licence = vendor.joinpath("uPlot.LICENSE").read_text(encoding="utf-8").strip()
     library = vendor.joinpath("uPlot.iife.min.js").read_text(encoding="utf-8").strip()
@@ -199,5 +195,5 @@ def zoom_style() -> str:
 
 
 def policy_hash(script: str) -> str:
-    """Return by what a Content-Security-Policy allows this script and no other."""
+    """Return the source of a Content-Security-Policy that allows this script only."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"

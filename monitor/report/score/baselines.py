@@ -1,10 +1,11 @@
-"""Naive forecasts of the time to threshold, to stand beside the real ones; each is issued with only the past.
+"""Naive forecasts of the time to threshold: references that a forecast has to beat, each from the past alone.
 
-They need no map, no library and no idea of damage. A forecast that does not beat them is worth nothing, however good it
-looks. Two ask for the lifetimes of other bearings (final stages from onset to threshold, s): of a library, or of other
-runs of the same rig, never of the run that is forecast. Three extrapolate the history of V_eq, one value a block.
+Three use the lifetimes of other bearings (final stages from onset to threshold, s, shape (m,)): of a library, or of
+other runs of the same rig. Three extrapolate the history of V_eq, one value a block: times ``t`` (n,), not falling, and
+``v_eq`` (n,), NaN for none; they return the time to threshold after each block, NaN for no answer.
 
-Elapsed times count from the onset (t_fs). All times are seconds, all volumes m2; NaN is "no answer".
+Elapsed times count from the onset (t_fs). All times are seconds, all volumes m2. Lifetimes that are missing or not
+positive raise ValueError.
 """
 
 from __future__ import annotations
@@ -23,140 +24,67 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A forecast as a sample of remaining times.
-
-    Attributes:
-        values: shape (m,), s, ascending.
-        weights: shape (m,), positive, adding up to one.
-    """
+    """A forecast as a sample of remaining times, ascending, with positive weights that add up to one."""
 
     values: Floats
     weights: Floats
 
     def quantiles(self, levels: ArrayLike) -> Floats:
-        """Return quantiles, straight between the members, each of which stands in the middle of its weight.
-
-        Args:
-            levels: shape (q,), within (0, 1).
-
-        Returns:
-            Shape (q,), s.
-        """
+        """Return quantiles (s), linear between the members, each in the middle of its weight."""
         middle = np.cumsum(self.weights) - 0.5 * self.weights
         return np.interp(np.asarray(levels, dtype=np.float64), middle, self.values)
 
 
 def constant(elapsed: ArrayLike, lifetimes: ArrayLike) -> Floats:
-    """Forecast that this bearing lasts as long as the median one: median lifetime less elapsed time, at least zero.
+    """Forecast the median lifetime less the elapsed time, at least zero.
 
-    This is also the guess that stands in for a missing answer where methods are compared.
-
-    Args:
-        elapsed: since the onset, shape (n,) or a number, s.
-        lifetimes: of other bearings, shape (m,), s.
-
-    Returns:
-        Remaining times, of the shape of ``elapsed``, s.
-
-    Raises:
-        ValueError: no lifetimes, or some that are not positive.
+    It also replaces missing answers where methods are compared.
     """
     median = float(np.median(_lifetimes(lifetimes)))
     return np.maximum(median - np.asarray(elapsed, dtype=np.float64), 0.0)
 
 
 def climatology(elapsed: float, lifetimes: ArrayLike) -> Sample:
-    """Forecast what was left to those bearings that had lasted as long: lifetimes given survival, less elapsed time.
-
-    Args:
-        elapsed: since the onset, s.
-        lifetimes: of other bearings, shape (m,), s.
-
-    Returns:
-        Members of equal weight; the single one of zero where no other bearing lasted as long.
-
-    Raises:
-        ValueError: no lifetimes, or some that are not positive.
-    """
+    """Forecast the lifetimes given survival, less the elapsed time; a single zero without survivors."""
     return _survivors(elapsed, _lifetimes(lifetimes), power=0)
 
 
 def elapsed_alone(elapsed: float, lifetimes: ArrayLike) -> Sample:
-    """Forecast what the elapsed time alone says, as a regression on it learns from equally many moments of each life.
+    """Forecast from the elapsed time alone: :func:`climatology` with lives weighted by 1 / T.
 
-    Of m lives that are looked at equally often at random moments, a life T is met at an elapsed time near t (if t < T)
-    in proportion to 1 / T. So this is the climatology with the lives weighted by 1 / T: the right forecast where
-    moments are drawn life by life, as in the benchmarks, and as with :func:`climatology` it knows of no vibration.
-
-    Args:
-        elapsed: since the onset, s.
-        lifetimes: of other bearings, shape (m,), s.
-
-    Returns:
-        Weighted members; the single one of zero where no other bearing lasted as long.
-
-    Raises:
-        ValueError: no lifetimes, or some that are not positive.
+    That is the regression on elapsed time where equally many times are drawn from each life, as in the benchmarks: a
+    life T is then met at an elapsed time near t < T in proportion to 1 / T.
     """
     return _survivors(elapsed, _lifetimes(lifetimes), power=1)
 
 
 def doubling(elapsed: ArrayLike, levels: ArrayLike) -> Floats:
-    """Forecast without any other bearing: whatever has lasted t is met at a moment drawn evenly from its life.
+    """Return quantiles, shape (n, q), for a present time uniform over the life (Gott, Nature 363, 1993).
 
-    Then P(remaining > r) = t / (t + r): the median of what remains is what has elapsed (Gott, Nature 363, 1993).
-
-    Args:
-        elapsed: since the onset, shape (n,), s.
-        levels: of the quantiles, shape (q,), within (0, 1).
-
-    Returns:
-        Quantiles, shape (n, q), s.
+    P(remaining > r) = t / (t + r), so that the median of the remaining time is the elapsed time t.
     """
     p = np.asarray(levels, dtype=np.float64)
     return np.asarray(elapsed, dtype=np.float64)[:, np.newaxis] * p / (1.0 - p)
 
 
 def linear(t: ArrayLike, v_eq: ArrayLike, threshold: float) -> Floats:
-    """Forecast by the straight line of least squares through all V_eq so far, extrapolated to the threshold.
+    """Extrapolate the line of least squares through all V_eq (or another growing indicator) so far to the threshold.
 
-    Args:
-        t: moments, shape (n,), not falling, s.
-        v_eq: V_eq or any other indicator that grows, shape (n,), in any unit; NaN where there is none.
-        threshold: in the same unit.
-
-    Returns:
-        Time to threshold after each moment, shape (n,), s: zero once a value has reached it, or where the line says so;
-        NaN with fewer than two distinct times, or where the line does not rise.
+    Zero once a value or the line has reached it; NaN with fewer than two distinct times or a line that does not rise.
     """
     values = np.asarray(v_eq, dtype=np.float64)
     return _extrapolated(np.asarray(t, dtype=np.float64), values, values, float(threshold), float(threshold))
 
 
 def exponential(t: ArrayLike, v_eq: ArrayLike, threshold: float) -> Floats:
-    """Forecast by exponential growth: as :func:`linear` on the logarithm; values that are not positive are left out.
-
-    Args:
-        t: moments, shape (n,), not falling, s.
-        v_eq: V_eq or any other indicator that grows, shape (n,), in any unit; NaN where there is none.
-        threshold: in the same unit, positive.
-    """
+    """Extrapolate exponential growth: :func:`linear` on the logarithm, without values that are not positive."""
     values = np.asarray(v_eq, dtype=np.float64)
     logs = np.log(np.where(values > 0, values, np.nan))
     return _extrapolated(np.asarray(t, dtype=np.float64), logs, values, math.log(threshold), float(threshold))
 
 
 def thesis(t: ArrayLike, v_eq: ArrayLike, threshold: float) -> Floats:
-    """Forecast by the quadratic of the thesis, :mod:`monitor.health.damage.thesis.forecast`.
-
-    Args:
-        t: moments, shape (n,), not falling, s.
-        v_eq: V_eq, shape (n,), m2; NaN where there is none.
-        threshold: m2.
-
-    Returns:
-        Time to threshold after each moment, shape (n,), s; NaN where its status says that there is none.
-    """
+    """Forecast by the quadratic of the thesis, :mod:`monitor.health.damage.thesis.forecast`."""
     state, found = forecast.ForecastState(), []
     for moment, value in zip(np.asarray(t, dtype=np.float64), np.asarray(v_eq, dtype=np.float64), strict=True):
         state, results = forecast.step(state, float(moment), float(value), thresholds=(threshold,))
@@ -178,7 +106,7 @@ def _lifetimes(lifetimes: ArrayLike) -> Floats:
 
 
 def _survivors(elapsed: float, lifetimes: Floats, power: int) -> Sample:
-    """Return what was left to the lives longer than ``elapsed``, weighted by T to the power of ``-power``."""
+    """Return the remaining times of the lives longer than ``elapsed``, weighted by T ** -power."""
     left = lifetimes[lifetimes > elapsed]
     if not left.size:
         return Sample(np.zeros(1), np.ones(1))
@@ -187,9 +115,9 @@ def _survivors(elapsed: float, lifetimes: Floats, power: int) -> Sample:
 
 
 def _extrapolated(t: Floats, y: Floats, values: Floats, goal: float, threshold: float) -> Floats:
-    """Return when the running line through (t, y) reaches the goal, counted from each moment.
+    """Return the time from each block until the running line through (t, y) reaches the goal.
 
-    The sums are taken about the running means, so that long histories and late clocks cost no digits.
+    Sums are about the running means, for precision with long histories and large times.
     """
     count, mean_t, mean_y, s_tt, s_ty = 0, 0.0, 0.0, 0.0, 0.0
     crossed, found = False, np.full(t.shape, np.nan)

@@ -1,4 +1,4 @@
-"""Forecasts as they were issued, read from published records or from the archive in the store, ready to be scored."""
+"""Forecasts as issued, read for scoring from records or from the archive in the store."""
 
 from __future__ import annotations
 
@@ -26,35 +26,34 @@ _SAME_THRESHOLD = 1e-6
 
 
 class ScoreError(ReportError):
-    """Records cannot be scored as asked; the message names the file, the option, what was expected and what came."""
+    """Records cannot be scored; the message names the file, the option, what was expected and what came."""
 
 
 @dataclass(frozen=True, eq=False)
 class Issued:
-    """The forecasts of one channel for one threshold, as issued, and what a judge of them needs; n blocks, q levels.
+    """The forecasts of one channel for one threshold at n blocks of the final stage, with what scoring needs.
+
+    Damage time is time without standstill, s.
 
     Attributes:
-        records: where they were read.
-        machine: its name.
-        channel: its name.
+        records: path or name of the records.
         dated: whether ``time`` is UTC seconds since 1970 rather than seconds from the first block.
         threshold: V_th, m2.
-        method: that made them, "" where the records do not say.
-        interval: probability of the interval, or None where single numbers were issued.
+        method: "" if not recorded.
+        interval: probability of the interval, None for single numbers.
         source: "archive" or "records".
-        time: of the blocks of the final stage, s.
-        clock: damage time of these blocks, s; standstill is no part of it.
-        status: of each forecast.
+        time: s, shape (n,).
+        clock: damage time, shape (n,).
         levels: of the quantiles, shape (q,).
-        quantiles: time to threshold, s of damage time, shape (n, q), NaN where there was no answer.
-        v_eq: as tracked, m2, shape (n,), with the ends of its interval ``v_eq_lower`` and ``v_eq_upper``.
-        v_eq_true: of a simulated rig, m2, else NaN, shape (n,).
-        onset: damage time of t_fs, s.
-        alarms: moments at which a final stage was said to have begun, s on the axis of ``time``.
-        judged: moments of the blocks that the detector judged, s on that axis.
-        damaged: first moment of true damage (simulated rigs that were also heard while sound), s on that axis, or NaN.
-        end_true: damage time of the true end (simulated rigs), s, or NaN.
-        all_time, all_clock: moment and damage time of every block of the channel.
+        quantiles: time to threshold in damage time, shape (n, q), NaN for no answer.
+        v_eq: as tracked, m2, shape (n,), with its interval ``v_eq_lower`` and ``v_eq_upper``.
+        v_eq_true: of a simulated rig, m2, shape (n,), else NaN.
+        onset: damage time of t_fs.
+        alarms: times at which a final stage was detected, on the axis of ``time``.
+        judged: times of the blocks that the detector judged.
+        damaged: first time of true damage on a simulated rig that was recorded without damage too, else NaN.
+        end_true: damage time of the true end of a simulated rig, else NaN.
+        all_time, all_clock: time and damage time of every block of the channel.
     """
 
     records: str
@@ -83,13 +82,13 @@ class Issued:
     all_clock: Floats
 
     def to_clock(self, time: float) -> float:
-        """Return the damage time at a moment of the time axis; after the last block the machine is taken to run on."""
+        """Return the damage time at a time; after the last block the machine is assumed to run."""
         if time > self.all_time[-1]:
             return float(self.all_clock[-1] + time - self.all_time[-1])
         return float(np.interp(time, self.all_time, self.all_clock))
 
     def to_time(self, clock: float) -> float:
-        """Return the first moment of the time axis at which a damage time was reached."""
+        """Return the first time at which a damage time was reached."""
         if clock > self.all_clock[-1]:
             return float(self.all_time[-1] + clock - self.all_clock[-1])
         place = int(np.searchsorted(self.all_clock, clock))
@@ -102,9 +101,8 @@ def read_issued(path: Path, threshold: float | None = None) -> list[Issued]:
     """Read the forecasts of all channels that have any.
 
     Args:
-        path: a ``.nc`` file, a ``state.db``, or a folder; beside a ``state.db`` the archive in it is taken, which holds
-            more of each forecast than the records do.
-        threshold: V_th, m2, of which the forecasts are wanted; None where the records have one only.
+        path: a ``.nc`` file, a ``state.db``, or a folder; a ``state.db`` has more quantiles than records.
+        threshold: V_th, m2; None where the records have only one.
 
     Raises:
         ScoreError: nothing to score, or the threshold is not among those that were forecast.
@@ -124,26 +122,22 @@ def read_issued(path: Path, threshold: float | None = None) -> list[Issued]:
 
 
 def issued_of(run: Run, label: str) -> list[Issued]:
-    """Return the forecasts of a run for the first threshold of each channel, as its records hold them.
-
-    Args:
-        run: its records.
-        label: what to call them.
+    """Return the forecasts in the records of a run for the first threshold of each channel.
 
     Raises:
-        ScoreError: the records do not say the level of their intervals.
+        ScoreError: the records do not name the level of their intervals.
     """
-    spoken = [
+    forecast = [
         channel
         for channel in run.channels.values()
         if not np.isin(channel.words["tt_status"].astype(str), _SILENT).all()
         and np.isfinite(channel.numbers["v_th"][:, 0]).any()
     ]
-    return [_issued(Path(label), run, channel, 0, {}) for channel in spoken]
+    return [_issued(Path(label), run, channel, 0, {}) for channel in forecast]
 
 
 def _archive(path: Path) -> dict[tuple[str, int, str], list[Archived]]:
-    """Return the archived forecasts by source, block and channel, or nothing where there is no store."""
+    """Return the archived forecasts by source, block and channel; empty without a store."""
     database = path / "state.db" if path.is_dir() else path
     if database.suffix == ".nc" or not database.exists():
         return {}
@@ -158,22 +152,21 @@ def _archive(path: Path) -> dict[tuple[str, int, str], list[Archived]]:
 
 
 def _threshold_place(path: Path, channel: Channel, threshold: float | None) -> int:
-    """Return which of the thresholds of a channel is meant."""
     known = [
         float(column[np.isfinite(column)][-1]) for column in channel.numbers["v_th"].T if np.isfinite(column).any()
     ]
-    said = ", ".join(f"{value * 1e6:g}" for value in known)
+    found = ", ".join(f"{value * 1e6:g}" for value in known)
     if threshold is None:
         if len(known) != 1:
             raise ScoreError(
-                f"{path}: channel {channel.name!r} was forecast for {said} mm3/mm; say which: --threshold-mm2"
+                f"{path}: channel {channel.name!r} was forecast for {found} mm3/mm; say which: --threshold-mm2"
             )
         return 0
     for place, value in enumerate(known):
         if math.isclose(value, threshold, rel_tol=_SAME_THRESHOLD):
             return place
     raise ScoreError(
-        f"{path}: --threshold-mm2 {threshold * 1e6:g}: channel {channel.name!r} was forecast for {said} mm3/mm"
+        f"{path}: --threshold-mm2 {threshold * 1e6:g}: channel {channel.name!r} was forecast for {found} mm3/mm"
     )
 
 
@@ -183,7 +176,7 @@ def _issued(
     status = channel.words["tt_status"][:, place]
     v_th = channel.numbers["v_th"][:, place]
     threshold = float(v_th[np.isfinite(v_th)][-1])
-    # Forecasts for a threshold that was configured earlier are not of this series.
+    # Without forecasts for a threshold that was configured earlier.
     rows = np.flatnonzero(
         ~np.isin(status.astype(str), _SILENT) & np.isclose(v_th, threshold, rtol=_SAME_THRESHOLD, atol=0)
     )
@@ -232,7 +225,7 @@ def _issued(
 
 
 def running_time(channel: Channel) -> Floats:
-    """Return the damage time of each block, s from the first: between two blocks neither of which stood still."""
+    """Return the damage time of each block, s from the first: the time between blocks without standstill."""
     flags = [set(str(text).split("|")) for text in channel.word("quality_flags")]
     judged = channel.word("quality_status").astype(str)
     counted = (judged != "") & ~np.isin(judged, REJECTIONS) & np.array([not f & _OUT_OF_TIME for f in flags])
@@ -247,7 +240,7 @@ def _matching(
     rows: NDArray[np.intp],
     threshold: float,
 ) -> list[Archived] | None:
-    """Return the archived forecast of each row, or None where one of them is not in the archive."""
+    """Return the archived forecast of each row, None if one is missing."""
     sources = dict.fromkeys(str(source) for source in run.ledger["source"])
     found: list[Archived] = []
     for row in rows:
@@ -276,7 +269,7 @@ def _from_archive(archived: Sequence[Archived]) -> tuple[float | None, Floats, F
 
 
 def _at_levels(quantiles: Mapping[float, float], levels: Iterable[float]) -> list[float]:
-    """Return quantiles at all levels; a forecast with fewer of them, such as a single zero, is straight between."""
+    """Return quantiles at all levels, by linear interpolation where a forecast has fewer."""
     known = sorted(quantiles)
     if not known:
         return [math.nan for _ in levels]
@@ -286,18 +279,18 @@ def _at_levels(quantiles: Mapping[float, float], levels: Iterable[float]) -> lis
 def _from_records(
     path: Path, run: Run, channel: Channel, place: int, rows: NDArray[np.intp]
 ) -> tuple[float | None, Floats, Floats]:
-    """Return the level of the interval, the levels, and the quantiles at them, of what the records show."""
+    """Return the level of the interval, the levels, and the quantiles at them."""
     middle, lower, upper = (_column(channel, name, place)[rows] for name in ("tt", "tt_lower", "tt_upper"))
     if not np.isfinite(lower).any():
         return None, np.array([0.5]), middle[:, np.newaxis]
-    said = of_channel(run.attributes.get("interval_level", ""), channel.name)
+    found = of_channel(run.attributes.get("interval_level", ""), channel.name)
     try:
-        interval = float(said)
+        interval = float(found)
     except ValueError:
         interval = math.nan
     if not 0.0 < interval < 1.0:
         raise ScoreError(
-            f"{path}: attribute interval_level must be the probability of the intervals, such as 0.8, found {said!r}"
+            f"{path}: attribute interval_level must be the probability of the intervals, such as 0.8, found {found!r}"
         )
     points = np.isfinite(middle) & ~np.isfinite(lower)
     lower, upper = np.where(points, middle, lower), np.where(points, middle, upper)
@@ -311,7 +304,7 @@ def _column(channel: Channel, name: str, place: int) -> Floats:
 
 
 def of_channel(text: Any, channel: str) -> str:
-    """Return the value of one channel where an attribute lists one a channel, or the value itself."""
+    """Return the value of one channel of an attribute "NAME: VALUE; ...", or the attribute if it is of all channels."""
     parts = [part.partition(": ") for part in str(text).split("; ")]
     if not all(separator for _, separator, _ in parts):
         return str(text)

@@ -3,12 +3,12 @@
 Notation: r is the forecast time to the end and r* = end - t the true one, both times-to-event. An accuracy on absolute
 times would depend on where the clock begins, and with UTC it is always near one. All times are seconds, on any clock.
 
-A forecast is a row of quantiles at common levels. Its distribution function is straight between them, and what lies
-beyond the outermost lies at them, so that one quantile at the level 0.5 is a point forecast. A missing answer is a row
-of NaN; what becomes of it each function says.
+A forecast is a row of quantiles at common levels. Its distribution function is linear between them, with the mass
+beyond the outermost at them, so that one quantile at the level 0.5 is a point forecast. A missing answer is a row of
+NaN. Unless stated otherwise, arrays have the shape (n,) or, for quantiles, (n, q); ``levels`` (q,) rise within (0, 1),
+quantiles do not fall along them, and ValueError is raised where they do.
 
-One run is one sample: forecasts of one run are strongly correlated, and nothing here pools runs.
-:func:`mean_over_runs` takes one figure a run and gives the mean with its standard error.
+One run is one sample, because forecasts of one run are strongly correlated; see :func:`mean_over_runs`.
 
 Sources: relative accuracy, alpha-lambda, prognostic horizon and convergence are those of Saxena, Celaya, Saha, Saha and
 Goebel, International Journal of Prognostics and Health Management 1(1), 2010; the continuous ranked probability score
@@ -30,11 +30,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class AlphaLambda:
-    """Whether the forecast was good enough at a given share of the final stage.
+    """Result of :func:`alpha_lambda`.
 
     Attributes:
-        t: moment of the forecast that stood then, s; NaN where none had been issued.
-        mass: probability that it gave to (1 - alpha) r* .. (1 + alpha) r*; 0 where it gave no answer.
+        t: time of the judged forecast; NaN where none had been issued.
+        mass: its probability of (1 - alpha) r* .. (1 + alpha) r*; 0 for no answer.
         passed: whether that is at least beta; None where no forecast had been issued.
     """
 
@@ -45,13 +45,7 @@ class AlphaLambda:
 
 @dataclass(frozen=True)
 class Mean:
-    """One figure over several runs.
-
-    Attributes:
-        mean: NaN where no run has the figure.
-        standard_error: of the mean, over runs; NaN with fewer than two.
-        runs: how many runs have the figure.
-    """
+    """Mean of a figure over the runs that have it (NaN for none), and its standard error (NaN for fewer than two)."""
 
     mean: float
     standard_error: float
@@ -61,14 +55,7 @@ class Mean:
 def relative_accuracy(predicted: ArrayLike, true: ArrayLike) -> Floats:
     """Return RA = 1 - |r - r*| / r* of each forecast (Saxena et al. 2010, section 4.3).
 
-    1 is exact, 0 is an error as large as the true time, and there is no lower bound.
-
-    Args:
-        predicted: r, shape (n,), s.
-        true: r*, shape (n,), s.
-
-    Returns:
-        Shape (n,), NaN where there is no answer or r* is not positive.
+    ``predicted`` is r, ``true`` is r*. At most 1, without a lower bound; NaN for no answer or where r* is not positive.
     """
     r, r_true = np.asarray(predicted, dtype=np.float64), np.asarray(true, dtype=np.float64)
     ahead = r_true > 0
@@ -78,13 +65,7 @@ def relative_accuracy(predicted: ArrayLike, true: ArrayLike) -> Floats:
 def cumulative_relative_accuracy(predicted: ArrayLike, true: ArrayLike, weights: ArrayLike | None = None) -> float:
     """Return CRA, the weighted mean of the relative accuracy over the answers (Saxena et al. 2010, section 4.3).
 
-    Args:
-        predicted: r, shape (n,), s; NaN where there is no answer, and these are left out.
-        true: r*, shape (n,), s; moments at and after the end are left out.
-        weights: of each moment, shape (n,), or None for equal ones.
-
-    Returns:
-        At most 1; NaN where nothing is left.
+    Missing answers and times at or after the end are left out; NaN where nothing is left.
     """
     accuracy = relative_accuracy(predicted, true)
     kept = np.isfinite(accuracy)
@@ -94,20 +75,7 @@ def cumulative_relative_accuracy(predicted: ArrayLike, true: ArrayLike, weights:
 
 
 def probability_within(levels: ArrayLike, quantiles: ArrayLike, low: ArrayLike, high: ArrayLike) -> Floats:
-    """Return the probability that each forecast gives to low <= r <= high.
-
-    Args:
-        levels: of the quantiles, shape (q,), rising within (0, 1).
-        quantiles: shape (n, q), not falling along q.
-        low: shape (n,) or one number.
-        high: shape (n,) or one number.
-
-    Returns:
-        Shape (n,), NaN where there is no answer.
-
-    Raises:
-        ValueError: levels or quantiles that are none.
-    """
+    """Return the probability of low <= r <= high by each forecast, NaN for no answer."""
     p, rows = _checked(levels, quantiles)
     low, high = np.broadcast_to(low, rows.shape[:1]), np.broadcast_to(high, rows.shape[:1])
     mass = [
@@ -138,16 +106,16 @@ def alpha_lambda(
     lam: float = 0.5,
     beta: float = 0.5,
 ) -> AlphaLambda:
-    """Judge the forecast that stood at t_P + lambda (end - t_P), t_P being the first moment (Saxena et al. 2010, 4.2).
+    """Judge the forecast valid at t_P + lam (end - t_P), t_P being the first of ``t`` (Saxena et al. 2010, 4.2).
 
     Args:
-        t: moments of the forecasts, shape (n,), rising, s.
-        end: when the end came, s on the same clock.
-        levels: of the quantiles, shape (q,).
-        quantiles: of r, shape (n, q), s.
-        alpha: half the width of the band, as a share of r*.
-        lam: share of the time from the first forecast to the end; no time itself.
-        beta: probability that must lie in the band.
+        t: times of the forecasts, rising.
+        end: true end on the same clock.
+        levels: of the quantiles.
+        quantiles: of r.
+        alpha: half-width of the band as a share of r*.
+        lam: share of the time from the first forecast to the end.
+        beta: least probability within the band.
     """
     moments = np.asarray(t, dtype=np.float64)
     _, rows = _checked(levels, quantiles)
@@ -163,22 +131,14 @@ def alpha_lambda(
 def prognostic_horizon(
     t: ArrayLike, end: float, levels: ArrayLike, quantiles: ArrayLike, *, alpha: float = 0.2, beta: float = 0.5
 ) -> float:
-    """Return how long before the end the forecasts became good and stayed so until the end.
+    """Return the time before the end from which on all forecasts are good.
 
-    Good is P[|r - r*| <= alpha (end - t_P)] >= beta (Saxena et al. 2010, section 4.1), with the width of the band
-    relative to the time from the first forecast t_P, as the age of the machine says nothing of the final stage. The
-    first good forecast of the paper is not enough: all later ones must be good as well, and a missing answer is not.
-
-    Args:
-        t: moments of the forecasts before the end, shape (n,), rising, s.
-        end: when the end came, s on the same clock.
-        levels: of the quantiles, shape (q,).
-        quantiles: of r, shape (n, q), s.
-        alpha: half the width of the band, as a share of the time from the first forecast to the end.
-        beta: probability that must lie in the band.
+    Good is P[|r - r*| <= alpha (end - t_P)] >= beta (Saxena et al. 2010, section 4.1), but with a band relative to the
+    time from the first forecast t_P, and for all later forecasts too; a missing answer is not good. Arguments as in
+    :func:`alpha_lambda`.
 
     Returns:
-        Seconds; 0 where the last forecast is not good; NaN where there is no forecast before the end.
+        Seconds; 0 where the last forecast is not good; NaN without a forecast before the end.
     """
     moments = np.asarray(t, dtype=np.float64)
     _, rows = _checked(levels, quantiles)
@@ -193,18 +153,17 @@ def prognostic_horizon(
 
 
 def convergence(t: ArrayLike, error: ArrayLike, end: float) -> float:
-    """Return the distance from (t_P, 0) to the centroid of the area under the error curve; smaller is faster.
+    """Return the distance from (t_P, 0) to the centroid of the area under the error curve (s); smaller is faster.
 
-    Saxena et al. 2010, section 4.4: M is constant from each answer to the next, the last one holding to the end; both
-    coordinates of the centroid are seconds.
+    Saxena et al. 2010, section 4.4, with M constant from each answer to the next.
 
     Args:
-        t: moments of the forecasts, shape (n,), rising, s; the first is t_P.
-        error: M = |r - r*| or any other error that is not negative, shape (n,); NaN is left out.
-        end: when the end came, s on the same clock.
+        t: times of the forecasts, rising; the first is t_P.
+        error: M = |r - r*|, s, or another non-negative error; NaN is left out.
+        end: true end on the same clock.
 
     Returns:
-        Seconds; 0 where there is no error at all; NaN where nothing was answered before the end.
+        0 where all errors are zero; NaN without an answer before the end.
     """
     moments, m = np.asarray(t, dtype=np.float64), np.asarray(error, dtype=np.float64)
     kept = np.isfinite(m) & (moments < end)
@@ -222,21 +181,10 @@ def convergence(t: ArrayLike, error: ArrayLike, end: float) -> float:
 
 
 def crps_from_quantiles(levels: ArrayLike, quantiles: ArrayLike, true: ArrayLike) -> Floats:
-    """Return the CRPS of each forecast, the integral of (F(x) - 1[x >= y])^2 over x, exact for the F of this module.
+    """Return the CRPS of each forecast (s): the integral of (F(x) - 1[x >= y])^2 over x, exact for this module's F.
 
-    For a point forecast it is the absolute error. With few quantiles it differs from that of the full distribution;
-    compare methods at the same levels.
-
-    Args:
-        levels: of the quantiles, shape (q,), rising within (0, 1).
-        quantiles: shape (n, q), not falling along q, s.
-        true: y, shape (n,), s.
-
-    Returns:
-        Shape (n,), s; NaN where there is no answer.
-
-    Raises:
-        ValueError: levels or quantiles that are none.
+    ``true`` is y. For a point forecast it is the absolute error; NaN for no answer. It depends on the levels, so that
+    methods must be compared at the same ones.
     """
     p, rows = _checked(levels, quantiles)
     y = np.broadcast_to(np.asarray(true, dtype=np.float64), rows.shape[:1])
@@ -251,44 +199,14 @@ def crps_from_quantiles(levels: ArrayLike, quantiles: ArrayLike, true: ArrayLike
 
 
 def _mean_square(a: Floats | float, b: Floats | float) -> Floats | float:
-    """Return the mean of the square of what goes straight from a to b."""
+    """Return the mean square of a line from a to b."""
     return (a * a + a * b + b * b) / 3.0
 
 
-def crps_from_sample(sample: ArrayLike, true: ArrayLike, weights: ArrayLike | None = None) -> Floats:
-    """Return the CRPS of forecasts given as samples, E|X - y| - E|X - X'| / 2.
-
-    Args:
-        sample: shape (..., m), s.
-        true: y, shape (...), s.
-        weights: of the members, same shape as ``sample`` or (m,), not negative; None for equal ones.
-
-    Returns:
-        Shape (...), s; NaN where a sample holds NaN.
-
-    Raises:
-        ValueError: weights that are negative or all zero.
-    """
-    x, y = np.asarray(sample, dtype=np.float64), np.asarray(true, dtype=np.float64)
-    w = np.broadcast_to(1.0 if weights is None else np.asarray(weights, dtype=np.float64), x.shape)
-    total = w.sum(axis=-1, keepdims=True)
-    if not x.shape[-1] or (w < 0).any() or (total <= 0).any():
-        raise ValueError("weights must not be negative, and some of each sample must be positive")
-    order = np.argsort(x, axis=-1)
-    x, w = np.take_along_axis(x, order, axis=-1), np.take_along_axis(w / total, order, axis=-1)
-    half_spread = (w * x * (2.0 * np.cumsum(w, axis=-1) - w - 1.0)).sum(axis=-1)
-    return (w * np.abs(x - y[..., np.newaxis])).sum(axis=-1) - half_spread
-
-
 def coverage(lower: ArrayLike, upper: ArrayLike, true: ArrayLike) -> float:
-    """Return the share of intervals that held the truth; intervals that were not given are left out.
+    """Return the share of intervals that contain the truth, without missing intervals; NaN where all are missing.
 
-    Within one run it is all or nothing more often than not, so that only its mean over runs says much.
-
-    Args:
-        lower: lower ends, shape (n,).
-        upper: upper ends, shape (n,).
-        true: shape (n,).
+    Within one run it is often 0 or 1; its mean over runs is informative.
     """
     low, high, y = (np.asarray(values, dtype=np.float64) for values in (lower, upper, true))
     given = np.isfinite(low) & np.isfinite(high) & np.isfinite(y)
@@ -296,42 +214,31 @@ def coverage(lower: ArrayLike, upper: ArrayLike, true: ArrayLike) -> float:
 
 
 def mean_width(lower: ArrayLike, upper: ArrayLike) -> float:
-    """Return the mean width of the intervals that were given, NaN where none was."""
+    """Return the mean width of intervals, without missing ones; NaN where all are missing."""
     width = np.asarray(upper, dtype=np.float64) - np.asarray(lower, dtype=np.float64)
     width = width[np.isfinite(width)]
     return float(width.mean()) if width.size else math.nan
 
 
 def onset_delay(known: float, onset: float) -> float:
-    """Return how long after the onset it was known, s.
+    """Return the delay from the onset to its detection at ``known`` (NaN: missed).
 
-    Args:
-        known: when it was said, s; NaN where it never was.
-        onset: when it was, s on the same clock.
-
-    Returns:
-        NaN where it was never said, or said before the onset: the one is a miss, the other a false alarm.
+    NaN for a miss, and for a detection before the onset, which is a false alarm.
     """
     return known - onset if known >= onset else math.nan
 
 
 def false_alarms_per_1000(alarms: ArrayLike, healthy: int, onset: float) -> float:
-    """Return the alarms before the onset for every 1000 blocks that were judged before it.
+    """Return the alarms before the onset per 1000 blocks; NaN without a block.
 
-    Args:
-        alarms: moments of the alarms, shape (n,), s.
-        healthy: blocks before the onset that the detector could have raised an alarm on.
-        onset: when damage began, s on the same clock.
-
-    Returns:
-        NaN where no block was judged before the onset.
+    ``alarms`` are their times; ``healthy`` is the number of blocks before the onset that the detector judged.
     """
     early = int((np.asarray(alarms, dtype=np.float64) < onset).sum())
     return 1000.0 * early / healthy if healthy > 0 else math.nan
 
 
 def mean_over_runs(values: Sequence[float]) -> Mean:
-    """Return the mean of one figure a run and its standard error, runs without the figure (NaN) left out."""
+    """Return the mean of one figure per run and its standard error, without NaN."""
     kept = np.array([value for value in values if math.isfinite(value)], dtype=np.float64)
     if not kept.size:
         return Mean(math.nan, math.nan, 0)
@@ -340,11 +247,6 @@ def mean_over_runs(values: Sequence[float]) -> Mean:
 
 
 def _checked(levels: ArrayLike, quantiles: ArrayLike) -> tuple[Floats, Floats]:
-    """Return levels and quantiles as arrays.
-
-    Raises:
-        ValueError: they do not fit together, levels do not rise within (0, 1), or quantiles fall along them.
-    """
     p, rows = np.asarray(levels, dtype=np.float64), np.asarray(quantiles, dtype=np.float64)
     if p.ndim != 1 or not p.size or p[0] <= 0 or p[-1] >= 1 or (np.diff(p) <= 0).any():
         raise ValueError(f"levels must rise within (0, 1), got {p.tolist()}")

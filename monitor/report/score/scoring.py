@@ -1,8 +1,7 @@
-"""Score forecasts as they were issued, beside naive ones issued at the same moments with the same past.
+"""Score forecasts as issued, beside naive ones issued at the same times with the same past.
 
-Each run is scored by itself; means are over runs, never over the blocks of one run. The moments are those of all
-forecasts between t_fs becoming known and the end. Forecasts after the end are not scored, so that whoever compares
-methods must remember that "not yet crossed" was known at each of these moments.
+Each run is scored by itself; means are over runs, never over the blocks of one run. All forecasts from the detection of
+the final stage to the end are scored; forecasts after the end are not.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from monitor.report.score.issued import Issued
 Floats = NDArray[np.float64]
 
 ALPHA, LAMBDA, BETA = 0.2, 0.5, 0.5
-"""The usual choice of Saxena et al. 2010: within 20 %, half-way, with half of the probability."""
+"""As in Saxena et al. 2010: within 20 %, half-way, with half of the probability."""
 _LEVELS = np.array([0.1, 0.25, 0.5, 0.75, 0.9])
 _MEAN_OF = (
     "cra",
@@ -40,12 +39,12 @@ _MEAN_OF = (
 
 @dataclass(frozen=True)
 class End:
-    """When a run ended, and who says so.
+    """End of a run.
 
     Attributes:
-        clock: damage time, s; NaN where no end is known.
-        source: "given"; "truth", of a simulated rig; "tracked", where the tracked V_eq reached the threshold, which
-            judges a forecast by the very values that it was made from; "none".
+        clock: damage time, s; NaN if unknown.
+        source: "given"; "truth" of a simulated rig; "tracked", where the tracked V_eq reached the threshold, so that a
+            forecast is judged by its own input; "none".
     """
 
     clock: float
@@ -53,12 +52,9 @@ class End:
 
 
 def end_of(issued: Issued, given: float | None, *, tracked: bool = False) -> End:
-    """Return when a run ended.
+    """Return the end of a run.
 
-    Args:
-        issued: the forecasts.
-        given: moment of the end on the records' time axis, s, or None.
-        tracked: whether, without a given end and without a truth, the tracked V_eq may say it.
+    ``given`` is on the time axis of the records; ``tracked`` allows the end of the tracked V_eq as the last resort.
     """
     if given is not None:
         return End(issued.to_clock(given), "given")
@@ -72,7 +68,7 @@ def end_of(issued: Issued, given: float | None, *, tracked: bool = False) -> End
 
 
 def _crossing(issued: Issued, place: int) -> float:
-    """Return when V_eq reached the threshold, straight between the points on either side."""
+    """Return the damage time at which V_eq reached the threshold, by linear interpolation."""
     known = np.flatnonzero(np.isfinite(issued.v_eq[:place]))
     if not known.size:
         return float(issued.clock[place])
@@ -84,16 +80,13 @@ def _crossing(issued: Issued, place: int) -> float:
 def score_run(
     issued: Issued, end: End, *, lifetimes: Sequence[float] = (), onset: float | None = None
 ) -> dict[str, Any]:
-    """Score one channel of one run.
+    """Score one channel of one run; return the keys of ``spallwatch score``, None where a figure is not defined.
 
     Args:
         issued: its forecasts.
-        end: when it ended.
-        lifetimes: final stages of other bearings, s, for the baselines that need them; never this run's own.
-        onset: true moment of the onset on the records' time axis, s; None where only a simulated rig may know it.
-
-    Returns:
-        The keys of ``spallwatch score``: plain numbers, None where a figure is not defined.
+        end: of the run.
+        lifetimes: final stages of other bearings, s, for the baselines that need them; without this run's own.
+        onset: true onset on the time axis of the records; None for that of a simulated rig.
     """
     before = issued.clock < end.clock
     clock = issued.clock[before]
@@ -131,7 +124,7 @@ def score_run(
 def _figures(
     clock: Floats, end: float, levels: Floats, quantiles: Floats, interval: float | None, guess: Floats | None
 ) -> dict[str, Any]:
-    """Return the figures of one method; missing answers are the guess where there is one, else left out."""
+    """Return the figures of one method; ``guess`` replaces missing answers, None leaves them out."""
     answered = np.asarray(np.isfinite(quantiles).all(axis=1))
     if guess is not None:
         quantiles = np.where(answered[:, np.newaxis], quantiles, guess[:, np.newaxis])
@@ -152,14 +145,14 @@ def _figures(
     if interval is not None and levels.size > 1:
         tail = (1.0 - interval) / 2.0
         lower, upper = _at(levels, quantiles, tail), _at(levels, quantiles, 1.0 - tail)
-        # An interval that was not given is no interval of width zero.
+        # The guess has no interval.
         lower, upper = np.where(answered, lower, np.nan), np.where(answered, upper, np.nan)
         figures |= {"coverage": metrics.coverage(lower, upper, true), "width_s": metrics.mean_width(lower, upper)}
     return {name: finite_or_none(value) for name, value in figures.items()} | {"alpha_lambda": verdict.passed}
 
 
 def _at(levels: Floats, quantiles: Floats, level: float) -> Floats:
-    """Return the quantile at a level, straight between those that are given."""
+    """Return the quantile at a level, by linear interpolation."""
     found = [np.interp(level, levels, row) if np.isfinite(row).all() else math.nan for row in quantiles]
     return np.array(found, dtype=np.float64)
 
@@ -172,9 +165,9 @@ def _span(levels: Floats) -> float:
 def _baselines(
     issued: Issued, before: NDArray[np.bool_], lifetimes: Sequence[float]
 ) -> dict[str, tuple[Floats, Floats]]:
-    """Return levels and quantiles of the naive forecasts, each with what was known at its moment.
+    """Return levels and quantiles of the naive forecasts, each with the past of its time.
 
-    Distributions are given at the levels of the method where it has several, so that their CRPS may be compared.
+    Distributions are given at the levels of the method if it has several, so that their CRPS can be compared.
     """
     levels = issued.levels if issued.levels.size > 1 else _LEVELS
     elapsed = np.maximum(issued.clock[before] - issued.onset, 0.0)
@@ -197,7 +190,7 @@ def _baselines(
 
 
 def _damage(issued: Issued, before: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return how V_eq stood to the truth of a simulated rig, before the end."""
+    """Return the error of V_eq against the truth of a simulated rig, before the end."""
     found, true = issued.v_eq[before], issued.v_eq_true[before]
     usable = (found > 0) & (true > 0)
     log_ratio = np.log(found[usable] / true[usable])
@@ -208,7 +201,7 @@ def _damage(issued: Issued, before: NDArray[np.bool_]) -> dict[str, Any]:
 
 
 def _onset(issued: Issued, onset: float) -> dict[str, Any]:
-    """Return how late the onset was known, and the alarms before it; nothing where the onset is not known."""
+    """Return the delay of detection and the false alarms, None for an unknown onset."""
     if not math.isfinite(onset):
         return {"onset_delay_s": None, "false_alarms": None, "false_alarms_per_1000_blocks": None}
     later = issued.alarms[issued.alarms >= onset]
@@ -221,13 +214,10 @@ def _onset(issued: Issued, onset: float) -> dict[str, Any]:
 
 
 def mean_of_runs(runs: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the mean of each figure over runs, with its standard error; channels of one run are averaged first.
+    """Return ``mean``, ``standard_error`` and ``runs`` of each figure of :func:`score_run` over runs.
 
-    Args:
-        runs: as :func:`score_run` gives them; those with the same ``records`` and ``machine`` are one run.
-
-    Returns:
-        ``mean``, ``standard_error`` and ``runs`` by figure; the figures of the baselines under ``baselines.NAME.``.
+    Channels of one run (same ``records`` and ``machine``) are averaged first. Figures of baselines are named
+    ``baselines.NAME.FIGURE``.
     """
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for run in runs:
@@ -260,5 +250,5 @@ def _ratio(one: float | None, other: float | None) -> float | None:
 
 
 def finite_or_none(value: float) -> float | None:
-    """Return a number as JSON takes it, None where it is not finite."""
+    """Return a number for JSON, None where it is not finite."""
     return float(value) if math.isfinite(value) else None

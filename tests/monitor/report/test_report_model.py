@@ -27,8 +27,8 @@ from models.simulate import simulate
 from monitor.cli import main
 from monitor.commands.maps import command as map_command
 from monitor.commands.simulate import command as simulate_command
-from monitor.report.figures.rms_map import cut_nodes, doubts, draw_map, map_sheet, node_miss
-from monitor.report.figures.scene import Heard, heard_of, passages, resonances, scene_sheet, ways
+from monitor.report.figures.rms_map import cut_nodes, draw_map, map_sheet, node_errors, node_miss
+from monitor.report.figures.scene import SensorSignal, heard_of, passages, resonances, scene_sheet, ways
 from streams.block import STANDARD_GRAVITY
 from tests.effort import effort_count
 
@@ -94,7 +94,7 @@ def test_a_map_report_draws_the_values_of_the_map(rms_map: RmsMap) -> None:
     assert levels.data["falls_with_depth"] == np.count_nonzero(rms_map.falling("h_d"), axis=(1, 2, 3)).tolist()
     assert cuts.data["rms_at_20_um_g"] == pytest.approx(rms_map.rms[0, 0, -1] / STANDARD_GRAVITY)
     assert cuts.data["rms_at_10_deg_g"] == pytest.approx(rms_map.rms[0, 0, :, -1] / STANDARD_GRAVITY)
-    kinds = {doubt.name: doubt.percent for doubt in doubts(rms_map.slice_at(3000.0, 40.0))}
+    kinds = {error.name: error.percent for error in node_errors(rms_map.slice_at(3000.0, 40.0))}
     assert set(kinds) == {"nodes", "floors"}
     assert trust.data["floors_most_percent"] == pytest.approx(np.nanmax(kinds["floors"]))
     assert kinds["nodes"].max() > 1.0
@@ -280,7 +280,7 @@ def test_a_band_of_the_rms_is_said() -> None:
 
 
 def test_a_silent_scene_has_a_report() -> None:
-    silent = Heard(np.arange(8.0), np.zeros(8), np.arange(1.0, 9.0), np.zeros(8), True, 0.0, "converged")
+    silent = SensorSignal(np.arange(8.0), np.zeros(8), np.arange(1.0, 9.0), np.zeros(8), True, 0.0, "converged")
     sheet = scene_sheet(scene_with(), silent, sensor="mr", title="healthy")
     assert [part.name for part in sheet.parts] == ["signal", "spectrum"]
     assert sheet.lead == "RMS 0 g over full bandwidth on the resonator (converged)."

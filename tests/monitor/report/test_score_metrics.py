@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from monitor.report.score import metrics
 from tests.effort import effort_count
+from tests.oracles.crps import crps_from_sample
 from tests.oracles.score_oracle import (
     convergence_by_steps,
     crps_by_steps,
@@ -65,14 +66,14 @@ def test_crps_from_quantiles_is_the_integral_of_its_definition(row: list[float],
 @given(TIMES, TIMES)
 def test_crps_of_a_point_is_its_absolute_error(r: float, true: float) -> None:
     assert metrics.crps_from_quantiles(POINT, [[r]], [true])[0] == pytest.approx(abs(r - true), rel=1e-12)
-    assert metrics.crps_from_sample([r], true) == pytest.approx(abs(r - true), rel=1e-12)
+    assert crps_from_sample([r], true) == pytest.approx(abs(r - true), rel=1e-12)
 
 
 @given(st.lists(st.tuples(TIMES, st.floats(0.01, 5.0)), min_size=1, max_size=8), TIMES)
 @settings(max_examples=effort_count(quick=100, full=2000), deadline=None)
 def test_crps_from_a_sample_is_the_double_sum(pairs: list[tuple[float, float]], true: float) -> None:
     sample, weights = [x for x, _ in pairs], [w for _, w in pairs]
-    found = metrics.crps_from_sample(sample, true, weights)
+    found = crps_from_sample(sample, true, weights)
     assert float(found) == pytest.approx(crps_of_pairs(sample, weights, true), rel=1e-9, abs=1e-8)
 
 
@@ -82,7 +83,7 @@ def test_many_quantiles_and_a_large_sample_of_the_same_distribution_agree() -> N
     levels = np.arange(0.5, 400.0) / 400.0
     quantiles = np.quantile(sample, levels, axis=1).T
     true = np.array([0.0, 80.0, 400.0])
-    from_sample = metrics.crps_from_sample(sample, true)
+    from_sample = crps_from_sample(sample, true)
     assert metrics.crps_from_quantiles(levels, quantiles, true) == pytest.approx(from_sample, rel=0.01)
     # Exponential with mean m: CRPS = y + 2 m exp(-y / m) - 3 m / 2.
     expected = true + 200.0 * np.exp(-true / 100.0) - 150.0
@@ -190,4 +191,4 @@ def test_what_is_no_forecast_is_refused(levels: tuple[float, ...], quantiles: li
 
 def test_weights_that_are_none_are_refused() -> None:
     with pytest.raises(ValueError, match="must not be negative"):
-        metrics.crps_from_sample([1.0, 2.0], 1.0, [1.0, -1.0])
+        crps_from_sample([1.0, 2.0], 1.0, [1.0, -1.0])
