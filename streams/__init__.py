@@ -1,1 +1,1 @@
-"""Where blocks of acceleration come from: recordings, folders, live streams, the simulated rig (second floor)."""
+"""Sources of acceleration: recordings, folders, live streams, the simulated rig."""

@@ -1,4 +1,4 @@
-"""Block: a few seconds of acceleration, the input of the monitor; and the conversion of its units to m/s2."""
+"""Block: some seconds of acceleration, input of the monitor; conversion to m/s2."""
 
 from __future__ import annotations
 
@@ -81,7 +81,9 @@ def to_si(
     scale: float = 1.0,
     sensitivity_mv_per_g: float | None = None,
 ) -> tuple[NDArray[np.floating], str]:
-    """Return samples of any shape in m/s2, in their precision, and "m/s2"; of unit "unknown" scaled, and "unknown".
+    """Convert samples of any shape to m/s2, in their precision.
+
+    Returns the samples and "m/s2"; those of unit "unknown" scaled, and "unknown".
 
     Args:
         scale: factor from the stored numbers to ``unit``.

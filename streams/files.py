@@ -1,4 +1,4 @@
-"""The files of a recording (one file, a folder or a tar archive) and guarded access to their bytes."""
+"""The files of a recording (file, folder or tar archive), with guarded access."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Folder:
     sequential = False
 
     def __init__(self, root: Path, only: Sequence[str] | None = None, several: bool = True) -> None:
-        """Take the files below ``root``, or ``only`` those of some paths; ``several``: there may be more than one."""
+        """Take the files below ``root``, or ``only`` those of some paths."""
         self.root = root.resolve()
         self.several = several
         self._only = only
@@ -96,7 +96,7 @@ class Folder:
 
 
 class Archive:
-    """The members of a tar archive, in the order in which they are stored, read in one pass."""
+    """The members of a tar archive in stored order, read in one pass."""
 
     sequential = True
     several = True
@@ -107,7 +107,7 @@ class Archive:
         self._mode: _Mode = next(mode for ending, mode in _ARCHIVE_MODES.items() if path.name.lower().endswith(ending))
 
     def __iter__(self) -> Iterator[Item]:
-        """Iterate over all members but folders; ReaderError where the archive breaks off or is damaged."""
+        """Iterate over all members but folders; ReaderError where it is damaged."""
         try:
             with tarfile.open(self.root, self._mode) as archive:
                 yield from _members(archive, self.root.name)
@@ -216,7 +216,7 @@ def unpacked_name(name: str) -> str:
 
 
 def unpack(data: bytes, name: str, limit: int = MAX_BYTES) -> bytes:
-    """Return the decompressed bytes of a file whose name says that it is compressed, else ``data`` itself.
+    """Decompress a file by the ending of its name; else return ``data`` itself.
 
     Raises:
         ReaderError: ``incomplete`` where the file breaks off, ``unreadable`` where it is no such file, ``refused``
@@ -249,7 +249,9 @@ def is_archive(path: str) -> bool:
 
 
 def check_readable(folder: Path, where: str) -> None:
-    """Raise where a folder may not be listed or searched; ``where`` is the key of the configuration that names it.
+    """Raise where a folder may not be listed or searched.
+
+    ``where`` is the key of the configuration that names it.
 
     Raises:
         SourceError: it may not be read.
@@ -262,7 +264,7 @@ def check_readable(folder: Path, where: str) -> None:
 
 
 def open_files(name: str, path: str, must_be_folder: bool = False) -> Files:
-    """Return the files of a path: a file, a folder or a tar archive; ``name`` is that of the source.
+    """Return the files of a path: a file, a folder or a tar archive.
 
     Raises:
         SourceError: there is no such path, it is neither a regular file nor a folder (or no folder although it must be

@@ -1,4 +1,4 @@
-"""The protocol by which live sources read and store which blocks and files are committed; the store implements it."""
+"""The protocol of the record of committed blocks and files, as of the store."""
 
 from __future__ import annotations
 
@@ -48,15 +48,15 @@ class Ledger(Protocol):
     """
 
     def committed(self, source: str) -> int:
-        """Return the highest committed sequence number of a source (or stream), 0 where there is none."""
+        """Return the highest committed sequence number of a source or stream, or 0."""
         ...
 
     def began(self, source: str) -> float | None:
-        """Return when the first dated block of a source began, seconds since 1970 UTC, or None where none is dated."""
+        """Return the start of the first dated block, s since 1970 UTC, or None."""
         ...
 
     def content_of(self, source: str, sequence: int) -> str | None:
-        """Return the content hash of the block committed under a number, or None where the number is free."""
+        """Return the content hash of the block committed under a number, or None."""
         ...
 
     def known(self, source: str, content_hash: str) -> int | None:
@@ -68,7 +68,7 @@ class Ledger(Protocol):
         ...
 
     def files_like(self, source: str, head_hash: str, content_hash: str) -> list[FileProgress]:
-        """Return files of a watched folder with this content, then some that begin in the same way."""
+        """Return files with this content, then some with the same beginning."""
         ...
 
     def pending_files(self, source: str) -> list[FileProgress]:
@@ -80,9 +80,9 @@ class Ledger(Protocol):
         ...
 
     def remember(self, source: str, progress: Iterable[FileProgress]) -> None:
-        """Store the progress of files outside a commit, such as of files that were renamed or touched."""
+        """Store progress outside a commit, such as of renamed or touched files."""
         ...
 
     def move(self, source: str, path: str, progress: FileProgress) -> None:
-        """Store the progress of a file under its new name and remove ``path``, in one transaction."""
+        """Store progress under the new name and remove ``path``, in one transaction."""
         ...

@@ -1,4 +1,4 @@
-"""From the bytes of a file to the samples of the configured channels, for followed folders and recordings alike."""
+"""From the bytes of a file to samples, for followed folders and recordings alike."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ class Loader:
         self._zone = ZoneInfo(spec.timezone)
 
     def facts(self, path: str) -> FileFacts | None:
-        """Return what the path of a file below the root states; None for a file of another kind."""
+        """Return what the path of a file states; None for a file of another kind."""
         return self.data_set.facts(path, str(self.root), self._zone)
 
     def load(self, raw: bytes, path: str, facts: FileFacts, name: str | None = None) -> Samples:
-        """Return the samples of the configured channels, with rate, units and times settled.
+        """Return the configured channels of a file, with rate, units and times settled.
 
         Args:
             raw: the bytes of the file as stored.
@@ -107,10 +107,11 @@ class Loader:
             raise ReaderError("wrong_shape", f"{name}: {found} samples, {expected} were expected")
 
     def _times(self, samples: Samples, facts: FileFacts) -> tuple[float | None, float | None]:
-        """Return (start, elapsed) of the first sample of a file; elapsed is None where a stamp dates the file.
+        """Return (start, elapsed) of the first sample of a file, None where not stated.
 
-        The stamp of a file precedes the configured start. Without stamps and without numbers in known intervals
-        nothing states how much time lies between two files, so only a recording of one file has times then.
+        The stamp of a file precedes the configured start; elapsed is None where a stamp dates the file. Without stamps
+        and without numbers in known intervals nothing states how much time lies between two files, so only a recording
+        of one file has times then.
         """
         stamp = facts.start if facts.start is not None else samples.start
         if stamp is not None:
@@ -122,7 +123,7 @@ class Loader:
 
 
 def choose_channels(samples: Samples, channels: Sequence[ChannelSpec], unit: str | None, where: str) -> Samples:
-    """Select the rows of the configured channels, under their names and in their units.
+    """Select the rows of the configured channels, with their names and units.
 
     Args:
         channels: none: every row, by the data set's names.
@@ -192,7 +193,7 @@ def _unit_of(samples: Samples, row: int, channel: ChannelSpec, where: str) -> st
 
 
 def agreed_rate(stated: Sequence[float | None], configured: float | None, where: str) -> float:
-    """Return the one rate in Hz on which file, data set (``stated``) and configuration agree.
+    """Return the rate in Hz on which the ``stated`` and ``configured`` ones agree.
 
     Raises:
         ReaderError: ``wrong_rate`` where they differ by more than 1e-4 of it or none is stated.

@@ -1,4 +1,4 @@
-"""Open sources by their URLs: recordings and live sources. Each kind is imported only when a URL names it."""
+"""Open sources by their URLs; each kind is imported only when a URL names it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from streams.spec import SourceError, SourceSpec, parse_address
 
 
 def open_source(spec: SourceSpec) -> Source:
-    """Open the recording or rig that the URL of a source names; it can be iterated over any number of times.
+    """Open the recording or rig of a URL; it can be iterated over repeatedly.
 
     Raises:
         SourceError: the path does not exist, nothing there is recognised, or rate or unit is stated by neither the

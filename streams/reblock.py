@@ -1,4 +1,4 @@
-"""Cut samples that come in pieces of any length into blocks of one length; the pieces do not influence the blocks."""
+"""Cut samples that come in pieces into blocks of one length, whatever the pieces."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Reblocker:
         return frozenset(piece.origin for piece in self._held)
 
     def feed(self, samples: Samples) -> Iterator[Cut]:
-        """Take the next samples; yield what was left over before a gap, then the complete blocks in order."""
+        """Take the next samples; yield what a gap leaves over, then the complete blocks."""
         if self._last is not None and not _follows(self._last, samples):
             yield from self.flush()
         if self._last is None:
@@ -107,7 +107,7 @@ class Reblocker:
 
 
 def _follows(before: Samples, after: Samples) -> bool:
-    """Return whether a piece continues the one before: of one kind, with nothing between them."""
+    """Return whether a piece continues the one before, of one kind and without a gap."""
     alike = (
         before.channels == after.channels
         and before.units == after.units
@@ -127,10 +127,10 @@ def _follows(before: Samples, after: Samples) -> bool:
 
 
 def samples_hash(samples: NDArray[np.floating], rate: float, channels: tuple[str, ...]) -> str:
-    """Return the digest of a block cut from a stream: of samples (channel, sample), rate in Hz and channels alone.
+    """Return the digest of a block cut from a stream.
 
-    The place in the stream is the block's sequence number; together they identify the block, however the samples were
-    divided before.
+    It depends on samples (channel, sample), rate in Hz and channels alone. The place in the stream is the block's
+    sequence number; together they identify the block, however the samples were divided before.
     """
     digest = hashlib.blake2b(digest_size=16)
     digest.update(repr((float(rate), channels, samples.shape, samples.dtype.kind, samples.dtype.itemsize)).encode())
@@ -140,12 +140,12 @@ def samples_hash(samples: NDArray[np.floating], rate: float, channels: tuple[str
 
 
 def began_at(began: float | None, item: Block | Rejected) -> float | None:
-    """Return the start of the first dated block of a source, from its value before the next ``item``."""
+    """Return the start of the first dated block, from its value before ``item``."""
     return item.start if began is None and isinstance(item, Block) else began
 
 
 def cut_item(cut: Cut, source: str, sequence: int, began: float | None) -> Block | Rejected:
-    """Return the block that was cut, or the rejection ``short`` of what was left over.
+    """Return the block that was cut, or the rejection ``short`` of what is left over.
 
     Its name states the file of its first sample, and the time from the start of the file where it is not the first
     sample there. Its content hash is :func:`samples_hash`. ``began`` is the start of the first dated block of the

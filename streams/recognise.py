@@ -1,4 +1,4 @@
-"""Recognise the kind of the files of a recording: by configuration, else by their names and content."""
+"""Recognise the files of a recording by configuration, names and content."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ def data_set_named(name: str) -> DataSet | None:
 
 
 def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
-    """Return the description of the files of a plain format, one of FORMATS, with some endings (none: all files).
+    """Return the description of the files of a plain format, one of FORMATS.
 
-    The keys of the configured channels select the variables of a file.
+    ``endings`` are those of the files (none: all). The keys of the configured channels select the variables of a file.
 
     Raises:
         SourceError: the format needs a library that is not installed.
@@ -92,7 +92,9 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
 
 
 def data_set_of(spec: SourceSpec, files: Files, kind: str) -> DataSet:
-    """Return the data set or plain format of a recording, by name or "auto"; its reader applies side-cars.
+    """Return the data set or plain format of a recording, by name or "auto".
+
+    Its reader applies side-cars.
 
     Raises:
         SourceError: the name is not known, nothing is recognised, or a library is missing.

@@ -1,4 +1,4 @@
-"""A recording as a source: its files in the order of acquisition, each loaded and cut into blocks."""
+"""A recording as a source: files in order of acquisition, cut into blocks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class _Loaded:
 
 
 class Recording:
-    """The blocks of a recording, equal to those of a followed folder with the same files.
+    """The blocks of a recording, equal to those of a folder with the same files.
 
     A folder's files are sorted first. An archive is read in one pass: a file stored too early is held back until those
     before it are read (where the files are not numbered without gaps, the names are listed first, which decompresses
@@ -47,7 +47,7 @@ class Recording:
         self._check()
 
     def __len__(self) -> int:
-        """Return the number of blocks, rejected ones included; it is found by one pass over the recording."""
+        """Return the number of blocks and rejections, found by one pass."""
         if self._count is None:
             self._count = self._count_files() if self._block_s is None else sum(1 for _ in self._cuts(self._block_s))
         return self._count
@@ -113,7 +113,7 @@ class Recording:
                 )
 
     def _peek(self, item: Item, facts: FileFacts) -> Samples | None:
-        """Read the first file where only it can state rate or unit; None elsewhere, and where it cannot be read."""
+        """Read the first file if only it can state rate or unit; None if it is unreadable."""
         configured = bool(self._spec.channels) and all(channel.unit is not None for channel in self._spec.channels)
         rate_known = facts.rate is not None or self._spec.rate is not None or not self._set.states_rate
         unit_known = self._set.unit is not None or configured or not self._set.states_unit
@@ -196,7 +196,7 @@ class Recording:
         return _Loaded(item.path, facts, replace(samples, origin=Origin(item.path, samples.values.shape[1])), digest)
 
     def _cuts(self, block_s: float) -> Iterator[Cut | _Loaded]:
-        """Yield the cuts of all files in order, and between them the files that cannot be read."""
+        """Yield the cuts of all files in order, and files that cannot be read."""
         cutter = Reblocker(block_s)
         for loaded in self._in_order():
             samples = loaded.result
@@ -211,7 +211,7 @@ class Recording:
         yield from cutter.flush()
 
     def _whole(self, loaded: _Loaded, sequence: int, began: float | None) -> Block | Rejected:
-        """Return the one block of a file, under its own number where it has one, or the rejection in its place."""
+        """Return the one block of a file, under its own number if any, or a rejection."""
         number = sequence if loaded.facts.number is None else loaded.facts.number
         found = loaded.result
         if isinstance(found, ReaderError):
@@ -220,7 +220,7 @@ class Recording:
 
 
 def _one_run(paths: Iterable[str], name: str, data_set: DataSet) -> list[str]:
-    """Return the paths; SourceError where they are of several runs, whose numbers or times would be mixed."""
+    """Return the paths; SourceError where they are of several runs."""
     kept = list(paths)
     if data_set.snapshot:
         folders = sorted({path.rpartition("/")[0] or "." for path in kept})

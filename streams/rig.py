@@ -1,4 +1,4 @@
-"""A simulated rig with a bearing that wears out, block by block, and its true damage.
+"""A simulated rig with a bearing that wears out, and its true damage.
 
 Each block is simulated by the six-degree-of-freedom model at that block's extent and depth of the defect, on a rough
 floor and with rig parameters a few per cent off the nominal ones, without a map: a tracker tested on it has a map that
@@ -39,7 +39,9 @@ _PATH = (1.0, 0.03, 0.02)
 
 @dataclass(frozen=True)
 class Life:
-    """Growth of the damage of one bearing: V = V_0 + b t + a t^2 after the onset (thesis, Table 22), in m2 and s.
+    """Growth of the damage after the onset, in m2 and s (thesis, Table 22).
+
+    V = V_0 + b t + a t^2.
 
     Attributes:
         onset: number of the first block with damage.
@@ -59,7 +61,7 @@ class Life:
         return 0.0 if t < 0.0 else self.v_0 + self.b * t + self.a * t * t
 
     def time_to(self, v: float) -> float:
-        """Return the time from the onset until the volume reaches ``v``, s (Table 22: the root ahead)."""
+        """Return the time from onset to a volume ``v``, s (Table 22: the root ahead)."""
         missing = max(v - self.v_0, 0.0)
         return 2.0 * missing / (self.b + math.sqrt(self.b * self.b + 4.0 * self.a * missing))
 
@@ -73,7 +75,7 @@ class Life:
 
 
 def draw_life(rng: np.random.Generator, onset: int) -> Life:
-    """Draw a life in the range of the six of the thesis (Table 22: 257 to 705 minutes to the threshold)."""
+    """Draw a life in the range of Table 22: 257 to 705 minutes to the threshold."""
     duration = rng.uniform(257.0, 705.0) * 60.0
     v_0 = rng.uniform(0.0012, 0.0035) * 1e-6
     # Share of the quadratic term in the growth to the threshold; in Table 22 it is 0.56 to 0.98.
@@ -97,7 +99,7 @@ def perturbed(rig: Rig, rng: np.random.Generator) -> Rig:
 
 
 class SimulatedRig:
-    """The bench of the thesis with a bearing that wears out: a Source with ground truth.
+    """The bench of the thesis with a bearing that wears out, with ground truth.
 
     The same name and seed give the same blocks bit for bit. Times count from the first block; there is no date.
     """
@@ -145,7 +147,7 @@ class SimulatedRig:
         return (sequence - self.life.onset) * INTERVAL
 
     def truth(self, sequence: int, thresholds: tuple[float, ...]) -> dict[str, Any]:
-        """Return the true values of a block: ``v_eq_true`` (m2) and ``tt_true`` (s, one a threshold)."""
+        """Return ``v_eq_true`` (m2) and ``tt_true`` (s, one a threshold) of a block."""
         t = self.time_after_onset(sequence)
         times = (max(0.0, self.life.time_to(v) - t) for v in thresholds)
         return {"v_eq_true": self.life.v_eq(t), "tt_true": tuple(times) if t >= 0.0 else (None,) * len(thresholds)}
@@ -159,7 +161,7 @@ class SimulatedRig:
         return Scene(speed=speed, load=load, bearing=self.bearing, rig=self.rig, defect=defect)
 
     def block(self, sequence: int) -> Block:
-        """Simulate one block; it depends on the seed and its number only, not on other blocks."""
+        """Simulate one block; it depends on the seed and its number only."""
         rng = np.random.default_rng([self.seed, 2, sequence])
         # The drive holds the speed within 0.2 % and the lever the load within 1 %; damage is simulated at both.
         speed = self.speed * (1.0 + 0.001 * float(rng.standard_normal()))
@@ -196,7 +198,7 @@ class SimulatedRig:
 
     @staticmethod
     def _background(rng: np.random.Generator, n: int, speed: float) -> NDArray[np.float32]:
-        """Return the background, m/s2: three harmonics of the shaft and broadband noise of 50 mg."""
+        """Return shaft harmonics and broadband noise of 50 mg, m/s2."""
         noise = rng.standard_normal(n, dtype=np.float32) * np.float32(0.05 * STANDARD_GRAVITY)
         t = np.arange(n) / RATE
         for order, amplitude in ((1, 0.02), (2, 0.03), (3, 0.01)):
@@ -210,7 +212,9 @@ _OPTIONS = {"seed": int, "healthy_blocks": int, "blocks": int, "load_newton": fl
 
 
 def open_rig(url: str, name: str) -> SimulatedRig:
-    """Open ``rig:NAME?seed=N``; further options are healthy_blocks, blocks, load_newton and speed_hz.
+    """Open ``rig:NAME?seed=N``.
+
+    Further options are healthy_blocks, blocks, load_newton and speed_hz.
 
     Raises:
         SourceError: an unknown rig or option, or a value that is none; the message names it.

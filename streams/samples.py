@@ -1,4 +1,4 @@
-"""Samples: values on their way from a file or frame to a block, with their provenance; and the error of readers."""
+"""Samples from a file or frame to a block, with provenance; the error of readers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RATE_TOLERANCE = 1e-4
 
 
 class ReaderError(SpallwatchError):
-    """A file cannot be read; ``status`` is the rejection status of the interface (``unreadable``, ...)."""
+    """A file cannot be read; ``status`` is a rejection status of the interface."""
 
     def __init__(self, status: str, reason: str) -> None:
         """Keep the rejection status beside the message."""
@@ -30,7 +30,7 @@ class ReaderError(SpallwatchError):
 
 @dataclass(eq=False)
 class Origin:
-    """The file of some samples: its path as blocks and messages show it, and the samples it had when last read."""
+    """The file of some samples: its path in messages, and its samples when last read."""
 
     key: str
     total: int = 0
@@ -76,7 +76,7 @@ class Samples:
     number: int | None = None
 
     def __post_init__(self) -> None:
-        """Fill in the defaults of the rows; ValueError where the parts do not fit together."""
+        """Fill in the defaults of the rows; ValueError where parts do not fit."""
         if self.values.ndim != 2:
             raise ValueError(f"samples must have shape (row, sample), got {self.values.shape}")
         rows = self.values.shape[0]
@@ -101,11 +101,11 @@ class Samples:
         return self.offset + self.values.shape[1]
 
     def time_of(self, index: int) -> float | None:
-        """Return the time of a sample of the origin; it does not depend on how the origin was divided."""
+        """Return the time of a sample of the origin, however the origin was divided."""
         return None if self.start is None else self.start + index / self.known_rate
 
     def elapsed_since(self, began: float | None) -> float | None:
-        """Return the seconds from the first sample of the source to the first of these, None where undated.
+        """Return the seconds from the first sample of the source to these, or None.
 
         ``began`` is the start of the first dated block of the source, s since 1970 UTC; None where this is the first.
         """
@@ -117,7 +117,7 @@ class Samples:
         return 0.0 if began is None else start - began
 
     def select(self, rows: Sequence[int]) -> Samples:
-        """Return some rows in the order given; the values are copied unless these are all rows in their order."""
+        """Return some rows in the order given; all rows in order are not copied."""
         whole = list(rows) == list(range(len(self.columns)))
         return replace(
             self,
@@ -152,7 +152,7 @@ def stack_rows(rows: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
 
 
 def rows_of(array: NDArray[np.generic], where: str) -> NDArray[np.floating]:
-    """Return a stored array of real numbers as rows of samples: the longer of its one or two axes is time.
+    """Return a stored array of real numbers as rows; the longer of its axes is time.
 
     Returns:
         Shape (row, sample); float32 for float32 and for integers of at most 16 bits, else float64.

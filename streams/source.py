@@ -1,4 +1,4 @@
-"""The protocols of sources: recordings that are iterated over, and live sources with acknowledged deliveries."""
+"""The protocols of recordings and of live sources with acknowledged deliveries."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from streams.ledger import FileProgress, Ledger
 
 @runtime_checkable
 class Source(Protocol):
-    """Gives blocks in the order of acquisition; a Rejected takes the place of a block that cannot be made."""
+    """Blocks in the order of acquisition; a Rejected replaces a block that failed."""
 
     name: str
 
@@ -87,7 +87,7 @@ class LiveSource(Protocol):
         ...
 
     def acknowledge(self, delivery: Delivery) -> None:
-        """Record that a delivery is committed (or found in the ledger); only now may a sender discard it."""
+        """Record that a delivery is committed; only now may a sender discard it."""
         ...
 
     def backlog(self) -> Backlog:
@@ -99,7 +99,7 @@ class LiveSource(Protocol):
         ...
 
     def close(self) -> None:
-        """Stop receiving and free all resources, within a second; unacknowledged items are delivered again."""
+        """Stop receiving within a second; unacknowledged items are delivered again."""
         ...
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""Configuration of sources: channels, network limits, addresses, and the error of a wrong configuration."""
+"""Configuration of sources: channels, network limits, addresses."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _MAX_TOPIC_BYTES = 512
 
 
 class SourceError(WrongInputError):
-    """A source cannot be opened as configured; the message names it, what was expected and what was found."""
+    """A source cannot be opened as configured: what was expected and what was found."""
 
 
 @dataclass(frozen=True)
 class ChannelSpec:
-    """Configuration of a channel: its row in the recording, and the unit of its numbers.
+    """Configuration of a channel: its row in the recording, and its unit.
 
     A channel is found by ``key``, else by ``column``, else by its own name among the names of the file or of the data
     set; a file with a single row gives that row.

@@ -1,4 +1,4 @@
-"""Data sets that are MAT files: CWRU, MFPT, HIT-SM, UESTC, Paderborn. They are read in the child process."""
+"""Data sets of MAT files, read in the child process: CWRU, MFPT and others."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _cwru_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
 
 
 def cwru_read(data: bytes, path: str) -> Samples:
-    """Read a file of the Bearing Data Center: the recording of its own number, and its RPM."""
+    """Read a file of the Bearing Data Center: the recording of its number, its RPM."""
     found = [match for match in map(_CWRU_VARIABLE.fullmatch, mat_variables(data, path)) if match]
     # Some files hold the variables of a second file too (99 has X098 and X099): the file's own number decides.
     own = [match for match in found if int(match[1]) == _cwru_number(path)]
@@ -130,7 +130,7 @@ def _paderborn_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
 
 
 def paderborn_read(data: bytes, path: str) -> Samples:
-    """Read the vibration of a file of the Paderborn set; the slower channels and the currents are passed over."""
+    """Read the vibration of a file of the Paderborn set; other channels are skipped."""
     values = load_mat(data, path, ["*.Y", "*.Y(*).Name", "*.Y(*).Data", "*.Y.Name", "*.Y.Data"])
     names = {key: text(values, key) for key in values if key.endswith(".Name")}
     found = [key for key, name in names.items() if name is not None and name.startswith("vibration")]

@@ -1,4 +1,4 @@
-"""Data sets that are lines of text: PRONOSTIA, IMS, XJTU-SY, the stationary tests of Ferrara."""
+"""Data sets of text: PRONOSTIA, IMS, XJTU-SY, the stationary tests of Ferrara."""
 
 from __future__ import annotations
 

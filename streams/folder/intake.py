@@ -1,4 +1,4 @@
-"""Turn the files of a register into deliveries: each gives blocks, a rejection with a reason, or waits."""
+"""Turn the files of a register into deliveries of blocks and rejections."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Loaded = tuple[Entry, Raw, FileFacts, Samples]
 
 
 class Intake:
-    """Takes the files of a register in order; ``ready`` holds the deliveries not yet returned by the source."""
+    """Takes files in order; ``ready`` holds deliveries not yet returned."""
 
     def __init__(self, spec: SourceSpec, loader: Loader, ledger: Ledger, register: Register) -> None:
         """Continue after the last committed block of the ledger."""
@@ -124,7 +124,7 @@ class Intake:
         return entry, raw, facts, samples
 
     def _is_overtaken(self, entry: Entry) -> bool:
-        """Return whether later files were taken while a file waited: its rejection does not cut their samples."""
+        """Return whether later files were taken already; a rejection must not cut them."""
         return self._latest_order is not None and entry.order < self._latest_order
 
     def _requeue(self, entry: Entry, error: UnfinishedError, now: float) -> None:
@@ -156,7 +156,7 @@ class Intake:
         )
 
     def _resolve_known(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
-        """Compare a file with those known by content; return whether that settled it: it has nothing new."""
+        """Compare with known content; return whether the file has nothing new."""
         last = entry.read or entry.base
         if last is not None:
             touched = last.content_hash == raw.progress.content_hash
@@ -175,7 +175,7 @@ class Intake:
         return self._resolve_copy(entry, raw, facts) or self._refuse_taken_number(entry, raw, facts)
 
     def _resolve_copy(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
-        """Recognise a file that was taken under another name: adopt a renamed one, reject a copy."""
+        """Adopt a renamed file or reject a copy; return whether it is one."""
         digest = raw.progress.content_hash
         for known in self._ledger.files_like(self.name, raw.progress.head_hash, digest):
             if known.path == entry.key or known.verdict == PENDING or not known.samples or not is_more_of(raw, known):
@@ -204,7 +204,7 @@ class Intake:
         return False
 
     def _is_constant(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
-        """Return whether all samples of a file are equal: a dead sensor gives identical files, which are no copies."""
+        """Return whether all samples are equal: identical files of a dead sensor."""
         try:
             values = self._loader.load(raw.data, entry.path, facts, entry.key).values
         except ReaderError:
@@ -212,7 +212,7 @@ class Intake:
         return bool(np.all(values == values[:, :1]))
 
     def _refuse_taken_number(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
-        """Reject a file whose own number another block has already; return whether it did."""
+        """Reject a file whose number another block has; return whether it did."""
         number, digest = self._number_of(facts), raw.progress.content_hash
         if number is None or self._is_free(number):
             return False
@@ -224,7 +224,7 @@ class Intake:
         return True
 
     def _number_of(self, facts: FileFacts) -> int | None:
-        """Return the number that a file states for its block, None where blocks are numbered in order."""
+        """Return the number that a file states for its block, if blocks have such."""
         return facts.number if self._reblocker is None else None
 
     def _is_free(self, number: int) -> bool:
@@ -268,7 +268,7 @@ class Intake:
         return True
 
     def _mark_delivered(self, entry: Entry) -> None:
-        """Mark a file whose samples are all delivered; it waits for acknowledgements only."""
+        """Mark a file whose samples are all delivered, acknowledged or not."""
         if entry.phase != "held" or (self._reblocker is not None and entry in self._reblocker.origins):
             return
         if not entry.outstanding and entry.read is not None:

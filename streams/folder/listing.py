@@ -1,4 +1,4 @@
-"""Files of a folder: listing, printable form of their names, type of their file system."""
+"""Files of a folder: listing, printable names, type of the file system."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SIGNED = (1 << 63) - 1
 
 @dataclass(frozen=True, slots=True)
 class Stat:
-    """File status: size in bytes, last change in ns since 1970; ``regular``: no link, pipe or device."""
+    """File status: size in bytes, last change in ns since 1970, inode, plain file."""
 
     size: int
     mtime_ns: int
@@ -39,7 +39,7 @@ def stat_of(found: os.stat_result) -> Stat | None:
 
 
 def stat_file(root: str, path: str) -> Stat | None:
-    """Return the status of one file without following links; None where it does not exist or is a folder."""
+    """Return the status of a file or link; None where there is none or a folder."""
     try:
         return stat_of(os.lstat(f"{root}/{path}"))
     except (OSError, ValueError):
@@ -47,7 +47,7 @@ def stat_file(root: str, path: str) -> Stat | None:
 
 
 def list_files(root: str, closed: list[str] | None = None) -> dict[str, Stat]:
-    """Return the status of all files below a folder by path, without those skipped; links are never followed.
+    """Return the status of all files below a folder by path; links are not followed.
 
     Args:
         closed: extended by the paths of the folders below it that may not be read.
@@ -92,12 +92,15 @@ def _list_one(root: str, folder: str, folders: list[str], found: dict[str, Stat]
 
 
 def is_skipped(name: str) -> bool:
-    """Return whether a name, without its folder, is hidden, a partial copy, or an index beside the data."""
+    """Return whether a name is hidden, a partial copy, or an index beside the data."""
     return name.startswith((".", "~")) or name.lower().endswith(_SKIPPED)
 
 
 def shown(path: str) -> str:
-    r"""Return a path in printable characters, one-to-one: ``\u000a`` for a newline, ``\xff`` for a non-UTF-8 byte."""
+    r"""Return a path in printable characters, one-to-one.
+
+    A newline becomes ``\u000a``, a byte that is no UTF-8 ``\xff``.
+    """
     if path.isascii() and path.isprintable() and "\\" not in path:
         return path
     return "".join(_shown(character) for character in path)
@@ -128,7 +131,7 @@ def _unescaped(match: re.Match[str]) -> str:
 
 
 def file_system_type(path: Path, mountinfo: str | None = None) -> str | None:
-    """Return the type ("ext4", "nfs4") of the file system that holds an existing ``path``, None where unknown.
+    """Return the type ("ext4", "nfs4") of the file system of a path, None if unknown.
 
     ``mountinfo`` is text in the format of /proc/self/mountinfo, by default that file.
     """

@@ -1,4 +1,4 @@
-"""The bytes of a file of a watched folder, compared with what the ledger has of it."""
+"""The bytes of a file of a watched folder, compared with the ledger."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ GROWS = ("csv", "tdms")
 
 @dataclass(frozen=True, eq=False)
 class Raw:
-    """The bytes of a file as stored, and its progress: status and digests, no samples yet."""
+    """The bytes of a file as stored, and its progress without samples."""
 
     data: bytes
     progress: FileProgress
 
 
 class UnfinishedError(SpallwatchError):
-    """A file was written to while it was read; ``stat`` is its present status, None where it was removed."""
+    """A file changed while it was read; ``stat`` is its new status, None if removed."""
 
     def __init__(self, stat: Stat | None) -> None:
         """Keep the present status."""
@@ -36,7 +36,9 @@ class UnfinishedError(SpallwatchError):
 
 
 def read_raw(root: Path, entry: Entry, growing: str | None) -> Raw:
-    """Return the bytes of a file; of one that may grow (in the format ``growing``) those whose samples are final.
+    """Return the bytes of a file; of a growing one those whose samples are final.
+
+    ``growing`` is the format of a file that may grow, else None.
 
     Raises:
         ReaderError: ``refused`` or ``unreadable``, see :func:`streams.files.read_guarded`.
@@ -64,7 +66,7 @@ def read_raw(root: Path, entry: Entry, growing: str | None) -> Raw:
 
 
 def is_more_of(raw: Raw, known: FileProgress) -> bool:
-    """Return whether a file begins with all the known bytes of another, or of its own earlier state."""
+    """Return whether a file begins with all the known bytes of another, or equals it."""
     if known.content_hash == raw.progress.content_hash:
         return True
     longer = 0 < known.read_bytes < len(raw.data)

@@ -1,4 +1,4 @@
-"""The files of a watched folder: waiting or done, and the order in which they are taken."""
+"""The files of a watched folder, waiting or done, and their order."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Entry(Origin):
 
 
 class Register:
-    """The files of one folder. Pending ones stay on the disk; only their names and times are kept here."""
+    """The files of one folder: names, times and counts; contents stay on the disk."""
 
     def __init__(
         self, source: str, ledger: Ledger, settle_s: float, order_of: Callable[[str], Order | None], now: float
@@ -127,7 +127,7 @@ class Register:
                 entry.absent = now
 
     def observe(self, path: str, stat: Stat, now: float, closed: bool = False) -> None:
-        """Record the status of one file; ``closed``: it was just closed after writing, or moved here."""
+        """Record the status of a file; ``closed``: just closed after writing or moved in."""
         entry = self.waiting.get(path)
         if entry is None:
             done = self._done.get(path)
@@ -307,7 +307,7 @@ class Register:
         return first is not None and now - first.seen < _HOLD * self._settle
 
     def finish(self, entry: Entry, progress: FileProgress) -> None:
-        """Count a file under its verdict; if it has changed meanwhile, the next scan enters it again."""
+        """Count a file under its verdict; a later change enters it again."""
         if progress.path != entry.key:
             # It was renamed before its last block was committed.
             progress = self._restore(progress, entry.key)
@@ -315,7 +315,7 @@ class Register:
         self._done[entry.path] = progress
 
     def remove(self, entry: Entry, verdict: str | None) -> None:
-        """Remove a file from those that wait, and count it under a verdict, None: not at all."""
+        """Remove a file from those that wait; count it unless the verdict is None."""
         with self._lock:
             if self.waiting.get(entry.path) is entry:
                 del self.waiting[entry.path]
@@ -324,12 +324,12 @@ class Register:
         entry.phase = "delivered"
 
     def adopt(self, entry: Entry, known: FileProgress) -> None:
-        """Record that a file is one known by another name, which no longer exists: it was renamed, not offered."""
+        """Record that a file is a known one that was renamed."""
         self.remove(entry, None)
         self._done[entry.path] = self._restore(replace(known, mtime_ns=entry.stat.mtime_ns), entry.key)
 
     def renew(self, entry: Entry) -> None:
-        """Treat the content under a known name as another file; the former content keeps its verdict."""
+        """Treat the content as another file; the former content keeps its verdict."""
         base = entry.base
         if base is not None:
             verdict = ACCEPTED if base.verdict == PENDING else base.verdict

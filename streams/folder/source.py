@@ -43,7 +43,7 @@ class Clock:
 
 
 class FolderSource(LiveSource):
-    """The files of a folder, each accepted, rejected with a reason, or pending; see :class:`streams.source.LiveSource`.
+    """The files of a folder, each accepted, rejected with a reason, or pending.
 
     A file is taken when it was closed after writing or moved in, or has not changed for the settling time, and is as
     long as its header declares. A data set of snapshots gives one block a file, under the file's own number where it
@@ -123,7 +123,7 @@ class FolderSource(LiveSource):
         return self._register.backlog(self._clock.monotonic())
 
     def problem(self) -> str | None:
-        """Return why the folder gives nothing, or for a minute that events were lost, or None."""
+        """Return why the folder gives nothing, or that events were lost, or None."""
         return self._problem or self._unknown or self._lost_events(self._clock.monotonic())
 
     def close(self) -> None:
@@ -139,7 +139,7 @@ class FolderSource(LiveSource):
         return self._files
 
     def _poll(self, now: float) -> None:
-        """Observe the files that events name, and scan where a scan is due, or events were lost."""
+        """Observe the files that events name; scan where due, or where events were lost."""
         if self._watch.overflows != self._overflows:
             self._overflows, self._overflowed = self._watch.overflows, now
             self._next_scan = now
@@ -155,7 +155,7 @@ class FolderSource(LiveSource):
         self._next_scan = now + max(self._spec.settle_s / 2, _MIN_PAUSE_SCANS * took, 0.1)
 
     def _scan(self, now: float) -> None:
-        """Compare the folder with the ledger; watch it first, so that no file is missed between the two."""
+        """Watch the folder where it is new, then compare it with the ledger."""
         try:
             status = self._root.stat()
             if (status.st_dev, status.st_ino) != self._identity or not self._watch.alive():
@@ -178,7 +178,7 @@ class FolderSource(LiveSource):
         self._register.update(listing, now)
 
     def _lost_events(self, now: float) -> str | None:
-        """Return that the kernel dropped events, for some time after it did; no file is lost by it."""
+        """Return that the kernel dropped events, for some time after it did."""
         if self._overflowed is None or now - self._overflowed >= _OVERFLOW_SHOWN_S:
             return None
         times = f" ({self._overflows} times since the start)" if self._overflows > 1 else ""
@@ -199,7 +199,7 @@ class FolderSource(LiveSource):
         return None if facts is None else facts.order
 
     def _recognise(self, now: float) -> bool:
-        """Recognise the kind of the files by the first of them; return whether that succeeded."""
+        """Recognise the kind of the first files; return whether that succeeded."""
         register = self._register
         for entry in [entry for entry in register.waiting.values() if entry.absent is not None]:
             if now - (entry.absent or 0.0) >= MAX_INCOMPLETE_S:

@@ -1,4 +1,4 @@
-"""Events of the file system: they wake the scan, and name the files that were closed or moved in."""
+"""Events of the file system: they trigger a scan and name finished files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _OVERFLOW_MASK = 0x00000008 | 0x00000080 | 0x00000100 | 0x02000000 | 0x20000000
 
 
 class Watch:
-    """Watches one folder and all below it; on a network share, without events, only the scan finds files."""
+    """Watches a folder and all below it; a network share has no events."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
         """Take the function to call, from another thread, on every event."""
@@ -34,7 +34,7 @@ class Watch:
         """How often the kernel dropped events."""
 
     def start(self, root: Path) -> None:
-        """Watch a folder in place of the one before; a failure is logged, and only the scan finds files then."""
+        """Watch a folder in place of the one before; a failure is only logged."""
         self.stop()
         # A share may have been mounted here meanwhile.
         kind = file_system_type(root)
@@ -65,14 +65,14 @@ class Watch:
         return self._observer is not None
 
     def alive(self) -> bool:
-        """Return whether events are still reported; an observer outlives its dead emitters."""
+        """Return whether events are reported; an observer outlives its dead emitters."""
         observer = self._observer
         return observer is None or (
             observer.is_alive() and bool(observer.emitters) and all(emitter.is_alive() for emitter in observer.emitters)
         )
 
     def finished(self) -> set[str]:
-        """Return, once, the paths below the folder of files that were closed or moved in since the last call."""
+        """Return the paths of files closed or moved in since the last call."""
         with self._lock:
             found, self._finished = self._finished, set()
         return found
@@ -107,14 +107,14 @@ class _Handler:
         self._watch = watch
 
     def dispatch(self, event: Any) -> None:
-        """Pass an event on: a file is finished when it was closed after writing, or moved here."""
+        """Record an event; a file closed after writing, or moved in, is finished."""
         moved = event.event_type == "moved"
         path = os.fsdecode(event.dest_path if moved else event.src_path)
         self._watch.note(path, finished=moved or event.event_type == "closed")
 
 
 class _Overflow:
-    """Counts overflows of the kernel's queue, after which watchdog repairs its watches without calling handlers.
+    """Counts overflows of the kernel's queue, for which watchdog calls no handler.
 
     The methods ``on_...`` are those of ``watchdog.observers.inotify_c.WatchCallback``; it ends with the observer.
     """
@@ -123,7 +123,7 @@ class _Overflow:
         self._call = call
 
     def listen(self, observer: Any, root: str) -> None:
-        """Register with the queue of an observer, where this system and this version of watchdog have callbacks."""
+        """Register with the queue of an observer, where it has callbacks."""
         queue = vars(observer).get("_inotify_fd")
         if hasattr(queue, "add_callback"):
             with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""Frames received over a network until their commit: in order, each once, gaps stated, memory bounded.
+"""Frames from receipt to commit: in order, each once, gaps stated.
 
 :class:`Receiver` is the base of the live sources of a network, :class:`Arrivals` its queue.
 """
@@ -48,7 +48,9 @@ class _Stream:
 
 
 class Arrivals:
-    """The queue of one receiver. :meth:`take` is called by the thread that reads, the rest by the one that commits.
+    """The queue of one receiver.
+
+    :meth:`take` is called by the thread that reads, the rest by the one that commits.
 
     A frame is a block, its sequence the block's. A frame received again before its commit is discarded; after it, it
     is delivered as a rejection ``duplicate`` or ``changed``, and the committed block stays. Where numbers are skipped,
@@ -217,7 +219,7 @@ def _gap(source: str, stream: str, first: int, last: int) -> Rejected:
 
 
 def _item(spec: SourceSpec, stream: str, data: bytes | bytearray, limit: int) -> tuple[Block | Rejected, int | None]:
-    """Return the block in a frame, or its rejection, and the number before it where that is stated."""
+    """Return the block or rejection of a frame, and the number before it if stated."""
     try:
         frame = decode_frame(data, limit)
     except WireError as error:
@@ -237,7 +239,7 @@ def _item(spec: SourceSpec, stream: str, data: bytes | bytearray, limit: int) ->
 
 
 def _chosen(spec: SourceSpec, samples: Samples, name: str) -> Samples:
-    """Return the samples of the configured channels; a frame may hold more channels than are configured."""
+    """Return the samples of the configured channels; a frame may hold more."""
     unstated = replace(samples, units=("unknown",) * len(samples.units))
     chosen = choose_channels(unstated, spec.channels, None, name)
     units: list[str | None] = []
@@ -252,7 +254,7 @@ def _chosen(spec: SourceSpec, samples: Samples, name: str) -> Samples:
 
 
 class Receiver(LiveSource):
-    """A live source of the streams at one network address; what TCP and MQTT have in common."""
+    """A live source of the streams at one network address; base for TCP and MQTT."""
 
     def __init__(self, specs: Sequence[SourceSpec], network: NetworkSpec | None, form: str) -> None:
         """Take the sources that share an address.

@@ -1,4 +1,4 @@
-"""Frames from an MQTT broker: QoS 1, a session that the broker keeps, acknowledged after the commit.
+"""Frames from an MQTT broker: QoS 1, kept session, acknowledged after the commit.
 
 The payload is the frame of TCP. The number committed last is published, retained, under ``TOPIC/committed``: a frame
 that the broker has is not committed yet, so a sender keeps its blocks until it reads their number there.
@@ -29,14 +29,14 @@ _MAX_SECRET_BYTES = 4096
 
 @dataclass(frozen=True)
 class _Token:
-    """The message to acknowledge, and the connection it came over: the next one has other message ids."""
+    """The message to acknowledge, valid on the connection over which it came."""
 
     connection: int
     message: int
 
 
 class MqttReceiver(Receiver):
-    """Subscribes to the topics of one or several sources at one broker; a live source.
+    """Subscribes to the topics of one or several sources at one broker.
 
     Only messages under exactly these topics are taken; retained ones, which may be of any age, are acknowledged and
     ignored. A payload without a valid checksum is acknowledged as well, so that it is not delivered for ever, and is
@@ -44,10 +44,10 @@ class MqttReceiver(Receiver):
     """
 
     def __init__(self, specs: Sequence[SourceSpec], network: NetworkSpec | None = None) -> None:
-        """Take the sources that share a broker, each with a topic of its own, see :class:`Receiver`.
+        """Take the sources that share a broker, each with a topic of its own.
 
         Raises:
-            SourceError: also where a topic is given twice, or paho-mqtt is missing.
+            SourceError: as :class:`Receiver`, a topic is given twice, or paho-mqtt is missing.
         """
         super().__init__(specs, network, "mqtt://HOST:PORT/TOPIC")
         if len(self._arrivals.streams) != len(specs):
@@ -129,7 +129,7 @@ class MqttReceiver(Receiver):
 
 
 def client_id(name: str, network: NetworkSpec) -> str:
-    """Return the name under which the broker keeps the session: the same after every restart."""
+    """Return the id of the broker's session, the same after every restart."""
     return network.client_id or "spallwatch-" + re.sub(r"[^A-Za-z0-9_.-]", "-", name)
 
 
@@ -184,7 +184,7 @@ class MqttLink:
     """
 
     def __init__(self, address: Address, network: NetworkSpec | None = None, timeout: float = 10.0) -> None:
-        """Prepare; ``timeout`` in s is that of connecting. SourceError as for :func:`make_client`."""
+        """Prepare; ``timeout`` of connecting in s. SourceError as :func:`make_client`."""
         self._address = address
         self._network = network or NetworkSpec()
         self._timeout = timeout

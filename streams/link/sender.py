@@ -1,4 +1,4 @@
-"""The reference sender: streams a recording over TCP or MQTT, with reconnection, until all of it is committed."""
+"""The reference sender: streams a recording until all of it is committed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FIRST_PAUSE_S, _MAX_PAUSE_S = 0.1, 10.0
 
 
 class SendError(SpallwatchError):
-    """A recording could not be sent; the message states how much was committed, and why no more."""
+    """A recording could not be sent; the message states how much was, and the reason."""
 
 
 class LinkError(SpallwatchError):
@@ -31,7 +31,7 @@ class Link(Protocol):
     """A connection to a receiver: TCP, or a broker."""
 
     def connect(self) -> int:
-        """Connect anew and return the number committed last; :class:`LinkError` where that fails."""
+        """Connect and return the number committed last; :class:`LinkError` on failure."""
         ...
 
     def send(self, frame: bytes) -> None:
@@ -39,7 +39,10 @@ class Link(Protocol):
         ...
 
     def committed(self, timeout: float) -> int | None:
-        """Return the number committed last, None where none is received within ``timeout`` s (0: do not wait)."""
+        """Return the number committed last, None if none comes within ``timeout`` s.
+
+        A timeout of 0 does not wait.
+        """
         ...
 
     def close(self) -> None:
@@ -66,7 +69,7 @@ class TcpLink:
     """A connection to ``tcp://HOST:PORT``."""
 
     def __init__(self, address: Address, stream: str, timeout: float = 30.0) -> None:
-        """Prepare; ``timeout`` in s is that of connecting and of each send without progress."""
+        """Prepare; ``timeout`` in s of connecting and of sending without progress."""
         self._address = address
         self._hello = hello(stream)
         self._timeout = timeout
@@ -129,7 +132,7 @@ class TcpLink:
 
 
 class Sender:
-    """Sends the blocks of a recording in order and keeps them until they are committed.
+    """Sends the blocks of a recording in order, keeping each until it is committed.
 
     At each connection the receiver states the number committed last; everything after it is sent (again). A receiver
     without a ledger gets the recording from the first block on.

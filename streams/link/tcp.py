@@ -1,4 +1,4 @@
-"""Frames over TCP: one thread reads all senders and acknowledges commits. See docs/reference/wire.md."""
+"""Frames over TCP, see docs/reference/wire.md; one thread serves all senders."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _MAX_OUT_BYTES = 1 << 16
 
 @dataclass(eq=False)
 class _Peer:
-    """A connection, with the part received of the present message and the answers not yet sent."""
+    """A connection: the part received of a message, and the answers not yet sent."""
 
     socket: socket.socket
     address: str
@@ -65,7 +65,7 @@ class TcpReceiver(Receiver):
         return self._address.port if self._listener is None else self._listener.getsockname()[1]
 
     def _start(self) -> None:
-        """Listen; SourceError where that fails, or other machines could reach the address and no peers are named."""
+        """Listen; SourceError where that fails or other machines are not named as peers."""
         self._listener = self._listen()
         self._wake_in, self._wake_out = socket.socketpair()
         self._wake_in.setblocking(False)
@@ -97,7 +97,7 @@ class TcpReceiver(Receiver):
         self._wake()
 
     def problem(self) -> str | None:
-        """Return that the backlog is full, or while no sender is connected why the last connection ended."""
+        """Return that the backlog is full, or why the last of no connections ended."""
         if self._thread is not None and not self._thread.is_alive():
             return f"{self.name}: the receiver has stopped"
         if self._paused:
@@ -118,7 +118,7 @@ class TcpReceiver(Receiver):
                 self._wake_out.send(b"\0")
 
     def _serve(self) -> None:
-        """Read, answer and enforce deadlines until closed; only this thread uses the sockets."""
+        """Read, answer and enforce deadlines until closed; only here are sockets used."""
         selector, listener, wake = self._selector, self._listener, self._wake_in
         if selector is None or listener is None or wake is None:
             return
@@ -170,7 +170,7 @@ class TcpReceiver(Receiver):
         return reading | (selectors.EVENT_WRITE if peer.out else 0)
 
     def _watch(self, peer: _Peer) -> None:
-        """Register the events of a connection; while reading is paused, there may be none."""
+        """Register the events of a connection; a paused one may have none."""
         if self._selector is None or peer not in self._peers:
             return
         interest = self._interest(peer)

@@ -1,6 +1,7 @@
-"""The frames of TCP and MQTT: bytes to checked values and back. Layout and rules stand in docs/reference/wire.md.
+"""The frames of TCP and MQTT: bytes to checked values and back.
 
-Each length is compared with its limit before memory is allocated; for any bytes the only error is :class:`WireError`.
+Layout and rules are in docs/reference/wire.md. Each length is compared with its limit before memory is allocated; for
+any bytes the only error is :class:`WireError`.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ SAMPLE_TYPES: Mapping[int, np.dtype[Any]] = {
 
 
 class WireError(SpallwatchError):
-    """Bytes break the protocol; the message states what was expected and what was received.
+    """Bytes break the protocol; the message states what was expected and received.
 
     Attributes:
         status: rejection status of the interface.
@@ -81,7 +82,7 @@ class Frame:
     after: int | None = None
 
     def scaled(self) -> Samples:
-        """Return the samples in their units, dated: float32 where 24 bits hold the sample type, else float64."""
+        """Return the dated samples in their units, float32 where 24 bits hold their type."""
         values = self.samples.values
         kind = np.float32 if values.dtype.itemsize == 2 or values.dtype == np.float32 else np.float64
         scaled = values.astype(kind)
@@ -160,7 +161,7 @@ def _check_magic(magic: bytes, version: int, expected: bytes, what: str) -> None
 
 
 def decode_frame(data: bytes | bytearray | memoryview, limit: int = MAX_FRAME) -> Frame:
-    """Return the frame in the bytes from magic to checksum; its samples are a view of ``data``.
+    """Return the frame in bytes from magic to checksum; its samples are a view.
 
     Raises:
         WireError: with ``sequence`` where the checksum is right but the content is not.
@@ -194,7 +195,7 @@ def _refuse_constant(word: str) -> None:
 
 @dataclass(frozen=True)
 class _Header:
-    """The JSON header of a frame: fields of its samples, its scale, and the number of the frame before it."""
+    """The JSON header of a frame: fields of the samples, scale, frame before it."""
 
     rows: dict[str, Any]
     scale: tuple[float, ...]
@@ -305,7 +306,7 @@ def encode_frame(frame: Frame) -> bytes:
 
 
 def block_frame(block: Block, after: int | None = None) -> Frame:
-    """Return the frame that carries a block; ``after`` is the number of the one before it, see :class:`Frame`."""
+    """Return the frame that carries a block; see :class:`Frame` for ``after``."""
     samples = Samples(
         block.samples,
         block.channels,

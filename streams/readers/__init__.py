@@ -1,1 +1,1 @@
-"""One function a format: bytes in, arrays and what the file itself says out, nothing guessed."""
+"""One function a format: from bytes to samples and what the file states."""

@@ -1,4 +1,4 @@
-"""Unsafe parsers run in a child process with limits on memory, processor time and time.
+"""Unsafe parsers in a child process with limited memory, processor time and time.
 
 The child is kept for many files and then replaced. Its death only gives the file that it read the status
 ``reader_crashed``.
@@ -55,9 +55,9 @@ _ENVIRONMENT = {
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of one child: address space in bytes; whole seconds of processor time and seconds of time for one file.
+    """Limits of one child, which is replaced after ``files`` files.
 
-    After ``files`` files the child is replaced.
+    Address space in bytes; whole seconds of processor time and seconds of time for one file.
     """
 
     memory: int = 4 << 30
@@ -141,7 +141,7 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
         self.close()
 
     def forget(self) -> None:
-        """Close the handles of a child that belongs to the process from which this one was forked."""
+        """Close the handles of a child that belongs to the parent of a forked process."""
         for handle in self._handles:
             os.close(handle)
         self._handles = []
@@ -279,7 +279,7 @@ _inherited: list[ReaderProcess] = []
 
 
 def _after_fork() -> None:
-    """Begin with a new child in a forked process: a thread that does not exist here may hold the lock."""
+    """Begin with a new child in a forked process, where the lock may be held for ever."""
     global _shared
     _inherited.append(_shared)
     _shared.forget()
@@ -295,12 +295,12 @@ atexit.register(_close)
 
 
 def shared_process() -> ReaderProcess:
-    """Return the process that all readers of this program share; it is closed when the program ends."""
+    """Return the process that all readers share; it is closed at exit."""
     return _shared
 
 
 def isolated(function: Callable[..., Any], *arguments: Any) -> Callable[[bytes, str], Any]:
-    """Return the reader ``function``, with these further arguments, run in the shared child process.
+    """Return a reader, with further arguments, that runs in the shared child process.
 
     It returns and raises what the reader does; see :meth:`ReaderProcess.call`.
     """

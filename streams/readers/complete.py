@@ -1,4 +1,4 @@
-"""The size that a file's own header declares: a file still being written declares more than it holds."""
+"""The size that a file's header declares: more than there is while it is written."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _TDMS_UNKNOWN = 0xFFFFFFFFFFFFFFFF
 
 
 def declared_size(data: bytes, name: str) -> int | None:
-    """Return the least size in bytes that a file's header promises, None where it promises none.
+    """Return the least size in bytes that a header promises, None where it does not.
 
     Known are WAV (RIFF), .npy, HDF5 with netCDF4 and MAT v7.3 (end-of-file address of the superblock) and TDMS.
     ``data`` is the file, or its first 4 KiB (for TDMS the whole of it).
@@ -53,7 +53,7 @@ def _npy_size(data: bytes) -> int | None:
 
 
 def hdf5_size(data: bytes, base: int) -> int | None:
-    """Return the end-of-file address of the superblock at ``base``, None where there is none."""
+    """Return the end-of-file address of the superblock at ``base``, or None."""
     version = data[base + 8] if len(data) > base + 8 else 255
     if version in (0, 1):
         width = data[base + 13] if len(data) > base + 13 else 0
@@ -70,7 +70,7 @@ def hdf5_size(data: bytes, base: int) -> int | None:
 
 
 def _tdms_segments(data: bytes) -> tuple[int, int | None]:
-    """Return the end of the last whole segment, and what the one after it promises (None: nothing)."""
+    """Return the end of the last whole segment, and that declared by the next, or None."""
     end = 0
     while data[end : end + 4] == b"TDSm" and len(data) >= end + _TDMS_LEAD:
         (following,) = struct.unpack_from("<Q", data, end + 12)

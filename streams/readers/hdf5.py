@@ -1,4 +1,4 @@
-"""HDF5 files through h5py, with guards against links out of the file and wrong sizes.
+"""HDF5 files through h5py, guarded against links out of the file and wrong sizes.
 
 It serves plain HDF5, netCDF-4 and MAT files of version 7.3, which are HDF5 files with conventions.
 """
@@ -40,7 +40,7 @@ _MAX_LISTED = 400
 
 @dataclass(frozen=True)
 class Found:
-    """A data set that was found in a file, an h5py object, under its path from the groups.
+    """A data set of a file, an h5py object, under its path.
 
     ``facts`` are the attributes of the file, the groups on the way and the data set, the nearest winning; ``own`` those
     of the data set alone.
@@ -117,7 +117,7 @@ def join_rows(
 
 @contextmanager
 def open_hdf5(data: bytes, name: str) -> Iterator[Any]:
-    """Open the bytes of an HDF5 file; every failure of the library while it is open becomes a ReaderError."""
+    """Open an HDF5 file in memory; while it is open any failure is a ReaderError."""
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
     # The library does not check for bytes in memory that the file is as long as its superblock says.
@@ -141,7 +141,7 @@ def open_hdf5(data: bytes, name: str) -> Iterator[Any]:
 
 
 def walk(file: Any, name: str, patterns: Sequence[str] = (), separator: str = "/") -> Iterator[Found]:
-    """Yield the data sets whose paths match, along hard links only, by name within each group.
+    """Yield matching data sets, along hard links only, by name within each group.
 
     Args:
         file: an open h5py file.
@@ -182,7 +182,7 @@ def walk(file: Any, name: str, patterns: Sequence[str] = (), separator: str = "/
 
 
 def attributes(item: Any) -> dict[str, object]:
-    """Return the attributes of an object that are one number or one text, under their plain keys."""
+    """Return the attributes that are one number or one text, under plain keys."""
     found: dict[str, object] = {}
     for key in list(item.attrs)[:_MAX_ATTRIBUTES]:
         attribute = item.attrs.get_id(key)
@@ -204,7 +204,7 @@ def _is_samples(dataset: Any) -> bool:
 
 
 def load(item: Found, name: str) -> NDArray[Any]:
-    """Read a data set as it is stored, once its claims are checked; ReaderError as for :func:`read_hdf5`."""
+    """Read a data set once its claims are checked; ReaderError as :func:`read_hdf5`."""
     dataset, where = item.dataset, f"{name}: data set {item.path[:100]}"
     if dataset.external:
         raise ReaderError("refused", f"{where} lies in other files, which are never read")

@@ -1,4 +1,4 @@
-"""Text files of loggers: lines of metadata, a header, units, a column of times, then the numbers."""
+"""Text files of loggers: metadata, header, units, a column of times, numbers."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def _are_units(fields: list[str]) -> bool:
 
 
 def _is_fact(line: str) -> bool:
-    """Return whether a line is metadata rather than column names: one value, a known key or a number."""
+    """Return whether a line is metadata: one value, and a known key or a number."""
     match = _FACT.match(line)
     if match is None:
         return False

@@ -1,4 +1,4 @@
-"""MATLAB files, with a guard against what they claim to hold: version 5 to 7.2 through scipy, 7.3 as HDF5."""
+"""MATLAB files with guarded sizes: to version 7.2 through scipy, 7.3 as HDF5."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MatValues = Mapping[str, "NDArray[np.generic]"]
 
 
 def mat_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Return shape and MATLAB class ("double", "struct", ...) of each variable, without loading any.
+    """Return shape and MATLAB class ("double", "struct", ...) of each variable.
 
     Raises:
         ReaderError: ``unreadable`` where it is not a MAT file of version 5 to 7.3, ``incomplete`` where it breaks off,
@@ -87,7 +87,7 @@ def _load_hdf5(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDA
 
 
 def _declared_bytes(data: bytes, name: str) -> int:
-    """Sum the sizes that the top-level elements claim once unpacked: whosmat does not look into structures."""
+    """Sum the unpacked sizes of the top-level elements; whosmat skips structures."""
     order = "<" if data[126:128] == b"IM" else ">"
     position, total = 128, 0
     while position + 8 <= len(data):
@@ -131,12 +131,12 @@ def load_mat(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDArr
 
 
 def _variable(pattern: str) -> str:
-    """Return the part of a pattern that names a variable: what stands before the first field or index."""
+    """Return the variable of a pattern: the part before the first field or index."""
     return pattern.partition(".")[0].partition("(")[0]
 
 
 def _flat(key: str, value: object) -> dict[str, NDArray[np.generic]]:
-    """Name the fields of a structure ``key.field``, of an array of them ``key(1).field``, of nested ones likewise."""
+    """Name fields ``key.field``, in arrays of structures ``key(1).field``, nested likewise."""
     array = np.asarray(value)
     if array.dtype.names is None or not 1 <= array.size <= _MAX_RECORDS:
         return {key: array}
@@ -149,7 +149,7 @@ def _flat(key: str, value: object) -> dict[str, NDArray[np.generic]]:
 
 
 def scalar(values: MatValues, key: str) -> float | None:
-    """Return a value that holds one number, also as text, or None where there is none such."""
+    """Return a value that holds one finite number, also as text, or None."""
     array = values.get(key)
     if array is None or array.size != 1:
         return None
@@ -169,7 +169,7 @@ def text(values: MatValues, key: str) -> str | None:
 
 
 def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Samples:
-    """Read the numeric vectors of a MAT file that match some patterns; single numbers and text are passed over.
+    """Read the numeric vectors of a MAT file that match some patterns.
 
     Returns:
         Samples of shape (row, sample); a matrix gives a row for each vector of it, named ``NAME_1`` and so on.

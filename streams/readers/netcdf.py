@@ -1,4 +1,4 @@
-"""netCDF files: the classic formats through scipy, netCDF-4 as the HDF5 file that it is."""
+"""netCDF files: the classic formats through scipy, netCDF-4 as HDF5."""
 
 from __future__ import annotations
 

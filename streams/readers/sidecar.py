@@ -47,7 +47,7 @@ class SideCar:
 
 
 def find_sidecar(root: Path, path: str, zone: str = "UTC") -> SideCar | None:
-    """Return the side-car of the file at ``path`` below the resolved folder ``root``, None where there is none.
+    """Return the side-car of the file at ``path`` below the resolved root, or None.
 
     ``zone`` is the IANA name of the zone of a ``start_utc`` that names none.
 
@@ -127,7 +127,7 @@ def _channels(values: dict[str, Any], path: str) -> tuple[str, ...] | None:
 
 
 def apply_sidecar(samples: Samples, sidecar: SideCar, name: str) -> Samples:
-    """Add what a side-car states to the samples of its file: scaled, volts with a sensitivity converted to g.
+    """Add what a side-car states to the samples of its file, scaled or converted to g.
 
     Raises:
         ReaderError: ``wrong_rate``, ``wrong_unit`` or ``wrong_shape`` where file and side-car contradict.

@@ -1,4 +1,4 @@
-"""Units, rates and times that files state in text or attributes, in the spellings of common loggers."""
+"""Units, rates and times that files state, in the spellings of common loggers."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ Facts = Mapping[str, object]
 
 
 def plain_key(key: str) -> str:
-    """Return the letters and digits of a key in lower case: ``Sampling Rate [Hz]`` as ``samplingratehz``."""
+    """Return letters and digits in lower case: ``samplingratehz``."""
     return re.sub(r"[^a-z0-9]", "", key.lower())
 
 
 def known_unit(text: object) -> str | None:
-    """Return the unit that a file states in our spelling: "g", "m/s2", "V" or "unknown".
+    """Return a stated unit in our spelling: "g", "m/s2", "V" or "unknown".
 
     None for an empty text; any other text as it stands, so that a refusal can name it.
     """
@@ -52,7 +52,9 @@ def known_unit(text: object) -> str | None:
 
 
 def stated_rate(facts: Facts, where: str) -> float | None:
-    """Return the sampling rate in Hz among values under their :func:`plain_key`, None where no known name occurs.
+    """Return the sampling rate in Hz among named values, or None.
+
+    The names are those of :func:`plain_key`.
 
     Raises:
         ReaderError: ``wrong_rate`` where a value is no positive number or two of them differ.
@@ -79,7 +81,7 @@ def _positive(value: object, key: str, where: str) -> float:
 
 
 def number_of(value: object) -> float | None:
-    """Return a number, also from a text such as ``25.6 kHz`` or ``25600,0``; None where there is no finite one."""
+    """Return a finite number, also from ``25.6 kHz`` or ``25600,0``, or None."""
     if isinstance(value, bool):
         return None
     if isinstance(value, int | float | np.integer | np.floating):
@@ -98,7 +100,7 @@ def number_of(value: object) -> float | None:
 
 
 def nice_rate(rate: float, tolerance: float) -> float:
-    """Return the whole number that a rate is within a relative tolerance, else the rate: 1/3.90625e-5 is 25600."""
+    """Return the whole number within a relative tolerance, else the rate."""
     whole = float(round(rate))
     return whole if whole and abs(rate - whole) <= tolerance * rate else rate
 
@@ -109,15 +111,18 @@ def stated_unit(facts: Facts) -> str | None:
 
 
 def stated_start(facts: Facts, zone: str) -> float | None:
-    """Return the time of the first sample, s since 1970 UTC, among values under their :func:`plain_key`.
+    """Return the time of the first sample among named values, s since 1970 UTC, or None.
 
-    ``zone`` is the IANA name of the zone of a stamp that names none. None where no known name has a stamp of time.
+    ``zone`` is the IANA name of the zone of a stamp that names none.
     """
     return next((start for key in _STARTS if (start := seconds_utc(facts.get(key), zone)) is not None), None)
 
 
 def seconds_utc(value: object, zone: str) -> float | None:
-    """Return seconds since 1970 UTC of a stamp: ISO 8601, ``DD-Mon-YY HH:MM:SS`` or seconds since 1970; else None."""
+    """Return the seconds since 1970 UTC of a stamp, or None.
+
+    A stamp is ISO 8601, ``DD-Mon-YY HH:MM:SS`` or seconds since 1970.
+    """
     if isinstance(value, np.datetime64):
         seconds = float((value - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
         return seconds if math.isfinite(seconds) else None
@@ -184,14 +189,14 @@ def rate_of_times(times: NDArray[np.floating], where: str) -> float | None:
 def check_lengths(
     sizes: Sequence[int], names: Sequence[str], rows: str, where: str, max_listed: int | None = None
 ) -> None:
-    """Raise ``wrong_shape`` where the rows of a file (``rows``: "channels", "vectors") differ in length."""
+    """Raise ``wrong_shape`` where rows ("channels", "vectors") differ in length."""
     if len(set(sizes)) > 1:
         listed = ", ".join(f"{name} {size}".strip() for name, size in zip(names, sizes, strict=True))
         raise ReaderError("wrong_shape", f"{where}: {rows} of different lengths: {listed[:max_listed]}")
 
 
 def common_rate(rates: Iterable[float | None], rows: str, where: str, joint: str = ", ") -> float | None:
-    """Return the lowest rate in Hz that the rows of a file state, None where none is stated.
+    """Return the lowest rate in Hz that rows state, None where none is stated.
 
     Raises:
         ReaderError: ``wrong_rate`` where they differ by more than 1e-4 of it.

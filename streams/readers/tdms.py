@@ -1,4 +1,4 @@
-"""TDMS files of LabVIEW, through nptdms; the declared lengths are checked here, because nptdms does not."""
+"""TDMS files of LabVIEW through nptdms, with the declared lengths checked."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _nptdms() -> Any:
 
 
 def _check_segments(data: bytes, name: str) -> None:
-    """Compare the lengths that the lead-ins declare with the data; nptdms silently reads what there is."""
+    """Compare declared lengths with the data; nptdms silently reads what there is."""
     position = 0
     while position < len(data):
         lead = data[position : position + _LEAD_IN]

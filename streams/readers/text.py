@@ -33,7 +33,7 @@ class _Dialect:
 
 
 def is_number(field: str, decimal: str = ",") -> bool:
-    """Tell whether a field is a number, the decimal sign being a point or the one given."""
+    """Return whether a field is a number, with a point or the sign given."""
     if "_" in field:
         return False
     try:
@@ -97,7 +97,7 @@ def read_text(
 
 
 def first_line_of(body: bytes, begin: int = 0) -> bytes:
-    """Return the line that begins at ``begin``, without its newline; the rest of the body is not copied."""
+    """Return the line that begins at ``begin``, without its newline."""
     end = body.find(b"\n", begin)
     return body[begin:] if end < 0 else body[begin:end]
 
@@ -119,7 +119,7 @@ def clean_text(data: bytes, name: str) -> bytes:
 
 
 def _body(data: bytes, name: str) -> tuple[bytes, int]:
-    """Return the text without byte order mark and leading comments, and the number of its first line."""
+    """Return the text after byte order mark and comments, and its first line number."""
     body = clean_text(data, name)
     first_line = 1
     while body[:1] in (b"#", b"%"):
@@ -196,7 +196,7 @@ def _parse_with_pandas(
 
 
 def _located(body: bytes, name: str, dialect: _Dialect, width: int, first_line: int, reason: str) -> ReaderError:
-    """Return the error that names the first line that is not ``width`` numbers; slow, for refused files only."""
+    """Return the error of the first line that is not ``width`` numbers; slow."""
     lines = body.rstrip(b"\r\n ").split(b"\n")
     broken_off = not body.endswith((b"\n", b"\r"))
     for index, line in enumerate(lines):

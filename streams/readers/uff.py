@@ -1,4 +1,4 @@
-"""Universal files: data set 58, functions at nodes, in text and binary, through pyuff."""
+"""Universal files through pyuff: data set 58, functions at nodes, text and binary."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "
 
 
 def _functions(file: Any, name: str, patterns: Sequence[str]) -> list[Function]:
-    """Read the wanted functions; pyuff takes as many samples as there are, whatever the header claims."""
+    """Read the wanted functions; pyuff does not compare lengths with the header."""
     found: list[Function] = []
     for index, kind in enumerate(file.get_set_types()):
         if int(kind) != 58:

@@ -46,7 +46,7 @@ def read_wav(data: bytes, name: str) -> Samples:
 
 
 def _check_riff(data: bytes, name: str) -> None:
-    """Compare the length of the data chunk with the file; libsndfile silently shortens it."""
+    """Compare the data chunk with the file; libsndfile silently shortens it."""
     if data[:4] != b"RIFF" or data[8:12] != b"WAVE":
         return
     position = 12

@@ -1,6 +1,6 @@
-"""The child process in which unsafe parsers run: one request a line, one answer a line, samples in shared memory.
+"""The child process of unsafe parsers: a line a request, a line an answer.
 
-The parent is trusted, the files are not. Nothing is pickled in either direction.
+Samples are in shared memory. The parent is trusted, the files are not; nothing is pickled in either direction.
 """
 
 from __future__ import annotations
@@ -25,7 +25,10 @@ _FIELDS = ("channels", "names", "columns", "units", "rate", "start", "speed", "l
 
 
 def main() -> None:
-    """Answer requests until the parent closes its end; the arguments are four file descriptors and two limits."""
+    """Answer requests until the parent closes its end.
+
+    The arguments are four file descriptors and two limits.
+    """
     requests_fd, answers_fd, input_fd, output_fd, memory, cpu_s = map(int, sys.argv[1:7])
     # Limits of a parser: its heap, no core dump, no large file.
     _limit(resource.RLIMIT_AS, memory)
@@ -78,7 +81,7 @@ def _written(found: Samples, output_fd: int) -> dict[str, Any]:
 
 
 def write_all(handle: int, data: bytes | memoryview) -> None:
-    """Make ``data`` the whole content of an open file; OSError where there is no room."""
+    """Make ``data`` the content of an open file; OSError where there is no room."""
     view, place = memoryview(data).cast("B"), 0
     while place < len(view):
         place += os.pwrite(handle, view[place:], place)
@@ -97,7 +100,7 @@ def read_all(handle: int, size: int) -> bytes:
 
 
 def read_into(handle: int, target: memoryview) -> None:
-    """Fill ``target`` with the first bytes of an open file; EOFError where it is shorter."""
+    """Fill ``target`` from an open file; EOFError where it is shorter."""
     view, place = target.cast("B"), 0
     while place < len(view):
         got = os.preadv(handle, [view[place:]], place)
@@ -108,7 +111,7 @@ def read_into(handle: int, target: memoryview) -> None:
 
 @contextmanager
 def memory_file(data: bytes) -> Iterator[str]:
-    """Give a path by which this process can open the bytes; nothing is written to disk."""
+    """Give a path by which this process can open the bytes, in memory only."""
     handle = os.memfd_create("recording", os.MFD_CLOEXEC)
     try:
         write_all(handle, data)
