@@ -105,7 +105,7 @@ def map_path(context: ChannelContext, rms_map: RmsMap) -> Picture | None:
         f"{figure(at.speed)} Hz. Dashed: equal volume."
     )
     if cloud:
-        caption += " Dots: sizes that the tracker holds possible after the last block, the larger the more likely."
+        caption += " Dots: possible sizes after the last block, the larger the more likely."
     label = f"RMS map with the path that the tracker took over it on channel {channel.name}."
     data: dict[str, Any] = {"time_s": channel.time[rows], "dphi_deg": x, "h_d_um": y, "last_rms_g": level}
     data |= {"load_newton": at.load, "speed_hz": at.speed, **cloud}
@@ -167,7 +167,7 @@ def _cloud(axes: Axes, particles: Particles | None, radius: float) -> dict[str, 
     weight = particles.weight[order] / particles.weight.max()
     x, y = np.degrees(x[order]), 1e6 * y[order]
     axes.scatter(x, y, s=2.0 + 22.0 * weight, color=ORANGE, alpha=0.55, linewidth=0)
-    axes.plot([], [], ".", color=ORANGE, label="held possible")
+    axes.plot([], [], ".", color=ORANGE, label="possible sizes")
     return {"particle_dphi_deg": x, "particle_h_d_um": y, "particle_weight": weight}
 
 
@@ -198,7 +198,9 @@ def posterior(context: ChannelContext, particles: Particles) -> Picture | None:
     label = f"Distribution of V_eq on channel {channel.name} after the last block."
     caption = (
         f"{count(particles.weight.size, 'possible defect')}, worth {figure(particles.effective, 2)} of equal weight; "
-        "two humps mean that two sizes explain what was heard."
+        "two humps mean that two sizes explain the vibration."
     )
     data = {"edges_mm2": edges, "probability": share}
-    return Picture("What the tracker believes now", to_svg(made, label, context.numbers), caption, data, "posterior")
+    return Picture(
+        "Distribution of V_eq after the last block", to_svg(made, label, context.numbers), caption, data, "posterior"
+    )

@@ -260,10 +260,10 @@ def _cuts_part(at: MapSlice) -> Part:
 
     def draw(made: FigureBase) -> None:
         left, right = made.subplots(1, 2, sharey=True)
-        for (color, stroke), node in zip(_STROKES, cut_nodes(len(depth)), strict=False):
-            _cut(left, extent, rms[node], spread[node], color, stroke, f"{depth[node]:.3g} µm deep")
-        for (color, stroke), node in zip(_STROKES, cut_nodes(len(extent)), strict=False):
-            _cut(right, depth, rms[:, node], spread[:, node], color, stroke, f"{extent[node]:.3g}° wide")
+        for look, node in zip(_STROKES, cut_nodes(len(depth)), strict=False):
+            _cut(left, extent, rms[node], spread[node], look, f"{depth[node]:.3g} µm deep")
+        for look, node in zip(_STROKES, cut_nodes(len(extent)), strict=False):
+            _cut(right, depth, rms[:, node], spread[:, node], look, f"{extent[node]:.3g}° wide")
         left.set(xlabel="extent of the defect (degrees)", ylabel="RMS of the casing (g)", ylim=(0.0, None))
         right.set(xlabel="depth of the defect (µm)")
         for axes in (left, right):
@@ -275,7 +275,8 @@ def _cuts_part(at: MapSlice) -> Part:
     return Part("Cuts through the map", caption, label, 2.9, draw, data, "cuts")
 
 
-def _cut(axes: Axes, x: Values, y: Values, spread: Values, color: str, stroke: str, name: str) -> None:
+def _cut(axes: Axes, x: Values, y: Values, spread: Values, look: tuple[str, Any], name: str) -> None:
+    color, stroke = look
     axes.plot(x, y, color=color, ls=stroke, label=name)
     if np.any(spread):
         axes.fill_between(x, y - spread, y + spread, color=color, alpha=0.15, lw=0)

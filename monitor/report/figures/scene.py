@@ -193,7 +193,7 @@ def _signal_part(scene: Scene, heard: SensorSignal) -> Part:
         "passage_end_ms": [1e3 * end for _, end in marked],
     }
     label = f"Acceleration over {_PASSAGES} passages, peak {figure(_peak(heard))} g."
-    return Part("What the sensor hears", caption, label, 2.5, draw, data, "signal")
+    return Part("Signal of the sensor", caption, label, 2.5, draw, data, "signal")
 
 
 def _peak(heard: SensorSignal) -> float:

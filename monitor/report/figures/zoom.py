@@ -23,6 +23,7 @@ from monitor.report.figures.drawing import TimeAxis, colour_name, places_kept, w
 Column = NDArray[np.float64]
 BINS = 600
 """Columns of a picture; of each the extremes of every line are kept."""
+_MAX_TICKS = 500
 _VENDOR = "web/static/vendor"
 
 
@@ -119,17 +120,7 @@ def zoom_data(
             for name, colour, at, style in marks
             if math.isfinite(at)
         ],
-        "ticks": [
-            {
-                "label": name,
-                "colour": colour_name(colour),
-                "at": np.round(at[_some(at)], 3).tolist(),
-                "all": int(at.size),
-                "top": top,
-            }
-            for name, colour, at, top in ticks
-            if at.size
-        ],
+        "ticks": [_ticks(*item) for item in ticks if item[2].size],
         "shade": [round(float(end), 3) for end in shade],
     }
 
@@ -159,9 +150,10 @@ def _chart(panel: Panel, take: Any) -> dict[str, Any]:
     }
 
 
-def _some(at: Column, most: int = 500) -> NDArray[np.intp]:
-    """Return the indices of at most ``most`` marks, evenly spaced."""
-    return np.unique(np.linspace(0, at.size - 1, min(at.size, most)).round().astype(np.intp))
+def _ticks(name: str, colour: str, at: Column, top: bool) -> dict[str, Any]:
+    shown = np.unique(np.linspace(0, at.size - 1, min(at.size, _MAX_TICKS)).round().astype(np.intp))
+    times = np.round(at[shown], 3).tolist()
+    return {"label": name, "colour": colour_name(colour), "at": times, "all": int(at.size), "top": top}
 
 
 def _brief(value: float) -> float | int | None:
