@@ -167,8 +167,8 @@ from monitor.config.load import load_config
 from monitor.service.daemon import Daemon
 stop = threading.Event()
 class Stopping(Daemon):
-    def _seen(self, record):
-        super()._seen(record)
+    def _note_record(self, record):
+        super()._note_record(record)
         stop.set()
 Stopping(load_config(Path(sys.argv[1]))).run(stop)
 """
