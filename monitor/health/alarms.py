@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 import statistics
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 NORMAL, MAINTENANCE, OUT_OF_SPECIFICATION = "normal", "maintenance_required", "out_of_specification"
 CHECK, FAILURE, NO_DATA, BAD_DATA = "check_function", "failure", "no_data", "bad_data"
@@ -103,13 +103,13 @@ class AlarmInput:
     usable: bool
     bad: bool
     learning: bool = False
-    values: Mapping[str, Any] = field(default_factory=dict)
+    values: Mapping[str, object] = field(default_factory=dict[str, object])
     speed: float | None = None
     load: float | None = None
     final: bool = False
     ended: bool = False
     edv_status: str | None = None
-    baselines: Mapping[str, Span] = field(default_factory=dict)
+    baselines: Mapping[str, Span] = field(default_factory=dict[str, Span])
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class AlarmState:
     seen: int = 0
     recent_bad: tuple[bool, ...] = ()
     refusing: bool = False
-    rules: Mapping[str, RuleState] = field(default_factory=dict)
+    rules: Mapping[str, RuleState] = field(default_factory=dict[str, RuleState])
     condition: str = CHECK
 
     def level(self, rule: str, severity: str) -> LevelState:
@@ -203,7 +203,8 @@ def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple
     """Apply one block to the state; return it with the changes."""
     recent = (*state.recent_bad, block.bad)[-settings.window :]
     seen = state.seen + (1 if block.usable else 0)
-    rules, changes = {}, []
+    rules: dict[str, RuleState] = {}
+    changes: list[Change] = []
     for rule in settings.rules:
         known = state.rules.get(rule.name, RuleState())
         value = _worst(block.values.get(rule.feature), rule.side)
@@ -284,9 +285,9 @@ def machine_state(*states: str) -> str:
     return min(states, key=_WORST_FIRST.index, default=NO_DATA)
 
 
-def _worst(value: Any, side: str) -> float | None:
+def _worst(value: object, side: str) -> float | None:
     """Return the worst of one or several values, or None without any."""
-    items = value if isinstance(value, list | tuple) else (value,)
+    items = cast("Sequence[object]", value) if isinstance(value, list | tuple) else (value,)
     found = [float(item) for item in items if isinstance(item, float | int) and math.isfinite(item)]
     if not found:
         return None

@@ -59,7 +59,7 @@ class Naming:
     best: str | None
     rival: float
     threshold: float
-    families: Mapping[str, FaultLines] = field(default_factory=dict)
+    families: Mapping[str, FaultLines] = field(default_factory=dict[str, FaultLines])
 
     @property
     def evidence(self) -> FaultLines | None:

@@ -48,7 +48,7 @@ class SourceOutput:
 
     record: Record
     spectra: tuple[SpectrumChange, ...] = ()
-    channels: Mapping[str, ChannelOutput] = field(default_factory=dict)
+    channels: Mapping[str, ChannelOutput] = field(default_factory=dict[str, ChannelOutput])
 
 
 def step(
@@ -159,7 +159,8 @@ def _analyse(
         given = _channel_block(block, flags, state.channels[name], channel)
         states[name], outputs[name] = channel_step(state.channels[name], given, channel)
     verdict = _block_verdict({name: output.verdict for name, output in outputs.items()}, flags)
-    forecasts, events = [], []
+    forecasts: list[dict[str, Any]] = []
+    events: list[dict[str, Any]] = []
     for name, output in outputs.items():
         damage = settings.channels[name].damage
         forecasts += issued_forecasts(name, output, "thesis" if damage is None else damage.forecast_method)
@@ -229,7 +230,8 @@ def _spectra(
     settings: SourceSettings,
 ) -> tuple[dict[str, WaterfallState], tuple[SpectrumChange, ...]]:
     """Return the waterfall states after a block, and the changes of the kept spectra."""
-    after, changes = dict(waterfalls), []
+    after = dict(waterfalls)
+    changes: list[SpectrumChange] = []
     for name, waterfall in waterfalls.items():
         channel, output = settings.channels[name], outputs[name]
         row = spectrum_row(block, name, channel.bearing, output)

@@ -148,7 +148,8 @@ def _score(
     high = min(math.ceil(lines[1] / resolution), last - first, length // 2)
     n_segments = max(1, int(n_used / rate / max(_MIN_SEGMENT_S, 16.0 / lines[0])))
     hann = (0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)).astype(np.float32)
-    powers, kurtoses = [], []
+    powers: list[NDArray[np.float32]] = []
+    kurtoses: list[float] = []
     for spectrum in spectra:
         analytic = np.fft.ifft(spectrum[first : last + 1], length, norm="forward")
         envelope = np.abs(analytic)

@@ -27,6 +27,8 @@ from monitor.health.spectrum.transform import (
     get_transform,
 )
 
+Value = float | tuple[float | None, ...] | None
+
 FAULTS = ("outer", "inner", "ball", "cage")
 """The fault families, in the order of the ``fault`` dimension of the records."""
 
@@ -110,10 +112,9 @@ class BlockFeatures:
     families: tuple[Mapping[str, FaultLines], ...]
     recent: RecentSpectra
     speed_factor: float | None
-    values: Mapping[str, Value] = field(default_factory=dict)
+    values: Mapping[str, Value] = field(default_factory=dict[str, Value])
 
 
-Value = float | tuple[float | None, ...] | None
 FeatureFunction = Callable[[NDArray[np.number], BlockFeatures], Value]
 
 

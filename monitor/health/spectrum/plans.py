@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Literal
 
@@ -77,7 +77,7 @@ _planner = threading.RLock()
 
 
 @contextmanager
-def planning(effort: Effort) -> Iterator[None]:
+def planning(effort: Effort) -> Generator[None]:
     """Hide the wisdom of an earlier MEASURE from ESTIMATE plans, so that their bits do not depend on it."""
     with _planner:
         if effort == "measure":

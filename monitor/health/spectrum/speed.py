@@ -170,7 +170,8 @@ def _refined(
     A line of order k determines the speed k times as exactly as the first one. With fewer than two lines of the shaft,
     the speed rests on cage or passages and is as uncertain as their slip.
     """
-    found, weights = [], []
+    found: list[float] = []
+    weights: list[float] = []
     for spectrum, height in zip(spectra, heights, strict=True):
         for order in range(1, SHAFT_ORDERS + 1):
             middle = round(order * speed / spectrum.resolution)

@@ -213,7 +213,7 @@ class BlockTransform:
         mean, scale = self._load(x[: self.n_used])
         self._forward.execute()
         spectrum = self._forward.output
-        envelopes = []
+        envelopes: list[EnvelopeSpectrum] = []
         for band, (first, last), plan in zip(self.bands, self._bins, self._envelope_plans, strict=True):
             n_keep = min(last - first + 1, plan.n // 2 + 1)
             amplitude, level = plan(spectrum[first : last + 1], n_keep)
@@ -291,7 +291,7 @@ def get_transform(
     key = (n_samples, rate, tuple(bands), precision, rms_band, raw_limit, effort)
     kept: OrderedDict[object, BlockTransform] | None = getattr(_local, "kept", None)
     if kept is None:
-        kept = _local.kept = OrderedDict()
+        kept = _local.kept = OrderedDict[object, BlockTransform]()
     transform = kept.get(key)
     if transform is None:
         transform = BlockTransform(

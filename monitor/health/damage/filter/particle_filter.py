@@ -359,7 +359,7 @@ def _result(particles: Particles, lookup: MapLookup, settings: FilterSettings, *
     ambiguous = upper - lower > math.log(settings.ambiguous_ratio) or two_peaks(ln_v, weight)
     power = particles.core[:, POWER] * (ln_v - math.log(settings.growth.threshold))
     rate = quantiles(particles.core[:, LN_R] + particles.core[:, GROWTH_NOISE] + power, weight, (0.5,))[0]
-    edges = tuple(np.linspace(axis[0], axis[-1], _BINS + 1) for axis in (lookup.h_d, lookup.dphi_d))
+    h_edges, dphi_edges = (_bin_edges(axis) for axis in (lookup.h_d, lookup.dphi_d))
     return FilterResult(
         status=FilterStatus.AMBIGUOUS if ambiguous else FilterStatus.OK,
         v_eq=math.exp(middle),
@@ -369,5 +369,11 @@ def _result(particles: Particles, lookup: MapLookup, settings: FilterSettings, *
         h_d=math.exp(quantiles(particles.core[:, LN_H], weight, (0.5,))[0]),
         rate=math.exp(rate),
         effective=particles.effective,
-        posterior=Posterior(edges[1], edges[0], np.histogram2d(h_d, dphi_d, bins=edges, weights=weight)[0]),
+        posterior=Posterior(
+            dphi_edges, h_edges, np.histogram2d(h_d, dphi_d, bins=(h_edges, dphi_edges), weights=weight)[0]
+        ),
     )
+
+
+def _bin_edges(axis: Floats) -> Floats:
+    return np.linspace(float(axis[0]), float(axis[-1]), _BINS + 1)

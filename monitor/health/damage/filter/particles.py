@@ -124,7 +124,7 @@ def grow(particles: Particles, rng: np.random.Generator, dt: float, growth: Grow
     if dt <= 0.0:
         return particles
     core = particles.core.copy()
-    n, blocks = core.shape[0], dt / growth.interval
+    n, blocks = len(core), dt / growth.interval
     kept = np.exp(-dt / growth.memory)
     core[:, GROWTH_NOISE] = kept * core[:, GROWTH_NOISE] + growth.growth_noise_sd * np.sqrt(
         1.0 - kept**2
@@ -202,8 +202,8 @@ def assimilate(
 def resample(particles: Particles, rng: np.random.Generator, count: int) -> Particles:
     """Resample systematically to ``count`` particles of equal weight, blurring copies."""
     total = np.cumsum(particles.weight)
-    places = (rng.uniform() + np.arange(count)) / count * total[-1]
-    index = np.minimum(np.searchsorted(total, places), total.size - 1)
+    places = (rng.uniform() + np.arange(count)) / count * float(total[-1])
+    index = np.minimum(total.searchsorted(places), total.size - 1)
     core = particles.core[index]
     spread = np.cov(core.T) + 1e-12 * np.eye(core.shape[1])
     core = core + _BLUR * rng.standard_normal(core.shape) @ np.linalg.cholesky(spread).T

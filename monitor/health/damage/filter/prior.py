@@ -195,8 +195,8 @@ def _spread(value: Floats, std: Floats, h_d: Floats, factor: float) -> Floats:
         relative = std / np.maximum(value, 1e-12)
         spread = np.sqrt(np.log1p(np.minimum(relative, 1.0) ** 2))
     else:
-        rows = [_SPREAD[min(k, 2)] for k in range(value.shape[2])]
-        spread = np.stack([np.interp(h_d, _DEPTHS, row) for row in rows], axis=1)[:, None, :] * np.ones(value.shape)
+        rows: list[Floats] = [np.interp(h_d, _DEPTHS, _SPREAD[min(k, 2)]) for k in range(value.shape[2])]
+        spread = np.stack(rows, axis=1)[:, None, :] * np.ones(value.shape)
     return np.clip(factor * spread, _MIN_SPREAD, _MAX_SPREAD)
 
 

@@ -145,7 +145,8 @@ def fit_library(
             f"{thresholds[-1] * 1e6:g} mm2; {len(used)} of {len(lives)} do"
         )
     crossings = np.array([[life.crossing(v) for v in thresholds] for life in used])
-    fits, scores = {}, {}
+    fits: dict[str, FeatureFit] = {}
+    scores: dict[str, Any] = {}
     for features in LINES:
         fits[features], table, said = _fit_features(features, used, thresholds, interval, settings)
         scores[features] = _score(fits[features], table, said, thresholds)
@@ -311,7 +312,7 @@ def _score(fit: FeatureFit, table: _Table, said: Array, thresholds: tuple[float,
     ends = [(1.0 - SCORED_LEVEL) / 2.0, 0.5, (1.0 + SCORED_LEVEL) / 2.0]
     scores: dict[str, Any] = {}
     for trial, (index, share) in enumerate((i, s) for i in range(len(thresholds)) for s in SHARES):
-        found = []
+        found: list[tuple[bool, float, bool, float]] = []
         for row in np.flatnonzero(table.trial == trial):
             life, ln_elapsed = int(table.life[row]), float(table.x[row, 0])
             count, target = _SCORED_NEIGHBOURS, index + 1
@@ -344,10 +345,10 @@ def _climatology(thresholds: tuple[float, ...], crossings: Array) -> dict[str, A
     for threshold, times in zip(thresholds, crossings.T, strict=True):
         ascending = np.sort(times)
         for share in SHARES:
-            found = []
+            found: list[float] = []
             for crossing in times:
                 now = share * crossing
-                others = np.delete(ascending, np.searchsorted(ascending, crossing))
+                others = np.delete(ascending, ascending.searchsorted(float(crossing)))
                 left = others[others > now] - now
                 found.append(crps(left, crossing - now) if len(left) else crossing - now)
             scores.setdefault(f"{threshold * 1e6:g}", {})[f"{share:g}"] = {"crps_s": float(np.mean(found))}

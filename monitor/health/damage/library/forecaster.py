@@ -294,7 +294,7 @@ def _answer(
     predicted = fit.regression.predict(x[None])[0].tolist()
     ln_elapsed = float(x[0])
     sample = fit.sample_v_eq(predicted[0], ln_elapsed, count)
-    lower, median, upper, *quantiles = map(float, quantiles_of(sample, _result_levels(settings)))
+    lower, median, upper, *quantiles = quantiles_of(sample, _result_levels(settings)).tolist()
     forecasts: list[ThresholdResult] = []
     for threshold in thresholds:
         if history.count < settings.min_points:
@@ -343,8 +343,8 @@ def _result_levels(settings: LibrarySettings) -> tuple[float, ...]:
 
 def _forecast(sample: Array, t: float, threshold: float, settings: LibrarySettings) -> ThresholdResult:
     """Return the forecast from an ascending sample of the time to a threshold, s."""
-    lower, median, upper, *quantiles = map(float, quantiles_of(sample, _result_levels(settings)))
-    crossed = float(np.mean(sample == 0.0))
+    lower, median, upper, *quantiles = quantiles_of(sample, _result_levels(settings)).tolist()
+    crossed = float(np.mean(np.equal(sample, 0.0)))
     within = math.nan if settings.window is None else float(np.mean(sample <= settings.window))
     status = LibraryStatus.OK if median <= settings.horizon else LibraryStatus.BEYOND_HORIZON
     if crossed >= 0.5:

@@ -12,7 +12,7 @@ import base64
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,13 @@ _SMOOTH = 5
 """Points of the running mean whose turning points are counted."""
 
 Array = NDArray[np.float64]
+
+
+class StoredArray(TypedDict):
+    """An array as plain values for JSON: its shape, and its little-endian float64 bytes in base64."""
+
+    shape: list[int]
+    float64: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,11 +146,8 @@ class LevelHistory:
         """Return the history as plain values for JSON, bit for bit."""
         stored: dict[str, Any] = {}
         for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, np.ndarray):
-                text = base64.b64encode(np.ascontiguousarray(value, dtype="<f8").tobytes()).decode("ascii")
-                value = {"shape": list(value.shape), "float64": text}
-            stored[field.name] = value
+            value: Array | float = getattr(self, field.name)
+            stored[field.name] = _encode(value) if isinstance(value, np.ndarray) else value
         stored["t_first"] = None if math.isnan(self.t_first) else self.t_first
         return stored
 
@@ -152,12 +156,19 @@ class LevelHistory:
         """Restore a history written by :meth:`to_dict`."""
         values: dict[str, Any] = {}
         for field in fields(cls):
-            value = stored[field.name]
-            if isinstance(value, Mapping):
-                value = np.frombuffer(base64.b64decode(value["float64"]), dtype="<f8").reshape(value["shape"])
-            values[field.name] = value
+            value: StoredArray | float | None = stored[field.name]
+            values[field.name] = _decode(value) if isinstance(value, dict) else value
         values["t_first"] = math.nan if values["t_first"] is None else values["t_first"]
         return cls(**values)
+
+
+def _encode(array: Array) -> StoredArray:
+    text = base64.b64encode(np.ascontiguousarray(array, dtype="<f8").tobytes()).decode("ascii")
+    return {"shape": list(array.shape), "float64": text}
+
+
+def _decode(stored: StoredArray) -> Array:
+    return np.frombuffer(base64.b64decode(stored["float64"]), dtype="<f8").reshape(stored["shape"])
 
 
 def summary_names(channels: tuple[str, ...]) -> tuple[str, ...]:
@@ -203,15 +214,15 @@ def summarise(history: LevelHistory, interval: float) -> Array:
 
 def _slope(time: Array, values: Array) -> Array:
     """Return the slope of a fitted line, per interval; 0 where all times are equal."""
-    centred = time - time.mean()
+    centred = time - float(time.mean())
     spread = float(centred @ centred)
-    return centred @ values / spread if spread > 0.0 else np.zeros(values.shape[1])
+    return centred @ values / spread if spread > 0.0 else np.zeros(int(values.shape[1]))
 
 
 def _values_at(time: Array, values: Array, wanted: list[float]) -> list[Array]:
     """Return the values at some times, linear between the points and constant beyond them."""
     after = np.clip(np.searchsorted(time, wanted, side="right"), 1, max(len(time) - 1, 1))
-    found = []
+    found: list[Array] = []
     for moment, index in zip(wanted, after, strict=True):
         if len(time) == 1:
             found.append(values[0])

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 DISTINCT = 1e-12
 """The curve is undetermined where the second column adds less than this share of its size to the first."""
@@ -134,11 +135,13 @@ def fit_quadratic(t: ArrayLike, v: ArrayLike) -> QuadraticFit | None:
     scale = float(tau.max())
     share = tau / scale
     columns = np.column_stack([share * share, share])
-    (a, b), *_ = np.linalg.lstsq(columns, values - values[0], rcond=None)
-    residual = values - values[0] - columns @ np.array([a, b])
+    solution = cast("NDArray[np.float64]", np.linalg.lstsq(columns, values - values[0], rcond=None)[0])
+    residual = values - values[0] - columns @ solution
     scatter = float(np.sum((values - values.mean()) ** 2))
     r_squared = 1.0 - float(residual @ residual) / scatter if scatter > 0.0 else math.nan
-    return QuadraticFit(float(times[0]), float(a) / scale**2, float(b) / scale, float(values[0]), r_squared)
+    return QuadraticFit(
+        float(times[0]), float(solution[0]) / scale**2, float(solution[1]) / scale, float(values[0]), r_squared
+    )
 
 
 def _rotation(f: float, g: float) -> tuple[float, float, float]:
