@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -36,9 +36,9 @@ def plain(value: Any) -> Any:
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in cast("Mapping[object, object]", value).items()}
     if isinstance(value, Iterable):
-        return tuple(plain(item) for item in value)
+        return tuple(plain(item) for item in cast("Iterable[object]", value))
     return value
 
 
@@ -78,14 +78,15 @@ class Record:
     reason: str = ""
     time: float | None = None
     elapsed: float | None = None
-    channels: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    channels: Mapping[str, Mapping[str, Any]] = field(default_factory=dict[str, Mapping[str, Any]])
     forecasts: tuple[Mapping[str, Any], ...] = ()
     events: tuple[Mapping[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
         """Check every value against the schema and bring it into the form that JSON gives back."""
         where = f"record of block {self.sequence} of {self.source!r}"
-        if isinstance(self.sequence, bool) or not isinstance(self.sequence, int) or self.sequence < 1:
+        sequence = cast("object", self.sequence)
+        if isinstance(sequence, bool) or not isinstance(sequence, int) or sequence < 1:
             raise RecordError(
                 f"record of {self.source!r}: sequence must be a whole number from 1, got {self.sequence!r}"
             )
@@ -142,7 +143,7 @@ def _value(name: str, value: Any, where: str) -> Any:
     if not variable.dims:
         return _scalar(variable, value, where)
     if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
+        value = cast("object", value.tolist())
     if _is_absent(value):
         return None
     depth = _depth(value)
@@ -168,15 +169,15 @@ def _nested(variable: Variable, value: Any, dims: tuple[str, ...], where: str) -
     return tuple(_nested(variable, item, dims[1:], where) for item in value)
 
 
-def _is_absent(value: Any) -> bool:
+def _is_absent(value: object) -> bool:
     """Return whether all of several numbers are None."""
-    return all(_is_absent(item) for item in value) if isinstance(value, list | tuple) else value is None
+    return all(map(_is_absent, cast("Sequence[object]", value))) if isinstance(value, list | tuple) else value is None
 
 
-def _depth(value: Any) -> int:
+def _depth(value: object) -> int:
     """Return how deeply sequences are nested in a value."""
     if isinstance(value, list | tuple):
-        return 1 + max((_depth(item) for item in value), default=0)
+        return 1 + max(map(_depth, cast("Sequence[object]", value)), default=0)
     return 0
 
 
@@ -187,7 +188,7 @@ def _scalar(variable: Variable, value: Any, where: str) -> float | int | str | N
     if variable.kind == "int":
         if isinstance(value, bool) or not isinstance(value, int | np.integer):
             raise RecordError(f"{where}: expected a whole number, got {value!r}")
-        return int(value)
+        return int(cast("int", value))
     if variable.kind == "mask":
         return _mask(variable, value, where)
     if value not in variable.values:
@@ -204,7 +205,7 @@ def _mask(variable: Variable, value: Any, where: str) -> str | None:
             raise RecordError(f"{where}: {value} has bits beyond those of {', '.join(variable.values)}")
         names = mask_names(variable, value)
     else:
-        names = tuple(value.split("|")) if isinstance(value, str) else tuple(value)
+        names = tuple(value.split("|")) if isinstance(value, str) else tuple(cast("Sequence[str]", value))
     unknown = [name for name in names if name and name not in variable.values]
     if unknown:
         raise RecordError(f"{where}: expected any of {', '.join(variable.values)}, got {unknown[0]!r}")
@@ -217,17 +218,19 @@ def _number(value: Any, where: str) -> float | None:
         return None
     if isinstance(value, bool) or not isinstance(value, float | int | np.floating | np.integer):
         raise RecordError(f"{where}: expected a number or null, got {value!r}")
-    if not math.isfinite(value):
+    number = float(cast("float", value))
+    if not math.isfinite(number):
         raise RecordError(f"{where}: {value!r} is refused; an absent value is null, with its status beside it")
-    return float(value)
+    return number
 
 
 def _free(value: Any, where: str) -> Any:
     """Return a forecast or an event, with any keys, in the form that JSON gives back."""
     if isinstance(value, Mapping):
-        return {str(key): _free(item, f"{where}.{key}") for key, item in value.items()}
+        mapping = cast("Mapping[object, object]", value)
+        return {str(key): _free(item, f"{where}.{key}") for key, item in mapping.items()}
     if isinstance(value, list | tuple):
-        return tuple(_free(item, where) for item in value)
+        return tuple(_free(item, where) for item in cast("Sequence[object]", value))
     if value is None or isinstance(value, bool | str | int):
         return value
     if isinstance(value, float) and math.isfinite(value):

@@ -1,3 +1,4 @@
+# pyright: reportMissingTypeStubs=false
 """Combs of harmonics in a spectrum, and the noise floor under them.
 
 A spectrum is prepared once (:func:`line_spectrum`): its power, the local noise floor, and the excess of each bin over
@@ -241,7 +242,7 @@ def _median_of_mean(n_averages: int) -> float:
 
 def _row_medians(rows: NDArray[np.float64], counts: NDArray[np.intp]) -> NDArray[np.float64]:
     """Return the median of the first ``counts`` values of each sorted row."""
-    row = np.arange(rows.shape[0])
+    row = np.arange(len(rows))
     return 0.5 * (rows[row, (counts - 1) // 2] + rows[row, counts // 2])
 
 
@@ -295,8 +296,8 @@ def fault_lines(
         there = np.rint(shown * spacing * factor).astype(np.intp)
         comb_score = float(spectrum.sought[there].sum())
     bins = np.rint(shown * spacing * factor).astype(np.intp)[:, None] + np.arange(-half, half + 1)
-    line_power = spectrum.power[bins].sum(axis=1) / HANN_POWER
-    floor_power = spectrum.floor[bins].sum(axis=1) / HANN_POWER
+    line_power: NDArray[np.float64] = spectrum.power[bins].sum(axis=1) / HANN_POWER
+    floor_power: NDArray[np.float64] = spectrum.floor[bins].sum(axis=1) / HANN_POWER
     n_floor = min(shown.size * spectrum.floor_bins, float(bins[-1, -1] - bins[0, 0]) + spectrum.floor_bins)
     return FaultLines(
         _spread(np.sqrt(line_power), resolved),
