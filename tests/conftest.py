@@ -8,10 +8,20 @@ import shutil
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from tests.broker import broker_program
 
 _REPOSITORY = Path(__file__).resolve().parents[1]
+
+# A busy machine is no failure: nothing here depends on the time that an example takes.
+settings.register_profile(
+    "any machine",
+    deadline=None,
+    print_blob=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+settings.load_profile("any machine")
 
 
 def recordings_folder() -> Path:

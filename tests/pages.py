@@ -19,8 +19,9 @@ from monitor.config.load import load_config
 from monitor.config.web import WebSection
 from monitor.web.machines import Machines
 from monitor.web.server import serve
-from tests.faults.daemons import make_machine, wait_for
+from tests.faults.daemons import make_machine
 from tests.streams.folders import csv_bytes, noise
+from tests.waiting import PATIENCE_S, join, wait_until
 
 LEVELS = (
     '[[alarms.level]]\nfeature = "rms"\nalert_g = 0.001\non_delay_blocks = 1\nlatch = true\n'
@@ -60,7 +61,7 @@ class Page:
         self, path: str, method: str = "GET", headers: Mapping[str, str] | None = None, body: bytes | None = None
     ) -> Reply:
         """Ask for an address, exactly as it is written."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20.0)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
         try:
             connection.request(method, path, body, dict(headers or {}))
             answer = connection.getresponse()
@@ -87,12 +88,12 @@ class Page:
 
     def dial(self) -> socket.socket:
         """Return a bare connection."""
-        return socket.create_connection(("127.0.0.1", self.port), timeout=20.0)
+        return socket.create_connection(("127.0.0.1", self.port), timeout=PATIENCE_S)
 
     @contextmanager
     def events(self, query: str = "") -> Iterator[Iterator[tuple[str, Any]]]:
         """Listen to the stream; gives kind and data of each event."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30.0)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
         try:
             connection.request("GET", f"/api/stream{query}")
             answer = connection.getresponse()
@@ -132,14 +133,13 @@ def page_of(*configs: Path, web: WebSection | None = None) -> Iterator[Page]:
     thread = threading.Thread(target=run)
     thread.start()
     try:
-        wait_for(lambda: "url" in said or not thread.is_alive())
+        wait_until(lambda: "url" in said or not thread.is_alive())
         token_file = settings.token_file or state_dir / "web.token"
         yield Page(said["url"], token_file.read_text().strip())
     finally:
         if thread.is_alive():
             loop.call_soon_threadsafe(task.cancel)
-        thread.join(10.0)
-        assert not thread.is_alive()
+        join(thread)
 
 
 def alarmed_machine(folder: Path, sources: int = 1) -> Path:

@@ -9,6 +9,8 @@ import threading
 from types import TracebackType
 from typing import Self
 
+from tests.waiting import join
+
 
 class Proxy:
     """Listens on a port of its own and forwards to another one on this machine."""
@@ -75,4 +77,4 @@ class Proxy:
         self._server.close()
         self.cut()
         for thread in self._threads:
-            thread.join(5.0)
+            join(thread)

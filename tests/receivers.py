@@ -21,6 +21,8 @@ from typing import Any
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
+from tests.waiting import PATIENCE_S
+
 
 @dataclass(frozen=True)
 class Certificate:
@@ -154,7 +156,7 @@ class _MailHandler(socketserver.StreamRequestHandler):
             body += part
         if self.owner.hang:
             self.owner.hanging.set()
-            self.owner.closed.wait(60.0)
+            self.owner.closed.wait(PATIENCE_S)
             return
         self.owner.received.append(email.message_from_bytes(body, EmailMessage, policy=email.policy.default))
         self._say("250 taken")
@@ -230,7 +232,7 @@ def subscribed(port: int, topic: str) -> Iterator[list[tuple[str, Any, bool]]]:
     client.connect("127.0.0.1", port)
     client.loop_start()
     try:
-        assert ready.wait(10.0)
+        assert ready.wait(PATIENCE_S)
         yield heard
     finally:
         client.disconnect()

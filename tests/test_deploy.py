@@ -23,8 +23,9 @@ from monitor.config.fleet import load_fleet
 from monitor.config.load import load_config
 from monitor.records.store import Store
 from tests.effort import effort_count
-from tests.faults.daemons import make_machine, start, status, wait_for
+from tests.faults.daemons import make_machine, start, status
 from tests.streams.folders import csv_bytes, noise
+from tests.waiting import stop, wait_until
 
 ROOT = Path(__file__).resolve().parents[1]
 SYSTEMD = ROOT / "deploy" / "systemd"
@@ -304,8 +305,7 @@ def daemon_of(config: Path, **more: Any) -> Iterator[None]:
     daemon = start(config, **more)
     try:
         yield
-        daemon.terminate()
-        _, log = daemon.communicate(timeout=20)
+        log = stop(daemon)
         assert daemon.returncode == 0, log
     finally:
         daemon.kill()
@@ -331,8 +331,8 @@ def test_the_daemon_works_where_no_memory_can_become_executable(tmp_path: Path) 
     path = tmp_path / "in0" / "f1.csv"
     path.write_bytes(csv_bytes(noise(512, 1)))
     with daemon_of(config, preexec_fn=forbid_executable_memory):
-        wait_for(lambda: status(config).get("blocks") == 2)
-        wait_for(lambda: (tmp_path / "records" / "m-undated.nc").exists())
+        wait_until(lambda: status(config).get("blocks") == 2)
+        wait_until(lambda: (tmp_path / "records" / "m-undated.nc").exists())
     with xr.open_dataset(tmp_path / "records" / "m-undated.nc") as dataset:
         assert dataset.sizes["time"] == 2
 
@@ -341,7 +341,7 @@ def test_a_backup_of_a_running_store_can_be_put_back(tmp_path: Path) -> None:
     config, database = make_machine(tmp_path), tmp_path / "state" / "state.db"
     (tmp_path / "in0" / "f1.csv").write_bytes(csv_bytes(noise(512, 1)))
     with daemon_of(config):
-        wait_for(lambda: status(config).get("blocks") == 2)
+        wait_until(lambda: status(config).get("blocks") == 2)
         # What .backup of the sqlite3 shell does.
         with closing(sqlite3.connect(database)) as running, closing(sqlite3.connect(tmp_path / "copy.db")) as copy:
             running.backup(copy)
@@ -351,7 +351,7 @@ def test_a_backup_of_a_running_store_can_be_put_back(tmp_path: Path) -> None:
     (tmp_path / "in0" / "f2.csv").write_bytes(csv_bytes(noise(512, 2)))
     with daemon_of(config):
         # The first file is known already.
-        wait_for(lambda: status(config).get("blocks") == 2)
+        wait_until(lambda: status(config).get("blocks") == 2)
     with Store.open(database, read_only=True) as store:
         assert [record.sequence for record in store.records()] == [1, 2, 3, 4]
         assert store.check() == []

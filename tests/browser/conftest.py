@@ -11,12 +11,11 @@ from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_play
 
 from tests.browser.machine import Served
 from tests.conftest import chromium_program
-from tests.faults.daemons import wait_for
+from tests.waiting import PATIENCE_S, wait_until
 
 ALLOWED = ("data:", "blob:", "about:")
-PATIENCE = 30_000.0
-"""ms: a busy machine is no failure."""
-expect.set_options(timeout=PATIENCE)
+PATIENCE_MS = 1e3 * PATIENCE_S
+expect.set_options(timeout=PATIENCE_MS)
 
 
 class Visit:
@@ -32,7 +31,7 @@ class Visit:
         self.page.on("pageerror", lambda error: self.trouble.append(f"error: {error}"))
         self.page.on("response", lambda response: self._answered(response.status, response.url))
         self.page.on("request", lambda request: self._asked(request.url))
-        self.page.set_default_timeout(PATIENCE)
+        self.page.set_default_timeout(PATIENCE_MS)
 
     def _console(self, kind: str, text: str) -> None:
         # What failed to load is written down with its address.
@@ -100,7 +99,7 @@ def pump(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     served.put(30)
     # One file that holds nothing a monitor could use; its name is a trap for whoever writes it into a page.
     served.put_bytes(TRAP, b"this is no csv file\n\x00\x01\x02")
-    wait_for(lambda: served.status()["sources"]["s"]["rejected"] == 1)
+    wait_until(lambda: served.status()["sources"]["s"]["rejected"] == 1)
     served.trapped = 1
     served.put(12, damage=30.0)
     yield served

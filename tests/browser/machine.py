@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.faults.daemons import start, wait_for
+from tests.faults.daemons import start
+from tests.waiting import stop, wait_until
 
 RATE = 2560
 SECONDS = 0.5
@@ -97,7 +97,7 @@ class Served:
         """Start the daemon and wait for its page."""
         self._process = start(self.config)
         try:
-            wait_for(lambda: self.status().get("page"))
+            wait_until(lambda: self.status().get("page"))
         except AssertionError:
             raise AssertionError(f"the page does not come: {self.status().get('problems')}, {self.stop()}") from None
 
@@ -105,8 +105,7 @@ class Served:
         """Stop the daemon in order, the page ends with it; return what it said on its standard error."""
         if self._process is None:
             return ""
-        self._process.send_signal(signal.SIGTERM)
-        said = self._process.communicate(timeout=30)[1]
+        said = stop(self._process)
         self._process = None
         return said
 
@@ -138,7 +137,7 @@ class Served:
         """Feed blocks, the damage in the first channel alone, and wait until they are committed."""
         for _ in range(blocks):
             self.put_bytes(f"f{self.files:05d}.csv", self._file(level, damage))
-        wait_for(lambda: self.status()["sources"]["s"]["accepted"] + self.trapped >= self.files, 60.0)
+        wait_until(lambda: self.status()["sources"]["s"]["accepted"] + self.trapped >= self.files)
 
     def _file(self, level: float, damage: float) -> bytes:
         """Return a block as CSV; the first column says when its samples were taken."""

@@ -9,7 +9,7 @@ from playwright.sync_api import Page, expect
 
 from tests.browser.conftest import TRAP, Visitor
 from tests.browser.machine import Served
-from tests.faults.daemons import wait_for
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.browser
 
@@ -139,7 +139,7 @@ def test_a_channel_without_a_map_says_so(pump: Served, visitor: Visitor) -> None
 
 def test_files_can_be_had(pump: Served, visitor: Visitor) -> None:
     visit = visitor(pump.url)
-    wait_for(lambda: (pump.folder / "records" / "pump-20260301.nc").exists())
+    wait_until(lambda: (pump.folder / "records" / "pump-20260301.nc").exists())
     page = visit.go("#/files")
     with page.expect_download() as download:
         page.get_by_role("link", name="pump-20260301.nc").click()

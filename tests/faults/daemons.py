@@ -6,8 +6,7 @@ import json
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +75,6 @@ def call(*arguments: str, prefix: Sequence[str] = ()) -> subprocess.CompletedPro
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
     )
 
 
@@ -86,11 +84,3 @@ def status(config: Path) -> dict[str, Any]:
         return json.loads((config.parent / "state" / "status.json").read_text())
     except FileNotFoundError:
         return {}
-
-
-def wait_for(what: Callable[[], object], most_s: float = 30.0) -> None:
-    """Wait until something is true."""
-    until = time.monotonic() + most_s
-    while not what():
-        assert time.monotonic() < until, "it did not happen in time"
-        time.sleep(0.02)

@@ -6,7 +6,6 @@ import contextlib
 import json
 import resource
 import shutil
-import signal
 import subprocess
 import threading
 import time
@@ -21,9 +20,10 @@ from monitor.records.store import Store
 from streams.link.sender import LinkError, TcpLink
 from streams.link.wire import block_frame, encode_frame
 from streams.spec import parse_address
-from tests.faults.daemons import call, free_port, start, tcp_machine_text, wait_for
+from tests.faults.daemons import call, free_port, start, tcp_machine_text
 from tests.faults.test_daemon_kill import published_blocks
 from tests.faults.test_network_kill import block
+from tests.waiting import stop, wait_until
 
 BLOCKS = 200
 
@@ -87,7 +87,7 @@ class Machine:
 
     def send_and_wait(self, most: int) -> None:
         self.send(most)
-        wait_for(lambda: self.acknowledged == most, 60.0)
+        wait_until(lambda: self.acknowledged == most)
 
     def status(self) -> dict[str, Any]:
         return json.loads((self.state / "status.json").read_text())
@@ -99,8 +99,8 @@ class Machine:
     def finish(self) -> None:
         """Send the rest, stop the daemon, and see that every block is there once."""
         self.send_and_wait(BLOCKS)
-        self.process.send_signal(signal.SIGTERM)
-        assert self.process.wait(20.0) == 0, self.said
+        stop(self.process)
+        assert self.process.returncode == 0, self.said
         assert "Traceback" not in self.said
         with Store.open(self.state / "state.db", machine="m") as store:
             assert store.check() == []
@@ -163,10 +163,10 @@ def blocks_in(folder: Path) -> int:
 def test_on_a_full_disk_nothing_is_acknowledged_until_there_is_room(tmp_path: Path, small_disk: Path) -> None:
     with running(tmp_path, small_disk / "state", tmp_path / "records") as machine:
         machine.send_and_wait(5)
-        wait_for(lambda: published_blocks(machine.config) == 5)
+        wait_until(lambda: published_blocks(machine.config) == 5)
         filler = fill(small_disk)
         machine.send(100)
-        wait_for(lambda: "the store fails, nothing is committed" in machine.said, 60.0)
+        wait_until(lambda: "the store fails, nothing is committed" in machine.said)
         time.sleep(1.5)
         stuck = machine.acknowledged
         assert 5 <= stuck < 100
@@ -174,9 +174,9 @@ def test_on_a_full_disk_nothing_is_acknowledged_until_there_is_room(tmp_path: Pa
         assert published_blocks(machine.config) >= 5
         assert machine.process.poll() is None
         filler.unlink()
-        wait_for(lambda: machine.acknowledged == 100, 60.0)
+        wait_until(lambda: machine.acknowledged == 100)
         assert "the store works again" in machine.said
-        wait_for(lambda: machine.status()["problems"] == {})
+        wait_until(lambda: machine.status()["problems"] == {})
         machine.finish()
 
 
@@ -187,30 +187,30 @@ def test_over_a_quota_nothing_is_acknowledged_until_it_is_raised(tmp_path: Path)
         limit = (machine.state / "state.db-wal").stat().st_size + 150_000
         resource.prlimit(machine.process.pid, resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
         machine.send(100)
-        wait_for(lambda: "the store fails, nothing is committed" in machine.said, 60.0)
-        wait_for(lambda: "store" in machine.status()["problems"])
+        wait_until(lambda: "the store fails, nothing is committed" in machine.said)
+        wait_until(lambda: "store" in machine.status()["problems"])
         assert machine.status()["status"] == "degraded"
         stuck = machine.acknowledged
         assert machine.committed() == stuck
         infinite = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
         resource.prlimit(machine.process.pid, resource.RLIMIT_FSIZE, infinite)
-        wait_for(lambda: machine.acknowledged == 100, 60.0)
-        wait_for(lambda: machine.status()["problems"] == {})
+        wait_until(lambda: machine.acknowledged == 100)
+        wait_until(lambda: machine.status()["problems"] == {})
         machine.finish()
 
 
 def test_a_folder_of_records_that_becomes_read_only_stops_no_block(tmp_path: Path, small_disk: Path) -> None:
     with running(tmp_path, records=small_disk) as machine:
         machine.send_and_wait(5)
-        wait_for(lambda: blocks_in(small_disk) == 5)
+        wait_until(lambda: blocks_in(small_disk) == 5)
         remount(small_disk, "ro")
         machine.send_and_wait(20)
-        wait_for(lambda: "publisher" in machine.status()["problems"])
+        wait_until(lambda: "publisher" in machine.status()["problems"])
         assert "cannot be written" in str(machine.status()["problems"])
         assert blocks_in(small_disk) == 5
         remount(small_disk, "rw")
-        wait_for(lambda: machine.status()["problems"] == {})
-        wait_for(lambda: blocks_in(small_disk) == 20)
+        wait_until(lambda: machine.status()["problems"] == {})
+        wait_until(lambda: blocks_in(small_disk) == 20)
         machine.finish()
 
 
@@ -229,11 +229,11 @@ def test_a_state_that_cannot_be_written_is_refused_in_words(tmp_path: Path, smal
 def test_a_published_file_that_is_lost_or_damaged_is_made_again(tmp_path: Path) -> None:
     with running(tmp_path) as machine:
         machine.send_and_wait(5)
-        wait_for(lambda: published_blocks(machine.config) == 5)
+        wait_until(lambda: published_blocks(machine.config) == 5)
         (path,) = machine.records.glob("*.nc")
         for damage in (path.unlink, lambda: path.write_bytes(b"no file of records")):
             damage()
-            wait_for(lambda: path.exists() and path.stat().st_size > 1000, 60.0)
+            wait_until(lambda: path.exists() and path.stat().st_size > 1000)
             assert published_blocks(machine.config) == 5
         machine.finish()
 
@@ -246,9 +246,9 @@ def test_a_store_that_is_removed_acknowledges_nothing_until_it_is_back(tmp_path:
         aside = tmp_path / "aside"
         path.rename(aside)
         machine.send(20)
-        wait_for(lambda: "while it was in use" in str(machine.status()["problems"]))
+        wait_until(lambda: "while it was in use" in str(machine.status()["problems"]))
         assert machine.acknowledged == 5
         aside.rename(path)
-        wait_for(lambda: machine.acknowledged == 20, 60.0)
-        wait_for(lambda: machine.status()["problems"] == {})
+        wait_until(lambda: machine.acknowledged == 20)
+        wait_until(lambda: machine.status()["problems"] == {})
         machine.finish()

@@ -21,6 +21,7 @@ from streams.spec import SourceError, SourceSpec
 from tests.effort import effort_count
 from tests.memory_ledger import MemoryLedger
 from tests.streams.folders import CHANNELS, RATE, csv_bytes, noise
+from tests.waiting import Stall, at_most
 
 SETTLE = 1.0
 
@@ -39,16 +40,25 @@ class Collector:
         self.source.open(self.ledger)
         self.names: list[str] = []
 
-    def collect(self, seconds: float, until: int | None = None) -> float:
-        """Collect for a while, or until so many have come; return the seconds it took."""
-        began = time.monotonic()
-        while time.monotonic() - began < seconds and (until is None or len(self.names) < until):
-            delivery = self.source.next(0.05)
-            if delivery is not None:
-                assert self.ledger.commit(delivery.item, delivery.progress) == "committed"
-                self.source.acknowledge(delivery)
-                self.names.append(delivery.item.name)
-        return time.monotonic() - began
+    def collect(self, until: int) -> None:
+        """Collect until so many have come."""
+        stall = Stall(lambda: len(self.names))
+        while len(self.names) < until:
+            stall.check()
+            self._step()
+
+    def collect_for(self, seconds: float) -> None:
+        """Collect for a while."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._step()
+
+    def _step(self) -> None:
+        delivery = self.source.next(0.05)
+        if delivery is not None:
+            assert self.ledger.commit(delivery.item, delivery.progress) == "committed"
+            self.source.acknowledge(delivery)
+            self.names.append(delivery.item.name)
 
 
 @pytest.fixture
@@ -76,36 +86,37 @@ def test_it_is_a_live_source(collector: Collector) -> None:
 
 def test_closed_files_are_taken_before_they_settle(folder: Path, collector: Collector) -> None:
     write(folder, "f1.csv", 1)
-    collector.collect(20.0, until=1)
+    collector.collect(1)
     for number in range(2, 6):
         write(folder, f"f{number}.csv", number)
-        assert collector.collect(20.0, until=number) < SETTLE
+        with at_most(SETTLE):
+            collector.collect(number)
     assert collector.names == [f"f{number}.csv" for number in range(1, 6)]
 
 
 def test_moved_in_files_and_new_folders_are_found(folder: Path, collector: Collector, tmp_path: Path) -> None:
     write(folder, "f1.csv", 1)
-    collector.collect(20.0, until=1)
+    collector.collect(1)
     write(tmp_path, "f2.csv", 2)
     (tmp_path / "f2.csv").rename(folder / "f2.csv")
-    collector.collect(20.0, until=2)
+    collector.collect(2)
     (folder / "sub").mkdir()
     count = 50
     for number in range(count):
         write(folder / "sub", f"f{number}.csv", 100 + number)
-    collector.collect(30.0, until=2 + count)
+    collector.collect(2 + count)
     assert len(set(collector.names)) == 2 + count
 
 
 def test_a_dead_observer_and_a_root_made_anew_are_recovered(folder: Path, collector: Collector) -> None:
     write(folder, "f1.csv", 1)
-    collector.collect(20.0, until=1)
+    collector.collect(1)
     shutil.rmtree(folder)
-    collector.collect(2 * SETTLE)
+    collector.collect_for(2 * SETTLE)
     assert collector.source.problem() is not None
     folder.mkdir()
     write(folder, "f2.csv", 2)
-    collector.collect(20.0, until=2)
+    collector.collect(2)
     assert collector.source.problem() is None
     source = collector.source
     for emitter in source._watch._observer.emitters:
@@ -113,7 +124,7 @@ def test_a_dead_observer_and_a_root_made_anew_are_recovered(folder: Path, collec
         emitter.join()
     assert not source._watch.alive()
     write(folder, "f3.csv", 3)
-    collector.collect(20.0, until=3)
+    collector.collect(3)
     assert source._watch.alive()
 
 
@@ -121,7 +132,7 @@ def test_events_that_the_kernel_dropped_are_told_and_no_file_is_lost_by_it(
     folder: Path, collector: Collector, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(folder, "f1.csv", 1)
-    collector.collect(20.0, until=1)
+    collector.collect(1)
     most = int(Path("/proc/sys/fs/inotify/max_queued_events").read_text())
     # Two names in turn, as the kernel keeps one of several equal events.
     hidden = [folder / ".a", folder / ".b"]
@@ -131,19 +142,18 @@ def test_events_that_the_kernel_dropped_are_told_and_no_file_is_lost_by_it(
             if number % 2 == 0:
                 hidden[1].unlink(missing_ok=True)
         write(folder, "f2.csv", 2)
-    collector.collect(20.0, until=2)
+    collector.collect(2)
     assert collector.names == ["f1.csv", "f2.csv"]
     said = f"{folder}: more events than the system keeps, some were lost; files are found by scanning"
     assert collector.source.problem() == said
     assert f"source s: {said}" in caplog.messages
     # Events are heard as before.
     write(folder, "f3.csv", 3)
-    collector.collect(20.0, until=3)
+    collector.collect(3)
     monkeypatch.setattr("streams.folder.source._OVERFLOW_SHOWN_S", 0.0)
     assert collector.source.problem() is None
 
 
-@pytest.mark.timeout(effort_count(quick=120, full=900))
 def test_more_files_than_the_kernel_keeps_events_for(folder: Path, collector: Collector) -> None:
     count = effort_count(quick=1500, full=30_000)
 
@@ -155,10 +165,10 @@ def test_more_files_than_the_kernel_keeps_events_for(folder: Path, collector: Co
     producer.start()
     # Nobody listens for a while, so that events pile up.
     time.sleep(1.0)
-    collector.collect(effort_count(quick=60, full=600), until=count)
+    collector.collect(count)
     producer.join()
     assert sorted(collector.names) == [f"f{number:06d}.csv" for number in range(count)]
-    collector.collect(2 * SETTLE)
+    collector.collect_for(2 * SETTLE)
     backlog = collector.source.backlog()
     assert (backlog.offered, backlog.accepted, backlog.pending) == (count, count, 0)
 

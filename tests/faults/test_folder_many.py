@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from streams.block import Block, Rejected
 from tests.effort import effort_count
@@ -39,7 +38,6 @@ def verdicts_of(rig: Rig) -> dict[str, str]:
     return {item.name: item.status if isinstance(item, Rejected) else "accepted" for item in rig.items}
 
 
-@pytest.mark.timeout(effort_count(quick=120, full=900))
 def test_files_that_are_there_already(tmp_path: Path) -> None:
     for number in range(1, COUNT + 1):
         write(tmp_path, number)
@@ -56,7 +54,6 @@ def test_files_that_are_there_already(tmp_path: Path) -> None:
     assert rig.source.backlog().offered == COUNT
 
 
-@pytest.mark.timeout(effort_count(quick=120, full=900))
 def test_files_that_arrive_while_the_handler_is_slow_and_events_are_lost(tmp_path: Path) -> None:
     generator = np.random.default_rng(11)
     rig = Rig(tmp_path, format="csv", settle_s=20.0)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import os
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from streams.folder.listing import list_files
-from tests.faults.daemons import call, make_machine, start, status, wait_for
+from tests.faults.daemons import call, make_machine, start, status
 from tests.streams.folders import csv_bytes, noise
+from tests.waiting import finish, stop, wait_until
 
 # Permissions bind the superuser, too, once these are taken away.
 BOUND = ("setpriv", "--bounding-set=-dac_override,-dac_read_search") if os.geteuid() == 0 else ()
@@ -31,7 +31,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 def test_it_is_named_at_the_start(folder: Path, mode: int) -> None:
     folder.chmod(mode)
     daemon = start(folder.parent / "m.toml", prefix=BOUND)
-    _, said = daemon.communicate(timeout=30)
+    said = finish(daemon)
     assert daemon.returncode == 2
     assert f"[[source]] s0: url: '{folder}' may not be read (Permission denied)" in said
     assert "Traceback" not in said
@@ -48,7 +48,7 @@ def test_so_is_one_below_a_folder_that_may_not_be_searched(folder: Path, tmp_pat
     (tmp_path / "hidden").chmod(0o600)
     try:
         daemon = start(config, prefix=BOUND)
-        _, said = daemon.communicate(timeout=30)
+        said = finish(daemon)
     finally:
         (tmp_path / "hidden").chmod(0o755)
     assert daemon.returncode == 2
@@ -67,25 +67,24 @@ def test_it_is_a_problem_while_the_daemon_runs(folder: Path, tmp_path: Path) -> 
 
     daemon = start(config, prefix=BOUND)
     try:
-        wait_for(lambda: accepted() == 1)
+        wait_until(lambda: accepted() == 1)
         for mode in (0o000, 0o600):
             folder.chmod(mode)
-            wait_for(lambda: problem() == f"{folder}: cannot be read (Permission denied)")
+            wait_until(lambda: problem() == f"{folder}: cannot be read (Permission denied)")
             folder.chmod(0o755)
-            wait_for(lambda: problem() is None)
+            wait_until(lambda: problem() is None)
         (folder / "sub").mkdir(mode=0o000)
-        wait_for(lambda: problem() == f"{folder}/sub: may not be read (Permission denied)")
+        wait_until(lambda: problem() == f"{folder}/sub: may not be read (Permission denied)")
         (folder / "f2.csv").write_bytes(csv_bytes(noise(512, 2)))
-        wait_for(lambda: accepted() == 2)
+        wait_until(lambda: accepted() == 2)
         (folder / "sub").chmod(0o755)
-        wait_for(lambda: problem() is None)
+        wait_until(lambda: problem() is None)
         folder.rename(tmp_path / "gone")
-        wait_for(lambda: problem() == f"{folder}: cannot be read (No such file or directory)")
+        wait_until(lambda: problem() == f"{folder}: cannot be read (No such file or directory)")
         (tmp_path / "gone").rename(folder)
-        wait_for(lambda: problem() is None)
+        wait_until(lambda: problem() is None)
         assert accepted() == 2
-        daemon.send_signal(signal.SIGTERM)
-        _, said = daemon.communicate(timeout=20)
+        said = stop(daemon)
     finally:
         daemon.kill()
         daemon.communicate()
@@ -98,9 +97,9 @@ def test_a_folder_that_is_not_there_is_waited_for(folder: Path, tmp_path: Path) 
     config = tmp_path / "m.toml"
     daemon = start(config, prefix=BOUND)
     try:
-        wait_for(lambda: "No such file" in status(config).get("problems", {}).get("s0", ""))
+        wait_until(lambda: "No such file" in status(config).get("problems", {}).get("s0", ""))
         folder.mkdir()
-        wait_for(lambda: status(config).get("problems") == {})
+        wait_until(lambda: status(config).get("problems") == {})
     finally:
         daemon.kill()
         daemon.communicate()

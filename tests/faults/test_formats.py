@@ -10,7 +10,6 @@ import io
 import json
 import struct
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +38,7 @@ from tests.streams.format_makers import (
     tdms_bytes,
     uff_bytes,
 )
+from tests.waiting import Stall
 
 LENGTH = 4096
 SOUND = {"x.wav", "x.flac"}
@@ -259,11 +259,12 @@ def test_matrix_in_a_watched_folder(name: str, tmp_path: Path) -> None:
     # What may still become whole waits, and is given up after ten minutes only; a block is a file here, of any length.
     waiting = {"empty", "incomplete", "refused", "unreadable"}
     config = configured(name, tmp_path / "watched", "file")
-    until = time.monotonic() + 60.0
+    stall = Stall()
     with Store.open(tmp_path / "state.db", machine="matrix") as store:
         with Ingest.open(config, store) as ingest:
             quiet = 0
-            while quiet < 8 and time.monotonic() < until:
+            while quiet < 8:
+                stall.check()
                 quiet = 0 if ingest.step(threading.Event()) is not None else quiet + 1
             backlog = ingest.backlogs()["s"]
             assert ingest.problems() == {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import struct
-import time
 from collections import Counter
 
 import numpy as np
@@ -78,9 +77,7 @@ def test_mutated_files_end_in_a_verdict(name: str, tmp_path_factory: pytest.Temp
     (folder / f"9999_{name}").write_bytes(whole)
     column = 2 if name in ("x.npy", "x.wav", "x.flac") else "acc_2"
     channel = ChannelSpec("a", column=column, unit="g")
-    began = time.monotonic()
     items = list(open_source(SourceSpec("s", f"folder:{folder}", block_s="file", rate=RATE, channels=(channel,))))
-    assert time.monotonic() - began < 21.0 * count
     assert len(items) == count + 1
     rejected = Counter(item.status for item in items if isinstance(item, Rejected))
     assert set(rejected) <= VERDICTS

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import signal
 import subprocess
 import time
 from pathlib import Path
@@ -15,9 +14,10 @@ from monitor.records.events import EventLog
 from monitor.records.store import Store
 from tests.broker import Broker
 from tests.effort import effort_count
-from tests.faults.daemons import free_port, make_machine, start, status, wait_for
+from tests.faults.daemons import free_port, make_machine, start, status
 from tests.receivers import Certificate, Hook, Mail, make_certificate, subscribed
 from tests.streams.folders import csv_bytes, noise
+from tests.waiting import stop, wait_until
 
 LEVEL = """
 [[alarms.level]]
@@ -50,8 +50,7 @@ def machine(folder: Path, *sections: str) -> Path:
 
 
 def end(daemon: subprocess.Popen[str]) -> str:
-    daemon.send_signal(signal.SIGTERM)
-    _, said = daemon.communicate(timeout=20)
+    said = stop(daemon)
     assert daemon.returncode == 0, said
     return said
 
@@ -106,17 +105,17 @@ def test_an_alarm_is_told_by_mail_webhook_and_mqtt_and_records_are_published(
         )
         daemon = start(config)
         try:
-            wait_for(lambda: status(config).get("status") == "running")
+            wait_until(lambda: status(config).get("status") == "running")
             put(config, 1, loud=False)
             put(config, 2, loud=True)
-            wait_for(lambda: mail.received and hook.received)
-            wait_for(lambda: [topic for topic, _, _ in heard].count("plant/records/m/s0/x0") == 4)
-            wait_for(lambda: any(topic == "plant/alarms" for topic, _, _ in heard))
-            wait_for(lambda: states(heard)[-1:] == [("running", "failure")])
+            wait_until(lambda: mail.received and hook.received)
+            wait_until(lambda: [topic for topic, _, _ in heard].count("plant/records/m/s0/x0") == 4)
+            wait_until(lambda: any(topic == "plant/alarms" for topic, _, _ in heard))
+            wait_until(lambda: states(heard)[-1:] == [("running", "failure")])
             assert status(config)["problems"] == {}
         finally:
             said = end(daemon)
-        wait_for(lambda: states(heard)[-1][0] == "stopped")
+        wait_until(lambda: states(heard)[-1][0] == "stopped")
     text = mail.received[0].get_content()
     assert mail.received[0]["Subject"].startswith("m: x0: danger: RMS is ")
     assert "above the level of 5 g" in text
@@ -143,24 +142,24 @@ def test_killed_between_commit_and_delivery_it_is_delivered_after_the_restart(tm
     with first.serving(), second.serving():
         config = machine(tmp_path, mail_section(first.port))
         daemon = start(config)
-        wait_for(lambda: status(config).get("status") == "running")
+        wait_until(lambda: status(config).get("status") == "running")
         put(config, 1, loud=True)
         # The server has the whole message and has not said that it takes it.
-        wait_for(first.hanging.is_set)
+        wait_until(first.hanging.is_set)
         daemon.kill()
         daemon.communicate()
         assert [kind for _, kind in committed_events(config)] == ["alarm_raised"]
         config.write_text(config.read_text().replace(f"port = {first.port}", f"port = {second.port}"))
         daemon = start(config)
         try:
-            wait_for(lambda: second.received)
+            wait_until(lambda: second.received)
         finally:
             end(daemon)
         # Told once: another start has nothing to tell.
         daemon = start(config)
-        wait_for(lambda: status(config).get("pid") == daemon.pid)
+        wait_until(lambda: status(config).get("pid") == daemon.pid)
         put(config, 2, loud=False)
-        wait_for(lambda: len(second.received) == 2)
+        wait_until(lambda: len(second.received) == 2)
         end(daemon)
     assert "danger: RMS" in second.received[0]["Subject"]
     assert "danger over" in second.received[1]["Subject"]
@@ -171,16 +170,16 @@ def test_a_server_that_is_away_for_a_while_is_a_problem_and_delays_nothing(tmp_p
     config = machine(tmp_path, mail_section(port))
     daemon = start(config)
     try:
-        wait_for(lambda: status(config).get("status") == "running")
+        wait_until(lambda: status(config).get("status") == "running")
         put(config, 1, loud=True)
-        wait_for(lambda: "notify.smtp" in status(config)["problems"])
+        wait_until(lambda: "notify.smtp" in status(config)["problems"])
         assert status(config)["status"] == "degraded"
         assert "refused" in status(config)["problems"]["notify.smtp"]
         put(config, 2, loud=False)
-        wait_for(lambda: status(config)["blocks"] == 4)
+        wait_until(lambda: status(config)["blocks"] == 4)
         with Mail(port=port).serving() as mail:
-            wait_for(lambda: mail.received)
-            wait_for(lambda: status(config)["problems"] == {})
+            wait_until(lambda: mail.received)
+            wait_until(lambda: status(config)["problems"] == {})
     finally:
         said = end(daemon)
     # What came meanwhile is in the same message, in order.
@@ -191,7 +190,7 @@ def test_a_server_that_is_away_for_a_while_is_a_problem_and_delays_nothing(tmp_p
     assert said.count("it is tried again") == 1
 
 
-@pytest.mark.timeout(effort_count(quick=300, full=3600))
+@pytest.mark.timeout(effort_count(quick=900, full=3600))
 def test_killed_at_random_each_event_is_told_in_order(tmp_path: Path) -> None:
     generator = random.Random(20261121)
     number = 0
@@ -209,9 +208,9 @@ def test_killed_at_random_each_event_is_told_in_order(tmp_path: Path) -> None:
             _, said = daemon.communicate()
             assert "Traceback" not in said
         daemon = start(config)
-        wait_for(lambda: status(config).get("pid") == daemon.pid)
-        wait_for(lambda: status(config)["sources"]["s0"]["accepted"] == number)
-        wait_for(lambda: len(told(hook)) == len(committed_events(config)) == number)
+        wait_until(lambda: status(config).get("pid") == daemon.pid)
+        wait_until(lambda: status(config)["sources"]["s0"]["accepted"] == number)
+        wait_until(lambda: len(told(hook)) == len(committed_events(config)) == number)
         end(daemon)
     with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
         assert store.check() == []

@@ -14,8 +14,9 @@ import pytest
 from monitor.health.record import Record
 from monitor.records.store import Store
 from tests.effort import effort_count
-from tests.faults.daemons import RATE, call, make_machine, start, status, wait_for
+from tests.faults.daemons import RATE, call, make_machine, start, status
 from tests.streams.folders import csv_bytes, noise
+from tests.waiting import finish, stop, wait_until
 
 FILES = effort_count(quick=24, full=240)
 ENDS = effort_count(quick=2, full=20)
@@ -47,12 +48,11 @@ def live(config: Path, ends: int, generator: random.Random) -> None:
         time.sleep(generator.uniform(0.6, 1.8))
         number = generator.choice([signal.SIGKILL, signal.SIGTERM])
         daemon.send_signal(number)
-        daemon.communicate(timeout=20)
+        finish(daemon)
     daemon = start(config, "--quiet")
     try:
-        wait_for(lambda: daemon.poll() or (status(config).get("pid") == daemon.pid and is_done(config)), 60.0)
-        daemon.send_signal(signal.SIGTERM)
-        _, said = daemon.communicate(timeout=20)
+        wait_until(lambda: daemon.poll() or (status(config).get("pid") == daemon.pid and is_done(config)))
+        said = stop(daemon)
     finally:
         daemon.kill()
         daemon.communicate()
@@ -77,7 +77,7 @@ def records(database: Path) -> list[Record]:
         return list(store.records())
 
 
-@pytest.mark.timeout(effort_count(quick=300, full=1800))
+@pytest.mark.timeout(effort_count(quick=900, full=1800))
 def test_the_same_files_give_the_same_records_however_they_were_taken(tmp_path: Path) -> None:
     generator = random.Random(20261121)
     at_once, disturbed = tmp_path / "a", tmp_path / "b"
@@ -127,7 +127,7 @@ def make_cut(folder: Path, dated: bool) -> Path:
 
 
 @pytest.mark.parametrize("dated", [False, True], ids=["undated", "dated"])
-@pytest.mark.timeout(effort_count(quick=300, full=1800))
+@pytest.mark.timeout(effort_count(quick=900, full=1800))
 def test_blocks_that_are_cut_from_files_are_the_same_live_and_replayed(tmp_path: Path, dated: bool) -> None:
     generator = random.Random(20261121)
     at_once, disturbed = tmp_path / "a", tmp_path / "b"

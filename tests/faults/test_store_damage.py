@@ -157,11 +157,10 @@ damages = st.lists(
 
 @settings(
     max_examples=effort_count(quick=60, full=3000),
-    deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(damage=damages, closed=st.booleans(), without_log=st.booleans())
-@pytest.mark.timeout(effort_count(quick=300, full=7200))
+@pytest.mark.timeout(effort_count(quick=900, full=7200))
 def test_whatever_was_damaged_it_opens_and_what_is_saved_is_as_it_was_committed(
     stores: dict[bool, Path],
     tmp_path: Path,

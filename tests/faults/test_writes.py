@@ -30,9 +30,10 @@ from streams.block import Block
 from streams.link.sender import Sender, TcpLink
 from streams.spec import parse_address
 from tests.effort import effort_count
-from tests.faults.daemons import free_port, start, status, tcp_machine_text, wait_for
+from tests.faults.daemons import free_port, start, status, tcp_machine_text
 from tests.faults.test_daemon_kill import published_blocks
 from tests.faults.test_network_kill import block
+from tests.waiting import Stall, stop, wait_until
 
 BLOCKS = 6
 FULL = effort_count(quick=0, full=1) == 1
@@ -131,14 +132,10 @@ def finish(config: Path, sending: Sending) -> list[Record]:
     """Let an undisturbed daemon take the rest, stop it, and return what it has."""
     daemon = start(config, "--quiet")
     try:
-        wait_for(lambda: status(config).get("pid") == daemon.pid, 120.0)
-        until = time.monotonic() + 300.0
+        wait_until(lambda: status(config).get("pid") == daemon.pid)
         # The last publication is given three seconds at the stop, which a busy machine may not keep.
-        while published_blocks(config) < BLOCKS or sending.thread.is_alive():
-            assert time.monotonic() < until
-            sending.thread.join(0.05)
-        daemon.send_signal(signal.SIGTERM)
-        _, said = daemon.communicate(timeout=20)
+        wait_until(lambda: published_blocks(config) == BLOCKS and not sending.thread.is_alive(), every=0.05)
+        said = stop(daemon)
     finally:
         daemon.kill()
         daemon.communicate()
@@ -163,9 +160,9 @@ def killed_at(config: Path, kind: str, call: str, n: int, sending: Sending) -> b
     """
     trace = config.parent / "strace"
     daemon = start(config, "--quiet", prefix=under_strace(config, kind, call, n))
-    asked, until = False, time.monotonic() + 300.0
+    asked, stall = False, Stall(lambda: sending.acknowledged)
     while daemon.poll() is None:
-        assert time.monotonic() < until, "the daemon neither died nor came to its end"
+        stall.check()
         published = published_blocks(config)
         killed = trace.exists() and was_cut_off(trace, call)
         if not asked and (killed or (published == BLOCKS and not sending.thread.is_alive())):
@@ -205,7 +202,7 @@ def all_places(folder: Path, kind: str, undisturbed: list[Record]) -> list[tuple
 
 
 @pytest.mark.parametrize("kind", ["state", "published"])
-@pytest.mark.timeout(effort_count(quick=300, full=8 * 3600))
+@pytest.mark.timeout(effort_count(quick=900, full=8 * 3600))
 def test_killed_at_a_write_nothing_is_lost_and_nothing_comes_twice(
     tmp_path: Path, undisturbed: list[Record], kind: str
 ) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from models.bearing import from_catalogue
@@ -50,14 +50,12 @@ class Interpreted:
         self.run, self.new_wave, self.weight = period.run, period.new_wave, period.weight
 
 
-@settings(deadline=None)
 @given(defects)
 def test_kinks(defect: Defect) -> None:
     array, profile = defect_arrays(BEARING, defect)
     assert np.sort(path_kinks(array, profile)) == pytest.approx(path_of(defect).kinks(), abs=1e-9)
 
 
-@settings(deadline=None)
 @given(defects, st.floats(-7.0, 7.0))
 def test_floor(defect: Defect, angle: float) -> None:
     array, profile = defect_arrays(BEARING, defect)
@@ -65,7 +63,6 @@ def test_floor(defect: Defect, angle: float) -> None:
     assert floor_at(array, profile, angle) == pytest.approx((depth[0], slope[0]), rel=1e-9, abs=1e-12)
 
 
-@settings(deadline=None)
 @given(st.floats(0.0, 0.3))
 def test_edge(delta: float) -> None:
     path = path_of(Defect(1.0, math.inf))
@@ -74,7 +71,6 @@ def test_edge(delta: float) -> None:
     assert np.array(ours) * path.cos_alpha == pytest.approx((depth[0], slope[0]), rel=1e-9, abs=1e-15)
 
 
-@settings(deadline=None)
 @given(st.floats(1e-9, 1e-4))
 def test_a_ball_touches_the_floor_where_the_edge_path_is_as_deep(h_d: float) -> None:
     path = path_of(Defect(1.0, h_d))
@@ -106,7 +102,6 @@ def test_tables_are_the_path(extent: float, h_d: float, floor: Floor, rows: int,
     assert math.log2(period.damaged[2].sum() + period.plain[2].sum() + 1.0) == count
 
 
-@settings(deadline=None)
 @given(st.floats(-7.0, 7.0), st.floats(0.01, 1.0), st.floats(-7.0, 7.0))
 def test_distance_from_an_arc(start: float, length: float, angle: float) -> None:
     nearest = min(

@@ -123,7 +123,7 @@ def test_tables_hold_the_path(kind: Literal["smooth", "rough"]) -> None:
     assert change == pytest.approx(group.depth[:, 2] - group.depth[:, 0], abs=1e-15)
 
 
-@settings(max_examples=effort_count(quick=4, full=20), deadline=None)
+@settings(max_examples=effort_count(quick=4, full=20))
 @given(st.integers(0, 10_000), st.integers(0, LANES - 1))
 def test_a_lane_does_not_depend_on_its_neighbours(seed: int, place: int) -> None:
     options = LaneOptions(steps_per_period=96)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import socket
 import struct
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -16,6 +15,7 @@ from streams.link.tcp import TcpReceiver
 from streams.link.wire import block_frame, encode_frame, hello
 from streams.spec import NetworkSpec, SourceSpec, parse_address
 from tests.memory_ledger import MemoryLedger
+from tests.waiting import PATIENCE_S
 
 URL = "tcp://127.0.0.1:0"
 
@@ -50,7 +50,7 @@ def receiving(
         yield receiver
 
 
-def commit(receiver: TcpReceiver, ledger: MemoryLedger, timeout: float = 5.0) -> Block | Rejected:
+def commit(receiver: TcpReceiver, ledger: MemoryLedger, timeout: float = PATIENCE_S) -> Block | Rejected:
     delivery = receiver.next(timeout)
     assert delivery is not None
     ledger.commit(delivery.item)
@@ -59,11 +59,11 @@ def commit(receiver: TcpReceiver, ledger: MemoryLedger, timeout: float = 5.0) ->
 
 
 def link(receiver: TcpReceiver, stream: str = "press") -> TcpLink:
-    return TcpLink(parse_address(f"tcp://127.0.0.1:{receiver.port}", "test"), stream, 5.0)
+    return TcpLink(parse_address(f"tcp://127.0.0.1:{receiver.port}", "test"), stream, PATIENCE_S)
 
 
 def raw(receiver: TcpReceiver, stream: str = "press") -> socket.socket:
-    connection = socket.create_connection(("127.0.0.1", receiver.port), 5.0)
+    connection = socket.create_connection(("127.0.0.1", receiver.port), PATIENCE_S)
     connection.sendall(hello(stream))
     return connection
 
@@ -79,13 +79,6 @@ def answer(connection: socket.socket) -> int:
 
 def frame(sequence: int) -> bytes:
     return encode_frame(block_frame(block(sequence)))
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 5.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
 
 
 def gone(connection: socket.socket) -> bool:

@@ -33,7 +33,6 @@ def test_every_compression(tmp_path: Path, ending: str) -> None:
 @settings(
     max_examples=effort_count(quick=12, full=100),
     suppress_health_check=[HealthCheck.function_scoped_fixture],
-    deadline=None,
 )
 @given(order=st.permutations(list(range(1, 7))), gap=st.integers(0, 6), first=st.sampled_from([0, 40]))
 def test_blocks_come_by_number_whatever_the_order(tmp_path: Path, order: list[int], gap: int, first: int) -> None:

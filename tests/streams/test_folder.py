@@ -14,6 +14,7 @@ from streams.folder.listing import is_skipped, shown, unshown
 from streams.folder.source import FolderSource
 from streams.spec import SourceError, SourceSpec
 from tests.streams.folders import Rig, csv_bytes, noise, verdicts
+from tests.waiting import PATIENCE_S
 
 
 @pytest.fixture
@@ -226,7 +227,7 @@ def test_what_was_delivered_but_not_committed_comes_again_with_the_same_number(r
     for number in range(1, 6):
         put(rig, f"f{number}.csv", number)
     rig.run(5.0, most=2)
-    lost = rig.source.next(5.0)
+    lost = rig.source.next(PATIENCE_S)
     assert lost is not None
     rig.restart()
     found = rig.run(5.0)

@@ -26,6 +26,7 @@ from tests.broker import Broker
 from tests.committing import committing
 from tests.memory_ledger import MemoryLedger
 from tests.streams.tcp_peers import Recorded, block
+from tests.waiting import PATIENCE_S, wait_until
 
 TOPIC = "plant/press 4"
 
@@ -59,7 +60,7 @@ def publisher(broker: Broker) -> Iterator[Callable[..., None]]:
     client.loop_start()
 
     def publish(payload: bytes, topic: str = TOPIC, **options: Any) -> None:
-        client.publish(topic, payload, qos=1, **options).wait_for_publish(5.0)
+        client.publish(topic, payload, qos=1, **options).wait_for_publish(PATIENCE_S)
 
     try:
         yield publish
@@ -70,13 +71,6 @@ def publisher(broker: Broker) -> Iterator[Callable[..., None]]:
 
 def frame(sequence: int) -> bytes:
     return encode_frame(block_frame(block(sequence)))
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def connected(receiver: MqttReceiver) -> bool:
@@ -105,7 +99,7 @@ def test_what_is_not_committed_comes_again_after_a_restart(broker: Broker) -> No
         time.sleep(0.2)
         for sequence in range(1, 6):
             publish(frame(sequence))
-        deliveries = [receiver.next(5.0) for _ in range(5)]
+        deliveries = [receiver.next(PATIENCE_S) for _ in range(5)]
         for delivery in deliveries[:2]:
             assert delivery is not None
             ledger.commit(delivery.item)

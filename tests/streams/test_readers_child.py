@@ -23,6 +23,7 @@ from streams.readers.mat import mat_variables, read_mat
 from streams.samples import ReaderError, Samples
 from tests.streams import misbehave
 from tests.streams.format_makers import mat_bytes, signal
+from tests.waiting import at_most, join, wait_until
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -103,9 +104,7 @@ def test_whatever_a_reader_does_the_parent_goes_on(child: ReaderProcess, how: ob
 def test_a_child_that_is_killed_between_files_is_replaced(child: ReaderProcess) -> None:
     first = child.call(misbehave.pid, b"", "x")
     os.kill(first, SIGKILL)
-    deadline = time.monotonic() + 5
-    while Path(f"/proc/{first}/stat").read_text().split()[2] != "Z" and time.monotonic() < deadline:
-        time.sleep(0.01)
+    wait_until(lambda: Path(f"/proc/{first}/stat").read_text().split()[2] == "Z")
     assert child.call(misbehave.pid, b"", "x") != first
 
 
@@ -122,10 +121,8 @@ def test_many_threads_take_turns() -> None:
     threads = [threading.Thread(target=work, args=(seed,), daemon=True) for seed in data]
     for thread in threads:
         thread.start()
-    for thread in threads:
-        thread.join(60)
+    join(*threads)
     assert not wrong
-    assert not any(thread.is_alive() for thread in threads)
 
 
 def test_closing_ends_a_call_that_is_under_way() -> None:
@@ -146,11 +143,9 @@ def test_closing_ends_a_call_that_is_under_way() -> None:
     thread.start()
     time.sleep(0.3)
     pid = child.pid
-    start = time.monotonic()
-    child.close()
-    thread.join(10)
-    assert time.monotonic() - start < 10
-    assert not thread.is_alive()
+    with at_most(10.0):
+        child.close()
+        join(thread)
     assert answers == ["end"]
     assert not alive(pid)
     with pytest.raises(SystemExit):
@@ -212,15 +207,11 @@ def test_no_process_outlives_the_program(mode: str, code: int) -> None:
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
         capture_output=True,
         text=True,
-        timeout=60,
         check=False,
     )
     assert (done.returncode, done.stderr if code == 0 else "") == (code, "")
     pid = int(done.stdout.split()[-1])
-    deadline = time.monotonic() + 5
-    while alive(pid) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not alive(pid)
+    wait_until(lambda: not alive(pid))
 
 
 def test_the_shared_process_is_one() -> None:

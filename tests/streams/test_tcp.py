@@ -19,6 +19,7 @@ from streams.spec import ChannelSpec, SourceSpec, parse_address
 from tests.committing import committing
 from tests.memory_ledger import MemoryLedger
 from tests.streams.tcp_peers import URL, Recorded, answer, block, commit, frame, gone, link, raw, receiving
+from tests.waiting import PATIENCE_S, join
 
 
 def test_receiver_is_a_live_source() -> None:
@@ -48,13 +49,13 @@ def test_nothing_is_acknowledged_before_its_commit() -> None:
     with receiving(ledger) as receiver, raw(receiver) as connection:
         assert answer(connection) == 0
         connection.sendall(frame(1) + frame(2))
-        first, second = receiver.next(5.0), receiver.next(5.0)
+        first, second = receiver.next(PATIENCE_S), receiver.next(PATIENCE_S)
         assert isinstance(first, Delivery)
         assert isinstance(second, Delivery)
         connection.settimeout(0.1)
         with pytest.raises(TimeoutError):
             connection.recv(8)
-        connection.settimeout(5.0)
+        connection.settimeout(PATIENCE_S)
         assert receiver.backlog().pending == 2
         receiver.acknowledge(first)
         assert answer(connection) == 1
@@ -70,12 +71,12 @@ def test_what_comes_again_before_the_commit_is_delivered_once() -> None:
         with raw(receiver) as connection:
             answer(connection)
             connection.sendall(frame(1))
-            held = receiver.next(5.0)
+            held = receiver.next(PATIENCE_S)
             assert held is not None
         with raw(receiver) as connection:
             assert answer(connection) == 0
             connection.sendall(frame(1) + frame(2))
-            second = receiver.next(5.0)
+            second = receiver.next(PATIENCE_S)
             assert second is not None
             assert second.item.sequence == 2
             receiver.acknowledge(held)
@@ -187,7 +188,7 @@ def test_sender_survives_a_receiver_that_forgot_everything() -> None:
     first, second = MemoryLedger(), MemoryLedger()
     with receiving(first) as receiver:
         port = receiver.port
-        sender = Sender(Recorded(range(1, 31)), link(receiver), patience=20.0)
+        sender = Sender(Recorded(range(1, 31)), link(receiver), patience=PATIENCE_S)
         result: list[int] = []
         thread = threading.Thread(target=lambda: result.append(sender.run().acknowledged))
         thread.start()
@@ -195,7 +196,7 @@ def test_sender_survives_a_receiver_that_forgot_everything() -> None:
             commit(receiver, first)
     specs = [SourceSpec("press", f"tcp://127.0.0.1:{port}")]
     with receiving(second, specs=specs) as receiver, committing(receiver, second):
-        thread.join(20.0)
+        join(thread)
     assert result == [30]
     assert sorted(second.blocks("press")) == list(range(1, 31))
 

@@ -15,7 +15,8 @@ from streams.link.wire import HEAD, block_frame, encode_frame, hello
 from streams.spec import NetworkSpec, SourceError, SourceSpec, parse_address
 from tests.committing import committing
 from tests.memory_ledger import MemoryLedger
-from tests.streams.tcp_peers import Recorded, answer, block, commit, frame, gone, link, raw, receiving, wait_until
+from tests.streams.tcp_peers import Recorded, answer, block, commit, frame, gone, link, raw, receiving
+from tests.waiting import PATIENCE_S, join, wait_until
 
 
 @pytest.mark.parametrize(
@@ -32,7 +33,7 @@ from tests.streams.tcp_peers import Recorded, answer, block, commit, frame, gone
 def test_nonsense_ends_its_own_connection_only(data: bytes, words: str) -> None:
     ledger = MemoryLedger()
     with receiving(ledger) as receiver:
-        with socket.create_connection(("127.0.0.1", receiver.port), 5.0) as connection:
+        with socket.create_connection(("127.0.0.1", receiver.port), PATIENCE_S) as connection:
             connection.sendall(data)
             with suppress(OSError):
                 connection.shutdown(socket.SHUT_WR)
@@ -49,7 +50,7 @@ def test_nonsense_ends_its_own_connection_only(data: bytes, words: str) -> None:
 def test_a_sender_that_dawdles_is_dropped() -> None:
     network = NetworkSpec(read_timeout=0.2)
     with receiving(MemoryLedger(), network) as receiver:
-        with socket.create_connection(("127.0.0.1", receiver.port), 5.0) as connection:
+        with socket.create_connection(("127.0.0.1", receiver.port), PATIENCE_S) as connection:
             connection.sendall(b"SP")
             assert gone(connection)
         assert "no whole hello within 0.2 s" in (receiver.problem() or "")
@@ -63,7 +64,7 @@ def test_a_sender_that_dawdles_is_dropped() -> None:
 def test_one_connection_too_many_is_refused() -> None:
     with receiving(MemoryLedger(), NetworkSpec(max_connections=1)) as receiver, raw(receiver) as first:
         answer(first)
-        with socket.create_connection(("127.0.0.1", receiver.port), 5.0) as second:
+        with socket.create_connection(("127.0.0.1", receiver.port), PATIENCE_S) as second:
             assert gone(second)
 
 
@@ -91,7 +92,7 @@ def test_reading_stops_while_too_much_waits() -> None:
         assert receiver.backlog().pending == 3
         assert "faster than they are committed" in (receiver.problem() or "")
         with committing(receiver, ledger):
-            thread.join(20.0)
+            join(thread)
     assert sorted(ledger.blocks("press")) == list(range(1, 61))
 
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from streams.readers.text import read_text
@@ -13,7 +13,6 @@ NUMBERS = st.floats(allow_nan=False, allow_infinity=False, width=64)
 
 
 # The first file imports pandas, which takes longer than a case may.
-@settings(deadline=None)
 @given(
     rows=st.integers(1, 4).flatmap(
         lambda n: st.lists(st.lists(NUMBERS, min_size=n, max_size=n), min_size=2, max_size=12)

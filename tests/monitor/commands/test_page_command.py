@@ -14,11 +14,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-from tests.faults.daemons import ROOT, call, start, wait_for
+from tests.faults.daemons import ROOT, call, start
 from tests.fleet import add_machine
 from tests.streams.folders import csv_bytes, noise
+from tests.waiting import PATIENCE_S, finish, stop, wait_until
 
 _CLI = "from monitor.cli import main; main()"
 
@@ -49,7 +48,7 @@ def daemon_of(config: Path) -> Iterator[subprocess.Popen[str]]:
 def ask(url: str, path: str, body: dict[str, Any] | None = None, token: str = "") -> dict[str, Any]:
     data = None if body is None else json.dumps(body).encode()
     headers = {"content-type": "application/json"} | ({"authorization": f"Bearer {token}"} if token else {})
-    with urllib.request.urlopen(urllib.request.Request(f"{url}{path}", data, headers), timeout=20.0) as answer:
+    with urllib.request.urlopen(urllib.request.Request(f"{url}{path}", data, headers), timeout=PATIENCE_S) as answer:
         return json.loads(answer.read())
 
 
@@ -57,7 +56,6 @@ def machines(url: str) -> dict[str, dict[str, Any]]:
     return {machine["name"]: machine for machine in ask(url, "api/machines")["machines"]}
 
 
-@pytest.mark.timeout(120)
 def test_one_page_follows_the_daemons_of_all_machines(tmp_path: Path) -> None:
     latched = '[[alarms.level]]\nfeature = "rms"\nalert_g = 0.001\non_delay_blocks = 1\nlatch = true\n'
     configs = {name: add_machine(tmp_path, name, web="port = 0") for name in ("a", "b")}
@@ -71,27 +69,26 @@ def test_one_page_follows_the_daemons_of_all_machines(tmp_path: Path) -> None:
         }
         daemons = {name: opened.enter_context(daemon_of(config)) for name, config in configs.items()}
         (tmp_path / "a" / "in0" / "f1.csv").write_bytes(csv_bytes(noise(512, 1)))
-        wait_for(lambda: machines(url)["a"].get("blocks") == 2)
-        wait_for(lambda: machines(url)["b"]["running"])
+        wait_until(lambda: machines(url)["a"].get("blocks") == 2)
+        wait_until(lambda: machines(url)["b"]["running"])
         assert all(machine["page"] is None for machine in machines(url).values())
 
         # An acknowledgement reaches the daemon through the event log of its store.
         (event,) = [event for event in ask(url, "api/events")["events"] if event["kind"] == "alarm_raised"]
         token = (tmp_path / "a" / "state" / "web.token").read_text().strip()
-        wait_for(lambda: machines(url)["a"]["unacknowledged"] == 1)
+        wait_until(lambda: machines(url)["a"]["unacknowledged"] == 1)
         ask(url, f"api/events/{event['id']}/acknowledge", {"who": "ada"}, token)
-        wait_for(lambda: machines(url)["a"]["unacknowledged"] == 0)
+        wait_until(lambda: machines(url)["a"]["unacknowledged"] == 0)
 
         # A daemon that is killed and started again is shown as such.
         before = machines(url)["a"]["pid"]
         daemons["a"].kill()
-        wait_for(lambda: machines(url)["a"]["status"] == "died")
+        wait_until(lambda: machines(url)["a"]["status"] == "died")
         opened.enter_context(daemon_of(configs["a"]))
-        wait_for(lambda: machines(url)["a"]["running"] and machines(url)["a"].get("pid") != before)
+        wait_until(lambda: machines(url)["a"]["running"] and machines(url)["a"].get("pid") != before)
         assert machines(url)["b"]["running"]
 
-        process.send_signal(signal.SIGTERM)
-        _, log = process.communicate(timeout=20)
+        log = stop(process)
         assert process.returncode == 0, log
         assert f"left out: {tmp_path}/c.toml: not valid TOML" in log
 
@@ -100,7 +97,7 @@ def test_the_service_manager_learns_that_the_page_answers_and_is_alive(tmp_path:
     add_machine(tmp_path, "a")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "notify"))
-        manager.settimeout(30.0)
+        manager.settimeout(PATIENCE_S)
         environment = {**os.environ, "NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "1000000"}
         with started(tmp_path, env=environment) as (process, url):
             assert manager.recv(4096).decode() == f"READY=1\nSTATUS=the page of 1 machine is at {url}"
@@ -108,7 +105,7 @@ def test_the_service_manager_learns_that_the_page_answers_and_is_alive(tmp_path:
             assert ask(url, "readyz") == {"status": "ready"}
             process.send_signal(signal.SIGINT)
             assert manager.recv(4096) == b"STOPPING=1"
-            _, log = process.communicate(timeout=20)
+            log = finish(process)
             assert process.returncode == 0, log
 
 

@@ -145,7 +145,7 @@ RULES = st.builds(
 )
 
 
-@settings(max_examples=EXAMPLES, deadline=None)
+@settings(max_examples=EXAMPLES)
 @given(blocks=BLOCKS, rule=RULES, cut=st.integers(0, 60))
 def test_a_restart_changes_nothing(blocks: list[Any], rule: Rule, cut: int) -> None:
     chosen = AlarmSettings((rule,), window=5)
@@ -160,7 +160,7 @@ def test_a_restart_changes_nothing(blocks: list[Any], rule: Rule, cut: int) -> N
     assert AlarmState.from_dict(json.loads(json.dumps(one.to_dict()))) == one
 
 
-@settings(max_examples=EXAMPLES, deadline=None)
+@settings(max_examples=EXAMPLES)
 @given(values=st.lists(st.floats(0.0, 1e9), max_size=40), rule=RULES)
 def test_bad_blocks_raise_nothing_and_clear_nothing(values: list[float], rule: Rule) -> None:
     for state in (AlarmState(), run([30.0] * 6, replace(rule, alert=Level(1.0), danger=Level(2.0)))[0]):
@@ -169,7 +169,7 @@ def test_bad_blocks_raise_nothing_and_clear_nothing(values: list[float], rule: R
         assert after.rules == (state.rules if values or state.rules else {}) or not state.rules
 
 
-@settings(max_examples=EXAMPLES, deadline=None)
+@settings(max_examples=EXAMPLES)
 @given(values=st.lists(st.floats(0.0, 30.0), max_size=80), rule=RULES)
 def test_no_more_changes_than_crossings_and_delays_are_kept(values: list[float], rule: Rule) -> None:
     rule = replace(rule, alert=Level(10.0), danger=None)

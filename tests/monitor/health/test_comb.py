@@ -32,7 +32,7 @@ def average_spectra(amplitudes: list[NDArray[np.float64]]) -> NDArray[np.float64
 
 
 @given(f=st.floats(9.0, 190.0), off=st.floats(-0.019, 0.019), seed=st.integers(0, 1000))
-@settings(max_examples=CASES, deadline=None)
+@settings(max_examples=CASES)
 def test_amplitudes_are_right_wherever_the_lines_stand(f: float, off: float, seed: int) -> None:
     depths = (1.0, 0.7, 0.5, 0.8, 0.3)
     lines = fault_lines(line_spectrum(comb(2048, f * (1.0 + off), depths, seed=seed), 0.2), 0.2 * f)
@@ -46,7 +46,7 @@ def test_amplitudes_are_right_wherever_the_lines_stand(f: float, off: float, see
 
 
 @given(f=st.floats(30.0, 190.0), off=st.floats(-0.019, 0.019), h=st.integers(1, 5), seed=st.integers(0, 1000))
-@settings(max_examples=CASES, deadline=None)
+@settings(max_examples=CASES)
 def test_a_single_line_is_right_too(f: float, off: float, h: int, seed: int) -> None:
     amplitudes = tuple(2.5 * (k == h) for k in range(1, 6))
     lines = fault_lines(line_spectrum(comb(2048, f * (1.0 + off), amplitudes, seed=seed), 1.0), f)
@@ -54,7 +54,7 @@ def test_a_single_line_is_right_too(f: float, off: float, h: int, seed: int) -> 
 
 
 @given(f=st.floats(20.0, 190.0), off=st.floats(-0.018, 0.018), seed=st.integers(0, 1000))
-@settings(max_examples=max(5, CASES // 5), deadline=None)
+@settings(max_examples=max(5, CASES // 5))
 def test_the_search_finds_what_a_very_fine_grid_finds(f: float, off: float, seed: int) -> None:
     spectrum = comb(2048, f * (1.0 + off), (1.0, 0.7, 0.5, 0.8, 0.3), noise=0.3, seed=seed)
     found = fault_lines(line_spectrum(spectrum, 1.0), f).speed_factor
@@ -64,7 +64,7 @@ def test_the_search_finds_what_a_very_fine_grid_finds(f: float, off: float, seed
 
 
 @given(st.floats(1e-12, 1e12))
-@settings(max_examples=CASES, deadline=None)
+@settings(max_examples=CASES)
 def test_amplitudes_scale_and_snr_does_not(factor: float) -> None:
     spectrum = comb(2048, 57.3, (1.0, 0.7, 0.5), noise=0.5)
     plain, scaled = (

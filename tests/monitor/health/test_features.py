@@ -33,7 +33,7 @@ DEPTHS = (0.3, 0.2, 0.15, 0.1, 0.05)
 
 
 @given(fault=st.sampled_from(FAULTS[:3]), slip=st.floats(-0.019, 0.019), a=st.floats(1e-3, 1e3))
-@settings(max_examples=CASES, deadline=None)
+@settings(max_examples=CASES)
 def test_known_depths_come_back(fault: str, slip: float, a: float) -> None:
     features = block_features(modulated(32_000, FUNDAMENTALS[fault] * (1.0 + slip), DEPTHS, a), RATE, SETTINGS)
     lines = features.lines[0][fault]

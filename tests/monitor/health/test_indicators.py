@@ -23,7 +23,7 @@ LEVELS = ("mean", "rms", "peak", "peak_half_range")
     power=st.integers(1, 3),
     seed=st.integers(0, 1000),
 )
-@settings(max_examples=CASES, deadline=None)
+@settings(max_examples=CASES)
 def test_indicators_are_those_of_exact_sums(n: int, kind: str, offset: float, power: int, seed: int) -> None:
     x = (np.random.default_rng(seed).standard_normal(n) ** power + offset).astype(kind)
     found, expected = asdict(time_indicators(x)), oracle.indicators(x)
@@ -34,7 +34,7 @@ def test_indicators_are_those_of_exact_sums(n: int, kind: str, offset: float, po
 
 
 @given(st.integers(-90, 90), st.sampled_from(["float32", "float64"]))
-@settings(max_examples=CASES, deadline=None)
+@settings(max_examples=CASES)
 def test_ratios_know_no_scale(exponent: int, kind: str) -> None:
     x = np.random.default_rng(1).standard_normal(1000).astype(kind)
     plain, scaled = asdict(time_indicators(x)), asdict(time_indicators(x * np.asarray(2.0**exponent, kind)))

@@ -139,7 +139,7 @@ def test_alike_moments_are_the_nearest_of_all(away: float) -> None:
         assert own not in fit.life[fit.nearest_moments(target, said, ln_elapsed, 50, without=own)]
 
 
-@settings(max_examples=effort_count(quick=50, full=500), deadline=None)
+@settings(max_examples=effort_count(quick=50, full=500))
 @given(st.lists(st.floats(0.0, 1e5), min_size=1, max_size=40), st.floats(0.0, 1e5))
 def test_crps_is_the_mean_distance_less_half_the_mean_difference(values: list[float], truth: float) -> None:
     slow = np.mean([abs(v - truth) for v in values]) - 0.5 * np.mean([abs(a - b) for a in values for b in values])

@@ -104,7 +104,7 @@ def test_a_life_goes_through_its_stages_and_gets_its_name() -> None:
     assert state.named.fault == "outer"
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(cuts=st.sets(st.integers(0, 79), max_size=8))
 def test_states_written_as_json_midway_change_nothing(cuts: set[int]) -> None:
     blocks = life()

@@ -115,7 +115,7 @@ def test_order_state_survives_json():
         OrderState.from_dict({**state.to_dict(), "version": 9})
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.floats(-1e4, 1e4, width=32), min_size=1, max_size=300), st.booleans())
 def test_every_block_gets_a_verdict_without_warnings(values, absolute):
     verdict = check_samples(np.asarray(values, np.float32), absolute=absolute)

@@ -26,7 +26,7 @@ def make(**values: Any) -> Record:
 
 
 @given(records())
-@settings(max_examples=EXAMPLES, deadline=None)
+@settings(max_examples=EXAMPLES)
 def test_json_gives_the_record_back_bit_for_bit(record: Record) -> None:
     text = record.to_json()
     again = Record.from_json(text)
@@ -36,7 +36,7 @@ def test_json_gives_the_record_back_bit_for_bit(record: Record) -> None:
 
 
 @given(records(bands=3))
-@settings(max_examples=EXAMPLES, deadline=None)
+@settings(max_examples=EXAMPLES)
 def test_packed_values_come_back_bit_for_bit(record: Record) -> None:
     channels = {channel: dict(values) for channel, values in record.channels.items()}
     assert unpack(*pack(channels)) == channels

@@ -80,7 +80,7 @@ def test_an_envelope_at_the_full_rate_is_the_oracle_to_rounding() -> None:
     width=st.floats(500.0, 12_800.0),
     seed=st.integers(0, 100),
 )
-@settings(max_examples=CASES, deadline=None)
+@settings(max_examples=CASES)
 def test_any_band_and_length_agree_with_the_oracle_on_the_used_samples(
     n: int, lo: float, width: float, seed: int
 ) -> None:
@@ -110,7 +110,7 @@ def test_the_edges_of_the_raw_spectrum_and_of_the_whole_band(n: int) -> None:
 
 
 @given(st.floats(-1e4, 1e4), st.sampled_from(["float32", "float64"]))
-@settings(max_examples=CASES, deadline=None)
+@settings(max_examples=CASES)
 def test_a_constant_offset_changes_nothing(offset: float, kind: str) -> None:
     x = np.round(noise(4000) * 64.0) / 64.0
     offset = round(offset * 64.0) / 64.0
@@ -123,7 +123,7 @@ def test_a_constant_offset_changes_nothing(offset: float, kind: str) -> None:
 
 
 @given(st.floats(1e-25, 1e25))
-@settings(max_examples=CASES, deadline=None)
+@settings(max_examples=CASES)
 def test_amplitudes_scale_with_the_signal(factor: float) -> None:
     x = noise(4000)
     transform = get_transform(4000, RATE, [(3000.0, 9000.0)], rms_band=(0.0, 12_000.0))
@@ -136,7 +136,7 @@ def test_amplitudes_scale_with_the_signal(factor: float) -> None:
 
 
 @given(st.integers(1, 255))
-@settings(max_examples=CASES, deadline=None)
+@settings(max_examples=CASES)
 def test_a_shift_of_a_periodic_signal_changes_no_amplitude(shift: int) -> None:
     ring = np.exp(-np.arange(256) / 20.0) * np.sin(2.0 * np.pi * 8000.0 / RATE * np.arange(256))
     x = np.tile(ring, 40)

@@ -101,7 +101,7 @@ def batches_of(blocks: int) -> Any:
     batch=st.integers(1, 9),
     max_records=st.sampled_from((0, 8, 20_000)),
 )
-@settings(max_examples=effort_count(quick=40, full=1000), deadline=None)
+@settings(max_examples=effort_count(quick=40, full=1000))
 def test_extremes_are_those_over_all_records(
     tmp_path_factory: pytest.TempPathFactory,
     made: list[Record],
@@ -148,7 +148,7 @@ def test_extremes_are_those_over_all_records(
     cut=st.integers(0, 30),
     factor=st.integers(1, 12),
 )
-@settings(max_examples=effort_count(quick=60, full=2000), deadline=None)
+@settings(max_examples=effort_count(quick=60, full=2000))
 def test_buckets_can_be_cut_joined_and_written_at_will(
     time: list[float], data: st.DataObject, cut: int, factor: int
 ) -> None:
@@ -177,7 +177,7 @@ def test_buckets_can_be_cut_joined_and_written_at_will(
 
 
 @given(record=records(bands=2), names=st.lists(st.sampled_from(sorted(VARIABLES)), unique=True, max_size=9))
-@settings(max_examples=effort_count(quick=60, full=1000), deadline=None)
+@settings(max_examples=effort_count(quick=60, full=1000))
 def test_a_part_of_a_row_is_what_the_whole_row_says(record: Record, names: list[str]) -> None:
     layout, row = pack(record.channels)
     whole, numbers = unpack(layout, row), numbers_of(row)[None, :]

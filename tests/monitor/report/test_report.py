@@ -260,7 +260,7 @@ def test_several_machines_and_sources_keep_apart(tmp_path: Path) -> None:
     ),
     st.integers(0, 40),
 )
-@settings(max_examples=effort_count(quick=15, full=300), deadline=None)
+@settings(max_examples=effort_count(quick=15, full=300))
 def test_any_records_make_a_whole_page(
     tmp_path_factory: pytest.TempPathFactory, made: list[Record], points: int
 ) -> None:
@@ -318,7 +318,7 @@ def test_long_lives_make_no_long_pages(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.none() | st.floats(-1e6, 1e6), min_size=2, max_size=400), st.integers(4, 30))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_thinning_keeps_the_extremes_and_the_breaks(values: list[float | None], bins: int) -> None:
     y = np.array(values, dtype=float)
     x = np.arange(y.size, dtype=float)

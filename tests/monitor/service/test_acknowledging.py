@@ -23,12 +23,13 @@ from monitor.service.machine_status import channel_condition, shown_alarms
 from monitor.service.setup import source_settings
 from streams.block import Block, Rejected
 from tests.effort import effort_count
-from tests.faults.daemons import call, make_machine, start, status, wait_for
+from tests.faults.daemons import call, make_machine, start, status
 from tests.faults.test_folder_kill import config
 from tests.monitor.service.test_daemon import last, running
 from tests.monitor.service.test_ingest import Queue, steps
 from tests.steps import Steps
 from tests.streams.folders import csv_bytes, noise
+from tests.waiting import wait_until
 
 RATE = 2560.0
 LEVEL = AlarmLevel(
@@ -114,12 +115,12 @@ def test_what_is_latched_is_let_go_with_the_next_block_and_shown_at_once(machine
     machine.poll()
     assert machine.alarms == [("danger", False, True), ("alert", False, True)]
     assert machine.condition() == "failure"
-    wait_for(lambda: machine.waiting() == 2)
+    wait_until(lambda: machine.waiting() == 2)
     assert machine.acknowledge_all() == 2
     machine.poll()
     assert machine.alarms == []
     assert machine.condition() == "check_function"
-    wait_for(lambda: machine.waiting() == 0)
+    wait_until(lambda: machine.waiting() == 0)
     machine.step()
     machine.poll()
     machine.step()
@@ -199,7 +200,7 @@ def test_notices_and_events_of_other_kinds_let_go_of_nothing(machine: Machine) -
     assert len(machine.alarms) == 2
 
 
-@settings(max_examples=effort_count(quick=25, full=500), deadline=None)
+@settings(max_examples=effort_count(quick=25, full=500))
 @given(
     loud=st.lists(st.sampled_from([1.0, 4.0, 8.0]), min_size=4, max_size=14),
     acts=st.lists(st.sampled_from(["", "ack", "kill", "ack+kill"]), min_size=14, max_size=14),
@@ -261,9 +262,9 @@ def test_the_status_of_a_running_daemon_shows_alarms_levels_and_what_is_open(tmp
     path = loud_machine(tmp_path)
     with running(path):
         put(path, 1, 1.0)
-        wait_for(lambda: last(path) == 2)
+        wait_until(lambda: last(path) == 2)
         put(path, 2, 5.0)
-        wait_for(lambda: status(path)["alarms"] == 1 and status(path)["unacknowledged"] == 1)
+        wait_until(lambda: status(path)["alarms"] == 1 and status(path)["unacknowledged"] == 1)
         channel = status(path)["channels"]["x0"]
         assert (channel["state"], channel["reason"]) == ("maintenance_required", "alert of loud since block 3")
         assert channel["alarms"] == [
@@ -289,33 +290,32 @@ def test_the_status_of_a_running_daemon_shows_alarms_levels_and_what_is_open(tmp
         assert "1 event waits to be acknowledged\n" in printed
         assert "stage learning, alert of loud since block 3, last block" in printed
         put(path, 3, 1.0)
-        wait_for(lambda: "waits to be acknowledged" in status(path)["channels"]["x0"]["reason"])
+        wait_until(lambda: "waits to be acknowledged" in status(path)["channels"]["x0"]["reason"])
         assert status(path)["state"] == "maintenance_required"
         acknowledge(path)
-        wait_for(lambda: status(path)["alarms"] == 0 and status(path)["unacknowledged"] == 0)
+        wait_until(lambda: status(path)["alarms"] == 0 and status(path)["unacknowledged"] == 0)
         assert status(path)["channels"]["x0"]["state"] == "check_function"
         put(path, 4, 1.0)
-        wait_for(lambda: last(path) == 8)
+        wait_until(lambda: last(path) == 8)
     with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
         assert said(list(store.records()), "alarm_released") == [(7, "alert")]
 
 
-@pytest.mark.timeout(120)
 def test_a_daemon_that_is_killed_after_hearing_of_it_lets_go_once(tmp_path: Path) -> None:
     path = loud_machine(tmp_path)
     for number, loud in ((1, 5.0), (2, 1.0)):
         put(path, number, loud)
     daemon = start(path, "--quiet")
-    wait_for(lambda: status(path).get("alarms") == 1 and last(path) == 4)
+    wait_until(lambda: status(path).get("alarms") == 1 and last(path) == 4)
     acknowledge(path)
-    wait_for(lambda: status(path)["alarms"] == 0)
+    wait_until(lambda: status(path)["alarms"] == 0)
     daemon.kill()
     daemon.communicate()
     for number in (3, 4):
         put(path, number, 1.0)
         daemon = start(path, "--quiet")
         try:
-            wait_for(lambda blocks=2 * number: last(path) == blocks)
+            wait_until(lambda blocks=2 * number: last(path) == blocks)
         finally:
             daemon.kill()
             daemon.communicate()

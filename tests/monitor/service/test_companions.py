@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import time
 import urllib.request
 from pathlib import Path
 
@@ -14,8 +13,9 @@ import pytest
 from monitor.config.load import load_config
 from monitor.records.store import Store
 from monitor.service.companions import Companions
-from tests.faults.daemons import make_machine, start, status, wait_for
+from tests.faults.daemons import make_machine, start, status
 from tests.monitor.service.test_daemon import last, put, running
+from tests.waiting import PATIENCE_S, at_most, stop, wait_until
 
 
 def with_page(folder: Path) -> Path:
@@ -25,7 +25,7 @@ def with_page(folder: Path) -> Path:
 
 
 def answers(url: str) -> bool:
-    with urllib.request.urlopen(f"{url}api/machines", timeout=10.0) as response:
+    with urllib.request.urlopen(f"{url}api/machines", timeout=PATIENCE_S) as response:
         return response.status == 200
 
 
@@ -34,9 +34,9 @@ def test_a_page_that_crashes_is_a_problem_and_stops_nothing(tmp_path: Path, monk
     with monkeypatch.context() as broken:
         broken.setattr("monitor.service.page._ENTRY", "sys:exit")
         with running(config, path=config):
-            wait_for(lambda: "page" in status(config)["problems"])
+            wait_until(lambda: "page" in status(config)["problems"])
             put(config, 1)
-            wait_for(lambda: status(config)["blocks"] == 2)
+            wait_until(lambda: status(config)["blocks"] == 2)
             assert status(config)["page"] is None
             assert status(config)["status"] == "degraded"
     assert last(config) == 2
@@ -52,45 +52,40 @@ def test_without_a_page_none_is_started(tmp_path: Path) -> None:
         companions.close()
 
 
-@pytest.mark.timeout(120)
 def test_the_page_of_a_daemon_answers_is_started_again_and_ends_with_it(tmp_path: Path) -> None:
     config = with_page(tmp_path)
     daemon = start(config, "--quiet")
     try:
-        wait_for(lambda: status(config).get("page") is not None)
+        wait_until(lambda: status(config).get("page") is not None)
         assert answers(status(config)["page"])
         (child,) = pages_of(daemon.pid)
         os.kill(child, signal.SIGKILL)
-        wait_for(lambda: "page" in status(config)["problems"])
+        wait_until(lambda: "page" in status(config)["problems"])
         put(config, 1)
-        wait_for(lambda: last(config) == 2)
-        wait_for(lambda: status(config)["page"] is not None and status(config)["problems"] == {})
+        wait_until(lambda: last(config) == 2)
+        wait_until(lambda: status(config)["page"] is not None and status(config)["problems"] == {})
         assert answers(status(config)["page"])
         (child,) = pages_of(daemon.pid)
-        began = time.monotonic()
-        daemon.send_signal(signal.SIGTERM)
-        _, said = daemon.communicate(timeout=20)
+        with at_most(5.0):
+            said = stop(daemon)
         assert daemon.returncode == 0, said
-        assert time.monotonic() - began < 5.0
         assert status(config)["page"] is None
-        wait_for(lambda: not Path(f"/proc/{child}").exists())
+        wait_until(lambda: not Path(f"/proc/{child}").exists())
     finally:
         daemon.kill()
         daemon.communicate()
 
 
-@pytest.mark.timeout(120)
 def test_the_page_does_not_outlive_a_daemon_that_is_killed(tmp_path: Path) -> None:
     config = with_page(tmp_path)
     daemon = start(config, "--quiet")
-    wait_for(lambda: status(config).get("page") is not None)
+    wait_until(lambda: status(config).get("page") is not None)
     (child,) = pages_of(daemon.pid)
     daemon.kill()
     daemon.communicate()
-    wait_for(lambda: not alive(child))
+    wait_until(lambda: not alive(child))
 
 
-@pytest.mark.timeout(120)
 def test_what_is_acknowledged_on_the_page_lets_the_alarm_go_and_open_pages_do_not_delay_the_stop(
     tmp_path: Path,
 ) -> None:
@@ -100,32 +95,30 @@ def test_what_is_acknowledged_on_the_page_lets_the_alarm_go_and_open_pages_do_no
     put(config, 1)
     daemon = start(config, "--quiet")
     try:
-        wait_for(lambda: status(config).get("page") is not None and status(config)["unacknowledged"] == 1)
+        wait_until(lambda: status(config).get("page") is not None and status(config)["unacknowledged"] == 1)
         assert status(config)["channels"]["x0"]["alarms"][0]["latched"]
         page = status(config)["page"]
         token = (tmp_path / "state" / "web.token").read_text().strip()
-        with urllib.request.urlopen(f"{page}api/events", timeout=10.0) as response:
+        with urllib.request.urlopen(f"{page}api/events", timeout=PATIENCE_S) as response:
             (event,) = [event for event in json.load(response)["events"] if event["open"]]
         request = urllib.request.Request(
             f"{page}api/events/{event['id']}/acknowledge",
             data=json.dumps({"who": "Ada", "note": "seen"}).encode(),
             headers={"Authorization": f"Bearer {token}", "Content-Type": "application/json"},
         )
-        with urllib.request.urlopen(request, timeout=10.0) as response:
+        with urllib.request.urlopen(request, timeout=PATIENCE_S) as response:
             assert response.status == 200
-        wait_for(lambda: status(config)["unacknowledged"] == 0)
-        wait_for(lambda: not status(config)["channels"]["x0"]["alarms"][0]["latched"])
+        wait_until(lambda: status(config)["unacknowledged"] == 0)
+        wait_until(lambda: not status(config)["channels"]["x0"]["alarms"][0]["latched"])
         put(config, 2)
-        wait_for(lambda: last(config) == 4)
+        wait_until(lambda: last(config) == 4)
         with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
             events = [(event["kind"], event["block"]) for event in store.events()]
         assert events == [("alarm_raised", 1), ("alarm_released", 3)]
-        with urllib.request.urlopen(f"{page}api/stream", timeout=10.0) as stream:
+        with urllib.request.urlopen(f"{page}api/stream", timeout=PATIENCE_S) as stream:
             assert stream.readline()
-            began = time.monotonic()
-            daemon.send_signal(signal.SIGTERM)
-            _, said = daemon.communicate(timeout=20)
-            assert time.monotonic() - began < 5.0
+            with at_most(5.0):
+                said = stop(daemon)
         assert daemon.returncode == 0, said
     finally:
         daemon.kill()

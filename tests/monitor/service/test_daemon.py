@@ -7,7 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,9 @@ from monitor.service.machine_status import channel_state
 from monitor.service.publisher import Publisher
 from monitor.service.status_file import StatusFile, read_status
 from monitor.service.systemd import ServiceManager
-from tests.faults.daemons import make_machine, status, wait_for
+from tests.faults.daemons import make_machine, status
 from tests.streams.folders import csv_bytes, noise
+from tests.waiting import PATIENCE_S, at_most, join, wait_until
 
 DAY = 86400.0
 
@@ -45,13 +46,12 @@ def running(config: Path, **injected: Any) -> Iterator[Daemon]:
     thread = threading.Thread(target=run)
     thread.start()
     try:
-        wait_for(lambda: failures or status(config).get("status") in ("running", "degraded"))
+        wait_until(lambda: failures or status(config).get("status") in ("running", "degraded"))
         assert not failures
         yield daemon
     finally:
         stop.set()
-        thread.join(10.0)
-    assert not thread.is_alive()
+        join(thread)
     assert failures == []
 
 
@@ -71,7 +71,7 @@ def test_it_says_what_it_does_until_it_stops(tmp_path: Path) -> None:
     config = make_machine(tmp_path, sources=2)
     put(config, 1)
     with running(config):
-        wait_for(lambda: status(config)["sources"]["s0"]["accepted"] == 1 and status(config)["blocks"] == 2)
+        wait_until(lambda: status(config)["sources"]["s0"]["accepted"] == 1 and status(config)["blocks"] == 2)
         found = read_status(tmp_path / "state")
         with pytest.raises(StoreError, match="another daemon is running"):
             StatusFile.open(tmp_path / "state")
@@ -93,13 +93,13 @@ def test_a_restart_knows_what_was_and_goes_on(tmp_path: Path) -> None:
     config = make_machine(tmp_path)
     put(config, 1)
     with running(config):
-        wait_for(lambda: status(config)["blocks"] == 2)
+        wait_until(lambda: status(config)["blocks"] == 2)
     with running(config):
-        wait_for(lambda: status(config)["status"] == "running")
+        wait_until(lambda: status(config)["status"] == "running")
         assert status(config)["channels"]["x0"]["last_block"] == 2
         assert status(config)["sources"]["s0"]["accepted"] == 1
         put(config, 2)
-        wait_for(lambda: last(config) == 4)
+        wait_until(lambda: last(config) == 4)
     assert status(config)["blocks"] == 2
     with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
         assert store.rows("SELECT count(*), max(run) FROM runs JOIN blocks ON run = runs.id") == [(4, 1)]
@@ -114,16 +114,16 @@ def test_without_room_on_the_disk_nothing_is_taken_until_there_is_room(
     free = [10**9]
     put(config, 1)
     with running(config, free=lambda _: free[0]):
-        wait_for(lambda: last(config) == 2)
+        wait_until(lambda: last(config) == 2)
         free[0] = 1000
-        wait_for(lambda: status(config)["status"] == "degraded")
+        wait_until(lambda: status(config)["status"] == "degraded")
         assert "nearly full" in status(config)["problems"]["disk"]
         put(config, 2)
         time.sleep(1.5)
         assert last(config) == 2
         free[0] = 10**9
-        wait_for(lambda: last(config) == 4)
-        wait_for(lambda: status(config)["status"] == "running")
+        wait_until(lambda: last(config) == 4)
+        wait_until(lambda: status(config)["status"] == "running")
         assert status(config)["problems"] == {}
 
 
@@ -141,13 +141,13 @@ def test_a_store_that_cannot_commit_ends_nothing_and_is_shown(tmp_path: Path, mo
     full.set()
     put(config, 1)
     with running(config):
-        wait_for(lambda: status(config).get("status") == "degraded")
+        wait_until(lambda: status(config).get("status") == "degraded")
         assert status(config)["problems"]["store"] == "state.db: database or disk is full"
-        wait_for(lambda: status(config)["sources"]["s0"]["oldest_age_s"] > 0.5)
+        wait_until(lambda: status(config)["sources"]["s0"]["oldest_age_s"] > 0.5)
         assert status(config)["sources"]["s0"]["pending"] == 1
         full.clear()
-        wait_for(lambda: last(config) == 2)
-        wait_for(lambda: status(config)["status"] == "running")
+        wait_until(lambda: last(config) == 2)
+        wait_until(lambda: status(config)["status"] == "running")
 
 
 def test_it_stops_in_order_while_the_store_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,24 +157,23 @@ def test_it_stops_in_order_while_the_store_fails(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(Store, "commit", fails)
     config = make_machine(tmp_path)
     put(config, 1)
-    with running(config):
-        wait_for(lambda: status(config)["problems"])
-        began = time.monotonic()
-    assert time.monotonic() - began < 5.0
+    with ExitStack() as ending, running(config):
+        wait_until(lambda: status(config)["problems"])
+        ending.enter_context(at_most(5.0))
     assert status(config)["status"] == "stopped"
 
 
 def test_silence_and_rejections_are_no_health(tmp_path: Path) -> None:
     config, late = make_machine(tmp_path), [0.0]
     with running(config, monotonic=lambda: time.monotonic() + late[0]):
-        wait_for(lambda: status(config).get("channels"))
+        wait_until(lambda: status(config).get("channels"))
         assert status(config)["channels"]["x0"]["state"] == "check_function"
         late[0] = 601.0
-        wait_for(lambda: status(config)["channels"]["x0"]["state"] == "no_data")
+        wait_until(lambda: status(config)["channels"]["x0"]["state"] == "no_data")
         put(config, 1)
-        wait_for(lambda: status(config)["channels"]["x0"]["state"] == "check_function")
+        wait_until(lambda: status(config)["channels"]["x0"]["state"] == "check_function")
         (tmp_path / "in0" / "f9.csv").write_bytes(b"1.0\nwords\n")
-        wait_for(lambda: status(config)["channels"]["x0"]["state"] == "bad_data")
+        wait_until(lambda: status(config)["channels"]["x0"]["state"] == "bad_data")
         assert "rejected: unreadable" in status(config)["channels"]["x0"]["reason"]
     assert status(config)["state"] == "bad_data"
 
@@ -184,12 +183,12 @@ def test_publishing_that_fails_is_shown_and_stops_nothing(tmp_path: Path) -> Non
     (tmp_path / "records").write_bytes(b"")
     put(config, 1)
     with running(config):
-        wait_for(lambda: "publisher" in status(config)["problems"])
+        wait_until(lambda: "publisher" in status(config)["problems"])
         put(config, 2)
-        wait_for(lambda: last(config) == 4)
+        wait_until(lambda: last(config) == 4)
         (tmp_path / "records").unlink()
-        wait_for(lambda: (tmp_path / "records" / "m-undated.nc").exists())
-        wait_for(lambda: status(config)["status"] == "running")
+        wait_until(lambda: (tmp_path / "records" / "m-undated.nc").exists())
+        wait_until(lambda: status(config)["status"] == "running")
 
 
 def test_a_source_that_cannot_be_opened_is_refused_and_leaves_no_lock(tmp_path: Path) -> None:
@@ -206,7 +205,7 @@ def test_a_damaged_store_is_saved_as_far_as_it_can_be_and_the_daemon_goes_on(tmp
     for number in range(20):
         put(config, number)
     with running(config):
-        wait_for(lambda: last(config) == 40)
+        wait_until(lambda: last(config) == 40)
     database = tmp_path / "state" / "state.db"
     with Store.open(database, read_only=True) as store:
         before = {found.sequence: found for found in store.records()}
@@ -215,8 +214,8 @@ def test_a_damaged_store_is_saved_as_far_as_it_can_be_and_the_daemon_goes_on(tmp
     database.write_bytes(data)
     with running(config):
         put(config, 100)
-        wait_for(lambda: status(config)["blocks"] == 2)
-        wait_for(lambda: status(config)["unacknowledged"] == 1)
+        wait_until(lambda: status(config)["blocks"] == 2)
+        wait_until(lambda: status(config)["unacknowledged"] == 1)
     assert list(database.parent.glob("state.db.corrupt-*"))
     with EventLog(database) as log:
         (notice,) = log.notices()
@@ -248,28 +247,28 @@ def test_the_publisher_mends_what_is_lost_and_comes_back_when_killed(tmp_path: P
             store.commit(record(sequence, when), {})
         publisher = Publisher(store, files)
         try:
-            assert publisher.finish(30.0)
+            assert publisher.finish(PATIENCE_S)
             assert days_of(files) == {"m-19700111.nc": 1, "m-19700112.nc": 1}
             kept = (files / "m-19700112.nc").stat().st_ino
             # A late record falls into a closed day; the other day is left alone.
             store.commit(record(3, 10.5 * DAY), {})
             publisher.changed()
-            assert publisher.finish(30.0)
+            assert publisher.finish(PATIENCE_S)
             assert days_of(files) == {"m-19700111.nc": 2, "m-19700112.nc": 1}
             assert (files / "m-19700112.nc").stat().st_ino == kept
             (files / "m-19700112.nc").write_bytes(b"damaged")
             (files / "m-19700111.nc").unlink()
             publisher.changed()
-            assert publisher.finish(30.0)
+            assert publisher.finish(PATIENCE_S)
             assert days_of(files) == {"m-19700111.nc": 2, "m-19700112.nc": 1}
             child = vars(publisher)["_child"]
             child.kill()
             child.wait()
             store.commit(record(4, 11.5 * DAY), {})
             publisher.changed()
-            assert not publisher.finish(30.0)
+            assert not publisher.finish(PATIENCE_S)
             assert publisher.problem is not None
-            assert publisher.finish(30.0)
+            assert publisher.finish(PATIENCE_S)
             assert publisher.problem is None
             assert days_of(files) == {"m-19700111.nc": 2, "m-19700112.nc": 2}
         finally:
@@ -282,7 +281,7 @@ def test_the_publisher_asks_only_when_something_changed(tmp_path: Path) -> None:
     with Store.open(tmp_path / "state.db", machine="m") as store:
         publisher = Publisher(store, tmp_path / "records", every=60.0, monotonic=lambda: now[0])
         try:
-            assert publisher.finish(30.0)
+            assert publisher.finish(PATIENCE_S)
             now[0] = 59.0
             publisher.changed()
             publisher.tick()
@@ -290,7 +289,7 @@ def test_the_publisher_asks_only_when_something_changed(tmp_path: Path) -> None:
             now[0] = 61.0
             publisher.tick()
             assert publisher.busy
-            assert publisher.finish(30.0)
+            assert publisher.finish(PATIENCE_S)
             now[0] = 1e3
             publisher.tick()
             assert not publisher.busy
@@ -324,7 +323,7 @@ def test_the_disk_guard_waits_for_a_quarter_more(tmp_path: Path) -> None:
 def test_systemd_is_told(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "notify"))
-        manager.settimeout(5.0)
+        manager.settimeout(PATIENCE_S)
         notifier = ServiceManager({"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "4000000"})
         notifier.send("READY=1", "STATUS=watching s")
         assert manager.recv(100) == b"READY=1\nSTATUS=watching s"
@@ -380,6 +379,6 @@ def test_a_status_that_cannot_be_written_ends_nothing(
             broken.setattr(StatusFile, "write", fails)
             said = status(config)["updated_utc"]
             put(config, 1)
-            wait_for(lambda: last(config) == 2)
+            wait_until(lambda: last(config) == 2)
             assert status(config)["updated_utc"] == said
-        wait_for(lambda: status(config)["blocks"] == 2)
+        wait_until(lambda: status(config)["blocks"] == 2)

@@ -20,10 +20,11 @@ from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.summary import channel_summary
 from tests.effort import effort_count
-from tests.faults.daemons import make_machine, status, wait_for
+from tests.faults.daemons import make_machine, status
 from tests.monitor.service.test_daemon import last, put, running
 from tests.monitor.service.test_ingest import Queue, block, ingest_of, settings_of, steps
 from tests.streams.makers import ims_text
+from tests.waiting import wait_until
 
 NOW = 1.7e9
 LOCAL = """
@@ -83,7 +84,7 @@ def test_a_jump_of_the_computers_clock_flags_what_seems_to_lie_ahead_and_is_over
     assert [record.time for record in records] == times
 
 
-@settings(max_examples=effort_count(quick=30, full=1000), deadline=None)
+@settings(max_examples=effort_count(quick=30, full=1000))
 @given(
     stamps=st.lists(st.floats(-1e10, 1e11, allow_nan=False), min_size=1, max_size=12),
     clock=st.lists(st.floats(-1e10, 1e11, allow_nan=False), min_size=12, max_size=12),
@@ -113,7 +114,7 @@ def local_files(folder: Path, names: Sequence[str]) -> list[Record]:
             temporary = folder / "in0" / f".{name}"
             temporary.write_bytes(b"".join(lines[number:] + lines[:number]))
             temporary.rename(folder / "in0" / name)
-            wait_for(lambda count=number: last(path) == count)
+            wait_until(lambda count=number: last(path) == count)
     with Store.open(folder / "state" / "state.db", read_only=True) as store:
         return list(store.records())
 
@@ -151,18 +152,18 @@ def test_setting_the_clock_moves_no_timer_of_a_daemon(tmp_path: Path) -> None:
     config, shown = make_machine(tmp_path), [NOW]
     with running(config, clock=lambda: shown[0]):
         put(config, 1)
-        wait_for(lambda: last(config) == 2)
+        wait_until(lambda: last(config) == 2)
         for number, moved in enumerate((NOW - 1e8, NOW + 1e8, 0.0), 2):
             shown[0] = moved
             put(config, number)
-            wait_for(lambda blocks=2 * number: last(config) == blocks)
+            wait_until(lambda blocks=2 * number: last(config) == blocks)
             written = datetime.fromtimestamp(moved, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-            wait_for(lambda text=written: status(config)["updated_utc"] == text)
+            wait_until(lambda text=written: status(config)["updated_utc"] == text)
             assert status(config)["problems"] == {}
             assert status(config)["channels"]["x0"]["state"] == "check_function"
         assert 0.0 < status(config)["up_s"] < 120.0
         published = tmp_path / "records" / "m-undated.nc"
-        wait_for(lambda: published.exists())
+        wait_until(lambda: published.exists())
         time.sleep(0.1)
     with xr.open_dataset(published) as day:
         assert day.sizes["time"] == 8

@@ -20,10 +20,11 @@ from monitor.service.ingest import Ingest
 from monitor.service.setup import source_settings
 from streams.block import Block, Rejected
 from streams.source import Delivery
-from tests.faults.daemons import make_machine, status, wait_for
+from tests.faults.daemons import make_machine, status
 from tests.faults.test_folder_kill import config
 from tests.monitor.service.test_daemon import last, put, running
 from tests.monitor.service.test_ingest import Queue, block, ingest_of, steps
+from tests.waiting import wait_until
 
 STEP, ALARMS = stages.channel_step, stages.alarm_step
 BAD = 5
@@ -227,13 +228,13 @@ def test_a_daemon_goes_on_is_degraded_and_recovers(tmp_path: Path, monkeypatch: 
     with running(path):
         put(path, 1)
         put(path, 2)
-        wait_for(lambda: last(path) == 4 and "s0" in status(path)["problems"])
+        wait_until(lambda: last(path) == 4 and "s0" in status(path)["problems"])
         found = status(path)
         assert found["status"] == "degraded"
         assert found["problems"]["s0"] == "block 4: the analysis failed: FloatingPointError: overflow"
         assert found["channels"]["x0"]["state"] == "bad_data"
         put(path, 3)
-        wait_for(lambda: status(path)["status"] == "running" and last(path) == 6)
+        wait_until(lambda: status(path)["status"] == "running" and last(path) == 6)
         assert status(path)["sources"]["s0"]["accepted"] == 3
     with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
         assert [record.status for record in kept(store)] == ["ok", "ok", "unreadable", "unreadable", "ok", "ok"]

@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 
 from monitor.service.systemd import JournalFormatter, to_journal
-from tests.faults.daemons import ROOT, make_machine, wait_for
+from tests.faults.daemons import ROOT, make_machine
+from tests.waiting import stop, wait_until
 
 
 def test_a_line_for_the_journal_keeps_its_priority_in_front() -> None:
@@ -33,13 +34,14 @@ def test_the_journal_gets_priorities_and_notes_the_time_itself(tmp_path: Path) -
         process = subprocess.Popen(
             [sys.executable, "-c", "from monitor.cli import main; main()", "run", "--config", str(config)],
             cwd=ROOT,
+            text=True,
             stderr=journal,
             env=environment,
         )
         try:
-            wait_for(lambda: "ready, watching" in (tmp_path / "journal").read_text())
-            process.terminate()
-            assert process.wait(20) == 0
+            wait_until(lambda: "ready, watching" in (tmp_path / "journal").read_text())
+            stop(process)
+            assert process.returncode == 0
         finally:
             process.kill()
             process.wait()

@@ -7,7 +7,7 @@ import random
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +23,10 @@ from monitor.records.store import Store
 from monitor.service.notify.channels import Message, NotifyError
 from monitor.service.notify.message import Sender
 from monitor.service.notify.notifier import Notifier, configured_channels
+from tests.waiting import PATIENCE_S, wait_until
 
 PRESS = Sender("press")
 NOW = 1.79e9
-
-
-def wait_until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def test_each_section_has_its_channel() -> None:
@@ -64,7 +58,7 @@ class Recorder:
 
     def send(self, message: Message) -> str | None:
         self.attempts += 1
-        self.go.wait(10.0)
+        self.go.wait(PATIENCE_S)
         if self.failing:
             raise NotifyError("nobody answers")
         self.messages.append(message)
@@ -411,7 +405,7 @@ def test_a_log_that_cannot_be_opened_is_a_problem_and_is_tried_again(log: Log, t
     assert way.messages == []
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10**6))
 def test_whatever_happens_each_event_is_told_in_order_at_least_once(
     tmp_path_factory: pytest.TempPathFactory, seed: int

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +17,10 @@ from monitor.service.notify.smtp import Channel as SmtpChannel
 from monitor.service.notify.webhook import Channel as WebhookChannel
 from tests.broker import Broker
 from tests.receivers import Certificate, Hook, Mail, make_certificate, subscribed
+from tests.waiting import wait_until
 
 MESSAGE = Message("press: Hörizontal: danger", "RMS is 3.21 g\nV_eq 0.01 mm³/mm\n", {"events": [{"kind": "x"}]})
 SECRET = "let me in"
-
-
-def wait_until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from monitor.records.store import Store
 from monitor.service import publisher as publishing
 from monitor.service.publisher import Publisher
 from tests.faults.test_store_kill import block
+from tests.waiting import PATIENCE_S
 
 
 def test_another_child_takes_over_after_some_publications(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -22,7 +23,7 @@ def test_another_child_takes_over_after_some_publications(tmp_path: Path, monkey
             for number in range(1, 6):
                 store.commit(block(number), {})
                 publisher.changed()
-                assert publisher.finish(60.0)
+                assert publisher.finish(PATIENCE_S)
                 assert publisher.problem is None
                 children.append(publisher.pid)
                 with xr.open_dataset(next((tmp_path / "records").glob("*.nc"))) as day:

@@ -7,7 +7,7 @@ import json
 import random
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +23,9 @@ from tests.broker import Broker
 from tests.effort import effort_count
 from tests.proxy import Proxy
 from tests.receivers import subscribed
+from tests.waiting import join, wait_until
 
 CHANNELS = {"s": ("x", "y")}
-
-
-def wait_until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 20.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 class Commits:
@@ -209,8 +203,7 @@ def test_a_broker_that_never_answers_holds_up_neither_commits_nor_the_end(commit
         assert thread is not None
         assert thread.is_alive()
         peer.close()
-    thread.join(10.0)
-    assert not thread.is_alive()
+    join(thread)
 
 
 @pytest.mark.broker

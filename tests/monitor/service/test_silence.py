@@ -18,8 +18,9 @@ from monitor.records.events import EventLog
 from monitor.records.store import Store
 from monitor.service.silence import DataFlow, LatestBlock, SilenceLog, silence_limit
 from tests.effort import effort_count
-from tests.faults.daemons import make_machine, status, wait_for
+from tests.faults.daemons import make_machine, status
 from tests.monitor.service.test_daemon import last, put, running
+from tests.waiting import wait_until
 
 
 @pytest.fixture
@@ -82,7 +83,7 @@ def test_what_cannot_be_logged_is_logged_later(opened: tuple[Store, EventLog], m
     assert found.problem is None
 
 
-@settings(max_examples=effort_count(quick=50, full=2000), deadline=None)
+@settings(max_examples=effort_count(quick=50, full=2000))
 @given(gaps=st.lists(st.sampled_from([1.0, 5.0, 30.0, 59.0, 61.0, 300.0]), min_size=1, max_size=60))
 def test_whatever_the_rhythm_notices_alternate_and_none_comes_within_a_silence_limit(
     tmp_path_factory: pytest.TempPathFactory, gaps: list[float]
@@ -132,32 +133,32 @@ def test_a_daemon_logs_silence_and_its_end_and_a_restart_while_silent_says_nothi
     with running(config, monotonic=clock):
         put(config, 1)
         put(config, 1, source=1)
-        wait_for(lambda: last(config) == last(config, "s1") == 2)
+        wait_until(lambda: last(config) == last(config, "s1") == 2)
         assert notices() == []
         # Blocks without a date: ten minutes are the limit. s1 goes on, s0 does not.
         late[0] += 599.0
         put(config, 2, source=1)
-        wait_for(lambda: last(config, "s1") == 4)
+        wait_until(lambda: last(config, "s1") == 4)
         late[0] += 5.0
-        wait_for(lambda: status(config)["channels"]["x0"]["state"] == "no_data")
-        wait_for(lambda: status(config)["unacknowledged"] == 1)
+        wait_until(lambda: status(config)["channels"]["x0"]["state"] == "no_data")
+        wait_until(lambda: status(config)["unacknowledged"] == 1)
         assert status(config)["channels"]["x1"]["state"] == "check_function"
         assert notices() == [("no_data", "s0")]
     with running(config, monotonic=clock):
         late[0] += 580.0
         put(config, 3, source=1)
-        wait_for(lambda: last(config, "s1") == 6)
+        wait_until(lambda: last(config, "s1") == 6)
         late[0] += 300.0
-        wait_for(lambda: status(config)["channels"]["x0"]["state"] == "no_data")
+        wait_until(lambda: status(config)["channels"]["x0"]["state"] == "no_data")
         assert notices() == [("no_data", "s0")]
         for number in (2, 3, 4):
             put(config, number)
-            wait_for(lambda blocks=2 * number: last(config) == blocks)
+            wait_until(lambda blocks=2 * number: last(config) == blocks)
             put(config, number + 2, source=1)
-            wait_for(lambda blocks=2 * number + 4: last(config, "s1") == blocks)
+            wait_until(lambda blocks=2 * number + 4: last(config, "s1") == blocks)
             late[0] += 310.0
         put(config, 5)
-        wait_for(lambda: notices()[-1] == ("data_again", "s0"))
+        wait_until(lambda: notices()[-1] == ("data_again", "s0"))
     assert notices() == [("no_data", "s0"), ("data_again", "s0")]
 
 
@@ -166,14 +167,14 @@ def test_what_could_not_be_taken_is_no_silence(tmp_path: Path, monkeypatch: pyte
     config, late, free = make_machine(tmp_path), [0.0], [10**9]
     with running(config, monotonic=lambda: time.monotonic() + late[0], free=lambda _: free[0]):
         put(config, 1)
-        wait_for(lambda: last(config) == 2)
+        wait_until(lambda: last(config) == 2)
         free[0] = 1000
-        wait_for(lambda: "disk" in status(config)["problems"])
+        wait_until(lambda: "disk" in status(config)["problems"])
         late[0] += 3600.0
         put(config, 2)
-        wait_for(lambda: status(config)["up_s"] > 3600.0)
+        wait_until(lambda: status(config)["up_s"] > 3600.0)
         free[0] = 10**9
-        wait_for(lambda: last(config) == 4)
-        wait_for(lambda: status(config)["problems"] == {} and status(config)["blocks"] == 4)
+        wait_until(lambda: last(config) == 4)
+        wait_until(lambda: status(config)["problems"] == {} and status(config)["blocks"] == 4)
     with EventLog(tmp_path / "state" / "state.db") as log:
         assert log.notices() == []

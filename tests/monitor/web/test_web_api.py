@@ -18,11 +18,12 @@ from monitor.config.load import load_config
 from monitor.records.events import EventLog
 from monitor.records.spectra import read_spectra
 from monitor.records.store import Store
-from tests.faults.daemons import status, wait_for
+from tests.faults.daemons import status
 from tests.fleet import add_machine
 from tests.monitor.service.test_daemon import running
 from tests.pages import Page, alarmed_machine, page_of, put_blocks
 from tests.streams.folders import csv_bytes
+from tests.waiting import wait_until
 
 G = 9.80665
 
@@ -38,12 +39,12 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watched]:
     config = alarmed_machine(tmp_path_factory.mktemp("m"))
     put_blocks(config, 1, blocks=60)
     with running(config), page_of(config) as page:
-        wait_for(lambda: status(config)["blocks"] == 60)
+        wait_until(lambda: status(config)["blocks"] == 60)
         (config.parent / "in0" / "f0002.csv").write_bytes(csv_bytes(np.full(256, 0.5)))
-        wait_for(lambda: status(config)["blocks"] == 61)
+        wait_until(lambda: status(config)["blocks"] == 61)
         (config.parent / "in0" / "f0003.csv").write_bytes(b"words; and <b>more</b>\n" * 20)
-        wait_for(lambda: status(config)["blocks"] == 62)
-        wait_for(lambda: page.get("/api/channels/m/x0/records")["columns"]["time_s"][61:])
+        wait_until(lambda: status(config)["blocks"] == 62)
+        wait_until(lambda: page.get("/api/channels/m/x0/records")["columns"]["time_s"][61:])
         yield Watched(config, page)
 
 
@@ -141,7 +142,7 @@ def test_spectra_and_waterfall_are_those_of_the_store(watched: Watched) -> None:
 
 
 def test_rejected_and_flagged_blocks_are_listed_with_their_reasons(watched: Watched) -> None:
-    wait_for(lambda: sum(watched.page.get("/api/machines/m/blocks")["counts"].values()) == 62)
+    wait_until(lambda: sum(watched.page.get("/api/machines/m/blocks")["counts"].values()) == 62)
     found = watched.page.get("/api/machines/m/blocks")
     assert found["counts"] == {"flat": 1, "ok": 60, "unreadable": 1}
     assert [block["status"] for block in found["blocks"]] == ["unreadable", "flat"]
@@ -153,7 +154,7 @@ def test_rejected_and_flagged_blocks_are_listed_with_their_reasons(watched: Watc
 
 def test_published_files_are_listed_and_come_whole(watched: Watched) -> None:
     published = watched.config.parent / "records" / "m-undated.nc"
-    wait_for(published.exists)
+    wait_until(published.exists)
     (listed,) = watched.page.get("/api/records")["files"]
     assert (listed["machine"], listed["file"]) == ("m", "m-undated.nc")
     reply = watched.page.ask("/records/m-undated.nc")
@@ -243,7 +244,7 @@ def test_the_map_of_a_channel_and_why_there_is_none(watched: Watched, tmp_path: 
     config.write_text(text.replace("speed_hz = 40.0\n", "speed_hz = 40.0\nload_newton = 5000.0\n"))
     put_blocks(config, 1)
     with running(config):
-        wait_for(lambda: status(config)["blocks"] == 2)
+        wait_until(lambda: status(config)["blocks"] == 2)
     with page_of(config) as page:
         found = page.get("/api/channels/m/x0/map")
         (tmp_path / "map.nc").write_bytes(b"no map")
@@ -274,7 +275,7 @@ def test_a_damaged_store_is_an_error_in_words_and_a_new_one_is_found(tmp_path: P
     config = alarmed_machine(tmp_path)
     put_blocks(config, 1)
     with running(config):
-        wait_for(lambda: status(config)["blocks"] == 2)
+        wait_until(lambda: status(config)["blocks"] == 2)
     store = tmp_path / "state" / "state.db"
     with page_of(config) as page:
         assert page.get("/api/channels/m/x0")["source"] == "s0"

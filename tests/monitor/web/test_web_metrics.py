@@ -15,9 +15,10 @@ from prometheus_client.parser import text_string_to_metric_families
 from monitor.records.store import Store
 from monitor.service.status_file import StatusFile
 from monitor.web.metrics import STATES, address_of
-from tests.faults.daemons import ROOT, status, wait_for
+from tests.faults.daemons import ROOT, status
 from tests.monitor.service.test_daemon import running
 from tests.pages import Page, alarmed_machine, page_of, put_blocks
+from tests.waiting import wait_until
 
 _SAMPLES = {"histogram": ("_bucket", "_count", "_sum")}
 
@@ -49,14 +50,14 @@ def test_metrics_say_what_the_daemon_and_the_store_say(tmp_path: Path) -> None:
     put_blocks(config, 1, source=1)
     (tmp_path / "in0" / "f0000.csv").write_bytes(b"words\n" * 30)
     with running(config), page_of(config) as page:
-        wait_for(lambda: status(config)["blocks"] == 5)
+        wait_until(lambda: status(config)["blocks"] == 5)
         blocks = [
             ("spallwatch_blocks_total", (("machine", "m"), ("source", source), ("status", word)))
             for source, word in (("s0", "ok"), ("s0", "unreadable"), ("s1", "ok"))
         ]
         # The page counts once a second.
-        wait_for(lambda: [samples(page).get(name) for name in blocks] == [2, 1, 2])
-        wait_for(lambda: status(config)["unacknowledged"] == 2)
+        wait_until(lambda: [samples(page).get(name) for name in blocks] == [2, 1, 2])
+        wait_until(lambda: status(config)["unacknowledged"] == 2)
         said, found = status(config), samples(page)
         with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
             absolute, raw = (
@@ -149,9 +150,9 @@ def test_health_follows_the_daemon(tmp_path: Path) -> None:
         assert reasons() == ["machine m: the daemon has never run"]
         with running(config):
             put_blocks(config, 1)
-            wait_for(lambda: reasons() == [])
+            wait_until(lambda: reasons() == [])
             assert page.ask("/readyz").status == 200
-        wait_for(lambda: reasons() == ["machine m: the daemon does not run: it was stopped"])
+        wait_until(lambda: reasons() == ["machine m: the daemon does not run: it was stopped"])
         assert page.ask("/readyz").status == 200
 
 
@@ -159,7 +160,7 @@ def test_health_fails_on_what_is_stale_silent_or_broken(tmp_path: Path) -> None:
     config = alarmed_machine(tmp_path)
     put_blocks(config, 1)
     with running(config):
-        wait_for(lambda: status(config)["blocks"] == 2)
+        wait_until(lambda: status(config)["blocks"] == 2)
         said = status(config)
     # Whoever holds the lock is the daemon, and says what the test wants to hear.
     with StatusFile.open(tmp_path / "state") as daemon, page_of(config) as page:

@@ -20,7 +20,8 @@ import pytest
 from monitor.config.load import load_config
 from monitor.config.web import WebSection
 from monitor.service.page import PageProcess
-from tests.faults.daemons import ROOT, free_port, make_machine, wait_for
+from tests.faults.daemons import ROOT, free_port, make_machine
+from tests.waiting import PATIENCE_S, wait_until
 
 _PARENT = """
 import sys, time
@@ -58,7 +59,7 @@ def troubled(page: PageProcess) -> bool:
 
 def ask(page: PageProcess, path: str) -> dict[str, Any]:
     assert page.url is not None
-    with urllib.request.urlopen(page.url + path, timeout=20.0) as answer:
+    with urllib.request.urlopen(page.url + path, timeout=PATIENCE_S) as answer:
         return json.loads(answer.read())
 
 
@@ -74,7 +75,7 @@ def test_it_is_there_after_a_while_and_gone_at_once(tmp_path: Path) -> None:
     with page_process(make_machine(tmp_path)) as page:
         assert page.url is None
         assert page.pid is None
-        wait_for(lambda: reached(page))
+        wait_until(lambda: reached(page))
         assert ask(page, "readyz") == {"status": "ready"}
         assert page.problem is None
         pid = page.pid
@@ -88,13 +89,13 @@ def test_it_is_there_after_a_while_and_gone_at_once(tmp_path: Path) -> None:
 
 def test_one_that_is_killed_is_started_again(tmp_path: Path) -> None:
     with page_process(make_machine(tmp_path)) as page:
-        wait_for(lambda: reached(page))
+        wait_until(lambda: reached(page))
         assert page.pid is not None
         os.kill(page.pid, signal.SIGKILL)
-        wait_for(lambda: troubled(page))
+        wait_until(lambda: troubled(page))
         assert page.url is None
         assert page.problem == "the page ended unexpectedly"
-        wait_for(lambda: reached(page))
+        wait_until(lambda: reached(page))
         assert page.problem is None
         assert ask(page, "readyz") == {"status": "ready"}
 
@@ -103,24 +104,24 @@ def test_one_that_hangs_is_replaced(tmp_path: Path) -> None:
     now = [0.0]
     page = PageProcess(make_machine(tmp_path), WebSection(port=0), tmp_path / "state", lambda: now[0])
     try:
-        wait_for(lambda: reached(page))
+        wait_until(lambda: reached(page))
         pid = page.pid
         assert pid is not None
         os.kill(pid, signal.SIGSTOP)
         now[0] += 61.0
-        wait_for(lambda: troubled(page))
+        wait_until(lambda: troubled(page))
         assert page.problem is not None
         assert "said nothing" in page.problem
         assert not alive(pid)
         now[0] += 2.0
-        wait_for(lambda: reached(page))
+        wait_until(lambda: reached(page))
     finally:
         page.close()
 
 
 def test_it_survives_what_a_service_manager_sends_to_all(tmp_path: Path) -> None:
     with page_process(make_machine(tmp_path)) as page:
-        wait_for(lambda: reached(page))
+        wait_until(lambda: reached(page))
         assert page.pid is not None
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             os.kill(page.pid, number)
@@ -136,7 +137,7 @@ def test_it_ends_with_its_parent_however_that_ends(tmp_path: Path) -> None:
         assert alive(pid)
         parent.kill()
         parent.wait()
-    wait_for(lambda: not alive(pid))
+    wait_until(lambda: not alive(pid))
 
 
 @pytest.mark.parametrize("spoilt", ["port", "token", "certificate"])
@@ -156,15 +157,15 @@ def test_what_keeps_it_away_is_said_and_tried_again(tmp_path: Path, spoilt: str)
         if spoilt == "port":
             expected = f"port = {port}"
             with socket.create_server(("127.0.0.1", port)):
-                wait_for(lambda: troubled(page))
+                wait_until(lambda: troubled(page))
         else:
-            wait_for(lambda: troubled(page))
+            wait_until(lambda: troubled(page))
         assert page.problem is not None
         assert expected in page.problem
         assert page.url is None
         token.chmod(0o600)
         if spoilt != "certificate":
-            wait_for(lambda: reached(page))
+            wait_until(lambda: reached(page))
             assert page.problem is None
 
 
@@ -173,11 +174,11 @@ def test_a_configuration_that_became_invalid_is_a_problem_of_the_page(tmp_path: 
     valid = config.read_text()
     with page_process(config) as page:
         config.write_text("invalid")
-        wait_for(lambda: troubled(page))
+        wait_until(lambda: troubled(page))
         assert page.problem is not None
         assert "m.toml" in page.problem
         config.write_text(valid)
-        wait_for(lambda: reached(page))
+        wait_until(lambda: reached(page))
         assert page.problem is None
 
 
@@ -187,7 +188,7 @@ def test_it_speaks_tls(tmp_path: Path) -> None:
     more = ["-keyout", str(key), "-out", str(certificate), "-days", "2", "-subj", "/CN=localhost"]
     subprocess.run([*command, *more, "-addext", "subjectAltName=IP:127.0.0.1"], check=True, capture_output=True)
     with page_process(make_machine(tmp_path), cert_file=certificate, key_file=key) as page:
-        wait_for(lambda: reached(page))
+        wait_until(lambda: reached(page))
         assert page.url is not None
         assert page.url.startswith("https://")
         context = ssl.create_default_context(cafile=str(certificate))
@@ -197,7 +198,7 @@ def test_it_speaks_tls(tmp_path: Path) -> None:
             json.dumps({"token": token}).encode(),
             {"content-type": "application/json"},
         )
-        with urllib.request.urlopen(login, context=context, timeout=20.0) as answer:
+        with urllib.request.urlopen(login, context=context, timeout=PATIENCE_S) as answer:
             assert answer.status == 204
             assert "Secure" in answer.headers["set-cookie"]
             assert "strict-transport-security" in answer.headers

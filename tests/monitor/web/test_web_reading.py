@@ -24,8 +24,9 @@ from monitor.web.answers import numbers, without_folders
 from monitor.web.ledger_tally import LedgerTally
 from monitor.web.reading import StoreReader
 from tests.effort import effort_count
-from tests.faults.daemons import make_machine, wait_for
+from tests.faults.daemons import make_machine
 from tests.pages import Page, page_of
+from tests.waiting import PATIENCE_S, wait_until
 
 
 def fill(path: Path, statuses: list[str], first: int = 1) -> None:
@@ -87,7 +88,7 @@ def test_many_threads_read_at_once(tmp_path: Path) -> None:
     reader.close()
 
 
-@settings(deadline=None, max_examples=effort_count(quick=10, full=200))
+@settings(max_examples=effort_count(quick=10, full=200))
 @given(
     parts=st.lists(
         st.lists(st.sampled_from(["ok", "flat", "clipped", "unreadable", "nan"]), max_size=6), min_size=1, max_size=4
@@ -158,13 +159,13 @@ def test_no_folder_is_left(parts: list[str]) -> None:
 def test_slow_answers_hold_up_no_other_and_are_not_too_many(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config, go_on = make_machine(tmp_path), threading.Event()
     fill(tmp_path / "state" / "state.db", ["ok"])
-    monkeypatch.setattr(api, "channel", lambda *_: {"late": go_on.wait(30.0)})
+    monkeypatch.setattr(api, "channel", lambda *_: {"late": go_on.wait(PATIENCE_S)})
     with page_of(config) as page:
         held = [_ask_and_leave(page) for _ in range(80)]
         try:
             assert page.ask("/readyz").status == 200
             assert page.ask("/api/session").status == 200
-            wait_for(lambda: page.ask("/readyz").status == 200)
+            wait_until(lambda: page.ask("/readyz").status == 200)
             reply = page.ask("/api/channels/m/x0")
             assert reply.status == 503
             assert "too much is asked" in reply.json["error"]
@@ -173,7 +174,7 @@ def test_slow_answers_hold_up_no_other_and_are_not_too_many(tmp_path: Path, monk
         answers = Counter(_status(connection) for connection in held)
         assert set(answers) == {200, 503}
         assert answers[200] == 64
-        wait_for(lambda: page.ask("/api/channels/m/x0").json == {"late": True})
+        wait_until(lambda: page.ask("/api/channels/m/x0").json == {"late": True})
 
 
 def _ask_and_leave(page: Page) -> socket.socket:
@@ -198,7 +199,7 @@ def test_a_stream_that_is_not_read_is_ended(tmp_path: Path, monkeypatch: pytest.
             lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             lazy.connect(("127.0.0.1", page.port))
             lazy.sendall(b"GET /api/stream HTTP/1.1\r\nHost: localhost:%d\r\n\r\n" % page.port)
-            wait_for(lambda: _streams(page) == 1.0)
+            wait_until(lambda: _streams(page) == 1.0)
             number = [0]
 
             def ended() -> bool:
@@ -206,7 +207,7 @@ def test_a_stream_that_is_not_read_is_ended(tmp_path: Path, monkeypatch: pytest.
                 daemon.write(large | {"up_s": number[0]})
                 return _streams(page) == 0.0
 
-            wait_for(ended)
+            wait_until(ended)
 
 
 def _streams(page: Page) -> float:

@@ -19,8 +19,9 @@ from monitor.records.store import Store
 from monitor.web.auth import Doorkeeper, TokenError, load_token
 from monitor.web.security import Doors
 from monitor.web.server import LimitedProtocol
-from tests.faults.daemons import make_machine, wait_for
+from tests.faults.daemons import make_machine
 from tests.pages import Page, page_of
+from tests.waiting import wait_until
 
 EVIL = "<img src=x onerror=alert(1)>\"'&"
 
@@ -254,8 +255,8 @@ def test_whoever_sends_slowly_is_not_waited_for(tmp_path: Path, monkeypatch: pyt
             assert again.recv(4096).startswith(b"HTTP/1.1 200")
             again.sendall(b"GET /rea")
             for connection in (silent, slow):
-                wait_for(lambda found=connection: ended(found))
-            wait_for(lambda: ended(again))
+                wait_until(lambda found=connection: ended(found))
+            wait_until(lambda: ended(again))
         head = b"POST /login HTTP/1.1\r\nHost: localhost:%d\r\nContent-Type: application/json\r\n" % page.port
         with page.dial() as half:
             half.sendall(head + b"Content-Length: 100\r\n\r\n{")
@@ -267,10 +268,10 @@ def test_too_many_connections_are_closed(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr("monitor.web.server.MAX_CONNECTIONS", 3)
     with page_of(machine_with_event(tmp_path)) as page:
         held = [page.dial() for _ in range(3)]
-        wait_for(lambda: _closed_at_once(page))
+        wait_until(lambda: _closed_at_once(page))
         for connection in held:
             connection.close()
-        wait_for(lambda: not _closed_at_once(page))
+        wait_until(lambda: not _closed_at_once(page))
 
 
 def _closed_at_once(page: Page) -> bool:
@@ -290,7 +291,7 @@ def test_so_many_streams_and_no_more(tmp_path: Path) -> None:
             reply = page.ask("/api/stream")
             assert reply.status == 429
             assert "max_streams" in reply.json["error"]
-        wait_for(lambda: _streams(page))
+        wait_until(lambda: _streams(page))
 
 
 def _streams(page: Page) -> bool:

@@ -14,9 +14,10 @@ from monitor.records.events import EventLog
 from monitor.records.store import Store
 from monitor.web.machines import Machines
 from monitor.web.stream import Hub
-from tests.faults.daemons import make_machine, status, wait_for
+from tests.faults.daemons import make_machine, status
 from tests.monitor.service.test_daemon import running
 from tests.pages import alarmed_machine, page_of, put_blocks
+from tests.waiting import PATIENCE_S, wait_until
 
 Events = Iterator[tuple[str, Any]]
 
@@ -33,7 +34,7 @@ def test_a_new_block_reaches_who_follows_its_channel(tmp_path: Path) -> None:
     config = alarmed_machine(tmp_path, sources=2)
     put_blocks(config, 1)
     with running(config), page_of(config) as page:
-        wait_for(lambda: status(config)["blocks"] == 2)
+        wait_until(lambda: status(config)["blocks"] == 2)
         with page.events("?machine=m&channel=x0") as events, page.events() as others:
             whole = until(events, "machines")
             assert whole["full"] is True
@@ -54,7 +55,7 @@ def test_a_new_block_reaches_who_follows_its_channel(tmp_path: Path) -> None:
                 others, "machines", lambda data: "x0" in data["machines"][0]["channels"] and not data["full"]
             )
             assert set(changed["machines"][0]["channels"]) <= {"x0", "x1"}
-            wait_for(lambda: status(config)["blocks"] == 6)
+            wait_until(lambda: status(config)["blocks"] == 6)
             seen: set[str] = set()
             for kind, data in others:
                 seen.add(kind)
@@ -124,7 +125,7 @@ def test_a_listener_that_takes_nothing_is_dropped_and_holds_nothing_up(
         await asyncio.gather(looking, return_exceptions=True)
         return taken, waiting
 
-    taken, waiting = asyncio.run(asyncio.wait_for(scene(), 60.0))
+    taken, waiting = asyncio.run(asyncio.wait_until(scene(), PATIENCE_S))
     hub.close()
     assert taken == 200
     assert waiting <= 1
