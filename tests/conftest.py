@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import functools
+import multiprocessing.process
 import os
 import shutil
+import subprocess
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -45,6 +49,50 @@ def missing_for_pdf() -> str:
     except ReportError as error:
         return str(error)
     return ""
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark what starts a broker or a browser as starting processes."""
+    if item.get_closest_marker("broker") or item.get_closest_marker("browser"):
+        item.add_marker(pytest.mark.process)
+
+
+class _ProcessGuard:
+    """Fails a test that starts a process without the marker ``process``.
+
+    The process in which file formats are read is no matter of a test: all tests of a worker share it.
+    """
+
+    def __init__(self) -> None:
+        """Guard all ways in which a test of this project starts a process."""
+        self.allowed = True
+        self._watch(subprocess.Popen, "__init__")
+        self._watch(multiprocessing.process.BaseProcess, "start")
+        self._watch(os, "fork")
+
+    def _watch(self, owner: Any, name: str) -> None:
+        original = getattr(owner, name)
+
+        @functools.wraps(original)
+        def start(*args: Any, **options: Any) -> Any:
+            if not self.allowed and "streams.readers.child" not in str(args):
+                pytest.fail("a test that starts a process needs the marker process", pytrace=False)
+            return original(*args, **options)
+
+        setattr(owner, name, start)
+
+
+_GUARD = _ProcessGuard()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Let only tests with the marker ``process``, and the fixtures that are made for them, start processes."""
+    _GUARD.allowed = item.get_closest_marker("process") is not None
+    try:
+        return (yield)
+    finally:
+        _GUARD.allowed = True
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -27,6 +27,8 @@ from tests.faults.daemons import make_machine, start, status
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import stop, wait_until
 
+pytestmark = pytest.mark.process
+
 ROOT = Path(__file__).resolve().parents[1]
 SYSTEMD = ROOT / "deploy" / "systemd"
 COMMON = SYSTEMD / "common.conf"

@@ -11,6 +11,8 @@ import pytest
 
 from monitor import cli
 
+pytestmark = pytest.mark.process
+
 ROOT = Path(__file__).resolve().parents[1]
 
 

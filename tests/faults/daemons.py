@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from tests.commands import run_command
+
 ROOT = Path(__file__).parents[2]
 RATE = 2560
 _CLI = "from monitor.cli import main; main()"
@@ -68,7 +70,9 @@ def start(config: Path, *options: str, prefix: Sequence[str] = (), **more: Any) 
 
 
 def call(*arguments: str, prefix: Sequence[str] = ()) -> subprocess.CompletedProcess[str]:
-    """Run a command to its end; the prefix is a program, with its options, that starts it."""
+    """Run a command to its end, in this process or, where there is a prefix, by the program that it names."""
+    if not prefix:
+        return run_command(*arguments)
     return subprocess.run(
         [*prefix, sys.executable, "-c", _CLI, *arguments],
         cwd=ROOT,

@@ -25,6 +25,8 @@ from tests.faults.test_folder_kill import write
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import Stall, at_most, stop, wait_until
 
+pytestmark = pytest.mark.process
+
 KILLS = effort_count(quick=3, full=200)
 FILES_A_KILL = 10
 

@@ -25,6 +25,8 @@ from tests.faults.test_daemon_kill import published_blocks
 from tests.faults.test_network_kill import block
 from tests.waiting import stop, wait_until
 
+pytestmark = pytest.mark.process
+
 BLOCKS = 200
 
 

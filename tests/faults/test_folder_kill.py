@@ -20,6 +20,8 @@ from tests.effort import effort_count
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import Stall
 
+pytestmark = pytest.mark.process
+
 KILLS = effort_count(quick=5, full=200)
 FILES_A_KILL = 12
 _ROOT = Path(__file__).parents[2]

@@ -14,6 +14,9 @@ from tests.streams.folders import csv_bytes, noise
 from tests.waiting import finish, stop, wait_until
 
 # Permissions bind the superuser, too, once these are taken away.
+
+pytestmark = pytest.mark.process
+
 BOUND = ("setpriv", "--bounding-set=-dac_override,-dac_read_search") if os.geteuid() == 0 else ()
 
 

@@ -26,6 +26,8 @@ from tests.effort import effort_count
 from tests.proxy import Proxy
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.process
+
 KILLS = effort_count(quick=3, full=50)
 """Of each kind."""
 _ROOT = Path(__file__).parents[2]

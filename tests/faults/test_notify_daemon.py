@@ -19,6 +19,8 @@ from tests.receivers import Certificate, Hook, Mail, make_certificate, subscribe
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import stop, wait_until
 
+pytestmark = pytest.mark.process
+
 LEVEL = """
 [[alarms.level]]
 feature = "rms"

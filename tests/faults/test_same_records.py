@@ -18,6 +18,8 @@ from tests.faults.daemons import RATE, call, make_machine, start, status
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import finish, stop, wait_until
 
+pytestmark = pytest.mark.process
+
 FILES = effort_count(quick=24, full=240)
 ENDS = effort_count(quick=2, full=20)
 LEARNED = 10

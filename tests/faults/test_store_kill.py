@@ -8,9 +8,13 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 from monitor.health.record import Record
 from monitor.records.store import Store
 from tests.effort import effort_count
+
+pytestmark = pytest.mark.process
 
 KILLS = effort_count(quick=10, full=200)
 _ROOT = Path(__file__).parents[2]

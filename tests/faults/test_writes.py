@@ -35,6 +35,8 @@ from tests.faults.test_daemon_kill import published_blocks
 from tests.faults.test_network_kill import block
 from tests.waiting import Stall, stop, wait_until
 
+pytestmark = pytest.mark.process
+
 BLOCKS = 6
 FULL = effort_count(quick=0, full=1) == 1
 MOST = {"state": 10**6, "published": 300}

@@ -25,6 +25,8 @@ from tests.streams import misbehave
 from tests.streams.format_makers import mat_bytes, signal
 from tests.waiting import at_most, join, wait_until
 
+pytestmark = pytest.mark.process
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 

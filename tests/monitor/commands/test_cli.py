@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.commands import run_command
+
 ROOT = Path(__file__).resolve().parents[3]
 
 CONFIG = """
@@ -33,14 +35,13 @@ band_hz = [[2000, 6000]]
 
 
 def run(*arguments, cwd=None):
+    return run_command(*arguments, cwd=cwd)
+
+
+def run_program(*arguments):
     code = "from monitor.cli import main; main()"
     return subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=cwd or ROOT,
-        env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(ROOT), "HOME": str(cwd or ROOT)},
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False, cwd=ROOT
     )
 
 
@@ -60,8 +61,9 @@ def refused(result, *words):
     assert result.stdout == ""
 
 
+@pytest.mark.process
 def test_help_lists_the_commands():
-    result = run("--help")
+    result = run_program("--help")
     assert result.returncode == 0
     for name in ("demo", "replay", "report", "check", "bearing", "simulate", "map", "track", "warmup", "forecast"):
         assert f"  {name} " in result.stdout
@@ -124,6 +126,11 @@ def test_wrong_inputs_are_refused_in_words(machine):
     (machine / "v.csv").write_text("time_s,v_eq_mm2\n0,0.01\n10,x\n")
     refused(run("forecast", "v.csv", cwd=machine), "v.csv", "line 3", "v_eq_mm2")
     refused(run("bearing", "--bearing", "unheard-of"), "unheard-of", "6205")
+
+
+@pytest.mark.process
+def test_a_program_refuses_as_its_commands_do():
+    refused(run_program("replay", "none.npy", "--config", "none.toml"), "none.toml", "cannot be read")
 
 
 def test_bad_blocks_are_rejected_with_their_reason_and_the_rest_goes_on(machine):

@@ -6,10 +6,14 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from monitor.commands.status import present_state
 from monitor.service.status_file import StatusFile
 from tests.faults.daemons import call
 from tests.fleet import add_machine
+
+pytestmark = pytest.mark.process
 
 
 def test_the_table_has_the_worst_first_and_says_why(tmp_path: Path) -> None:

@@ -14,10 +14,14 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.faults.daemons import ROOT, call, start
 from tests.fleet import add_machine
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import PATIENCE_S, finish, stop, wait_until
+
+pytestmark = pytest.mark.process
 
 _CLI = "from monitor.cli import main; main()"
 

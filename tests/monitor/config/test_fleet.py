@@ -11,6 +11,8 @@ from monitor.config.load import ConfigError
 from tests.faults.daemons import call
 from tests.fleet import add_machine
 
+pytestmark = pytest.mark.process
+
 
 def test_all_problems_are_named_file_by_file(tmp_path: Path) -> None:
     add_machine(tmp_path, "a", web="port = 9000")

@@ -17,6 +17,8 @@ from tests.faults.daemons import make_machine, start, status
 from tests.monitor.service.test_daemon import last, put, running
 from tests.waiting import PATIENCE_S, at_most, stop, wait_until
 
+pytestmark = pytest.mark.process
+
 
 def with_page(folder: Path) -> Path:
     path = make_machine(folder)

@@ -18,6 +18,8 @@ from tests.monitor.service.test_daemon import last, put, running
 from tests.monitor.service.test_ingest import Queue, block, ingest_of, steps
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.process
+
 FILES = effort_count(quick=300, full=10_000)
 
 

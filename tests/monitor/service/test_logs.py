@@ -8,9 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from monitor.service.systemd import JournalFormatter, to_journal
 from tests.faults.daemons import ROOT, make_machine
 from tests.waiting import stop, wait_until
+
+pytestmark = pytest.mark.process
 
 
 def test_a_line_for_the_journal_keeps_its_priority_in_front() -> None:

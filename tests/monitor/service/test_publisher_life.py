@@ -13,6 +13,8 @@ from monitor.service.publisher import Publisher
 from tests.faults.test_store_kill import block
 from tests.waiting import PATIENCE_S
 
+pytestmark = pytest.mark.process
+
 
 def test_another_child_takes_over_after_some_publications(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(publishing, "_MAX_ANSWERS", 2)

@@ -25,6 +25,8 @@ from tests.pages import Page, alarmed_machine, page_of, put_blocks
 from tests.streams.folders import csv_bytes
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.process
+
 G = 9.80665
 
 

@@ -20,6 +20,8 @@ from tests.monitor.service.test_daemon import running
 from tests.pages import Page, alarmed_machine, page_of, put_blocks
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.process
+
 _SAMPLES = {"histogram": ("_bucket", "_count", "_sum")}
 
 

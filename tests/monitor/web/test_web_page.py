@@ -23,6 +23,8 @@ from monitor.service.page import PageProcess
 from tests.faults.daemons import ROOT, free_port, make_machine
 from tests.waiting import PATIENCE_S, wait_until
 
+pytestmark = pytest.mark.process
+
 _PARENT = """
 import sys, time
 from pathlib import Path

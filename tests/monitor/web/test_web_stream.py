@@ -19,6 +19,8 @@ from tests.monitor.service.test_daemon import running
 from tests.pages import alarmed_machine, page_of, put_blocks
 from tests.waiting import PATIENCE_S, wait_until
 
+pytestmark = pytest.mark.process
+
 Events = Iterator[tuple[str, Any]]
 
 
