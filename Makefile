@@ -4,11 +4,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help setup demo test check bench lock clean install-service uninstall-service
+.PHONY: help setup demo test coverage check bench lock clean install-service uninstall-service
 
 help:
 	@echo "make demo   a simulated bearing wears out and is monitored; the report is in demo-out/report.html"
 	@echo "make test   the test suite"
+	@echo "make coverage  the tests that start no process, and the share of lines that they run"
 	@echo "make check  lint, types and import rules"
 	@echo "make bench  the benchmarks, short form"
 	@echo "make install-service    as root: a service for each configuration and the page, under systemd (docs/how-to/deployment.md)"
@@ -30,7 +31,12 @@ demo: $(READY)
 test: $(READY)
 	@# Kernels are compiled once, not by each of the workers at the same time.
 	$(BIN)/spallwatch warmup --quiet
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
+
+coverage: $(READY)
+	@# The second run reads the lines of the kernels, which are interpreted in it: a few small tests of each.
+	$(BIN)/python -m pytest --numprocesses auto --dist worksteal -m "not process" --cov --cov-report=
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest $(INTERPRETED) -m "not process" --cov --cov-append --cov-report=term
 
 check: $(READY)
 	$(BIN)/ruff check .

@@ -160,7 +160,7 @@ def test_where_reading_needs_the_token_nothing_is_shown_before(restricted: Serve
 @pytest.fixture
 def crowd(tmp_path: Path) -> Iterator[Served]:
     """A daemon with very many channels, each with two blocks."""
-    served = Served(tmp_path, channels=effort_count(quick=100, full=1000))
+    served = Served(tmp_path, channels=effort_count(quick=50, full=1000))
     served.start()
     served.put(2)
     yield served

@@ -27,7 +27,7 @@ from tests.waiting import Stall, at_most, stop, wait_until
 
 pytestmark = pytest.mark.process
 
-KILLS = effort_count(quick=3, full=200)
+KILLS = effort_count(quick=2, full=200)
 FILES_A_KILL = 10
 
 

@@ -22,7 +22,7 @@ from tests.waiting import Stall
 
 pytestmark = pytest.mark.process
 
-KILLS = effort_count(quick=5, full=200)
+KILLS = effort_count(quick=3, full=200)
 FILES_A_KILL = 12
 _ROOT = Path(__file__).parents[2]
 _RATE = 2560

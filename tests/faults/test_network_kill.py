@@ -28,7 +28,7 @@ from tests.waiting import wait_until
 
 pytestmark = pytest.mark.process
 
-KILLS = effort_count(quick=3, full=50)
+KILLS = effort_count(quick=2, full=50)
 """Of each kind."""
 _ROOT = Path(__file__).parents[2]
 _RATE, _SAMPLES = 2560.0, 256

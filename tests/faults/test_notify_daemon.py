@@ -200,7 +200,7 @@ def test_killed_at_random_each_event_is_told_in_order(tmp_path: Path) -> None:
         config = machine(
             tmp_path, f'[notify]\nmost_per_hour = 3600\n[notify.webhook]\nurl = "http://127.0.0.1:{hook.port}/"\n'
         )
-        for _ in range(effort_count(quick=3, full=40)):
+        for _ in range(effort_count(quick=2, full=40)):
             daemon = start(config, "--quiet")
             for _ in range(6):
                 number += 1

@@ -21,7 +21,7 @@ from tests.waiting import finish, stop, wait_until
 pytestmark = pytest.mark.process
 
 FILES = effort_count(quick=24, full=240)
-ENDS = effort_count(quick=2, full=20)
+ENDS = effort_count(quick=1, full=20)
 LEARNED = 10
 
 

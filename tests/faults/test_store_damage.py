@@ -156,7 +156,7 @@ damages = st.lists(
 
 
 @settings(
-    max_examples=effort_count(quick=60, full=3000),
+    max_examples=effort_count(quick=25, full=3000),
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(damage=damages, closed=st.booleans(), without_log=st.booleans())
@@ -288,7 +288,7 @@ def test_what_was_lost_is_in_the_event_log_and_what_was_published_is_kept(
 
 def test_every_single_page_costs_only_what_is_on_it(stores: dict[bool, Path], tmp_path: Path) -> None:
     pages = stores[True].stat().st_size // PAGE
-    for page in range(0, pages, effort_count(quick=8, full=1)):
+    for page in range(0, pages, effort_count(quick=16, full=1)):
         path = copied(stores[True], tmp_path / "state")
         data = bytearray(path.read_bytes())
         zero(data, page * PAGE, 0)

@@ -16,7 +16,7 @@ from tests.effort import effort_count
 
 pytestmark = pytest.mark.process
 
-KILLS = effort_count(quick=10, full=200)
+KILLS = effort_count(quick=5, full=200)
 _ROOT = Path(__file__).parents[2]
 _CHILD = """
 import sys

@@ -40,6 +40,7 @@ def other_process(program: str, path: Path) -> None:
     subprocess.run([sys.executable, "-c", program, str(path)], cwd=ROOT, check=True)
 
 
+@pytest.mark.process
 def test_a_reader_in_the_process_of_the_writer_does_not_cost_it_its_log(tmp_path: Path) -> None:
     path = tmp_path / "state.db"
     with Store.open(path, machine="m") as store:
@@ -54,6 +55,7 @@ def test_a_reader_in_the_process_of_the_writer_does_not_cost_it_its_log(tmp_path
             assert reader.last("s") == 2
 
 
+@pytest.mark.process
 def test_the_page_reads_on_when_the_writer_is_started_anew(tmp_path: Path) -> None:
     path = tmp_path / "state.db"
     other_process(_COMMIT, path)

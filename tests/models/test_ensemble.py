@@ -64,6 +64,7 @@ def test_slip_is_simulated_in_lanes() -> None:
     assert seen[-1] == (64, 64)
 
 
+@pytest.mark.process
 def test_floors_beyond_one_group_and_processes_change_nothing() -> None:
     plan = replace(COARSE, floors=34, slip=Slip(0.01, seed=2))
     one, two = (ensemble_nodes(plan, workers=n) for n in (1, 2))

@@ -240,6 +240,7 @@ def stored() -> dict[str, list[Row]]:
     return json.loads((ROOT / "benchmarks" / "results" / "integrators.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.process
 def test_a_page_without_marks_is_refused(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("nothing\n", encoding="utf-8")

@@ -188,6 +188,7 @@ def test_band_limits_the_rms() -> None:
     assert found.rms[0] == pytest.approx(simulate(SCENE, band=band).rms, rel=3e-3)
 
 
+@pytest.mark.process
 def test_processes_give_the_same_bits() -> None:
     scenes = [replace(s, slip=Slip(0.01)) for s in map_scenes(2 * LANES)]
     options = LaneOptions(steps_per_period=32, slip_blocks=2)

@@ -285,6 +285,7 @@ def test_a_depth_follows_its_share_of_the_volume() -> None:
         assert math.log(b.h_d / a.h_d) == pytest.approx(plan.depth_share * math.log(v_b / v_a), rel=1e-9)
 
 
+@pytest.mark.process
 def test_a_population_loads_no_kernels() -> None:
     code = (
         "import sys; from models.lives.life import Population, draw_life; draw_life(Population(), 1); "

@@ -111,6 +111,7 @@ def test_the_spread_over_rigs_is_that_of_their_draws() -> None:
     assert np.all(none.rms_rig_std == 0.0)
 
 
+@pytest.mark.process
 def test_rigs_and_floors_are_told_apart() -> None:
     plan = replace(SMALL, floor=Floor("rough", seed=7), floors=2, rig_draws=3, rig_spread=1e-9, rig_spread_k_r=1e-9)
     m = build_map(plan, workers=2)
@@ -124,6 +125,7 @@ def test_progress_counts_every_node() -> None:
     assert seen == [(2, 4), (4, 4)]
 
 
+@pytest.mark.process
 def test_workers_change_nothing() -> None:
     np.testing.assert_array_equal(build_map(SMALL, workers=2).rms, build_map(SMALL).rms)
     with pytest.raises(ValueError, match="workers"):
@@ -320,6 +322,7 @@ def test_errors_are_summed_up_or_there_are_none() -> None:
     assert all(math.isnan(value) for value in rms_and_most([]))
 
 
+@pytest.mark.process
 def test_reading_a_map_needs_no_compiler(tmp_path: Path) -> None:
     save_map(built(), tmp_path / "map.nc")
     code = (

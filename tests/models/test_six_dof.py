@@ -56,7 +56,7 @@ def oracle_of(scene: Scene) -> OracleResponse:
     return simulate_oracle(case, periods=24 if scene.clearance == 0.0 else 40)
 
 
-@pytest.mark.parametrize("scene", random_scenes(effort_count(quick=5, full=30)))
+@pytest.mark.parametrize("scene", random_scenes(effort_count(quick=2, full=30)))
 def test_against_the_oracle(scene: Scene) -> None:
     response, truth = simulate(scene), oracle_of(scene)
     assert response.status == "converged"
@@ -84,7 +84,7 @@ def test_order_of_the_integrator() -> None:
 
 def test_error_of_the_default_steps() -> None:
     errors = []
-    for scene in random_scenes(effort_count(quick=30, full=200)):
+    for scene in random_scenes(effort_count(quick=15, full=200)):
         fine = simulate(scene, steps_per_period=4096, tolerance=1e-7).rms
         errors.append(simulate(scene).rms / fine - 1.0)
     assert np.max(np.abs(errors)) < 3e-3

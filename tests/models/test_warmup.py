@@ -52,6 +52,7 @@ print(json.dumps([warm, types()]))
 """
 
 
+@pytest.mark.process
 def test_after_it_nothing_is_compiled() -> None:
     done = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, text=True, check=True)
     warm, used = json.loads(done.stdout)

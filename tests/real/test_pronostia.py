@@ -75,7 +75,7 @@ def items_of(file: Path, config: str) -> tuple[Block | Rejected, ...]:
     return tuple(open_configured(settings, section, str(file)))
 
 
-@pytest.mark.parametrize("seed", range(effort_count(quick=2, full=20)))
+@pytest.mark.parametrize("seed", range(effort_count(quick=1, full=20)))
 def test_a_run_in_pieces_gives_the_same_records(data_dir: Path, seed: int) -> None:
     """At random blocks the state is read back from the JSON of its parts."""
     run = next(run for run in RUNS if run.name == "Bearing2_7")

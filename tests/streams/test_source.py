@@ -169,11 +169,13 @@ def test_channels_that_mean_nothing(settings: dict[str, Any], words: str) -> Non
         ChannelSpec("a", **settings)
 
 
+@pytest.mark.process
 def test_importing_the_protocol_loads_no_parser() -> None:
     code = "import sys, streams.open; sys.exit(bool({'pandas', 'scipy', 'numba', 'soundfile'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.process
 def test_reading_a_recording_loads_no_compiler(tmp_path: Path) -> None:
     (tmp_path / "acc_00001.csv").write_bytes(pronostia_csv(1))
     code = (

@@ -24,6 +24,7 @@ def build(*arguments: str) -> dict[str, Any]:
     return json.loads(run.stdout)
 
 
+@pytest.mark.process
 def test_a_small_library_is_built_said_and_usable(tmp_path: Path) -> None:
     out = tmp_path / "lives.npz"
     options = ("--runs", "24", "--seed", "5", "--duration-min", "60:120", "--threshold-mm2", "0.05", "--workers")

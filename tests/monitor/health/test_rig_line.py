@@ -6,7 +6,6 @@ import json
 import math
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -41,6 +40,7 @@ ONSET = 136
 # A short life (55 blocks to the threshold), so that thirty damaged blocks reach past its middle. On this one the
 # tracker keeps within a factor of five; on three in ten it does not (benchmarks/tracking.py), which is the method's.
 URL = "rig:ferrara?seed=13&healthy_blocks=135&blocks=165"
+QUICK = "rig:ferrara?seed=13&healthy_blocks=45&blocks=60"
 
 
 @pytest.fixture(scope="module")
@@ -173,20 +173,24 @@ def _number(value: Any) -> float:
     return math.nan if value is None else float(value)
 
 
+@pytest.fixture(scope="module")
+def simulated() -> dict[int, Block]:
+    """Blocks of the rig of a quick life, by number."""
+    return {}
+
+
 @pytest.fixture
-def simulated_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[int, Block]]:
-    """Keep the rig's blocks: several replays of it need not simulate them anew (they are the same, tests/streams)."""
-    made: dict[int, Block] = {}
+def simulated_once(simulated: dict[int, Block], monkeypatch: pytest.MonkeyPatch) -> dict[int, Block]:
+    """Keep the blocks of QUICK, so that several replays simulate them once."""
     simulate_block = SimulatedRig.block
 
     def kept(rig: SimulatedRig, sequence: int) -> Block:
-        if sequence not in made:
-            made[sequence] = simulate_block(rig, sequence)
-        return made[sequence]
+        if sequence not in simulated:
+            simulated[sequence] = simulate_block(rig, sequence)
+        return simulated[sequence]
 
     monkeypatch.setattr(SimulatedRig, "block", kept)
-    yield made
-    made.clear()
+    return simulated
 
 
 def quick_to_learn(track: str, forecast: str) -> Config:
@@ -213,7 +217,7 @@ def test_restarts_in_the_middle_change_no_bit(
     tmp_path: Path, rms_map: RmsMap, library: Library, simulated_once: dict[int, Block], track: str, forecast: str
 ) -> None:
     """One stop while the onset is suspected but not known and RMS waits for the tracker, one while it is tracked."""
-    url, config = "rig:ferrara?seed=13&healthy_blocks=45&blocks=60", quick_to_learn(track, forecast)
+    url, config = QUICK, quick_to_learn(track, forecast)
     given = {"maps": {TESTED: rms_map}, "libraries": {TESTED: library}}
     whole = replay(config, url, tmp_path / "whole", **given)
     summary = whole.summary["channels"][TESTED]
@@ -240,8 +244,7 @@ def test_the_library_answers_with_intervals_that_records_and_archive_hold(
     """No map is needed; without a configured method, a library is taken where there is one."""
     config = quick_to_learn("library", "library")
     chosen = {name: getattr(config, name).model_copy(update={"method": None}) for name in ("track", "forecast")}
-    url = "rig:ferrara?seed=13&healthy_blocks=45&blocks=60"
-    result = replay(config.model_copy(update=chosen), url, tmp_path, libraries={TESTED: library})
+    result = replay(config.model_copy(update=chosen), QUICK, tmp_path, libraries={TESTED: library})
     summary = result.summary["channels"][TESTED]
     assert summary["edv_status"] == "ok"
     assert 0.0 < summary["v_eq_lower_mm2"] < summary["v_eq_mm2"] < summary["v_eq_upper_mm2"]
@@ -316,6 +319,7 @@ def test_the_rig_reads_no_map(monkeypatch: pytest.MonkeyPatch) -> None:
     assert blocks[-1].samples[0].std() > 3.0 * blocks[0].samples[0].std()
 
 
+@pytest.mark.process
 def test_the_rig_does_not_even_import_maps() -> None:
     code = (
         "import sys\n"

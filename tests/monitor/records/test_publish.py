@@ -213,6 +213,7 @@ def test_several_bands_and_thresholds_have_dimensions(store: Store, tmp_path: Pa
         assert dataset.h_or.dims == ("time", "channel")
 
 
+@pytest.mark.process
 def test_a_reader_with_the_old_file_open_is_not_in_the_way(store: Store, tmp_path: Path) -> None:
     store.commit(block(1, NOON), {})
     (path,) = publish(store, tmp_path)

@@ -155,6 +155,7 @@ def dies(task: Task) -> Outcome:
     return Outcome(task.run, ())
 
 
+@pytest.mark.process
 def test_a_process_that_dies_takes_no_other_run_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report_batch, "report_one", dies)
     items = [BatchRun(tmp_path, name) for name in ("b", "c")]

@@ -258,6 +258,7 @@ def acknowledge(path: Path) -> None:
         log.acknowledge(found.id, "Ada <b>", "bearing ordered", 1.7e9)
 
 
+@pytest.mark.process
 def test_the_status_of_a_running_daemon_shows_alarms_levels_and_what_is_open(tmp_path: Path) -> None:
     path = loud_machine(tmp_path)
     with running(path):
@@ -301,6 +302,7 @@ def test_the_status_of_a_running_daemon_shows_alarms_levels_and_what_is_open(tmp
         assert said(list(store.records()), "alarm_released") == [(7, "alert")]
 
 
+@pytest.mark.process
 def test_a_daemon_that_is_killed_after_hearing_of_it_lets_go_once(tmp_path: Path) -> None:
     path = loud_machine(tmp_path)
     for number, loud in ((1, 5.0), (2, 1.0)):

@@ -67,6 +67,7 @@ def last(config: Path, source: str = "s0") -> int:
         return store.last(source)
 
 
+@pytest.mark.process
 def test_it_says_what_it_does_until_it_stops(tmp_path: Path) -> None:
     config = make_machine(tmp_path, sources=2)
     put(config, 1)
@@ -89,6 +90,7 @@ def test_it_says_what_it_does_until_it_stops(tmp_path: Path) -> None:
         assert dataset.attrs["config_hash"] == load_config(config).hash
 
 
+@pytest.mark.process
 def test_a_restart_knows_what_was_and_goes_on(tmp_path: Path) -> None:
     config = make_machine(tmp_path)
     put(config, 1)
@@ -106,6 +108,7 @@ def test_a_restart_knows_what_was_and_goes_on(tmp_path: Path) -> None:
         assert store.rows("SELECT count(*) FROM runs") == [(1,)]
 
 
+@pytest.mark.process
 def test_without_room_on_the_disk_nothing_is_taken_until_there_is_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -127,6 +130,7 @@ def test_without_room_on_the_disk_nothing_is_taken_until_there_is_room(
         assert status(config)["problems"] == {}
 
 
+@pytest.mark.process
 def test_a_store_that_cannot_commit_ends_nothing_and_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("monitor.service.ingest._RETRY_S", 0.05)
     config, full = make_machine(tmp_path), threading.Event()
@@ -150,6 +154,7 @@ def test_a_store_that_cannot_commit_ends_nothing_and_is_shown(tmp_path: Path, mo
         wait_until(lambda: status(config)["status"] == "running")
 
 
+@pytest.mark.process
 def test_it_stops_in_order_while_the_store_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(store: Store, *values: Any) -> object:
         raise StoreError("state.db: database or disk is full")
@@ -163,6 +168,7 @@ def test_it_stops_in_order_while_the_store_fails(tmp_path: Path, monkeypatch: py
     assert status(config)["status"] == "stopped"
 
 
+@pytest.mark.process
 def test_silence_and_rejections_are_no_health(tmp_path: Path) -> None:
     config, late = make_machine(tmp_path), [0.0]
     with running(config, monotonic=lambda: time.monotonic() + late[0]):
@@ -178,6 +184,7 @@ def test_silence_and_rejections_are_no_health(tmp_path: Path) -> None:
     assert status(config)["state"] == "bad_data"
 
 
+@pytest.mark.process
 def test_publishing_that_fails_is_shown_and_stops_nothing(tmp_path: Path) -> None:
     config = make_machine(tmp_path)
     (tmp_path / "records").write_bytes(b"")
@@ -200,6 +207,7 @@ def test_a_source_that_cannot_be_opened_is_refused_and_leaves_no_lock(tmp_path: 
     assert read_status(tmp_path / "state") == {"running": False, "status": "never_ran"}
 
 
+@pytest.mark.process
 def test_a_damaged_store_is_saved_as_far_as_it_can_be_and_the_daemon_goes_on(tmp_path: Path) -> None:
     config = make_machine(tmp_path)
     for number in range(20):
@@ -240,6 +248,7 @@ def days_of(folder: Path) -> dict[str, int]:
     return found
 
 
+@pytest.mark.process
 def test_the_publisher_mends_what_is_lost_and_comes_back_when_killed(tmp_path: Path) -> None:
     files = tmp_path / "records"
     with Store.open(tmp_path / "state.db", machine="m") as store:
@@ -276,6 +285,7 @@ def test_the_publisher_mends_what_is_lost_and_comes_back_when_killed(tmp_path: P
         assert publisher.pid is None
 
 
+@pytest.mark.process
 def test_the_publisher_asks_only_when_something_changed(tmp_path: Path) -> None:
     now = [0.0]
     with Store.open(tmp_path / "state.db", machine="m") as store:
@@ -366,6 +376,7 @@ def test_a_status_file_that_is_damaged_is_as_none(tmp_path: Path) -> None:
     assert read_status(tmp_path) == {"running": False, "status": "died", "pid": 1}
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("error", [OverflowError("date value out of range"), PermissionError(13, "Permission denied")])
 def test_a_status_that_cannot_be_written_ends_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception

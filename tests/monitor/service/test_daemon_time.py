@@ -123,6 +123,7 @@ def minutes(start: datetime, *after: int) -> list[float]:
     return [(start + timedelta(minutes=minute)).timestamp() for minute in after]
 
 
+@pytest.mark.process
 def test_in_spring_local_times_go_on_without_a_gap(tmp_path: Path) -> None:
     # At 2 o'clock it is 3 o'clock, which is 1 o'clock UTC.
     names = ["01.30", "01.40", "01.50", "03.00", "03.10"]
@@ -133,6 +134,7 @@ def test_in_spring_local_times_go_on_without_a_gap(tmp_path: Path) -> None:
         assert day.sizes["time"] == 5
 
 
+@pytest.mark.process
 def test_in_autumn_the_hour_that_comes_twice_is_flagged_and_nothing_is_lost(tmp_path: Path) -> None:
     # At 3 o'clock it is 2 o'clock again: what is named 02.15 then is taken for the first 02.15, before 02.50.
     names = ["02.30", "02.40", "02.50", "02.15", "02.25", "02.55", "03.05"]
@@ -148,6 +150,7 @@ def test_in_autumn_the_hour_that_comes_twice_is_flagged_and_nothing_is_lost(tmp_
         assert (day.time.values[1:] > day.time.values[:-1]).all()
 
 
+@pytest.mark.process
 def test_setting_the_clock_moves_no_timer_of_a_daemon(tmp_path: Path) -> None:
     config, shown = make_machine(tmp_path), [NOW]
     with running(config, clock=lambda: shown[0]):

@@ -217,6 +217,7 @@ def test_a_source_that_fails_is_shown_and_takes_no_other_with_it(
         assert "a pump" not in ingest.problems()["s"]
 
 
+@pytest.mark.process
 def test_a_daemon_goes_on_is_degraded_and_recovers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def step(state: Any, block: Any, settings: Any) -> Any:
         if block.sequence in (3, 4):

@@ -64,6 +64,7 @@ def test_an_email_arrives_whole() -> None:
     assert mail.get_content().replace("\r\n", "\n") == MESSAGE.text
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("security", ["starttls", "tls"])
 def test_an_email_is_encrypted_and_the_password_never_in_the_clear(
     certificate: Certificate, secrets: tuple[Path, Path], security: str
@@ -78,6 +79,7 @@ def test_an_email_is_encrypted_and_the_password_never_in_the_clear(
     )
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("security", ["starttls", "tls"])
 @pytest.mark.parametrize("other", [0, 1])
 def test_a_mail_server_with_a_wrong_certificate_gets_nothing(
@@ -105,6 +107,7 @@ def test_a_mail_server_that_cannot_encrypt_gets_no_password(secrets: tuple[Path,
     assert not any("AUTH" in line.upper() for line in server.clear)
 
 
+@pytest.mark.process
 def test_a_refused_login_is_named_without_the_secret(certificate: Certificate, secrets: tuple[Path, Path]) -> None:
     # This server repeats the password in its answer.
     server = Mail(certificate=certificate, login=("press", "another"))
@@ -138,6 +141,7 @@ def test_what_is_not_taken_is_said(tmp_path: Path) -> None:
         read_secret(tmp_path / "empty")
 
 
+@pytest.mark.process
 def test_a_webhook_gets_json_and_the_token_from_its_file(tmp_path: Path, certificate: Certificate) -> None:
     token = tmp_path / "token"
     token.write_text(f"{SECRET}\n")
@@ -174,6 +178,7 @@ def test_missing_files_are_known_before_they_are_needed(tmp_path: Path) -> None:
         way.check()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("other", [0, 1])
 def test_a_webhook_with_a_wrong_certificate_gets_nothing(
     tmp_path: Path, certificate: Certificate, others: tuple[Certificate, Certificate], other: int

@@ -120,6 +120,7 @@ def test_the_limit_follows_the_interval() -> None:
     assert silence_limit(600.0) == 6000.0
 
 
+@pytest.mark.process
 def test_a_daemon_logs_silence_and_its_end_and_a_restart_while_silent_says_nothing(tmp_path: Path) -> None:
     config, late = make_machine(tmp_path, sources=2), [0.0]
 
@@ -162,6 +163,7 @@ def test_a_daemon_logs_silence_and_its_end_and_a_restart_while_silent_says_nothi
     assert notices() == [("no_data", "s0"), ("data_again", "s0")]
 
 
+@pytest.mark.process
 def test_what_could_not_be_taken_is_no_silence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("monitor.service.daemon._CHECK_DISK_S", 0.05)
     config, late, free = make_machine(tmp_path), [0.0], [10**9]
