@@ -1,0 +1,167 @@
+"""The contract of every health stage: pure, a frozen state, and the same outputs after the state went through JSON.
+
+Stages are found, not listed: each function ``step`` of a module of ``monitor.health`` whose state can be stored. A new
+stage needs an entry in TAKE.
+"""
+
+from __future__ import annotations
+
+import copy
+import importlib
+import json
+import pkgutil
+from collections.abc import Callable, Iterator
+from dataclasses import FrozenInstanceError, fields
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import monitor.health
+from monitor.health import alarms, channel, detect, waterfall
+from monitor.health.damage import tracker
+from monitor.health.damage.filter import particle_filter
+from monitor.health.damage.library import forecaster
+from monitor.health.damage.library.fit import fit_library
+from monitor.health.damage.library.model import Library
+from monitor.health.damage.thesis import edv, forecast
+from tests.hard.test_tracking import LOAD, METHODS, SPEED, growing, plain_map, settings_of
+from tests.monitor.health.test_alarms import RULE, block
+from tests.monitor.health.test_pipeline import base, checked, life
+from tests.oracles.toy_lives import INTERVAL, RADIUS, THRESHOLD, toy_lives
+
+COUNT = 36
+MIDDLE = 25
+TIMES, RMS, LINES = growing(COUNT)
+MAP = plain_map()
+DETECT = detect.DetectSettings(learn_blocks=10, run_in_blocks=3, persist_blocks=3)
+Take = Callable[[Any, int], tuple[Any, Any]]
+"""From a state and the number of a block, from zero on, to the next state and the output."""
+
+
+def found_stages() -> Iterator[tuple[str, Callable[..., Any]]]:
+    for module in pkgutil.walk_packages(monitor.health.__path__, "monitor.health."):
+        step = getattr(importlib.import_module(module.name), "step", None)
+        if step is not None and step.__module__ == module.name and hasattr(state_of(step), "to_dict"):
+            yield module.name.removeprefix("monitor.health."), step
+
+
+def state_of(step: Callable[..., Any]) -> type[Any]:
+    return getattr(importlib.import_module(step.__module__), step.__annotations__["state"])
+
+
+@cache
+def library() -> Library:
+    return fit_library(toy_lives(30), thresholds=(THRESHOLD,), interval=INTERVAL, prior="toy lives", made_of={})
+
+
+@cache
+def samples() -> list[Any]:
+    return life(COUNT, first_bad=28)
+
+
+def take_channel(state: Any, i: int) -> tuple[Any, Any]:
+    settings = base(detect=DETECT)
+    return channel.step(state, checked(i, samples()[i], state, settings), settings)
+
+
+def take_detect(state: Any, i: int) -> tuple[Any, Any]:
+    level = 1.0 + 0.01 * (i % 3) + (3.0 if i > MIDDLE else 0.0)
+    return detect.step(state, detect.DetectInput(i + 1, 10.0 * i, level, 2.0 * level, 9.0 * level), DETECT)
+
+
+def take_damage(state: Any, i: int) -> tuple[Any, Any]:
+    reading = tracker.Reading(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
+    state, *outputs = tracker.step(state, reading, tracker.Stage(), settings_of(METHODS[1], MAP, library()))
+    return state, outputs
+
+
+def take_filter(state: Any, i: int) -> tuple[Any, Any]:
+    settings = particle_filter.FilterSettings(outer_race_radius=RADIUS, particles=100)
+    heard = particle_filter.FilterInput(TIMES[i], RMS[i], tuple(LINES[i]))
+    return particle_filter.step(state, heard, map_slice=MAP.wide(), settings=settings)
+
+
+def take_library(state: Any, i: int) -> tuple[Any, Any]:
+    given = forecaster.LibraryInput(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
+    return forecaster.step(state, given, library(), thresholds=(THRESHOLD,))
+
+
+TAKE: dict[str, Take] = {
+    "alarms": lambda state, i: alarms.step(state, block(i + 1, float(i)), alarms.AlarmSettings((RULE,))),
+    "channel": take_channel,
+    "damage.filter.particle_filter": take_filter,
+    "damage.library.forecaster": take_library,
+    "damage.thesis.edv": lambda state, i: edv.step(state, RMS[i], map_slice=MAP.narrow()),
+    "damage.thesis.forecast": lambda state, i: forecast.step(
+        state, TIMES[i], THRESHOLD * (0.1 + (i / COUNT) ** 2), thresholds=(THRESHOLD,)
+    ),
+    "damage.tracker": take_damage,
+    "detect": take_detect,
+    "waterfall": lambda state, i: waterfall.step(state, 60.0 * i, waterfall.WaterfallSettings(rows=4)),
+}
+STAGES = dict(found_stages())
+each_stage = pytest.mark.parametrize("name", sorted(STAGES))
+
+
+def text_of(value: Any) -> str:
+    """Return all of a state or an output; of an array, all numbers in full."""
+    with np.printoptions(threshold=10**6, floatmode="unique"):
+        return repr(value)
+
+
+@cache
+def taken(name: str) -> tuple[tuple[Any, ...], tuple[str, ...]]:
+    """Return the states before each block, the last one behind them, and the outputs."""
+    states, outputs = [state_of(STAGES[name])()], []
+    for i in range(COUNT):
+        state, output = TAKE[name](states[-1], i)
+        states.append(state)
+        outputs.append(text_of(output))
+    return tuple(states), tuple(outputs)
+
+
+def test_all_stages_are_found_and_have_blocks() -> None:
+    assert set(STAGES) == set(TAKE)
+
+
+@each_stage
+def test_the_same_block_gives_the_same_and_leaves_the_state(name: str) -> None:
+    states, outputs = taken(name)
+    for i in range(COUNT):
+        before = text_of(states[i])
+        after, output = TAKE[name](copy.deepcopy(states[i]), i)
+        assert text_of(output) == outputs[i]
+        assert json.dumps(after.to_dict()) == json.dumps(states[i + 1].to_dict())
+        assert text_of(states[i]) == before
+    assert json.dumps(states[0].to_dict()) != json.dumps(states[-1].to_dict())
+
+
+@each_stage
+def test_a_state_is_frozen(name: str) -> None:
+    state = taken(name)[0][MIDDLE]
+    for field in fields(state):
+        with pytest.raises(FrozenInstanceError):
+            setattr(state, field.name, None)
+
+
+@each_stage
+@pytest.mark.parametrize("at", [0, 5, MIDDLE, COUNT - 1])
+def test_a_state_goes_through_json_and_on(name: str, at: int) -> None:
+    states, outputs = taken(name)
+    stored = json.dumps(states[at].to_dict(), allow_nan=False)
+    state = type(states[at]).from_dict(json.loads(stored))
+    assert json.dumps(state.to_dict()) == stored
+    for i in range(at, COUNT):
+        state, output = TAKE[name](state, i)
+        assert text_of(output) == outputs[i]
+
+
+@each_stage
+def test_a_state_of_an_unknown_layout_is_refused(name: str) -> None:
+    stored = taken(name)[0][MIDDLE].to_dict()
+    if "version" not in stored:
+        pytest.skip("its layout is versioned by the state that holds it")
+    with pytest.raises(ValueError, match=r"version"):
+        type(taken(name)[0][MIDDLE]).from_dict(stored | {"version": 999})
