@@ -1,6 +1,8 @@
 # `make demo` and `make test` set themselves up: they need Python 3.11 or newer and make, nothing else.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
+# Tests of the kernels that are small enough to be interpreted.
+INTERPRETED := tests/contracts/test_models.py tests/models/test_response.py tests/models/test_orbit.py
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 

@@ -25,6 +25,8 @@ from tests.effort import effort_count
 from tests.faults.test_folder_kill import drain
 from tests.streams.folders import csv_bytes, noise
 
+pytestmark = pytest.mark.process
+
 SOURCES = ("s", "t")
 BLOCKS = 260
 PAGE = 4096

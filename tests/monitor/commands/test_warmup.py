@@ -10,6 +10,8 @@ from models.warmup import PARTS
 from monitor.commands.warmup import command
 from tests.monitor.commands.test_cli import CONFIG
 
+pytestmark = pytest.mark.process
+
 
 @pytest.mark.parametrize(("block", "transforms"), [("1", 1), ('"file"', 0)])
 def test_says_how_long_compiling_and_planning_took(tmp_path: Path, block: str, transforms: int) -> None:
