@@ -19,7 +19,7 @@ from tests.effort import effort_count
 
 _REPOSITORY = Path(__file__).resolve().parents[1]
 
-# No failure depends on the time that an example takes. Quick effort draws the same examples each time, full effort others.
+# No failure depends on the time that an example takes. Quick effort draws the same examples every time.
 settings.register_profile(
     "any machine",
     deadline=None,

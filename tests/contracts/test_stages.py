@@ -72,8 +72,8 @@ def take_detect(state: Any, i: int) -> tuple[Any, Any]:
 
 
 def take_damage(state: Any, i: int) -> tuple[Any, Any]:
-    reading = tracker.Reading(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
-    state, *outputs = tracker.step(state, reading, tracker.Stage(), settings_of(METHODS[1], MAP, library()))
+    reading = tracker.DamageInput(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
+    state, *outputs = tracker.step(state, reading, tracker.DamageGate(), settings_of(METHODS[1], MAP, library()))
     return state, outputs
 
 
@@ -88,6 +88,11 @@ def take_library(state: Any, i: int) -> tuple[Any, Any]:
     return forecaster.step(state, given, library(), thresholds=(THRESHOLD,))
 
 
+def take_waterfall(state: Any, i: int) -> tuple[Any, Any]:
+    state, *outputs = waterfall.step(state, 60.0 * i, waterfall.WaterfallSettings(rows=4))
+    return state, outputs
+
+
 TAKE: dict[str, Take] = {
     "alarms": lambda state, i: alarms.step(state, block(i + 1, float(i)), alarms.AlarmSettings((RULE,))),
     "channel": take_channel,
@@ -99,7 +104,7 @@ TAKE: dict[str, Take] = {
     ),
     "damage.tracker": take_damage,
     "detect": take_detect,
-    "waterfall": lambda state, i: waterfall.step(state, 60.0 * i, waterfall.WaterfallSettings(rows=4)),
+    "waterfall": take_waterfall,
 }
 STAGES = dict(found_stages())
 each_stage = pytest.mark.parametrize("name", sorted(STAGES))

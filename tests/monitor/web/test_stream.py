@@ -127,7 +127,7 @@ def test_a_listener_that_takes_nothing_is_dropped_and_holds_nothing_up(
         await asyncio.gather(looking, return_exceptions=True)
         return taken, waiting
 
-    taken, waiting = asyncio.run(asyncio.wait_until(scene(), PATIENCE_S))
+    taken, waiting = asyncio.run(asyncio.wait_for(scene(), PATIENCE_S))
     hub.close()
     assert taken == 200
     assert waiting <= 1
