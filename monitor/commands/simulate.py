@@ -91,9 +91,9 @@ def _one_period(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
     if options["waveform"] is not None:
         _write_waveform(options["waveform"], response.acceleration(_WAVEFORM_RATE, 1.0, sensor=sensor))
     if options["plot"] is not None:
-        from monitor.report.figures.scene import heard_of
+        from monitor.report.figures.scene import signal_of
 
-        _plot(heard_of(response, sensor), options, scene)
+        _plot(signal_of(response, sensor), options, scene)
     casing = sensor == "mo"
     return {
         "rms_g": _in_g(response.rms if casing else response.rms_resonator),
@@ -130,9 +130,9 @@ def _over_time(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
     if options["waveform"] is not None:
         _write_waveform(options["waveform"], response.acceleration[0 if casing else 1])
     if options["plot"] is not None:
-        from monitor.report.figures.scene import fundamental_of, heard_over_time
+        from monitor.report.figures.scene import fundamental_of, signal_over_time
 
-        _plot(heard_over_time(response, sensor, fundamental_of(scene)[0]), options, scene)
+        _plot(signal_over_time(response, sensor, fundamental_of(scene)[0]), options, scene)
     bpfo = response.kinematics.bpfo
     # Error and spread are known for the casing over full bandwidth; the relative values are used for other levels.
     share = rms / response.rms if response.rms > 0.0 else 0.0
@@ -173,12 +173,12 @@ def _scene(options: dict[str, Any], bearing: Bearing, rig: Rig, clearance: float
     )
 
 
-def _plot(heard: SensorSignal, options: dict[str, Any], scene: Scene) -> None:
+def _plot(sensed: SensorSignal, options: dict[str, Any], scene: Scene) -> None:
     from monitor.report.figures.scene import draw_scene
 
     path: Path = options["plot"]
     with output_errors("--plot", path):
-        draw_scene(scene, heard, path, sensor=options["sensor"], title=_title(options, scene))
+        draw_scene(scene, sensed, path, sensor=options["sensor"], title=_title(options, scene))
 
 
 def _title(options: dict[str, Any], scene: Scene) -> str:

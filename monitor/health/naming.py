@@ -1,4 +1,4 @@
-"""Which part of the bearing is damaged: outer race, inner race, rolling element, cage, or none that can be told.
+"""Which part of the bearing is damaged: outer race, inner race, rolling element, cage, or unknown.
 
 The evidence is the envelope spectrum alone; nothing is learned, so a single recording gets a name too. A part is named
 only if its comb of lines
@@ -148,7 +148,7 @@ def _best_rival(spectrum: LineSpectrum, kinematics: Kinematics, fundamental: flo
 
 
 def _joined(best: str, families: Mapping[str, FaultLines], resolution: float, kinematics: Kinematics) -> str:
-    """Join the names of the families that cannot be told from ``best``."""
+    """Join the names of the families that cannot be separated from ``best``."""
     lines = fundamentals(kinematics)
     found = families[best].fundamental
     names = [

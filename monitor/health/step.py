@@ -71,7 +71,7 @@ def step(
         settings: of the source.
         now: present UTC where the stream is live, None in a replay.
         acknowledgements: of alarms, since the block before.
-        truth: what a simulated rig knows of the block.
+        truth: true values of the block, of a simulated rig.
     """
     if isinstance(item, Block) and (unfit := misfit(item, settings)) is not None:
         item = rejection_of(item, unfit.status, unfit.reason)

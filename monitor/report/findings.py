@@ -60,11 +60,11 @@ def _failing(channel: Channel, verdict: ChannelVerdict) -> Finding:
         return Finding(question, answer, why or "No block could be judged.", known=False)
     if verdict.stage == "learning":
         if verdict.fault:
-            answer = f"Not known yet, but damage of the {fault_words(verdict.fault)} is heard."
+            answer = f"Not known yet, but damage of the {fault_words(verdict.fault)} is detected."
         why = "The baseline is not complete, so that no change can be judged yet."
         return Finding(question, answer, why, known=False)
     if verdict.stage == "healthy" and verdict.fault:
-        answer = f"Its level says no, but damage of the {fault_words(verdict.fault)} is heard."
+        answer = f"Its level says no, but damage of the {fault_words(verdict.fault)} is detected."
     return Finding(question, answer, " ".join(text for text in (_scores(channel), _growth(channel)) if text))
 
 

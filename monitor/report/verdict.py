@@ -113,7 +113,7 @@ def _headline(stage: str, fault: str, marks: dict[str, Moment | None], channel: 
     if stage == "final":
         return "watch", f"In the final stage of its life{part}"
     if fault:
-        return "watch", f"Damage of the {fault_words(fault)} is heard"
+        return "watch", f"Damage of the {fault_words(fault)} is detected"
     if stage == "healthy":
         return "good", "No sign of damage"
     if stage == "learning":

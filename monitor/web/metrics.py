@@ -118,7 +118,7 @@ def _daemons(site: Machines) -> Iterator[Metric]:
             "degraded": "whether the daemon runs, but something is wrong",
             "problems": "how many things are wrong",
             "status_age_seconds": "time since the daemon said how it stands",
-            "unacknowledged_events": "events that wait for somebody",
+            "unacknowledged_events": "events to be acknowledged",
             "daemon_start_time_seconds": "start of the daemon, UTC since 1970",
             "daemon_resident_memory_bytes": "resident memory of the daemon",
         },

@@ -161,7 +161,7 @@ class FolderSource(LiveSource):
             if (status.st_dev, status.st_ino) != self._identity or not self._watch.alive():
                 if self._identity is not None:
                     _LOG.warning(
-                        "source %s: %s was made anew or is no longer heard; watched again", self.name, self._root
+                        "source %s: %s was replaced or sends no more events; watched again", self.name, self._root
                     )
                 self._real = self._root.resolve()
                 if self._loader is not None:

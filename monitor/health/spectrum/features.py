@@ -50,7 +50,7 @@ class FeatureSettings:
         bands: bands to demodulate, (lo, hi) in Hz; the first is the one whose sums are the channel's H_or and so on.
         fundamentals: frequency of the first line of each of ``FAULTS``, Hz (2 BSF of a ball: it meets both races).
         rms_band: band of RMS and A*, Hz, or None for the full bandwidth.
-        speed: stated shaft speed, Hz, or None: then lines of the shaft are not told from those of the bearing.
+        speed: stated shaft speed, Hz, or None: then lines of the shaft are not separated.
         average_blocks: neighbouring blocks in whose mean envelope spectrum the families are sought.
         search: half width of the range of the speed factor.
         precision: arithmetic of the transforms.

@@ -63,7 +63,7 @@ class SensorSignal:
     band: tuple[float, float] | None = None
 
 
-def heard_of(response: Response, sensor: Sensor) -> SensorSignal:
+def signal_of(response: Response, sensor: Sensor) -> SensorSignal:
     """Return four ball periods and the lines of a periodic motion."""
     signal = response.acceleration(_RATE, _PASSAGES / response.bpfo, sensor=sensor)
     frequency, amplitude = response.lines(sensor)
@@ -74,7 +74,7 @@ def heard_of(response: Response, sensor: Sensor) -> SensorSignal:
     return SensorSignal(time, signal, *lines, True, rms, response.status, response.rms_band)
 
 
-def heard_over_time(response: TimeResponse, sensor: Sensor, fundamental: float) -> SensorSignal:
+def signal_over_time(response: TimeResponse, sensor: Sensor, fundamental: float) -> SensorSignal:
     """Return four passages about the maximum and the spectrum (Hann window) of a motion that is not periodic.
 
     ``fundamental`` is the passage frequency of the damage, Hz.
@@ -93,24 +93,24 @@ def heard_over_time(response: TimeResponse, sensor: Sensor, fundamental: float) 
     return SensorSignal(time, whole[few], frequency[shown], amplitude[shown], False, rms, response.status)
 
 
-def draw_scene(scene: Scene, heard: SensorSignal, path: Path, *, sensor: Sensor, title: str) -> None:
+def draw_scene(scene: Scene, sensed: SensorSignal, path: Path, *, sensor: Sensor, title: str) -> None:
     """Write the report of a scene; PNG, SVG or HTML by the name's ending.
 
     Raises:
         OSError: the file cannot be written.
     """
-    write_sheet(scene_sheet(scene, heard, sensor=sensor, title=title), path)
+    write_sheet(scene_sheet(scene, sensed, sensor=sensor, title=title), path)
 
 
-def scene_sheet(scene: Scene, heard: SensorSignal, *, sensor: Sensor, title: str) -> Sheet:
+def scene_sheet(scene: Scene, sensed: SensorSignal, *, sensor: Sensor, title: str) -> Sheet:
     """Return the report of a scene (thesis, Figs. 47, 48 and 53)."""
     place = "casing" if sensor == "mo" else "resonator"
-    band = "over full bandwidth" if heard.band is None else f"in {heard.band[0]:g} to {heard.band[1]:g} Hz"
-    lead = f"RMS {figure(heard.rms / STANDARD_GRAVITY)} g {band} on the {place} ({heard.status.replace('_', ' ')})."
-    parts = [_signal_part(scene, heard)]
+    band = "over full bandwidth" if sensed.band is None else f"in {sensed.band[0]:g} to {sensed.band[1]:g} Hz"
+    lead = f"RMS {figure(sensed.rms / STANDARD_GRAVITY)} g {band} on the {place} ({sensed.status.replace('_', ' ')})."
+    parts = [_signal_part(scene, sensed)]
     if scene.defect is not None:
         parts.append(_path_part(scene, scene.defect))
-    parts.append(_spectrum_part(scene, heard))
+    parts.append(_spectrum_part(scene, sensed))
     return Sheet(title, lead, parts, _facts(scene))
 
 
@@ -169,8 +169,8 @@ def ways(scene: Scene, defect: Defect) -> dict[str, tuple[Values, Values]]:
     return found
 
 
-def _signal_part(scene: Scene, heard: SensorSignal) -> Part:
-    since, until = float(heard.time[0]), float(heard.time[-1])
+def _signal_part(scene: Scene, sensed: SensorSignal) -> Part:
+    since, until = float(sensed.time[0]), float(sensed.time[-1])
     marked = passages(scene, until)
     _, name = fundamental_of(scene)
 
@@ -180,24 +180,24 @@ def _signal_part(scene: Scene, heard: SensorSignal) -> Part:
             axes.axvspan(1e3 * max(begin, 0.0), 1e3 * min(end, until), color=SHADE, lw=0)
             for edge in (begin, end):
                 axes.axvline(1e3 * edge, color=AXIS, lw=0.6)
-        axes.plot(1e3 * heard.time, heard.signal / STANDARD_GRAVITY, color=BLUE, lw=0.9)
+        axes.plot(1e3 * sensed.time, sensed.signal / STANDARD_GRAVITY, color=BLUE, lw=0.9)
         axes.set(xlabel="time (ms)", ylabel="acceleration (g)", xlim=(1e3 * since, 1e3 * until))
 
-    caption = f"The time of {_PASSAGES} passages ({name}){'' if heard.periodic else ', about the loudest moment'}."
+    caption = f"The time of {_PASSAGES} passages ({name}){'' if sensed.periodic else ', about the loudest moment'}."
     if marked:
         caption += " Shaded: a ball is between the edges of the defect."
     data = {
-        "time_ms": 1e3 * heard.time[::4],
-        "acceleration_g": heard.signal[::4] / STANDARD_GRAVITY,
+        "time_ms": 1e3 * sensed.time[::4],
+        "acceleration_g": sensed.signal[::4] / STANDARD_GRAVITY,
         "passage_begin_ms": [1e3 * begin for begin, _ in marked],
         "passage_end_ms": [1e3 * end for _, end in marked],
     }
-    label = f"Acceleration over {_PASSAGES} passages, peak {figure(_peak(heard))} g."
+    label = f"Acceleration over {_PASSAGES} passages, peak {figure(_peak(sensed))} g."
     return Part("Signal of the sensor", caption, label, 2.5, draw, data, "signal")
 
 
-def _peak(heard: SensorSignal) -> float:
-    return float(np.max(np.abs(heard.signal))) / STANDARD_GRAVITY
+def _peak(sensed: SensorSignal) -> float:
+    return float(np.max(np.abs(sensed.signal))) / STANDARD_GRAVITY
 
 
 def _path_part(scene: Scene, defect: Defect) -> Part:
@@ -230,28 +230,28 @@ def _path_part(scene: Scene, defect: Defect) -> Part:
     return Part("The way over the damage", caption, label, 2.1, draw, data, "way")
 
 
-def _spectrum_part(scene: Scene, heard: SensorSignal) -> Part:
+def _spectrum_part(scene: Scene, sensed: SensorSignal) -> Part:
     fundamental, name = fundamental_of(scene)
     modes = resonances(scene)
 
     def draw(made: FigureBase) -> None:
         panels = made.subplots(2, 1)
         for axes, top in zip(panels, (_HIGHEST, _ZOOM), strict=True):
-            show_spectrum(axes, heard, (0.0, top), modes)
+            show_spectrum(axes, sensed, (0.0, top), modes)
         panels[-1].set_xlabel("frequency (Hz)")
         _mark_lines(panels[-1], fundamental, name)
         legend_above(panels[0])
 
-    kind = f"lines at multiples of BPFO, {figure(fundamental)} Hz" if heard.periodic else "amplitudes, Hann window"
+    kind = f"lines at multiples of BPFO, {figure(fundamental)} Hz" if sensed.periodic else "amplitudes, Hann window"
     words = ", ".join(f"{mode:,.0f}" for mode in modes)
     caption = (
         f"Above: {kind}; dotted: natural frequencies of the undamped rig along the load, {words} Hz. Below: the same "
         f"up to {_ZOOM:g} Hz; ticks at the top: multiples of {name}."
     )
-    seen = heard.amplitude > _UNSEEN * max(float(heard.amplitude.max(initial=0.0)), 1e-30)
+    seen = sensed.amplitude > _UNSEEN * max(float(sensed.amplitude.max(initial=0.0)), 1e-30)
     data = {
-        "frequency_hz": heard.frequency[seen],
-        "amplitude_g": heard.amplitude[seen] / STANDARD_GRAVITY,
+        "frequency_hz": sensed.frequency[seen],
+        "amplitude_g": sensed.amplitude[seen] / STANDARD_GRAVITY,
         "resonance_hz": modes,
         "fundamental_hz": fundamental,
     }
@@ -259,11 +259,11 @@ def _spectrum_part(scene: Scene, heard: SensorSignal) -> Part:
     return Part("Spectrum", caption, label, 4.2, draw, data, "spectrum")
 
 
-def show_spectrum(axes: Axes, heard: SensorSignal, band: tuple[float, float], modes: Sequence[float] | Values) -> None:
+def show_spectrum(axes: Axes, sensed: SensorSignal, band: tuple[float, float], modes: Sequence[float] | Values) -> None:
     """Draw the part of a spectrum within a band, Hz, in g, with natural frequencies dotted."""
-    inside = (heard.frequency >= band[0]) & (heard.frequency <= band[1])
-    x, y = heard.frequency[inside], heard.amplitude[inside] / STANDARD_GRAVITY
-    if heard.periodic:
+    inside = (sensed.frequency >= band[0]) & (sensed.frequency <= band[1])
+    x, y = sensed.frequency[inside], sensed.amplitude[inside] / STANDARD_GRAVITY
+    if sensed.periodic:
         axes.vlines(x, 0.0, y, color=PURPLE, lw=1.3)
     else:
         axes.plot(x, y, color=PURPLE, lw=0.7)

@@ -83,7 +83,7 @@ def compose(machine: Sender, items: Sequence[Item], left_out: int = 0) -> Messag
     many = len(items) + left_out
     name = clean(machine.name) or "machine"
     if worst is None:
-        title = f"{name}: {_number(many)} could not be told in time"
+        title = f"{name}: {_number(many)} not delivered in time"
     else:
         headline = f"{worst.where}: {worst.text}" if worst.where else worst.text
         title = f"{name}: " + (f"{many} events, worst: {headline}" if many > 1 else headline)

@@ -1,4 +1,4 @@
-// Requests to the server that gave this page, and to nobody else.
+// Requests to the server of this page.
 
 /** What the server said instead of an answer; `status` is 0 where it said nothing. */
 export class ApiError extends Error {

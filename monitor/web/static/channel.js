@@ -193,17 +193,17 @@ export class Channel {
 
   /** What is not drawn, and why; what is constant needs no picture. */
   sayMissing() {
-    const told = [];
+    const notes = [];
     const speed = this.data.constant("speed_hz");
     const load = this.data.constant("load_newton");
-    if (speed !== null) told.push(`Shaft speed ${fmt.hertz(speed)} (${fmt.number(speed * 60, 4)} rpm) throughout.`);
-    if (load !== null) told.push(`Load ${fmt.withUnit(load, "N")} throughout.`);
-    if (!this.data.column("v_eq_mm2")) told.push(
+    if (speed !== null) notes.push(`Shaft speed ${fmt.hertz(speed)} (${fmt.number(speed * 60, 4)} rpm) throughout.`);
+    if (load !== null) notes.push(`Load ${fmt.withUnit(load, "N")} throughout.`);
+    if (!this.data.column("v_eq_mm2")) notes.push(
       this.info.tracked ? "No V_eq in this stretch: it is tracked from the start of the final stage on." : "V_eq and time to threshold are not asked for on this channel.",
     );
-    if (this.data.resolution) told.push(`Each point spans ${fmt.duration(this.data.resolution)}: smallest and largest value in it.`);
-    if (this.data.updating) told.push("Older records are still being summed up; the picture fills by itself.");
-    setText(this.note, told.join(" "));
+    if (this.data.resolution) notes.push(`Each point spans ${fmt.duration(this.data.resolution)}: smallest and largest value in it.`);
+    if (this.data.updating) notes.push("Older records are still being summed up; the picture fills by itself.");
+    setText(this.note, notes.join(" "));
     if (this.data.updating) {
       clearTimeout(this.again);
       this.again = setTimeout(() => this.readTrends(), 2000);

@@ -72,7 +72,7 @@ export function arrange(parent, children) {
   }
 }
 
-/** A table with a caption for whoever does not see it; `kind` is a class of the style sheet. */
+/** A table with a caption for screen readers; `kind` is a class of the style sheet. */
 export function table(caption, heads, rows, kind = null) {
   return h(
     "div",

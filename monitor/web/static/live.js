@@ -45,7 +45,7 @@ export class Live {
   }
 
   alive() {
-    this.heard = Date.now();
+    this.received = Date.now();
     this.failures = 0;
     this.since = null;
     this.onState({ live: true, since: null });
@@ -62,13 +62,13 @@ export class Live {
     this.onState({ live: false, since: this.since });
   }
 
-  /** A connection can die without a word; where nothing came for a while, somebody is asked. */
+  /** A connection can end without an event; after a silence the server is asked. */
   async probe() {
     const source = this.source;
-    if (!source || Date.now() - (this.heard ?? 0) < QUIET) return;
+    if (!source || Date.now() - (this.received ?? 0) < QUIET) return;
     try {
       await get("api/session", AbortSignal.timeout(10_000));
-      this.heard = Date.now();
+      this.received = Date.now();
     } catch {
       this.lost(source);
     }

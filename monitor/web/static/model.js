@@ -58,7 +58,7 @@ export class Model {
     if (machine.running === false) return daemonSentence(machine.status).replace(/^The/, "the");
     const updated = fromIso(machine.updated_utc);
     if (updated !== null && this.now() - updated > STALE_AFTER && Date.now() / 1000 - machine.receivedAt > STALE_AFTER)
-      return "nothing is heard of the daemon";
+      return "the daemon does not report";
     return null;
   }
 

@@ -1,4 +1,4 @@
-// What the reader chose: kept in the browser, and told to whoever draws.
+// Choices of the reader: kept in the browser, passed to the views.
 
 const listeners = new Set();
 
@@ -24,7 +24,7 @@ export function choose(key, value) {
   for (const listener of listeners) listener(key);
 }
 
-/** Be told of changes; returns how to stop it. */
+/** Subscribe to changes; returns the function that ends it. */
 export function onPrefs(listener) {
   listeners.add(listener);
   return () => listeners.delete(listener);

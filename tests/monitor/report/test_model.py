@@ -28,7 +28,7 @@ from monitor.cli import main
 from monitor.commands.maps import command as map_command
 from monitor.commands.simulate import command as simulate_command
 from monitor.report.figures.rms_map import cut_nodes, draw_map, map_sheet, node_errors, node_miss
-from monitor.report.figures.scene import SensorSignal, heard_of, passages, resonances, scene_sheet, ways
+from monitor.report.figures.scene import SensorSignal, passages, resonances, scene_sheet, signal_of, ways
 from streams.block import STANDARD_GRAVITY
 from tests.effort import effort_count
 
@@ -259,7 +259,7 @@ def test_ways_by_part_and_floor() -> None:
 def test_a_scene_report_says_what_the_model_gives(defect: Defect, words: str) -> None:
     scene = scene_with(defect)
     response = simulate(scene)
-    sheet = scene_sheet(scene, heard_of(response, "mo"), sensor="mo", title="a scene")
+    sheet = scene_sheet(scene, signal_of(response, "mo"), sensor="mo", title="a scene")
     signal, way, spectrum = sheet.parts
     assert f"{response.rms / STANDARD_GRAVITY:.2g}"[:3] in sheet.lead
     assert "converged" in sheet.lead
@@ -275,8 +275,8 @@ def test_a_scene_report_says_what_the_model_gives(defect: Defect, words: str) ->
 
 def test_a_band_of_the_rms_is_said() -> None:
     scene = scene_with(PIT)
-    heard = heard_of(simulate(scene, band=(0.0, 9500.0)), "mo")
-    assert "in 0 to 9500 Hz" in scene_sheet(scene, heard, sensor="mo", title="a scene").lead
+    sensed = signal_of(simulate(scene, band=(0.0, 9500.0)), "mo")
+    assert "in 0 to 9500 Hz" in scene_sheet(scene, sensed, sensor="mo", title="a scene").lead
 
 
 def test_a_silent_scene_has_a_report() -> None:

@@ -269,7 +269,7 @@ def test_all_that_was_given_up_is_said_even_if_nothing_is_left(log: Log) -> None
         told.save("way", Delivered(left_out=1))
     with Telling(log, way):
         wait_until(lambda: way.messages)
-    assert way.messages[0].title == "press: 1 event could not be told in time"
+    assert way.messages[0].title == "press: 1 event not delivered in time"
 
 
 def test_a_clock_that_was_never_set_makes_nothing_old(log: Log) -> None:
