@@ -54,8 +54,8 @@ def missing_for_pdf() -> str:
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """Mark what starts a broker or a browser as starting processes."""
-    if item.get_closest_marker("broker") or item.get_closest_marker("browser"):
+    """Mark what starts a broker, a browser, or ldconfig to find Pango as starting processes."""
+    if any(item.get_closest_marker(name) for name in ("broker", "browser", "pdf")):
         item.add_marker(pytest.mark.process)
 
 

@@ -23,7 +23,6 @@ WRONG_INPUT = {
     "ScoreError",
     "SourceError",
     "StoreError",
-    "UnfitError",
     "UnstorableError",
     "WrongInputError",
 }
