@@ -11,7 +11,7 @@ import click
 
 from monitor.commands import option
 from monitor.commands.common import InputError, emit
-from monitor.words.numbers import duration
+from monitor.words.numbers import duration_figures
 
 if TYPE_CHECKING:
     from monitor.report.score.issued import Issued
@@ -194,7 +194,7 @@ def _run_lines(run: Mapping[str, Any]) -> Iterator[str]:
         f"before the end ({_END_WORDS[run['end_source']]})"
     )
     if run["onset_delay_s"] is not None:
-        yield f"  onset known after {duration(run['onset_delay_s'])}, {run['false_alarms']} false alarms"
+        yield f"  onset known after {duration_figures(run['onset_delay_s'])}, {run['false_alarms']} false alarms"
     if not run["forecasts"]:
         return
     verdict = {True: "passed", False: "failed", None: "not defined"}[run["alpha_lambda"]]
@@ -216,7 +216,7 @@ _END_WORDS = {
 def _cell(name: str, value: float | None) -> str:
     if value is None:
         return "-"
-    return duration(value) if name.endswith("_s") else f"{value:.3g}"
+    return duration_figures(value) if name.endswith("_s") else f"{value:.3g}"
 
 
 def _with_error(name: str, figure: Mapping[str, Any]) -> str:

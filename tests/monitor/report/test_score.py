@@ -249,7 +249,7 @@ def test_the_command_says_it_in_words(tmp_path: Path) -> None:
     arguments = [*map(str, folders), "--end-s", "1000", "--end-s", "1100", "--end-s", "400", "--onset-s", "350"]
     result = CliRunner().invoke(command, [*arguments, "--onset-s", "350", "--onset-s", "350"], catch_exceptions=False)
     assert "5 forecasts for 0.05 mm3/mm before the end (as given)" in result.output
-    assert "onset known after 2 min, 0 false alarms" in result.output
+    assert "onset known after 2.5 min, 0 false alarms" in result.output
     assert "alpha-lambda (20 %, half-way): failed" in result.output
     assert result.output.count("- climatology") == 2  # the run that ended before its first forecast has no table
     assert "means over 3 runs" in result.output
