@@ -23,9 +23,6 @@ from monitor.report.report import build_report, report_runs
 from monitor.report.runs import ReportError, read_runs
 from tests.oracles.lives import life
 
-pytestmark = pytest.mark.process
-"""The library of PDF pages asks the loader of the system for its libraries, which starts a process."""
-
 MM = 96 / 25.4
 A4 = (210 * MM, 297 * MM)
 START = 1_700_000_000.0
