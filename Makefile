@@ -66,4 +66,4 @@ uninstall-service:
 	@$(PLACES) deploy/install.sh uninstall
 
 clean:
-	rm -rf $(VENV) .cache .pytest_cache .ruff_cache .hypothesis demo-out
+	rm -rf $(VENV) .cache .coverage .pytest_cache .ruff_cache .hypothesis demo-out

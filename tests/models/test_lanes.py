@@ -51,7 +51,7 @@ def new_group(scenes: list[Scene], steps_per_period: int, slip: Slip | None = No
 
 
 def test_against_the_one_scene_solver() -> None:
-    scenes = map_scenes(effort_count(quick=32, full=256))
+    scenes = map_scenes(effort_count(quick=16, full=256))
     fine = [simulate(s, steps_per_period=2048, tolerance=1e-7) for s in scenes]
     truth = np.array([r.rms for r in fine])
     found = simulate_lanes(scenes)

@@ -56,7 +56,7 @@ def oracle_of(scene: Scene) -> OracleResponse:
     return simulate_oracle(case, periods=24 if scene.clearance == 0.0 else 40)
 
 
-@pytest.mark.parametrize("scene", random_scenes(effort_count(quick=2, full=30)))
+@pytest.mark.parametrize("scene", random_scenes(effort_count(quick=1, full=30)))
 def test_against_the_oracle(scene: Scene) -> None:
     response, truth = simulate(scene), oracle_of(scene)
     assert response.status == "converged"

@@ -101,7 +101,7 @@ def batches_of(blocks: int) -> Any:
     batch=st.integers(1, 9),
     max_records=st.sampled_from((0, 8, 20_000)),
 )
-@settings(max_examples=effort_count(quick=40, full=1000))
+@settings(max_examples=effort_count(quick=15, full=1000))
 def test_extremes_are_those_over_all_records(
     tmp_path_factory: pytest.TempPathFactory,
     made: list[Record],

@@ -257,7 +257,7 @@ cell = st.none() | st.floats(allow_nan=False, allow_infinity=False)
 
 
 @given(st.lists(st.tuples(st.text(st.characters(exclude_categories=("Cs", "Cc"))), cell), min_size=1, max_size=8))
-@settings(max_examples=effort_count(quick=15, full=200))
+@settings(max_examples=effort_count(quick=6, full=200))
 def test_tables_hold_the_same_as_csv_and_netcdf(
     tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[str, float | None]]
 ) -> None:

@@ -20,6 +20,7 @@ from benchmarks.library_stretch import (
 )
 from monitor.health.damage.library.fit import FitSettings, crps, fit_library
 from monitor.health.damage.library.model import FeatureFit
+from tests.effort import effort_count
 from tests.oracles.toy_lives import INTERVAL, THRESHOLD, toy_lives
 
 
@@ -58,7 +59,7 @@ def test_without_a_factor_samples_are_those_of_the_forecaster() -> None:
     rows = np.flatnonzero(~fit().crossed[:, 0])
     assert samples.shape == (len(rows), NEIGHBOURS)
     scores = moments.crps(samples)
-    for place in range(0, len(rows), 100):
+    for place in range(0, len(rows), effort_count(quick=500, full=100)):
         row = int(rows[place])
         expected = fit().sample_tt(
             1, float(fit().said[row, 1]), float(fit().ln_elapsed[row]), NEIGHBOURS, int(fit().life[row])

@@ -264,7 +264,7 @@ def test_several_machines_and_sources_keep_apart(tmp_path: Path) -> None:
     ),
     st.integers(0, 40),
 )
-@settings(max_examples=effort_count(quick=15, full=300))
+@settings(max_examples=effort_count(quick=6, full=300))
 def test_any_records_make_a_whole_page(
     tmp_path_factory: pytest.TempPathFactory, made: list[Record], points: int
 ) -> None:
