@@ -34,8 +34,7 @@ from benchmarks.records import made_up
 from monitor.health.record import Record
 from monitor.health.waterfall import SpectrumChange, SpectrumRow, WaterfallSettings, WaterfallState, step
 from monitor.records.packing import pack, places_of
-from monitor.records.points import FEATURES, SeriesKey
-from monitor.records.rollup import BATCH_BLOCKS, LEVELS_S, roll_up, rolled_up_to
+from monitor.records.rollup import BATCH_BLOCKS, FEATURES, LEVELS_S, SeriesKey, roll_up, rolled_up_to
 from monitor.records.spectra import read_spectra
 from monitor.records.store import Store
 from monitor.records.trends import TrendTable, read_trends

@@ -100,13 +100,18 @@ def insert_forecasts(
     *,
     data_until: float,
     issued_utc: float,
-) -> None:
-    """Archive the forecasts of a block within its transaction; arguments as of :func:`forecast_values`."""
+) -> list[str]:
+    """Archive the forecasts of a block within its transaction, as :func:`forecast_values` says; return their JSON."""
     marks = ", ".join("?" for _ in range(2 + len(COLUMNS)))
+    texts = [json.dumps(body) for body in bodies]
     connection.executemany(
         f"INSERT INTO forecasts (block, body, {', '.join(COLUMNS)}) VALUES ({marks})",
-        [(block, json.dumps(body), *forecast_values(body, run, data_until, issued_utc)) for body in bodies],
+        [
+            (block, text, *forecast_values(body, run, data_until, issued_utc))
+            for body, text in zip(bodies, texts, strict=True)
+        ],
     )
+    return texts
 
 
 def complete_archive(connection: sqlite3.Connection) -> None:

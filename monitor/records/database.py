@@ -1,7 +1,9 @@
-"""The tables of ``state.db``: open, check, make and migrate them."""
+"""The tables of ``state.db``: open, check, make and migrate them; its lock, and files that survive a power cut."""
 
 from __future__ import annotations
 
+import fcntl
+import os
 import sqlite3
 import threading
 from collections.abc import Iterator
@@ -11,8 +13,6 @@ from typing import Any, Literal, Self
 
 from models.errors import WrongInputError
 from monitor.records.archive import COLUMNS, complete_archive
-from monitor.records.digests import DIGESTS_TABLE
-from monitor.records.filesystem import sync_folder
 from streams.folder.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
 APPLICATION_ID = 0x53504C57
@@ -66,13 +66,14 @@ CREATE TABLE published (
 ) WITHOUT ROWID;
 """
 
-_SPECTRA = """
+_UNVERSIONED = """
 CREATE TABLE IF NOT EXISTS spectra (
     source TEXT NOT NULL, channel TEXT NOT NULL, sequence INTEGER NOT NULL, time REAL, kind INTEGER NOT NULL,
     header TEXT NOT NULL, amplitude BLOB NOT NULL, PRIMARY KEY (source, channel, sequence)
-)
+);
+CREATE TABLE IF NOT EXISTS digests (block INTEGER PRIMARY KEY, ledger BLOB NOT NULL, content BLOB NOT NULL, states BLOB)
 """
-"""Outside the versions of the schema: made where it is missing when a store is opened for writing."""
+"""Outside the versions of the schema: made where they are missing when a store is opened for writing."""
 
 _ROLLUP = """
 CREATE TABLE IF NOT EXISTS rollup (
@@ -178,15 +179,7 @@ def refuse_unsuitable(path: Path, *, create: bool, look_inside: bool = True) -> 
 
 def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
     """Open the database, make its tables if it is new, and check its version; a writer migrates an older one."""
-    try:
-        connection = sqlite3.connect(
-            f"{path.absolute().as_uri()}?mode={'ro' if read_only else 'rwc'}",
-            uri=True,
-            isolation_level=None,
-            timeout=5.0,
-        )
-    except sqlite3.Error as error:
-        raise StoreError(f"{path}: {error}") from error
+    connection = _opened(path, "ro" if read_only else "rwc")
     try:
         connection.execute("PRAGMA foreign_keys = ON")
         if not read_only:
@@ -205,8 +198,8 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
                 # The trends of older versions were a cache beside the store.
                 path.with_name(f"trends.db{suffix}").unlink(missing_ok=True)
         if not read_only:
-            connection.execute(_SPECTRA)
-            connection.execute(DIGESTS_TABLE)
+            for statement in _UNVERSIONED.split(";"):
+                connection.execute(statement)
     except sqlite3.Error as error:
         connection.close()
         raise StoreError(f"{path}: {error}") from error
@@ -214,6 +207,15 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
         connection.close()
         raise
     return connection
+
+
+def _opened(path: Path, mode: str, *, any_thread: bool = False) -> sqlite3.Connection:
+    """Open a database file, in autocommit and in a mode of SQLite's URIs."""
+    uri = f"{path.absolute().as_uri()}?mode={mode}"
+    try:
+        return sqlite3.connect(uri, uri=True, isolation_level=None, timeout=5.0, check_same_thread=not any_thread)
+    except sqlite3.Error as error:
+        raise StoreError(f"{path}: {error}") from error
 
 
 def _create(connection: sqlite3.Connection) -> None:
@@ -280,16 +282,7 @@ class SharedConnection(Closing):
         """
         self._path = path
         self._lock = threading.Lock()
-        try:
-            self._connection = sqlite3.connect(
-                f"{path.absolute().as_uri()}?mode={'rw' if write else 'ro'}",
-                uri=True,
-                isolation_level=None,
-                timeout=5.0,
-                check_same_thread=False,
-            )
-        except sqlite3.Error as error:
-            raise StoreError(f"{path}: {error}") from error
+        self._connection = _opened(path, "rw" if write else "ro", any_thread=True)
         try:
             with self.use() as connection:
                 if write:
@@ -318,3 +311,48 @@ class SharedConnection(Closing):
         """Close the connection; closing twice does nothing."""
         with self._lock:
             self._connection.close()
+
+
+def take_lock(path: Path) -> int | None:
+    """Take the lock beside a file; return its descriptor, or None where another process holds it.
+
+    The kernel releases it when the process ends. OSError where the lock file cannot be made.
+    """
+    descriptor = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def release_lock(descriptor: int | None) -> None:
+    """Release a lock; None is ignored."""
+    if descriptor is not None:
+        os.close(descriptor)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder durable: a rename survives a power cut only after this."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def sync_file(path: Path) -> None:
+    """Make the content of a file durable."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def replace_durably(temporary: Path, target: Path) -> None:
+    """Replace a file by a finished one: readers see the old one or the new one, never a part."""
+    sync_file(temporary)
+    temporary.replace(target)
+    sync_folder(target.parent)

@@ -1,10 +1,16 @@
-"""The place of a record on the time axis, and a record as the tables hold it."""
+"""The place of a record on the time axis, a record as the tables hold it, and its digests.
+
+SQLite detects malformed pages, not changed values. The table ``digests`` has one row a block, written in its
+transaction: digests of its ledger entry, of its record with forecasts and events, and of the states after it.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sqlite3
-from typing import Literal, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
 
 from monitor.health.record import Record
 from monitor.records.packing import unpack
@@ -94,3 +100,29 @@ def file_record(connection: sqlite3.Connection, record: Record) -> Filing:
     if before is None or before[2] == "unknown":
         return Filing(None, 0.0, "unknown")
     return Filing(before[0], before[1], "carried")
+
+
+def ledger_digest(values: Sequence[Any]) -> bytes:
+    """Return the digest of a ledger entry: the columns of ``blocks`` from ``source`` to ``time_status``."""
+    # The database keeps -0.0 as 0.0.
+    return _digest(repr(value + 0.0 if isinstance(value, float) else value).encode() for value in values)
+
+
+def content_digest(layout: str, row: bytes, forecasts: Iterable[str], events: Iterable[str]) -> bytes:
+    """Return the digest of a packed record with the JSON of its forecasts and events."""
+    return _digest(
+        [layout.encode(), row, b"forecasts", *map(str.encode, forecasts), b"events", *map(str.encode, events)]
+    )
+
+
+def states_digest(states: Mapping[str, str]) -> bytes:
+    """Return the digest of the states after a block: JSON by the name of the stage, in any order."""
+    return _digest(text.encode() for name in sorted(states) for text in (name, states[name]))
+
+
+def _digest(parts: Iterable[bytes]) -> bytes:
+    result = hashlib.blake2b(digest_size=8)
+    for part in parts:
+        result.update(len(part).to_bytes(8, "little"))
+        result.update(part)
+    return result.digest()

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from models.errors import WrongInputError
 from monitor.health.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
+from monitor.records.database import replace_durably
 from monitor.records.dataset import NO_VALUE, attributes_of, words
-from monitor.records.filesystem import replace_durably
 
 Array = NDArray[np.float64]
 

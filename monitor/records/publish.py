@@ -18,9 +18,8 @@ import xarray as xr
 
 from models.errors import SpallwatchError
 from monitor.health.schema import SCHEMA_VERSION, VARIABLES
-from monitor.records.database import StoreError
+from monitor.records.database import StoreError, replace_durably
 from monitor.records.dataset import INT_FILL, to_dataset
-from monitor.records.filesystem import replace_durably
 from monitor.records.filing import SECONDS_PER_DAY
 from monitor.records.store import Published, Store
 

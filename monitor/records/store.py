@@ -19,10 +19,26 @@ from monitor import __version__
 from monitor.health.record import Record
 from monitor.health.waterfall import SpectrumChange
 from monitor.records.archive import ARCHIVE_QUERY, Archived, archived_of, insert_forecasts
-from monitor.records.database import UNFIT, Closing, Presence, StoreError, UnstorableError, connect, refuse_unsuitable
-from monitor.records.digests import note_block, note_states
-from monitor.records.filesystem import release_lock, take_lock
-from monitor.records.filing import STORED_QUERY, Filing, Stored, file_record
+from monitor.records.database import (
+    UNFIT,
+    Closing,
+    Presence,
+    StoreError,
+    UnstorableError,
+    connect,
+    refuse_unsuitable,
+    release_lock,
+    take_lock,
+)
+from monitor.records.filing import (
+    STORED_QUERY,
+    Filing,
+    Stored,
+    content_digest,
+    file_record,
+    ledger_digest,
+    states_digest,
+)
 from monitor.records.packing import pack
 from monitor.records.rollup import OPEN_BUDGET_S, check_features, roll_up
 from monitor.records.spectra import write_changes
@@ -86,7 +102,9 @@ class Store(Closing):
         new = refuse_unsuitable(path, create=create and not read_only, look_inside=not read_only)
         if new and not machine:
             raise StoreError(f"{path}: a new store needs the name of its machine")
-        lock = None if read_only else _lock(path)
+        lock = None if read_only else take_lock(path)
+        if lock is None and not read_only:
+            raise StoreError(f"{path}: another process is writing to it")
         try:
             store = cls(path, connect(path, new=new, read_only=read_only), lock)
         except BaseException:
@@ -198,11 +216,8 @@ class Store(Closing):
                 if outcome == "committed":
                     committed.add((record.source, record.sequence))
                     latest.update({name: (block, state) for name, state in states.items()})
-            texts = {name: (block, _state_text(name, state)) for name, (block, state) in latest.items()}
-            rows = [(name, *value) for name, value in texts.items()]
-            connection.executemany("INSERT OR REPLACE INTO stage_states VALUES (?, ?, ?)", rows)
-            note_states(connection, texts)
             if committed:
+                _write_states(connection, latest)
                 roll_up(connection)
             write_changes(
                 connection, [change for change in spectra if (change.row.source, change.row.sequence) in committed]
@@ -231,14 +246,15 @@ class Store(Closing):
             (*entry, self._run),
         )
         block = cursor.lastrowid or 0
-        layout, row = packed = pack(record.channels)
+        layout, row = pack(record.channels)
         connection.execute("INSERT INTO records VALUES (?, ?, ?)", (block, self._layout_id(connection, layout), row))
-        insert_forecasts(
+        forecasts = insert_forecasts(
             *(connection, block, record.forecasts, self._made_with), data_until=filing.time, issued_utc=time.time()
         )
-        events = [(block, json.dumps(item, allow_nan=False)) for item in record.events]
-        connection.executemany("INSERT INTO events (block, body) VALUES (?, ?)", events)
-        note_block(connection, block, entry, packed, record.forecasts, record.events)
+        events = [json.dumps(item, allow_nan=False) for item in record.events]
+        connection.executemany("INSERT INTO events (block, body) VALUES (?, ?)", [(block, event) for event in events])
+        digests = (ledger_digest(entry), content_digest(layout, row, forecasts, events))
+        connection.execute("INSERT INTO digests (block, ledger, content) VALUES (?, ?, ?)", (block, *digests))
         return "committed", block
 
     def _layout_id(self, connection: sqlite3.Connection, layout: str) -> int:
@@ -368,16 +384,20 @@ def count_refusal(connection: sqlite3.Connection, item: Record | Rejected, outco
     )
 
 
+def _write_states(connection: sqlite3.Connection, latest: Mapping[str, tuple[int, Mapping[str, Any]]]) -> None:
+    """Write states, each with the number of its block, and their digests."""
+    by_block: dict[int, dict[str, str]] = {}
+    for name, (block, state) in latest.items():
+        by_block.setdefault(block, {})[name] = _state_text(name, state)
+    for block, texts in by_block.items():
+        rows = [(name, block, text) for name, text in texts.items()]
+        connection.executemany("INSERT OR REPLACE INTO stage_states VALUES (?, ?, ?)", rows)
+        connection.execute("UPDATE digests SET states = ? WHERE block = ?", (states_digest(texts), block))
+
+
 def _state_text(name: str, state: Mapping[str, Any]) -> str:
     """Return a stage's state as JSON; raise UnstorableError where it has NaN or other values without JSON."""
     try:
         return json.dumps(state, allow_nan=False, separators=(",", ":"))
     except (TypeError, ValueError) as error:
         raise UnstorableError(f"state of stage {name!r} cannot be written as JSON: {error}") from error
-
-
-def _lock(path: Path) -> int:
-    lock = take_lock(path)
-    if lock is None:
-        raise StoreError(f"{path}: another process is writing to it")
-    return lock

@@ -9,8 +9,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.health.schema import STATUSES
-from monitor.records.points import ENTRY_QUERY, FEATURES, BlockEntry, Floats, Ints, Points, SeriesKey, read_points
-from monitor.records.rollup import LEVELS_S, MAX_TIME_S, Buckets, joined, read_buckets, rolled_up_to
+from monitor.records.rollup import (
+    ENTRY_QUERY,
+    FEATURES,
+    LEVELS_S,
+    MAX_TIME_S,
+    BlockEntry,
+    Buckets,
+    Floats,
+    Ints,
+    Points,
+    SeriesKey,
+    joined,
+    read_buckets,
+    read_points,
+    rolled_up_to,
+)
 
 _MAX_FINE_BUCKETS = 12
 """Buckets that are read for each one that is returned."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from monitor.records.filesystem import replace_durably
+from monitor.records.database import replace_durably
 from monitor.report.runs import ReportError
 from monitor.words.numbers import figure
 

@@ -19,8 +19,7 @@ from urllib.parse import quote
 
 from monitor.config.load import Config
 from monitor.config.publish import RecordMqttSection
-from monitor.records.database import SharedConnection, StoreError
-from monitor.records.filesystem import replace_durably
+from monitor.records.database import SharedConnection, StoreError, replace_durably
 from monitor.records.packing import unpack
 from monitor.service.broker import BrokerError, BrokerLink
 from monitor.service.notify.channels import NotifyError, read_secret

@@ -14,7 +14,7 @@ from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.spectrum.features import fundamentals
 from monitor.records.database import StoreError
 from monitor.records.packing import columns_of, numbers_of, places_of
-from monitor.records.points import SeriesKey
+from monitor.records.rollup import SeriesKey
 from monitor.records.trends import TrendTable, read_trends
 from monitor.web.answers import Query, numbers, optional_number, times, whole_number, without_folders
 from monitor.web.machines import Machine, Machines

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from monitor.records.database import StoreError
-from monitor.records.points import ENTRY_QUERY, BlockEntry, read_points
+from monitor.records.rollup import ENTRY_QUERY, BlockEntry, read_points
 from monitor.records.trends import TrendTable
 from monitor.web.api import columns, is_dated
 from monitor.web.event_view import marker, unacknowledged

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from monitor.records.points import FEATURES
+from monitor.records.rollup import FEATURES
 from monitor.records.store import Store
 
 

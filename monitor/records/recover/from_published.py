@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.schema import VARIABLES
-from monitor.records.digests import ledger_digest
-from monitor.records.filing import SECONDS_PER_DAY
+from monitor.records.filing import SECONDS_PER_DAY, ledger_digest
 from monitor.records.packing import channels_of, entries_of
 
 _LOG = logging.getLogger(__name__)
@@ -42,7 +41,7 @@ class Piece(NamedTuple):
 
     Attributes:
         ledger: digest of its ledger entry.
-        entry: the ledger entry, see :func:`monitor.records.digests.ledger_digest`.
+        entry: the ledger entry, see :func:`monitor.records.filing.ledger_digest`.
         rows: number of each layout that its values fit, and the packed row.
         events: JSON.
     """

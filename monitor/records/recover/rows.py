@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from monitor.records.digests import ledger_digest
+from monitor.records.filing import ledger_digest
 from monitor.records.recover.leaf_pages import Row, leaf_rows
 
 LEDGER = "source, sequence, content_hash, name, status, flags, reason, time, elapsed, day, axis_time, time_status"

@@ -19,9 +19,16 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from monitor.records.database import APPLICATION_ID, STORE_VERSION, StoreError
+from monitor.records.database import (
+    APPLICATION_ID,
+    STORE_VERSION,
+    StoreError,
+    release_lock,
+    sync_file,
+    sync_folder,
+    take_lock,
+)
 from monitor.records.events import EventLog
-from monitor.records.filesystem import release_lock, sync_file, sync_folder, take_lock
 from monitor.records.ledger import SALVAGED_UP_TO, StoreLedger
 from monitor.records.recover.from_published import from_published
 from monitor.records.recover.leaf_pages import leaf_rows

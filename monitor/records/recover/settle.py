@@ -8,8 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from monitor.records.digests import content_digest, ledger_digest, states_digest
-from monitor.records.filing import Filing, Stored
+from monitor.records.filing import Filing, Stored, content_digest, ledger_digest, states_digest
 from monitor.records.packing import pack
 from monitor.records.recover.from_published import Restore
 from monitor.records.recover.rows import LEDGER, Found

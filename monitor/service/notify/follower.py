@@ -13,8 +13,7 @@ from typing import Any
 
 from monitor.config.notify import NotifySection
 from monitor.records.database import StoreError
-from monitor.records.deliveries import Delivered, Deliveries
-from monitor.records.events import EventLog, LoggedEvent
+from monitor.records.events import Delivered, Deliveries, EventLog, LoggedEvent
 from monitor.records.store import Store
 from monitor.service.notify.channels import NotificationChannel, NotifyError
 from monitor.service.notify.message import MAX_LISTED, Item, Sender, compose

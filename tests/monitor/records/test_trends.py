@@ -24,9 +24,8 @@ from monitor.health.record import Record
 from monitor.health.schema import VARIABLES
 from monitor.records import rollup, trends
 from monitor.records.packing import columns_of, numbers_of, pack, places_of, unpack
-from monitor.records.points import FEATURES, Points, SeriesKey
 from monitor.records.recover.salvage import open_or_salvage
-from monitor.records.rollup import LEVELS_S, Buckets, joined, rolled_up_to
+from monitor.records.rollup import FEATURES, LEVELS_S, Buckets, Points, SeriesKey, joined, rolled_up_to
 from monitor.records.store import Store
 from monitor.records.trends import TrendTable, read_trends
 from tests.effort import effort_count

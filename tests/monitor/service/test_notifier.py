@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 
 from monitor.config.notify import MqttSection, NotifySection, SmtpSection, WebhookSection
 from monitor.health.record import Record
-from monitor.records.deliveries import Delivered, Deliveries
-from monitor.records.events import EventLog
+from monitor.records.events import Delivered, Deliveries, EventLog
 from monitor.records.store import Store
 from monitor.service.notify.channels import Message, NotifyError
 from monitor.service.notify.message import Sender
