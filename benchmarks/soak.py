@@ -42,7 +42,7 @@ TARGET_SLOPE = 1000.0
 _LOOKS = 400
 _WARM_UP = 0.2
 _CLI = "from monitor.cli import main; main()"
-_ROLES = {"publish_worker": "publisher", "service.web": "page", "record_mqtt": "sender of records"}
+_ROLES = {"service.publisher": "publisher", "web.server": "page"}
 
 
 @dataclass

@@ -10,6 +10,7 @@ import subprocess
 import sys
 
 _END_S = 0.5
+_MAX_BYTES = 1 << 16
 # A service manager signals all processes at once; a child goes on until its parent closes its standard input.
 _START = """
 import signal, sys
@@ -21,43 +22,54 @@ module, _, function = sys.argv.pop(1).partition(":")
 getattr(importlib.import_module(module), function)()
 """
 
-Child = subprocess.Popen[bytes]
 
+class Child:
+    """A child process with pipes that runs the function ``module:function`` with ``sys.argv[1:]``."""
 
-def start_child(entry: str, *arguments: str) -> Child:
-    """Start a child with pipes that runs the function ``module:function`` with ``sys.argv[1:]``; may raise OSError."""
-    command = [sys.executable, "-c", _START, entry, *arguments, json.dumps(sys.path)]
-    child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-    assert child.stdout is not None
-    os.set_blocking(child.stdout.fileno(), False)
-    return child
+    def __init__(self, entry: str, *arguments: str) -> None:
+        """Start it; may raise OSError."""
+        command = [sys.executable, "-c", _START, entry, *arguments, json.dumps(sys.path)]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._input, self._output = self._process.stdin, self._process.stdout
+        os.set_blocking(self._output.fileno(), False)
+        self._buffer = b""
+        self.pid = self._process.pid
 
+    @property
+    def ended(self) -> bool:
+        """Whether it runs no more."""
+        return self._process.poll() is not None
 
-def read_output(child: Child, timeout: float, max_bytes: int) -> bytes | None:
-    """Return new output of a child, ``b""`` if it has ended, None if nothing comes within the timeout (s)."""
-    assert child.stdout is not None
-    if not select.select([child.stdout], [], [], max(timeout, 0.0))[0]:
-        return None
-    return os.read(child.stdout.fileno(), max_bytes)
+    def write(self, line: bytes) -> None:
+        """Write to its standard input; OSError where it has ended."""
+        self._input.write(line)
+        self._input.flush()
 
+    def read_lines(self, timeout: float = 0.0) -> list[bytes] | None:
+        """Return the new complete lines of its output, waiting at most ``timeout`` (s); None if it has ended."""
+        if not select.select([self._output], [], [], max(timeout, 0.0))[0]:
+            return []
+        part = os.read(self._output.fileno(), _MAX_BYTES)
+        *lines, self._buffer = (self._buffer + part).split(b"\n")
+        return lines if part else None
 
-def close_pipes(child: Child) -> None:
-    """Close the pipes of a child, which ends after its present task."""
-    for pipe in (child.stdin, child.stdout):
-        if pipe is not None:
+    def close_pipes(self) -> None:
+        """Close its pipes; it ends after its present task."""
+        for pipe in (self._input, self._output):
             with contextlib.suppress(OSError):
                 pipe.close()
 
+    def end(self) -> None:
+        """Close its pipes and kill it if it does not end, within a second.
 
-def end_child(child: Child) -> None:
-    """Close the pipes of a child and kill it if it does not end, within a second.
-
-    A child that hangs in an unreachable network share cannot be killed; it is left behind.
-    """
-    close_pipes(child)
-    try:
-        child.wait(_END_S)
-    except subprocess.TimeoutExpired:
-        child.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            child.wait(_END_S)
+        A child that hangs in an unreachable network share cannot be killed; it is left behind.
+        """
+        self.close_pipes()
+        try:
+            self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_END_S)

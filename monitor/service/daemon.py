@@ -11,11 +11,12 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from monitor.config.load import Config
+from monitor.health.alarm_stage import AlarmAcknowledgement
 from monitor.health.record import Record
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog
 from monitor.records.recover.salvage import open_or_salvage
-from monitor.service.acknowledging import Acknowledgements
+from monitor.records.store import Store
 from monitor.service.companions import Companions
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus
@@ -34,6 +35,11 @@ _POLL_LOG_S = 1.0
 _PAUSE_S = 0.5
 _CHECK_DISK_S = 5.0
 _DISK_HYSTERESIS = 1.25
+_COUNT_SHARE = 50.0
+"""Least ratio of the time between two counts of unacknowledged events to the duration of one."""
+_MARKS = """
+SELECT (SELECT max(id) FROM acknowledgements), (SELECT max(id) FROM events), (SELECT max(id) FROM notices)
+"""
 
 
 def free_bytes(folder: Path) -> int:
@@ -68,6 +74,47 @@ class DiskGuard:
         if free >= least:
             return None
         return f"{self._folder}: the disk is nearly full, {free / 1e6:.0f} MB are free, {least / 1e6:.0f} MB are needed"
+
+
+class Acknowledgements:
+    """Passes acknowledgements from the event log to the ingest.
+
+    The first poll takes them all, also those given while no daemon ran; one that is passed twice has no effect.
+    """
+
+    def __init__(self, store: Store, log: EventLog, ingest: Ingest) -> None:
+        """Keep store, log and ingest of one database."""
+        self._store, self._log, self._ingest = store, log, ingest
+        self._seen = 0
+        self._count_due = float("-inf")
+        self._marks: tuple[int | None, ...] | None = None
+        self.unacknowledged = 0
+        """Events and notices that are not acknowledged, as of the latest count."""
+
+    def poll(self) -> None:
+        """Take new acknowledgements; raise StoreError where the database cannot be read."""
+        marks = self._store.rows(_MARKS)[0]
+        if marks == self._marks:
+            return
+        if (marks[0] or 0) > self._seen:
+            self._take()
+            self._seen = max(self._seen, marks[0])
+        began = time.monotonic()
+        if began >= self._count_due:
+            self.unacknowledged = self._log.unacknowledged()
+            # Counting takes a while in a log with very many events, and blocks wait for it.
+            self._count_due = time.monotonic() + _COUNT_SHARE * (time.monotonic() - began)
+            self._marks = marks
+
+    def _take(self) -> None:
+        for number, utc, event in self._log.acknowledged_alarms(self._seen):
+            self._seen = number
+            source, body, block = event.source or "", event.body, event.block or 0
+            if source not in self._ingest.settings:
+                continue
+            given = AlarmAcknowledgement(body["channel"], body["rule"], body["severity"], block, utc)
+            if self._ingest.acknowledge(source, given):
+                _LOG.info("%s: %s of %s since block %d is acknowledged", source, given.severity, given.rule, block)
 
 
 class Daemon:

@@ -11,21 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from monitor.config.web import WebSection
-from monitor.service.child_process import Child, end_child, read_output, start_child
+from monitor.service.child_process import Child
 
 _LOG = logging.getLogger(__name__)
 _MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
 _STABLE_S = 60.0
 _MAX_SILENCE_S = 60.0
-_MAX_BYTES = 1 << 16
 _ENTRY = "monitor.web.server:child"
 
 
 class PageProcess:
-    """Serves the page of one machine from a child process; its failure is a :attr:`problem`, never an exception.
-
-    All methods are called from one thread.
-    """
+    """Serves the page of one machine, from one thread; its failure is a :attr:`problem`, never an exception."""
 
     def __init__(
         self,
@@ -42,7 +38,6 @@ class PageProcess:
         }
         self._monotonic = monotonic
         self._child: Child | None = None
-        self._buffer = b""
         self._due, self._pause = monotonic(), _MIN_PAUSE_S
         self._started = self._last_output = monotonic()
         self._reason: str | None = None
@@ -70,32 +65,28 @@ class PageProcess:
     def close(self) -> None:
         """End it within a second."""
         child, self._child = self._child, None
-        self.url, self._buffer = None, b""
-        self._due = float("inf")
+        self.url, self._due = None, float("inf")
         if child is not None:
-            end_child(child)
+            child.end()
 
     def _begin(self, now: float) -> None:
         self._started = self._last_output = now
         self._reason = None
         try:
-            self._child = start_child(_ENTRY, json.dumps(self._request))
+            self._child = Child(_ENTRY, json.dumps(self._request))
         except OSError as error:
             self._fail(f"the page cannot be started: {error.strerror or error}", now)
 
     def _read(self, child: Child, now: float) -> None:
-        part = read_output(child, 0.0, _MAX_BYTES)
-        if part is None:
-            return
-        if not part:
+        lines = child.read_lines()
+        if lines is None:
             self._fail(self._reason or "the page ended unexpectedly", now)
             return
-        self._last_output = now
-        *lines, self._buffer = (self._buffer + part).split(b"\n")
         for line in lines:
+            self._last_output = now
             with contextlib.suppress(ValueError):
                 self._take(json.loads(line))
-        if now - self._started > _STABLE_S:
+        if lines and now - self._started > _STABLE_S:
             self._pause = _MIN_PAUSE_S
 
     def _take(self, line: dict[str, Any]) -> None:
@@ -108,11 +99,10 @@ class PageProcess:
 
     def _fail(self, problem: str, now: float) -> None:
         child, self._child = self._child, None
-        self.url, self._buffer = None, b""
-        self._due = now + self._pause
+        self.url, self._due = None, now + self._pause
         self._pause = min(2.0 * self._pause, _MAX_PAUSE_S)
         if child is not None:
-            end_child(child)
+            child.end()
         self._note(problem)
 
     def _note(self, problem: str | None) -> None:

@@ -1,19 +1,28 @@
-"""Publication of record files by a child process, at the request of the thread that commits."""
+"""Publication of record files by a child process, at the request of the thread that commits.
+
+Only the child loads xarray and netCDF. It answers each line of its input with one JSON object.
+"""
 
 from __future__ import annotations
 
+import fcntl
 import json
 import logging
+import os
+import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from monitor.records.database import StoreError
 from monitor.records.store import Published, Store
-from monitor.service.child_process import Child, close_pipes, end_child, read_output, start_child
+from monitor.service.child_process import Child
 
 _LOG = logging.getLogger(__name__)
+_ENTRY = "monitor.service.publisher:child"
+_LOCK = "publisher.lock"
 _MAX_PUBLICATION_S = 600.0
 _MIN_PAUSE_FACTOR = 20.0
 _CHECK_TURNS = 10
@@ -22,10 +31,7 @@ _MAX_ANSWERS = 200
 
 
 class Publisher:
-    """Publishes at intervals; a failure is a :attr:`problem`, never an exception.
-
-    All methods are called from the thread that owns the store.
-    """
+    """Publishes at intervals, in the thread that owns the store; a failure is a :attr:`problem`, never an exception."""
 
     def __init__(
         self,
@@ -38,7 +44,6 @@ class Publisher:
         self._store, self._records_dir = store, records_dir
         self._every, self._monotonic = every, monotonic
         self._child: Child | None = None
-        self._buffer = b""
         self._answers = 0
         self._retired: Child | None = None
         self._requested_at: float | None = None
@@ -98,43 +103,32 @@ class Publisher:
         later, self._retired = self._retired, None
         for child in (earlier, later):
             if child is not None:
-                end_child(child)
+                child.end()
 
     def _retire(self) -> None:
         """Let the child end after its present publication."""
-        child, self._child = self._child, None
-        self._answers, self._buffer = 0, b""
-        if child is None:
-            return
-        self._retired = child
-        close_pipes(child)
+        child, self._child, self._answers = self._child, None, 0
+        if child is not None:
+            self._retired = child
+            child.close_pipes()
 
     def _request(self) -> None:
         self._requested_at, self._changed, self._idle_turns = self._monotonic(), False, 0
         try:
             if self._child is None:
-                self._child = start_child(
-                    "monitor.service.publish_worker:main",
-                    str(self._store.path.absolute()),
-                    str(self._records_dir.absolute()),
-                )
-            assert self._child.stdin is not None
-            self._child.stdin.write(b"publish\n")
-            self._child.stdin.flush()
+                store, records_dir = self._store.path.absolute(), self._records_dir.absolute()
+                self._child = Child(_ENTRY, str(store), str(records_dir))
+            self._child.write(b"publish\n")
         except OSError as error:
             self._fail(f"the publisher cannot be asked: {error.strerror or error}")
 
     def _collect(self, timeout: float) -> None:
         """Read the child's answer, waiting at most ``timeout`` seconds."""
         assert self._child is not None
-        part = read_output(self._child, timeout, 1 << 20)
-        if part is None:
-            return
-        self._buffer += part
-        if not part:
+        lines = self._child.read_lines(timeout)
+        if lines is None:
             self._fail("the publisher ended unexpectedly")
-        elif self._buffer.endswith(b"\n"):
-            line, self._buffer = self._buffer, b""
+        for line in lines or ():
             self._take(json.loads(line))
 
     def _take(self, answer: dict[str, Any]) -> None:
@@ -152,7 +146,7 @@ class Publisher:
             _LOG.info("published %s in %.1f s", ", ".join(str(done[0]) for done in answer["published"]), took)
         self._set_problem(answer["problem"])
         self._answers += 1
-        if self._answers >= _MAX_ANSWERS and (self._retired is None or self._retired.poll() is not None):
+        if self._answers >= _MAX_ANSWERS and (self._retired is None or self._retired.ended):
             self._retire()
 
     def _fail(self, problem: str) -> None:
@@ -169,3 +163,34 @@ class Publisher:
             else:
                 _LOG.error("publishing fails: %s", problem)
         self.problem = problem
+
+
+def child() -> None:
+    """Publish once for each line of standard input; the arguments are the store and the folder of the files."""
+    store, records_dir = Path(sys.argv[1]), Path(sys.argv[2])
+    # The thread that commits has priority.
+    os.nice(5)
+    lock = os.open(store.with_name(_LOCK), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    # The publisher of a daemon that was killed may still be writing, under the same temporary names.
+    fcntl.flock(lock, fcntl.LOCK_EX)
+    # A broken pipe means that the daemon has ended.
+    with suppress(BrokenPipeError):
+        for _ in sys.stdin:
+            print(json.dumps(_publish(store, records_dir)), flush=True)
+    # The orderly end of an interpreter with these libraries costs a tenth of a second.
+    os._exit(0)
+
+
+def _publish(path: Path, records_dir: Path) -> dict[str, Any]:
+    """Publish; return ``published`` (a list of :class:`Published`), ``problem`` (or None) and ``seconds``."""
+    from monitor.records.publish import PublishError, publish
+
+    began = time.monotonic()
+    written: list[Published] = []
+    problem = None
+    try:
+        with Store.open(path, create=False, read_only=True) as store:
+            publish(store, records_dir, note=written.append)
+    except (PublishError, StoreError) as error:
+        problem = str(error)
+    return {"published": written, "problem": problem, "seconds": time.monotonic() - began}

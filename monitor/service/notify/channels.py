@@ -1,23 +1,32 @@
-"""The interface of a notification channel, and the message that it delivers."""
+"""Notification channels: e-mail (SMTP), webhook (HTTP) and MQTT, and the message that they deliver.
+
+Each channel serves the section of its name in ``[notify]``. The text of no error holds a secret.
+"""
 
 from __future__ import annotations
 
+import http.client
 import json
+import smtplib
 import ssl
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from email.message import EmailMessage
+from email.utils import formatdate, make_msgid
 from pathlib import Path
 from typing import Any, Protocol
+from urllib.parse import urlsplit
 
 from models.errors import SpallwatchError
+from monitor.config.notify import MqttSection, NotifySection, SmtpSection, WebhookSection
+from monitor.service.broker import BrokerError, BrokerLink
 
-TIMEOUT_S = 10.0
-"""Seconds that any connection may take."""
+_TIMEOUT_S = 10.0
 _MAX_SECRET_CHARACTERS = 4096
 
 
 class NotifyError(SpallwatchError):
-    """A message could not be delivered; the text holds no secret."""
+    """A message could not be delivered, or a configured file cannot be used."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +56,137 @@ class NotificationChannel(Protocol):
         ...
 
 
-def tls_context(ca_file: Path | None) -> ssl.SSLContext:
+class SmtpChannel:
+    """Sends one e-mail a message."""
+
+    name = "smtp"
+
+    def __init__(self, section: SmtpSection) -> None:
+        """Keep the configured section."""
+        self._section = section
+
+    def check(self) -> None:
+        """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
+        _check_files(self._section.ca_file, self._section.username_file, self._section.password_file)
+
+    def send(self, message: Message) -> str | None:
+        """Send a message, or raise :class:`NotifyError`; return the rejected recipients, if not all, or None."""
+        section = self._section
+        mail = EmailMessage()
+        mail["Subject"] = message.title
+        mail["From"], mail["To"] = section.sender, ", ".join(section.to)
+        mail["Date"], mail["Message-ID"] = formatdate(), make_msgid(domain=section.sender.partition("@")[2])
+        # Prevents automatic replies, such as absence notes.
+        mail["Auto-Submitted"] = "auto-generated"
+        # Seven bits, which every server accepts.
+        mail.set_content(message.text, cte="quoted-printable")
+        try:
+            with self._connect() as server:
+                if section.username_file is not None and section.password_file is not None:
+                    server.login(read_secret(section.username_file), read_secret(section.password_file))
+                refused = server.send_message(mail)
+        except smtplib.SMTPRecipientsRefused as error:
+            raise NotifyError(f"smtp {section.host}: refused for {', '.join(error.recipients)}") from None
+        except smtplib.SMTPAuthenticationError as error:
+            # The text of the server may repeat the credentials.
+            raise NotifyError(f"smtp {section.host}: the server refuses the login ({error.smtp_code})") from None
+        except (OSError, smtplib.SMTPException, ValueError) as error:
+            raise NotifyError(f"smtp {section.host}: {error}") from None
+        return f"smtp {section.host}: refused for {', '.join(refused)}" if refused else None
+
+    def _connect(self) -> smtplib.SMTP:
+        section = self._section
+        if section.security == "none":
+            return smtplib.SMTP(section.host, section.port, timeout=_TIMEOUT_S)
+        context = _tls_context(section.ca_file)
+        if section.security == "tls":
+            return smtplib.SMTP_SSL(section.host, section.port, timeout=_TIMEOUT_S, context=context)
+        server = smtplib.SMTP(section.host, section.port, timeout=_TIMEOUT_S)
+        try:
+            server.starttls(context=context)
+        except BaseException:
+            server.close()
+            raise
+        return server
+
+
+class WebhookChannel:
+    """Posts one request a message; redirections are not followed, as they would send the token elsewhere."""
+
+    name = "webhook"
+
+    def __init__(self, section: WebhookSection) -> None:
+        """Keep the configured section."""
+        self._section = section
+        self._url = urlsplit(section.url)
+
+    def check(self) -> None:
+        """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
+        _check_files(self._section.ca_file, self._section.token_file)
+
+    def send(self, message: Message) -> None:
+        """Post a message; raise :class:`NotifyError` if the answer is not 2xx."""
+        headers = {"Content-Type": "application/json"}
+        if self._section.token_file is not None:
+            headers["Authorization"] = f"Bearer {read_secret(self._section.token_file)}"
+        where = f"webhook {self._url.hostname}"
+        path = (self._url.path or "/") + (f"?{self._url.query}" if self._url.query else "")
+        try:
+            connection = self._connection()
+            try:
+                connection.request("POST", path, message.to_json().encode(), headers)
+                status = connection.getresponse().status
+            finally:
+                connection.close()
+        except (OSError, http.client.HTTPException, ValueError) as error:
+            raise NotifyError(f"{where}: {type(error).__name__}: {error}") from None
+        if not 200 <= status < 300:
+            raise NotifyError(f"{where}: answered {status}")
+
+    def _connection(self) -> http.client.HTTPConnection:
+        host = self._url.hostname or ""
+        if self._url.scheme == "https":
+            context = _tls_context(self._section.ca_file)
+            return http.client.HTTPSConnection(host, self._url.port, timeout=_TIMEOUT_S, context=context)
+        return http.client.HTTPConnection(host, self._url.port, timeout=_TIMEOUT_S)
+
+
+class MqttChannel:
+    """Publishes with QoS 1, over one connection a message: alarms are too rare to stay connected."""
+
+    name = "mqtt"
+
+    def __init__(self, section: MqttSection) -> None:
+        """Keep the configured section."""
+        self._section = section
+
+    def check(self) -> None:
+        """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
+        _check_files(self._section.ca_file, self._section.username_file, self._section.password_file)
+
+    def send(self, message: Message) -> None:
+        """Publish a message; raise :class:`NotifyError` if the broker does not confirm it."""
+        try:
+            link = BrokerLink(self._section, read_secret)
+            try:
+                link.connect()
+                link.wait_confirmed({link.publish(self._section.topic, message.to_json())}, _TIMEOUT_S)
+            finally:
+                link.close()
+        except BrokerError as error:
+            raise NotifyError(str(error)) from None
+
+
+_CHANNELS = {"smtp": SmtpChannel, "webhook": WebhookChannel, "mqtt": MqttChannel}
+
+
+def configured_channels(settings: NotifySection) -> list[NotificationChannel]:
+    """Return the channels whose sections are configured."""
+    sections = {name: getattr(settings, name) for name in _CHANNELS}
+    return [_CHANNELS[name](section) for name, section in sections.items() if section is not None]
+
+
+def _tls_context(ca_file: Path | None) -> ssl.SSLContext:
     """Return a context that verifies servers by public authorities or those in a file; NotifyError without it."""
     try:
         return ssl.create_default_context(cafile=None if ca_file is None else str(ca_file))
@@ -55,13 +194,13 @@ def tls_context(ca_file: Path | None) -> ssl.SSLContext:
         raise NotifyError(f"{ca_file} cannot be used: {error.strerror or type(error).__name__}") from None
 
 
-def check_files(ca_file: Path | None, *secrets: Path | None) -> None:
+def _check_files(ca_file: Path | None, *secrets: Path | None) -> None:
     """Read the files of a channel, so that a missing one raises NotifyError before the first alarm."""
     for path in secrets:
         if path is not None:
             read_secret(path)
     if ca_file is not None:
-        tls_context(ca_file)
+        _tls_context(ca_file)
 
 
 def read_secret(path: Path) -> str:

@@ -270,7 +270,7 @@ def test_the_publisher_mends_what_is_lost_and_comes_back_when_killed(tmp_path: P
             publisher.changed()
             assert publisher.finish(PATIENCE_S)
             assert days_of(files) == {"m-19700111.nc": 2, "m-19700112.nc": 1}
-            child = vars(publisher)["_child"]
+            child = vars(vars(publisher)["_child"])["_process"]
             child.kill()
             child.wait()
             store.commit(record(4, 11.5 * DAY), {})

@@ -19,9 +19,9 @@ from monitor.config.notify import MqttSection, NotifySection, SmtpSection, Webho
 from monitor.health.record import Record
 from monitor.records.events import Delivered, Deliveries, EventLog
 from monitor.records.store import Store
-from monitor.service.notify.channels import Message, NotifyError
+from monitor.service.notify.channels import Message, NotifyError, configured_channels
 from monitor.service.notify.message import Sender
-from monitor.service.notify.notifier import Notifier, configured_channels
+from monitor.service.notify.notifier import Notifier
 from tests.waiting import PATIENCE_S, wait_until
 
 PRESS = Sender("press")

@@ -11,10 +11,14 @@ from pydantic import ValidationError
 
 from monitor.config.notify import MqttSection, NotifySection, SmtpSection, WebhookSection
 from monitor.config.publish import RecordMqttSection
-from monitor.service.notify.channels import Message, NotifyError, read_secret
-from monitor.service.notify.mqtt import Channel as MqttChannel
-from monitor.service.notify.smtp import Channel as SmtpChannel
-from monitor.service.notify.webhook import Channel as WebhookChannel
+from monitor.service.notify.channels import (
+    Message,
+    MqttChannel,
+    NotifyError,
+    SmtpChannel,
+    WebhookChannel,
+    read_secret,
+)
 from tests.broker import Broker
 from tests.receivers import Certificate, Hook, Mail, make_certificate, subscribed
 from tests.waiting import wait_until

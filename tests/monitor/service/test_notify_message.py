@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from monitor.config.load import Config
 from monitor.config.notify import SmtpSection
 from monitor.records.events import LoggedEvent
+from monitor.service.notify.channels import SmtpChannel
 from monitor.service.notify.message import Item, Sender, clean, compose
-from monitor.service.notify.smtp import Channel as SmtpChannel
 from monitor.words.events import badness, event_text, local_moment
 from streams.block import STANDARD_GRAVITY
 from tests.receivers import Mail
