@@ -47,7 +47,8 @@ SEARCH = 0.02
 _BEYOND_CAP = 0.1
 _FLOOR_EFFICIENCY = 0.35
 _GRID_STEP = 0.25
-_FINE_STEPS = 20
+_FINE = np.linspace(-1.0, 1.0, 41)
+_NEAR = np.arange(-2, 3)[:, None, None]
 _KEPT_GRID_LINES = 50_000
 
 
@@ -202,10 +203,14 @@ def line_spectrum(
     width = min(width, power.size)
     least = max(RELATIVE_FLOOR**2 * float(power.max()), np.finfo(np.float64).tiny)
     floor = np.maximum(noise_floor(power, width, n_averages), least)
-    excess = np.log1p(power / floor)
-    np.minimum(excess, EXCESS_CAP + _BEYOND_CAP * (excess - EXCESS_CAP), out=excess)
+    excess = power / floor
+    excess += 1.0
+    np.log(excess, out=excess)
+    np.minimum(excess, (1.0 - _BEYOND_CAP) * EXCESS_CAP + _BEYOND_CAP * excess, out=excess)
     excess[:2] = 0.0
-    sought = excess if speed is None else _without_shaft(excess, resolution, speed)
+    # At six bins a shaft turn or less, the lines of the shaft cannot be told from the rest.
+    beside_shaft = speed is not None and speed > 6.0 * resolution
+    sought = excess * _beside_shaft(excess.size, resolution, speed) if beside_shaft else excess
     return LineSpectrum(resolution, power, floor, excess, sought, width, n_averages)
 
 
@@ -221,17 +226,28 @@ def noise_floor(power: NDArray[np.float64], width: int, n_averages: int = 1) -> 
         width: of a window, in bins.
         n_averages: K.
     """
-    width = min(width, power.size)
-    half = max(1, width // 2)
-    starts = np.arange(0, max(1, power.size - width + 1), half)
-    if starts[-1] + width < power.size:
-        starts = np.append(starts, power.size - width)
-    rows = np.sort(np.lib.stride_tricks.sliding_window_view(power, width)[starts], axis=1)
+    windows, middles, bins = _floor_windows(power.size, min(width, power.size))
+    rows = power.take(windows)
+    rows.sort(axis=1)
     part = _median_of_mean(n_averages)
-    first = _row_medians(rows, np.full(starts.size, width))
+    first = _row_medians(rows, np.full(len(rows), rows.shape[1]))
     below = np.count_nonzero(rows <= (LINE_OVER_FLOOR / part) * first[:, None], axis=1)
     medians = np.log(np.maximum(_row_medians(rows, below), np.finfo(np.float64).tiny))
-    return np.exp(np.interp(np.arange(power.size), starts + half, medians)) / part
+    floor = np.interp(bins, middles, medians)
+    np.exp(floor, out=floor)
+    floor /= part
+    return floor
+
+
+@lru_cache(maxsize=16)
+def _floor_windows(n_bins: int, width: int) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the bins of each window (window, bin), the middles of the windows, and all bins as numbers."""
+    half = max(1, width // 2)
+    starts = np.arange(0, max(1, n_bins - width + 1), half)
+    if starts[-1] + width < n_bins:
+        starts = np.append(starts, n_bins - width)
+    windows = starts[:, None] + np.arange(width)
+    return windows.astype(np.intp), (starts + half).astype(np.float64), np.arange(n_bins, dtype=np.float64)
 
 
 @lru_cache(maxsize=256)
@@ -246,13 +262,12 @@ def _row_medians(rows: NDArray[np.float64], counts: NDArray[np.intp]) -> NDArray
     return 0.5 * (rows[row, (counts - 1) // 2] + rows[row, counts // 2])
 
 
-def _without_shaft(excess: NDArray[np.float64], resolution: float, speed: float) -> NDArray[np.float64]:
-    """Return the excess without the bins of the harmonics of the shaft at its stated speed, where resolvable."""
-    if speed <= 6.0 * resolution:
-        return excess
-    orders = np.arange(excess.size) * (resolution / speed)
-    near = np.abs(orders - np.rint(orders)) * speed
-    return np.where(near < max(1.5 * resolution, 0.01 * speed), 0.0, excess)
+@lru_cache(maxsize=16)
+def _beside_shaft(n_bins: int, resolution: float, speed: float) -> NDArray[np.float64]:
+    """Return 0 in the bins of the harmonics of the shaft at its stated speed, else 1, shape (bin,)."""
+    orders = np.arange(n_bins) * (resolution / speed)
+    distance = np.abs(orders - np.rint(orders)) * speed
+    return (distance >= max(1.5 * resolution, 0.01 * speed)).astype(np.float64)
 
 
 def fault_lines(
@@ -375,11 +390,11 @@ def _search(
         return 1.0, False, float(scores[best])
     coarse = float(grid.lines[best]) / fundamental
     reach = 1.0 / (n_harmonics * spacing)
-    factors = np.clip(coarse + reach * np.linspace(-1.0, 1.0, 2 * _FINE_STEPS + 1), 1.0 - search, 1.0 + search)
-    places = (orders * spacing)[:, None] * factors
-    bins = np.rint(places).astype(np.intp) + np.arange(-2, 3)[:, None, None]
+    factors = np.minimum(np.maximum(coarse + reach * _FINE, 1.0 - search), 1.0 + search)
+    places = np.multiply.outer(orders * spacing, factors)
+    bins = np.rint(places).astype(np.intp) + _NEAR
     parabola = np.maximum(1.0 - 0.25 * np.square(bins - places), 0.0)
     weight = 1.0 / np.sqrt(spectrum.floor[np.rint(orders * spacing * coarse).astype(np.intp)])
-    heights = weight @ np.sqrt((spectrum.power[bins] * parabola).sum(axis=0))
+    heights = weight @ np.sqrt((spectrum.power.take(bins) * parabola).sum(axis=0))
     factor = float(factors[int(np.argmax(heights))])
     return factor, search - abs(factor - 1.0) < 0.5 * _GRID_STEP * reach, float(scores[best])
