@@ -14,10 +14,9 @@ from benchmarks.gallery_plate import Claim, Plate, letter, number, words
 from models.bearing import from_catalogue
 from models.hertz import mean_bearing_stiffness
 from models.load_distribution import StiffnessPassage, stiffness_over_passage
-from models.modes import contact_damping, natural_frequencies
 from models.path.defect import ball_path
-from models.published.self_aligning import EXTENTS_DEG, SEEDED_DEPTH
-from models.scene import Defect, Floor, Rig
+from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
+from models.scene import Defect, Floor, Rig, contact_damping, natural_frequencies
 from monitor.report.figures.drawing import BLUE, GREY, INK, ORANGE, SHADE, VERMILION, legend_above
 
 BEARING = "1205 ETN9"

@@ -27,7 +27,7 @@ from benchmarks.stationary_slip import (
 )
 from models.bearing import kinematics
 from models.dynamics.time_domain import simulate_time
-from models.published.self_aligning import EXTENTS_DEG
+from models.published.thesis import EXTENTS_DEG
 from models.scene import Slip
 from monitor.report.figures.drawing import BLUE, GREEN, GREY, PURPLE, VERMILION
 from streams.block import STANDARD_GRAVITY

@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from models.dynamics.lanes import LaneOptions, LaneRunner
-from models.lives.blocks import settled_levels
+from models.dynamics.rows import settled_levels
 from models.lives.life import LifePlan, draw_life, simulate_life
 from models.lives.population import Population
 from models.path.defect import race_radius

@@ -14,8 +14,8 @@ from itertools import groupby
 from pathlib import Path
 
 from benchmarks.common import Row, print_table, write_json
-from models.published import published_figures
 from models.published.figure import Figure, worst
+from models.published.thesis import published_figures
 
 MARKS = ("<!-- table of benchmarks.published -->\n", "<!-- end of the table -->\n")
 

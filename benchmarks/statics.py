@@ -21,7 +21,7 @@ from benchmarks.common import Row, calibration_kernel, interleaved_ms, print_tab
 from models.bearing import from_catalogue
 from models.hertz import bearing_stiffness, contact_exponent, contact_stiffness, static_equilibrium
 from models.load_distribution import load_distribution, load_zone, stiffness_over_passage
-from models.published.self_aligning import EXTENTS_DEG, SEEDED_DEPTH
+from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
 from models.scene import Defect, Rig
 
 if TYPE_CHECKING:

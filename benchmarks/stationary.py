@@ -29,7 +29,7 @@ from benchmarks.stationary_slip import (
     slip_spectrum_rows,
     slip_statements,
 )
-from models.published.self_aligning import EXTENTS_DEG, SEEDED_DEPTH
+from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
 from models.scene import Defect, Scene
 from models.simulate import simulate
 from streams.block import STANDARD_GRAVITY

@@ -27,23 +27,9 @@ ROLLER_EXPONENT = 10.0 / 9.0
 # Palmgren's 8.06e4 N/mm^(10/9) per mm^(8/9) of contact length (Eq. 15); with both in metres the factors 1000^(10/9)
 # and 1000^(8/9) make 1000^2.
 _PALMGREN = 8.06e10
+# E' = 2 E_eq of two bodies of bearing steel (210 GPa, 0.3), Pa: twice Eq. 3, as Eq. 17 needs it.
+_EFFECTIVE_MODULUS = 210e9 / (1.0 - 0.3**2)
 _NEWTON_STEPS = 500
-
-
-@dataclass(frozen=True)
-class Material:
-    """Elastic constants of both bodies in contact: Young's modulus, Pa, and Poisson's ratio (bearing steel)."""
-
-    youngs_modulus: float = 210e9
-    poissons_ratio: float = 0.3
-
-    @property
-    def effective_modulus(self) -> float:
-        """E' = 2 E_eq, Pa: twice Eq. 3, as Eq. 17 needs it."""
-        return self.youngs_modulus / (1.0 - self.poissons_ratio**2)
-
-
-_STEEL = Material()
 
 
 def contact_exponent(bearing: Bearing) -> float:
@@ -93,9 +79,7 @@ def _radii_ratio(kappa: float) -> float:
     return kappa**2 * b / d
 
 
-def point_contact_stiffness(
-    r_rolling: float, r_across: float, material: Material = _STEEL, method: Method = "simplified"
-) -> float:
+def point_contact_stiffness(r_rolling: float, r_across: float, method: Method = "simplified") -> float:
     """Return the stiffness of one elliptical contact of relative radii of Eqs. 6 and 7, N/m^1.5.
 
     Source: thesis, Eqs. 5, 8-10 and 17 with two misprints mended: xi belongs inside the bracket,
@@ -104,11 +88,11 @@ def point_contact_stiffness(
     r_x, r_y = sorted((r_rolling, r_across))
     r_eq = 1.0 / (1.0 / r_x + 1.0 / r_y)
     shape = contact_shape(r_y / r_x, method)
-    return math.pi * shape.kappa * material.effective_modulus * math.sqrt(shape.eps * r_eq / (4.5 * shape.xi**3))
+    return math.pi * shape.kappa * _EFFECTIVE_MODULUS * math.sqrt(shape.eps * r_eq / (4.5 * shape.xi**3))
 
 
 def point_contact_semi_axes(
-    r_rolling: float, r_across: float, force: float, material: Material = _STEEL, method: Method = "simplified"
+    r_rolling: float, r_across: float, force: float, method: Method = "simplified"
 ) -> tuple[float, float]:
     """Return the longer and the shorter semi-axis of an elliptical contact under a force (N), m.
 
@@ -117,13 +101,13 @@ def point_contact_semi_axes(
     r_x, r_y = sorted((r_rolling, r_across))
     r_eq = 1.0 / (1.0 / r_x + 1.0 / r_y)
     shape = contact_shape(r_y / r_x, method)
-    minor = (6.0 * shape.eps * r_eq * force / (math.pi * shape.kappa * material.effective_modulus)) ** (1.0 / 3.0)
+    minor = (6.0 * shape.eps * r_eq * force / (math.pi * shape.kappa * _EFFECTIVE_MODULUS)) ** (1.0 / 3.0)
     return shape.kappa * minor, minor
 
 
-def line_contact_half_width(r_eq: float, effective_length: float, force: float, material: Material = _STEEL) -> float:
+def line_contact_half_width(r_eq: float, effective_length: float, force: float) -> float:
     """Return the half width of a line contact under a force (N), m (Eq. 4, with E_eq of Eq. 3 as printed)."""
-    return math.sqrt(8.0 * r_eq * force / (math.pi * effective_length * material.effective_modulus))
+    return math.sqrt(8.0 * r_eq * force / (math.pi * effective_length * _EFFECTIVE_MODULUS))
 
 
 def line_contact_stiffness(effective_length: float) -> float:
@@ -136,7 +120,7 @@ def in_series(k_inner: float, k_outer: float, exponent: float) -> float:
     return (k_inner ** (-1.0 / exponent) + k_outer ** (-1.0 / exponent)) ** -exponent
 
 
-def contact_stiffness(bearing: Bearing, material: Material = _STEEL, method: Method = "simplified") -> float:
+def contact_stiffness(bearing: Bearing, method: Method = "simplified") -> float:
     """Return k_c of one element between both rings from the geometry, N/m^1.5 (balls) or N/m^(10/9) (rollers).
 
     Raises:
@@ -145,7 +129,7 @@ def contact_stiffness(bearing: Bearing, material: Material = _STEEL, method: Met
     if bearing.element == "roller":
         single = line_contact_stiffness(_known(bearing, "effective_length"))
         return in_series(single, single, ROLLER_EXPONENT)
-    inner, outer = (point_contact_stiffness(*radii, material, method) for radii in relative_radii(bearing))
+    inner, outer = (point_contact_stiffness(*radii, method) for radii in relative_radii(bearing))
     return in_series(inner, outer, BALL_EXPONENT)
 
 
@@ -165,9 +149,7 @@ def relative_radii(bearing: Bearing) -> tuple[tuple[float, float], tuple[float, 
     return inner, (1.0 / (1.0 / r_b - 1.0 / r_o), 1.0 / (1.0 / r_b - 1.0 / r_go))
 
 
-def contact_patches(
-    bearing: Bearing, force: float, material: Material = _STEEL
-) -> tuple[tuple[float, float], tuple[float, float]]:
+def contact_patches(bearing: Bearing, force: float) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return (half length, half width), m, of the contacts of one element with inner and outer race under a force, N.
 
     They are a and b of Eqs. 11-12 for balls, half the effective length (across rolling) and a of Eq. 4 for rollers.
@@ -176,12 +158,12 @@ def contact_patches(
         ValueError: if a radius that the contact needs is unknown or does not conform; the message names it.
     """
     if bearing.element == "ball":
-        inner, outer = (point_contact_semi_axes(*radii, force, material) for radii in relative_radii(bearing))
+        inner, outer = (point_contact_semi_axes(*radii, force) for radii in relative_radii(bearing))
         return inner, outer
     length, r_c = _known(bearing, "effective_length"), 0.5 * bearing.element_diameter
     r_i, r_o = _known(bearing, "inner_race_radius"), _known(bearing, "outer_race_radius")
     widths = [
-        line_contact_half_width(1.0 / curvature, length, force, material)
+        line_contact_half_width(1.0 / curvature, length, force)
         for curvature in (1.0 / r_c + 1.0 / r_i, 1.0 / r_c - 1.0 / r_o)
     ]
     return (0.5 * length, widths[0]), (0.5 * length, widths[1])

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 Sensor = Literal["mo", "mr"]
 Status = Literal["converged", "not_periodic", "not_converged"]
+STATUSES: tuple[Status, ...] = ("converged", "not_periodic", "not_converged")
 
 HARMONICS = 6
 # Share of the Nyquist frequency below the transition band of a recorder's anti-alias filter.

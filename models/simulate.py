@@ -11,7 +11,7 @@ import numpy as np
 
 from models.dynamics.orbit import STATE_SCALE, find_orbit, period_jacobian
 from models.dynamics.six_dof import BallPeriod, prepare
-from models.kernels.lines import fourier_coefficients
+from models.kernels.orbit import fourier_coefficients
 from models.kernels.six_dof import P_U_1
 from models.response import HARMONICS, Response, check_band, peak_in_band
 

@@ -22,7 +22,7 @@ import numpy as np
 from models.dynamics.lane_group import PERIODS, Grid, Group, Workspace, grid_of
 from models.dynamics.six_dof import check_scene
 from models.kernels.lanes import LANES, mean_squares
-from models.response import HARMONICS, Status, check_band
+from models.response import HARMONICS, check_band
 from models.workers import in_processes
 
 if TYPE_CHECKING:
@@ -30,11 +30,8 @@ if TYPE_CHECKING:
 
     from models.scene import Scene, Slip
 
-__all__ = ["LANES", "PERIODS", "STATUSES", "LaneOptions", "LaneResponse", "LaneRunner", "simulate_lanes"]
-
 DEFAULT_TOLERANCE = 1e-3
 
-STATUSES: tuple[Status, ...] = ("converged", "not_periodic", "not_converged")
 # With slip: blocks before the measurement begins.
 _SETTLING_BLOCKS = 2
 # A smaller vibration counts as zero, m/s2.

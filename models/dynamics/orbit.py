@@ -9,16 +9,16 @@ simulated plainly, and if that does not repeat either, a status says so and the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from models.kernels.orbit import DEPTH, PLAIN_FIRST, RESIDUAL_FLOOR, SILENCE, anderson
+from models.kernels.orbit import SILENCE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-OrbitStatus = Literal["converged", "not_periodic", "not_converged"]
+    from models.response import Status
 
 # Sizes of the state that count as one: displacements, velocities, and for the stiff resonator a smaller displacement.
 STATE_SCALE = np.array([1e-6, 1e-2, 1e-6, 1e-2, 2e-7, 1e-2])
@@ -28,7 +28,7 @@ ACCELERATED = 60
 
 
 class PeriodMap(Protocol):
-    """One period of a model: see models.dynamics.six_dof.BallPeriod."""
+    """One period of a model, and the search for its settled motion: see models.dynamics.six_dof.BallPeriod."""
 
     @property
     def weight(self) -> NDArray[np.float64]:
@@ -39,15 +39,6 @@ class PeriodMap(Protocol):
         """Return the state one period later and a status; write the accelerations."""
         ...
 
-    def new_wave(self) -> NDArray[np.float64]:
-        """Return an array that ``run`` can write to."""
-        ...
-
-
-@runtime_checkable
-class SettlingMap(PeriodMap, Protocol):
-    """A period map with a compiled search for the settled motion, the same as ``_accelerate``."""
-
     def settle(
         self,
         state: NDArray[np.float64],
@@ -57,9 +48,11 @@ class SettlingMap(PeriodMap, Protocol):
         tolerance: float,
         cap: int,
     ) -> tuple[NDArray[np.float64], int, float, float, bool]:
-        """Return the state at the start of the last period, periods, relative change and value of the RMS, and whether
-        it settled; see models.dynamics.six_dof.BallPeriod.
-        """
+        """Return the last state, periods, relative change and value of the RMS, and whether it settled."""
+        ...
+
+    def new_wave(self) -> NDArray[np.float64]:
+        """Return an array that ``run`` can write to."""
         ...
 
 
@@ -82,16 +75,19 @@ class Orbit:
     periods: int
     period_change: float
     spread: float
-    status: OrbitStatus
+    status: Status
 
 
+@dataclass
 class _Watch:
     """Count periods; the RMS has settled after two successive changes below the tolerance."""
 
-    def __init__(self, period: PeriodMap, tolerance: float) -> None:
-        self.period, self.tolerance = period, tolerance
-        self.periods, self.calm = 0, 0
-        self.change, self.rms = float("inf"), float("nan")
+    period: PeriodMap
+    tolerance: float
+    periods: int
+    change: float
+    rms: float
+    calm: int = 0
 
     def run(self, state: NDArray[np.float64], wave: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Return the state one period later, or None where it left the finite numbers."""
@@ -100,7 +96,7 @@ class _Watch:
         if status != 0:
             self.calm, self.change, self.rms = 0, float("inf"), float("nan")
             return None
-        rms = _rms(self.period, wave)
+        rms = float(np.sqrt(max(0.0, self.period.weight @ (wave[:, 0] * wave[:, 0]))))
         self.change = 0.0 if max(rms, self.rms) <= SILENCE else abs(rms - self.rms) / max(rms, SILENCE)
         if not np.isfinite(self.change):
             self.change = float("inf")
@@ -111,10 +107,6 @@ class _Watch:
     @property
     def settled(self) -> bool:
         return self.calm >= 2
-
-
-def _rms(period: PeriodMap, wave: NDArray[np.float64]) -> float:
-    return float(np.sqrt(max(0.0, period.weight @ (wave[:, 0] * wave[:, 0]))))
 
 
 def find_orbit(
@@ -135,48 +127,12 @@ def find_orbit(
         raise ValueError(f"tolerance must be positive, got {tolerance!r}")
     if max_periods < 2:
         raise ValueError(f"max_periods must be at least 2, got {max_periods!r}")
-    watch, wave = _Watch(period, tolerance), period.new_wave()
-    steering, cap = np.eye(12) if steering is None else steering, min(ACCELERATED, max_periods)
-    if isinstance(period, SettlingMap):
-        state, periods, change, rms, settled = period.settle(np.zeros((2, 6)), wave, SCALE, steering, tolerance, cap)
-        watch.periods, watch.change, watch.rms, watch.calm = periods, change, rms, 2 if settled else 0
-    else:
-        state = _accelerate(watch, wave, cap, steering)
-    if watch.settled:
-        return Orbit(wave[None], state, watch.periods, watch.change, 0.0, "converged")
-    return _simulate_on(watch, wave, state, max_periods)
-
-
-def _accelerate(
-    watch: _Watch, wave: NDArray[np.float64], cap: int, steering: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Iterate with Anderson acceleration until settled or ``cap`` periods; return the state of the last period."""
-    x, last = np.zeros(12), np.zeros(12)
-    xs: list[NDArray[np.float64]] = []
-    fs: list[NDArray[np.float64]] = []
-    while watch.periods < cap:
-        last = x
-        after = watch.run((x * SCALE).reshape(2, 6), wave)
-        if watch.settled:
-            break
-        if after is None:
-            # The extrapolation left the basin: begin again at rest, plainly.
-            x = np.zeros(12)
-            xs.clear()
-            fs.clear()
-            continue
-        image = after.ravel() / SCALE
-        # Residuals of rounding errors point nowhere.
-        rounding = float(np.abs(image - x).max()) < RESIDUAL_FLOOR * float(np.abs(image).max())
-        xs.append(x)
-        fs.append(steering @ (image - x))
-        del xs[: -DEPTH - 1], fs[: -DEPTH - 1]
-        plain = watch.periods <= PLAIN_FIRST or rounding
-        x = image
-        if not plain:
-            x = np.empty(12)
-            anderson(np.array(xs), np.array(fs), len(xs), x)
-    return (last * SCALE).reshape(2, 6)
+    wave, cap = period.new_wave(), min(ACCELERATED, max_periods)
+    steering = np.eye(12) if steering is None else steering
+    state, periods, change, rms, settled = period.settle(np.zeros((2, 6)), wave, SCALE, steering, tolerance, cap)
+    if settled:
+        return Orbit(wave[None], state, periods, change, 0.0, "converged")
+    return _simulate_on(_Watch(period, tolerance, periods, change, rms), wave, state, max_periods)
 
 
 def _simulate_on(watch: _Watch, wave: NDArray[np.float64], state: NDArray[np.float64], max_periods: int) -> Orbit:
@@ -203,7 +159,7 @@ def _simulate_on(watch: _Watch, wave: NDArray[np.float64], state: NDArray[np.flo
     half = len(values) // 2
     early, late = float(np.mean(values[:half] or values)), float(np.mean(values[half:]))
     stationary = half >= 2 and abs(early - late) <= 3.0 * spread * np.sqrt(2.0 / half)
-    status: OrbitStatus = "not_periodic" if stationary else "not_converged"
+    status: Status = "not_periodic" if stationary else "not_converged"
     return Orbit(np.array(waves), state, watch.periods, watch.change, spread, status)
 
 

@@ -55,6 +55,8 @@ from models.kernels.six_dof import (
     P_SHARE_R,
     STATUS_NOT_FINITE,
     STATUS_OK,
+    kick,
+    propagate,
 )
 
 if TYPE_CHECKING:
@@ -87,25 +89,6 @@ _LOAD = 32 * LANES
 _S1 = 33 * LANES
 _S2 = 34 * LANES
 _ROWS = 35
-
-
-@inlined
-def _flow(x: Axis, e: Flow) -> Axis:
-    """Return one axis half a step later without contact force."""
-    return (
-        e[0] * x[0] + e[1] * x[1],
-        e[2] * x[0] + e[3] * x[1],
-        x[2] + e[4] * x[3],
-        x[3],
-        e[5] * x[4] + e[6] * x[5],
-        e[7] * x[4] + e[8] * x[5],
-    )
-
-
-@inlined
-def _kick(x: Axis, impulse: float, b_i: float, b_m: float, b_o: float) -> Axis:
-    """Return one axis after an impulse, N s, on the outer ring and against it on the inner one."""
-    return (x[0], x[1] - impulse * b_i, x[2], x[3] + impulse * b_m, x[4], x[5] + impulse * b_o)
 
 
 @inlined
@@ -226,12 +209,12 @@ def _start(
         pull = k_r * x1[4] + c_r * x1[5]
         wave[n, 0, i] = (g1 - pull) * b_o
         wave[n, 1, i] = pull * b_r
-        _store(w, _Y, i, _flow(x1, e))
-        _store(w, _Y + 6 * LANES, i, _flow(x2, e))
-        _store(w, _X, i, _flow(_kick(x1, h / 6.0 * g1, b_i, b_m, b_o), e))
-        _store(w, _X + 6 * LANES, i, _flow(_kick(x2, h / 6.0 * g2, b_i, b_m, b_o), e))
-        z1 = _flow(_kick(x1, 0.5 * h * g1, b_i, b_m, b_o), e)
-        z2 = _flow(_kick(x2, 0.5 * h * g2, b_i, b_m, b_o), e)
+        _store(w, _Y, i, propagate(x1, e))
+        _store(w, _Y + 6 * LANES, i, propagate(x2, e))
+        _store(w, _X, i, propagate(kick(x1, h / 6.0 * g1, b_i, b_m, b_o), e))
+        _store(w, _X + 6 * LANES, i, propagate(kick(x2, h / 6.0 * g2, b_i, b_m, b_o), e))
+        z1 = propagate(kick(x1, 0.5 * h * g1, b_i, b_m, b_o), e)
+        z2 = propagate(kick(x2, 0.5 * h * g2, b_i, b_m, b_o), e)
         _approach(w, i, z1, z2, cm, sm, relative)
 
 
@@ -241,10 +224,10 @@ def _middle(w: NDArray[np.float64], cm: float, sm: float, h: float, inverse: Inv
     b_i, b_m, b_o = inverse
     for i in range(LANES):
         g1, g2 = _force(w, i, cm, sm)
-        _store(w, _X, i, _kick(_load(w, _X, i), h / 3.0 * g1, b_i, b_m, b_o))
-        _store(w, _X + 6 * LANES, i, _kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, b_i, b_m, b_o))
-        z1 = _kick(_load(w, _Y, i), 0.5 * h * g1, b_i, b_m, b_o)
-        z2 = _kick(_load(w, _Y + 6 * LANES, i), 0.5 * h * g2, b_i, b_m, b_o)
+        _store(w, _X, i, kick(_load(w, _X, i), h / 3.0 * g1, b_i, b_m, b_o))
+        _store(w, _X + 6 * LANES, i, kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, b_i, b_m, b_o))
+        z1 = kick(_load(w, _Y, i), 0.5 * h * g1, b_i, b_m, b_o)
+        z2 = kick(_load(w, _Y + 6 * LANES, i), 0.5 * h * g2, b_i, b_m, b_o)
         _approach(w, i, z1, z2, cm, sm, relative)
 
 
@@ -264,10 +247,10 @@ def _end(
     b_i, b_m, b_o = inverse
     for i in range(LANES):
         g1, g2 = _force(w, i, cm, sm)
-        _store(w, _X, i, _flow(_kick(_load(w, _X, i), h / 3.0 * g1, b_i, b_m, b_o), e))
-        _store(w, _X + 6 * LANES, i, _flow(_kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, b_i, b_m, b_o), e))
-        z1 = _flow(_kick(_load(w, _Y, i), h * g1, b_i, b_m, b_o), e)
-        z2 = _flow(_kick(_load(w, _Y + 6 * LANES, i), h * g2, b_i, b_m, b_o), e)
+        _store(w, _X, i, propagate(kick(_load(w, _X, i), h / 3.0 * g1, b_i, b_m, b_o), e))
+        _store(w, _X + 6 * LANES, i, propagate(kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, b_i, b_m, b_o), e))
+        z1 = propagate(kick(_load(w, _Y, i), h * g1, b_i, b_m, b_o), e)
+        z2 = propagate(kick(_load(w, _Y + 6 * LANES, i), h * g2, b_i, b_m, b_o), e)
         _approach(w, i, z1, z2, c, s, relative)
 
 
@@ -333,8 +316,8 @@ def advance(
         _contact(w, n, np.int64(2), near, damaged, plain, depth, rate, scale, gap, alpha, beta)
         for i in range(LANES):
             g1, g2 = _force(w, i, ce, se)
-            _store(w, _X, i, _kick(_load(w, _X, i), h / 6.0 * g1, inverse[0], inverse[1], inverse[2]))
-            z2 = _kick(_load(w, _X + 6 * LANES, i), h / 6.0 * g2, inverse[0], inverse[1], inverse[2])
+            _store(w, _X, i, kick(_load(w, _X, i), h / 6.0 * g1, inverse[0], inverse[1], inverse[2]))
+            z2 = kick(_load(w, _X + 6 * LANES, i), h / 6.0 * g2, inverse[0], inverse[1], inverse[2])
             _store(w, _X + 6 * LANES, i, z2)
     return _store_lanes(w, state)
 

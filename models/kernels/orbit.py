@@ -1,4 +1,7 @@
-"""Kernel that finds the motion that repeats: Anderson acceleration of the period map (see models.dynamics.orbit)."""
+"""Kernels that find the motion that repeats and its lines: Anderson acceleration of the period map.
+
+``models.dynamics.orbit`` describes the search; ``settle`` is that of one scene, ``settle_row`` of many defects.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.kernels.jit import kernel
+from models.kernels.period_setup import set_up
 from models.kernels.six_dof import STATUS_OK, ball_period
 
 if TYPE_CHECKING:
@@ -20,6 +24,13 @@ RESIDUAL_FLOOR = 1e-9
 SILENCE = 1e-9
 # Differences of residuals that differ from those of later ones by less than this share add nothing but rounding.
 _DEPENDENT = 1e-8
+
+# Places in a row of ``out``.
+R_RMS = 0
+R_CHANGE = 1
+R_SETTLED = 2
+R_PERIODS = 3
+RESULT = 4
 
 
 @kernel
@@ -180,3 +191,144 @@ def _remember(
         for i in range(12):
             fs[known, i] += steering[i, j] * residual
     return known + 1
+
+
+@kernel
+def lines(
+    wave: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    time: NDArray[np.float64],
+    first: NDArray[np.int64],
+    duration: float,
+    count: int,
+) -> NDArray[np.float64]:
+    """Return the Fourier coefficients 0..count of both sensors, shape (2, 2, count + 1): sensor, real and imaginary.
+
+    The values of each segment are equally spaced, so that each line turns by the same angle from one to the next.
+    """
+    sums = np.zeros((2, 2, count + 1))
+    c, s, step_c, step_s = np.empty(count + 1), np.empty(count + 1), np.empty(count + 1), np.empty(count + 1)
+    for k in range(first.shape[0] - 1):
+        start, end = first[k] + k, first[k + 1] + k
+        angle = 2.0 * math.pi * time[start] / duration
+        step = 2.0 * math.pi * (time[end] - time[start]) / duration / (end - start)
+        for i in range(count + 1):
+            c[i], s[i] = math.cos(i * angle), math.sin(i * angle)
+            step_c[i], step_s[i] = math.cos(i * step), math.sin(i * step)
+        for n in range(start, end + 1):
+            a, b = weight[n] * wave[n, 0], weight[n] * wave[n, 1]
+            for i in range(count + 1):
+                sums[0, 0, i] += a * c[i]
+                sums[0, 1, i] -= a * s[i]
+                sums[1, 0, i] += b * c[i]
+                sums[1, 1, i] -= b * s[i]
+                turned = c[i] * step_c[i] - s[i] * step_s[i]
+                s[i] = s[i] * step_c[i] + c[i] * step_s[i]
+                c[i] = turned
+    return sums
+
+
+def fourier_coefficients(
+    waves: NDArray[np.float64],
+    time: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    first: NDArray[np.int64],
+    duration: float,
+    count: int,
+) -> NDArray[np.complex128]:
+    """Return the Fourier coefficients of periods given on a grid of equal steps within segments, (sensors, count + 1).
+
+    Args:
+        waves: shape (periods, values, 2); of several periods the powers are averaged, the last gives the phases.
+        time: time of the values within the period, s; the ends of neighbouring segments are both there.
+        weight: quadrature weights of a mean over the period.
+        first: first step of each segment, and the number of steps, shape (segments + 1,).
+        duration: the period, s.
+        count: highest multiple of 1 / duration.
+    """
+    parts = lines(waves[-1], weight, time, first, duration, count)
+    coefficients = parts[:, 0] + 1j * parts[:, 1]
+    if len(waves) > 1:
+        every = [lines(wave, weight, time, first, duration, count) for wave in waves]
+        power = np.mean([np.sum(part * part, axis=1) for part in every], axis=0)
+        size = np.abs(coefficients)
+        coefficients = np.sqrt(power) * np.where(size > 0.0, coefficients / np.where(size > 0.0, size, 1.0), 1.0)
+    return coefficients
+
+
+@kernel
+def settle_row(
+    paths: NDArray[np.float64],
+    profile: NDArray[np.float64],
+    felt: NDArray[np.bool_],
+    positions: NDArray[np.float64],
+    rows: NDArray[np.int64],
+    offsets: NDArray[np.float64],
+    pitch: float,
+    steps: int,
+    omega: float,
+    linear: NDArray[np.float64],
+    parameter: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    steering: NDArray[np.float64],
+    tolerance: float,
+    cap: int,
+    low: int,
+    high: int,
+    out: NDArray[np.float64],
+) -> None:
+    """Write RMS, its last relative change, whether it settled, periods and harmonics of the casing for each defect.
+
+    Each search begins at rest, so that the result of a defect does not depend on its neighbours.
+
+    - ``paths`` (defects, DEFECT): one defect a row, and ``profile`` their floor: see models.kernels.path;
+    - ``felt`` (defects,), bool: which of them a ball can feel at all;
+    - ``positions`` to ``linear``: see models.kernels.period_setup.set_up;
+    - ``parameter`` to ``cap``: see ``settle``;
+    - ``low``, ``high``: first and last line of the band of the RMS; ``high`` less than ``low`` is the full bandwidth;
+    - ``out`` (defects, RESULT + harmonics), written, m/s2: see the R_ constants; amplitudes of the first lines follow.
+    """
+    duration = pitch / omega
+    harmonics = out.shape[1] - RESULT
+    rest, state = np.zeros((2, 6)), np.empty((2, 6))
+    for i in range(paths.shape[0]):
+        first, flow, part, turn, advance, damaged, plain, near, depth, rate, time, weight = set_up(
+            paths[i], profile, positions, rows, offsets if felt[i] else offsets[:0], pitch, steps, omega, linear
+        )
+        wave = np.empty((time.shape[0], 2))
+        periods, change, rms, settled = settle(
+            rest,
+            state,
+            wave,
+            first,
+            flow,
+            part,
+            turn,
+            advance,
+            damaged,
+            plain,
+            near,
+            depth,
+            rate,
+            parameter,
+            weight,
+            scale,
+            steering,
+            tolerance,
+            cap,
+        )
+        found = lines(wave, weight, time, first, duration, max(harmonics, high))
+        out[i, R_RMS] = _band_rms(found, low, high) if high >= low else rms
+        out[i, R_CHANGE], out[i, R_PERIODS] = change, periods
+        out[i, R_SETTLED] = 1.0 if settled else 0.0
+        for k in range(harmonics):
+            out[i, RESULT + k] = 2.0 * math.sqrt(found[0, 0, k + 1] ** 2 + found[0, 1, k + 1] ** 2)
+
+
+@kernel
+def _band_rms(found: NDArray[np.float64], low: int, high: int) -> float:
+    """Return the RMS of the casing's lines from ``low`` to ``high``."""
+    power = 0.0
+    for k in range(low, high + 1):
+        power += found[0, 0, k] ** 2 + found[0, 1, k] ** 2
+    return math.sqrt(2.0 * power)

@@ -94,7 +94,8 @@ def propagate(x: Axis, e: Flow) -> Axis:
 
 
 @inlined
-def _kick(x: Axis, impulse: float, inv_m_i: float, inv_m: float, inv_m_o: float) -> Axis:
+def kick(x: Axis, impulse: float, inv_m_i: float, inv_m: float, inv_m_o: float) -> Axis:
+    """Return one axis after an impulse, N s, on the outer ring and against it on the inner one."""
     return (x[0], x[1] - impulse * inv_m_i, x[2], x[3] + impulse * inv_m, x[4], x[5] + impulse * inv_m_o)
 
 
@@ -182,20 +183,20 @@ def _step(
     b_i, b_m, b_o = parameter[P_INV_M_I], parameter[P_INV_M], parameter[P_INV_M_O]
     start, g2, mask = _contact(x1, x2, parameter, turn, depth, rate, n, np.int64(0), damaged, plain, near)
     y1, y2 = propagate(x1, e), propagate(x2, e)
-    z1, z2 = _kick(x1, 0.5 * h * start, b_i, b_m, b_o), _kick(x2, 0.5 * h * g2, b_i, b_m, b_o)
+    z1, z2 = kick(x1, 0.5 * h * start, b_i, b_m, b_o), kick(x2, 0.5 * h * g2, b_i, b_m, b_o)
     z1, z2 = propagate(z1, e), propagate(z2, e)
-    x1, x2 = _kick(x1, h / 6.0 * start, b_i, b_m, b_o), _kick(x2, h / 6.0 * g2, b_i, b_m, b_o)
+    x1, x2 = kick(x1, h / 6.0 * start, b_i, b_m, b_o), kick(x2, h / 6.0 * g2, b_i, b_m, b_o)
     x1, x2 = propagate(x1, e), propagate(x2, e)
     g1, g2, mask_2 = _contact(z1, z2, parameter, turn, depth, rate, n, np.int64(1), damaged, plain, near)
-    x1, x2 = _kick(x1, h / 3.0 * g1, b_i, b_m, b_o), _kick(x2, h / 3.0 * g2, b_i, b_m, b_o)
-    z1, z2 = _kick(y1, 0.5 * h * g1, b_i, b_m, b_o), _kick(y2, 0.5 * h * g2, b_i, b_m, b_o)
+    x1, x2 = kick(x1, h / 3.0 * g1, b_i, b_m, b_o), kick(x2, h / 3.0 * g2, b_i, b_m, b_o)
+    z1, z2 = kick(y1, 0.5 * h * g1, b_i, b_m, b_o), kick(y2, 0.5 * h * g2, b_i, b_m, b_o)
     g1, g2, mask_3 = _contact(z1, z2, parameter, turn, depth, rate, n, np.int64(1), damaged, plain, near)
-    x1, x2 = _kick(x1, h / 3.0 * g1, b_i, b_m, b_o), _kick(x2, h / 3.0 * g2, b_i, b_m, b_o)
-    z1, z2 = _kick(y1, h * g1, b_i, b_m, b_o), _kick(y2, h * g2, b_i, b_m, b_o)
+    x1, x2 = kick(x1, h / 3.0 * g1, b_i, b_m, b_o), kick(x2, h / 3.0 * g2, b_i, b_m, b_o)
+    z1, z2 = kick(y1, h * g1, b_i, b_m, b_o), kick(y2, h * g2, b_i, b_m, b_o)
     z1, z2 = propagate(z1, e), propagate(z2, e)
     g1, g2, mask_4 = _contact(z1, z2, parameter, turn, depth, rate, n, np.int64(2), damaged, plain, near)
     x1, x2 = propagate(x1, e), propagate(x2, e)
-    x1, x2 = _kick(x1, h / 6.0 * g1, b_i, b_m, b_o), _kick(x2, h / 6.0 * g2, b_i, b_m, b_o)
+    x1, x2 = kick(x1, h / 6.0 * g1, b_i, b_m, b_o), kick(x2, h / 6.0 * g2, b_i, b_m, b_o)
     return x1, x2, start, mask != mask_2 or mask != mask_3 or mask != mask_4
 
 

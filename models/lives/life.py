@@ -11,7 +11,7 @@ A life depends on the population and its number alone, so lives can be simulated
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,7 @@ from models.workers import in_threads
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-Progress = Callable[[int, int], None]
+    from models.maps.nodes import Progress
 
 # Length of a life over the time to reach the largest V_eq of interest.
 _BEYOND = 1.35
@@ -148,7 +148,7 @@ def simulate_life(population: Population, number: int) -> LifeHistory:
         ValueError: if a scene is outside what the model describes; the message names the field.
     """
     # Imported here: a population that is only configured must not load the compiled kernels.
-    from models.lives.blocks import settled_levels
+    from models.dynamics.rows import settled_levels
 
     plan = draw_life(population, number)
     rng = np.random.default_rng([population.seed, number, 1])

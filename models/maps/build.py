@@ -6,13 +6,13 @@ import math
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from itertools import product
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from models.maps.check import condition_errors, interpolation_errors, rms_and_most, step_error
-from models.maps.data import RmsMap
-from models.maps.nodes import Nodes, Progress, rig_rows, rig_scenes, simulate_node_row
+from models.maps.data import Nodes, RmsMap
+from models.maps.nodes import Progress, rig_rows, rig_scenes, simulate_node_row
 from models.maps.plan import MODEL_VERSION, SCHEMA_VERSION, MapPlan
 from models.response import HARMONICS
 from models.workers import in_threads
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Solver = Literal["rows", "lanes"]
-_T = TypeVar("_T")
-_R = TypeVar("_R")
 
 # Random points at which a build measures the error between its nodes; fewer with several floors, because each point is
 # simulated on all of them.

@@ -89,14 +89,10 @@ def _cell(axis: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[NDArray[np
 
 
 @dataclass(frozen=True, eq=False)
-class RmsMap:
-    """RMS and BPFO lines over load, speed, depth and extent, SI units.
+class Nodes:
+    """RMS and BPFO lines at all nodes of a map: L loads, S speeds, H depths, D extents.
 
     Attributes:
-        load: N, shape (L,).
-        speed: Hz, shape (S,).
-        h_d: m, shape (H,).
-        dphi_d: rad, shape (D,).
         rms: mean RMS of the casing in the map's band, m/s2, shape (L, S, H, D).
         rms_std: standard deviation of it, m/s2: over the floors where there are several, otherwise from period to
             period (zero where the motion repeats).
@@ -104,15 +100,9 @@ class RmsMap:
         rms_error: estimated numerical error of ``rms``, m/s2 (steps and settling, not interpolation).
         harmonic_amplitude: mean single-sided amplitudes of lines 1..6 of BPFO, m/s2, shape (L, S, H, D, 6).
         harmonic_std, harmonic_se, harmonic_error: the same of these amplitudes.
-        rms_rig_std, harmonic_rig_std: standard deviations over the plan's draws of the rig, m/s2; zero without draws.
         status: index into STATUSES, int8, the worst of all floors.
-        attributes: parameters in SI units, software version, hash.
     """
 
-    load: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    h_d: NDArray[np.float64]
-    dphi_d: NDArray[np.float64]
     rms: NDArray[np.float64]
     rms_std: NDArray[np.float64]
     rms_se: NDArray[np.float64]
@@ -121,9 +111,25 @@ class RmsMap:
     harmonic_std: NDArray[np.float64]
     harmonic_se: NDArray[np.float64]
     harmonic_error: NDArray[np.float64]
+    status: NDArray[np.int8]
+
+
+@dataclass(frozen=True, eq=False)
+class RmsMap(Nodes):
+    """A map: its nodes, and the axes on which they lie. SI units.
+
+    Attributes:
+        load, speed, h_d, dphi_d: N, Hz, m and rad, shapes (L,), (S,), (H,) and (D,).
+        rms_rig_std, harmonic_rig_std: standard deviations over the plan's draws of the rig, m/s2; zero without draws.
+        attributes: parameters in SI units, software version, hash.
+    """
+
+    load: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    h_d: NDArray[np.float64]
+    dphi_d: NDArray[np.float64]
     rms_rig_std: NDArray[np.float64]
     harmonic_rig_std: NDArray[np.float64]
-    status: NDArray[np.int8]
     attributes: dict[str, Any]
 
     @property

@@ -19,9 +19,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.bearing import kinematics
-from models.dynamics.lane_group import block_steps
-from models.dynamics.lanes import LANES, PERIODS, LaneOptions, LaneRunner, simulate_lanes
-from models.maps.nodes import Nodes, Progress, StepError, compare_steps, scene_at
+from models.dynamics.lane_group import PERIODS, block_steps
+from models.dynamics.lanes import LaneOptions, LaneRunner, simulate_lanes
+from models.kernels.lanes import LANES
+from models.maps.data import Nodes
+from models.maps.nodes import Progress, StepError, compare_steps, scene_at
 from models.maps.plan import MapPlan
 from models.response import HARMONICS
 from models.scene import Scene

@@ -17,8 +17,8 @@ from platformdirs import user_cache_dir
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.nodes import Progress
-from models.maps.plan import AXES, SCHEMA_VERSION, STATUSES, MapError, MapPlan
-from models.response import HARMONICS
+from models.maps.plan import AXES, SCHEMA_VERSION, MapError, MapPlan
+from models.response import HARMONICS, STATUSES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

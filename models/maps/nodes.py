@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
-from models.maps.plan import STATUSES
+from models.response import STATUSES
 from models.scene import Defect, Rig, Scene
 
 if TYPE_CHECKING:
@@ -30,21 +30,6 @@ MAP_ACCURACY = 1e-3
 # A smaller vibration counts as zero, m/s2.
 _SILENCE = 1e-12
 _UNCERTAIN = ("m_r", "k_c", "c_i", "c_r", "alpha_c", "beta_c")
-
-
-@dataclass(frozen=True, eq=False)
-class Nodes:
-    """Results at all nodes of a map; fields as in ``RmsMap``."""
-
-    rms: NDArray[np.float64]
-    rms_std: NDArray[np.float64]
-    rms_se: NDArray[np.float64]
-    rms_error: NDArray[np.float64]
-    harmonic_amplitude: NDArray[np.float64]
-    harmonic_std: NDArray[np.float64]
-    harmonic_se: NDArray[np.float64]
-    harmonic_error: NDArray[np.float64]
-    status: NDArray[np.int8]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,6 @@ from models.scene import Floor, Rig, Slip
 # Increment when the results of the model change: older maps are then rebuilt.
 MODEL_VERSION = 3
 SCHEMA_VERSION = 2
-STATUSES = ("converged", "not_periodic", "not_converged")
 AXES = ("load", "speed", "h_d", "dphi_d")
 
 

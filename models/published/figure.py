@@ -1,35 +1,22 @@
-"""The static figures that A. Gabrielli's thesis (Ferrara 2022) prints, each beside what this program obtains.
+"""A printed figure beside what this program obtains, and how well the two agree.
 
 A figure is "reproduced" where the obtained value lies within half a unit of its last printed digit (or keeps the bound
 that the text gives), "close" within 3 %, and "not reproduced" beyond. The rule is the same for all; what is known of a
-difference is said in the note. Figures that are read off pictures, finite-element results and measurements are not here
-(docs/evidence/published-figures.md lists them).
+difference is said in the note.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from models.hertz import (
-    BALL_EXPONENT,
-    contact_stiffness,
-    in_series,
-    point_contact_stiffness,
-    relative_radii,
-)
-
 if TYPE_CHECKING:
     from collections.abc import Iterable
-
-    from models.bearing import Bearing
 
 Relation = Literal["=", "<", ">"]
 Verdict = Literal["reproduced", "close", "not reproduced"]
 
 CLOSE = 0.03
-SELF_ALIGNING, DEEP_GROOVE, ROLLER = "1205 ETN9", "6210", "NU 202 ECP"
 
 
 @dataclass(frozen=True)
@@ -95,40 +82,3 @@ def worst(figures: Iterable[Figure]) -> Figure:
     order = ("reproduced", "close", "not reproduced")
     # Rounded, so that of figures that differ by rounding only the first is returned on every machine.
     return max(figures, key=lambda f: (order.index(f.verdict), round(abs(f.difference), 9)))
-
-
-def contact_stiffness_figures(bearing: Bearing, place: str, text: str, unit: str, factor: float) -> list[Figure]:
-    """Return k_c as the geometry gives it, exactly, and with the slip that the printed figure rests on."""
-    (_, across_inner), outer = relative_radii(bearing)
-    slipped = in_series(
-        point_contact_stiffness(inner_taken_as_concave(bearing), across_inner),
-        point_contact_stiffness(*outer),
-        BALL_EXPONENT,
-    )
-    rows = (
-        (
-            "k_c, Eq. 17 mended",
-            contact_stiffness(bearing),
-            "xi belongs inside the bracket of Eq. 17; E' is twice Eq. 3",
-        ),
-        (
-            "k_c, exact elliptic Hertz",
-            contact_stiffness(bearing, method="elliptic"),
-            "no fits of the elliptic integrals",
-        ),
-        (
-            "k_c, inner race taken as concave",
-            slipped,
-            "1/r_b - 1/r_i for 1/r_b + 1/r_i, as in Table 11; met within the rounding of the radii",
-        ),
-    )
-    return [
-        figure
-        for quantity, value, note in rows
-        for figure in group(bearing.designation, place, quantity, unit, [("", text, value * factor)], note=note)
-    ]
-
-
-def inner_taken_as_concave(bearing: Bearing) -> float:
-    """Return the relative radius that Eq. 6 gives with the radius of the inner race entered as positive, m."""
-    return 1.0 / (2.0 / bearing.element_diameter - 1.0 / (bearing.inner_race_radius or math.nan))

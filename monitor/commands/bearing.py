@@ -20,10 +20,9 @@ from models.load_distribution import (
     stiffness_against_load,
     stiffness_over_passage,
 )
-from models.modes import natural_frequencies
-from models.published import published_figures
 from models.published.figure import Figure
-from models.scene import Defect, Rig
+from models.published.thesis import published_figures
+from models.scene import Defect, Rig, natural_frequencies
 from monitor.commands import option
 from monitor.commands.common import InputError, emit, find_bearing, read_machine
 from monitor.config.load import Config

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from models.bearing import from_catalogue
-from models.dynamics.orbit import SCALE, PeriodMap, find_orbit
+from models.dynamics.orbit import SCALE, find_orbit
 from models.dynamics.rows import simulate_row
 from models.dynamics.six_dof import GRADES, BallPeriod, defect_arrays, prepare, steps_for
 from models.hertz import element_angles, static_equilibrium
@@ -23,6 +24,7 @@ from models.path.defect import BallPath, ball_path
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate, steering
 from tests.effort import effort_count
+from tests.oracles import orbit_oracle
 
 BEARING = from_catalogue("1205 ETN9")
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))
@@ -43,11 +45,19 @@ def path_of(defect: Defect) -> BallPath:
     return path
 
 
-class Interpreted:
-    """A period that can only be run: the search for its orbit is the one in plain Python."""
+class Interpreted(BallPeriod):
+    """A period whose settled motion is searched for in plain Python."""
 
-    def __init__(self, period: BallPeriod) -> None:
-        self.run, self.new_wave, self.weight = period.run, period.new_wave, period.weight
+    def settle(
+        self,
+        state: NDArray[np.float64],
+        wave: NDArray[np.float64],
+        scale: NDArray[np.float64],
+        steering: NDArray[np.float64],
+        tolerance: float,
+        cap: int,
+    ) -> tuple[NDArray[np.float64], int, float, float, bool]:
+        return orbit_oracle.settle(self, state, wave, scale, steering, tolerance, cap)
 
 
 @given(defects)
@@ -139,7 +149,7 @@ def test_the_compiled_search_is_the_interpreted_one(seed: int) -> None:
     defect = Defect(rng.uniform(0.01, 0.9), rng.uniform(1e-6, 32e-6), floor)
     scene = Scene(rng.uniform(15.0, 50.0), rng.uniform(300.0, 5000.0), defect=defect, clearance=5e-6 * (seed % 3))
     period, steer = prepare(scene, accuracy=1e-3), steering(replace(scene, defect=None))
-    plain: PeriodMap = Interpreted(period)
+    plain = Interpreted(**vars(period))
     fast, slow = (find_orbit(p, tolerance=1e-7, max_periods=300, steering=steer) for p in (period, plain))
     assert fast.status == slow.status == "converged"
     assert abs(fast.periods - slow.periods) <= 1

@@ -14,7 +14,8 @@ from models.maps.build import build_map, solver_of
 from models.maps.ensemble import ensemble_nodes, ensemble_options, ensemble_rms, step_error
 from models.maps.file import load_map, save_map
 from models.maps.nodes import scene_at
-from models.maps.plan import STATUSES, MapError, MapPlan
+from models.maps.plan import MapError, MapPlan
+from models.response import STATUSES
 from models.scene import Floor, Slip
 from models.simulate import simulate
 

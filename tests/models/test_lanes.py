@@ -15,10 +15,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.dynamics.lane_group import Group, Workspace, block_steps, grid_of
-from models.dynamics.lanes import LANES, PERIODS, STATUSES, LaneOptions, LaneRunner, simulate_lanes
-from models.kernels.lanes import advance
+from models.dynamics.lane_group import PERIODS, Group, Workspace, block_steps, grid_of
+from models.dynamics.lanes import LaneOptions, LaneRunner, simulate_lanes
+from models.kernels.lanes import LANES, advance
 from models.path.defect import ball_path
+from models.response import STATUSES
 from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
 from tests.effort import effort_count

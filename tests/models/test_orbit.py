@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from models.dynamics.orbit import STATE_SCALE, find_orbit, period_jacobian
+from tests.oracles import orbit_oracle
 
 
 @dataclass
@@ -33,6 +34,17 @@ class LinearMap:
             after = after + self.noise * np.random.default_rng(self.runs).standard_normal(12)
         wave[:] = after[:, None]
         return (after * scale).reshape(2, 6), int(self.runs == self.blow_up_at)
+
+    def settle(
+        self,
+        state: NDArray[np.float64],
+        wave: NDArray[np.float64],
+        scale: NDArray[np.float64],
+        steering: NDArray[np.float64],
+        tolerance: float,
+        cap: int,
+    ) -> tuple[NDArray[np.float64], int, float, float, bool]:
+        return orbit_oracle.settle(self, state, wave, scale, steering, tolerance, cap)
 
 
 def contraction(radius: float, seed: int = 0) -> NDArray[np.float64]:

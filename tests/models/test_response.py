@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from models.kernels.lines import fourier_coefficients
+from models.kernels.orbit import fourier_coefficients
 from models.response import PASSBAND, Response
 from models.scene import Defect, Scene
 from models.simulate import simulate

@@ -17,8 +17,8 @@ from models.maps.check import check_map, rms_and_most
 from models.maps.data import RmsMap
 from models.maps.file import cached_map, default_map_path, load_map, save_map
 from models.maps.nodes import MAP_ACCURACY, drawn_rig, scene_at
-from models.maps.plan import STATUSES, MapError, MapPlan
-from models.response import HARMONICS
+from models.maps.plan import MapError, MapPlan
+from models.response import HARMONICS, STATUSES
 from models.scene import Floor, Slip
 from models.simulate import simulate
 

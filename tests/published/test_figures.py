@@ -19,10 +19,9 @@ from models.hertz import (
     point_contact_stiffness,
     relative_radii,
 )
-from models.modes import contact_damping, natural_frequencies, stiffness_damping
-from models.published import published_figures
-from models.published.figure import Figure, inner_taken_as_concave, worst
-from models.scene import Rig
+from models.published.figure import Figure, worst
+from models.published.thesis import inner_taken_as_concave, published_figures
+from models.scene import Rig, contact_damping, natural_frequencies, stiffness_damping
 
 FIGURES = published_figures()
 BEYOND = {

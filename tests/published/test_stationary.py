@@ -7,7 +7,7 @@ import pytest
 from benchmarks.common import Row
 from benchmarks.stationary import BAND, LOADS, SPEEDS, Condition, conditions, resonance_rows, scene, statement_rows
 from benchmarks.stationary_slip import slip_levels, slip_spectra, slip_spectrum_rows, slip_statements
-from models.published.self_aligning import EXTENTS_DEG
+from models.published.thesis import EXTENTS_DEG
 
 
 @pytest.fixture(scope="module")

@@ -19,8 +19,7 @@ from models.hertz import (
     l10h_life,
     mean_bearing_stiffness,
 )
-from models.modes import contact_damping, natural_frequencies
-from models.scene import Defect, Rig, Scene
+from models.scene import Defect, Rig, Scene, contact_damping, natural_frequencies
 from models.simulate import simulate
 
 BEARING = from_catalogue("1205 ETN9")

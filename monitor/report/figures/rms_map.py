@@ -15,7 +15,8 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from models.maps.data import MapSlice, RmsMap
-from models.maps.plan import STATUSES, MapPlan
+from models.maps.plan import MapPlan
+from models.response import STATUSES
 from monitor.report.figures.drawing import BLUE, GREEN, INK, PURPLE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet, write_sheet
 from monitor.words.numbers import count, figure

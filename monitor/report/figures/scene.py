@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from models.bearing import Kinematics, kinematics
 from models.dynamics.time_domain import TimeResponse
 from models.hertz import mean_bearing_stiffness
-from models.modes import natural_frequencies
 from models.path.contour import part_paths
 from models.response import Response, Sensor
-from models.scene import Defect, Floor, Scene
+from models.scene import Defect, Floor, Scene, natural_frequencies
 from monitor.report.figures.drawing import AXIS, BLUE, GREY, INK, PURPLE, SHADE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet, write_sheet
 from monitor.words.numbers import figure
