@@ -1,39 +1,49 @@
-"""The ASGI application: routes, and the threads that compute answers."""
+"""The ASGI application: routes, the threads that compute answers, and the files that are served."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import logging
+import mimetypes
+import os
+import re
+import stat
 import threading
 from collections.abc import AsyncGenerator, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import aclosing
+from datetime import UTC, datetime
 from functools import partial
+from pathlib import Path
 from typing import Any, BinaryIO, Self
 
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Send
 
 from monitor.records.database import StoreError
-from monitor.web import api, event_view, map_view, spectra_view
+from monitor.web import api, event_view, map_view
 from monitor.web.answers import Answer, Query, RequestError, answer_of, json_answer, without_folders
 from monitor.web.auth import Doorkeeper
-from monitor.web.files import open_published, published_files, static_file
 from monitor.web.machines import Machine, Machines
 from monitor.web.metrics import METRICS_TYPE, Measures, metrics
-from monitor.web.security import MAX_BODY_BYTES, Doors, Guard
+from monitor.web.security import MAX_BODY_BYTES, Doors, Guard, login_routes
 from monitor.web.stream import Hub
+from monitor.words.page import page_words
 
 _LOG = logging.getLogger(__name__)
 _THREADS = 4
 _MAX_WAITING = 64
 _PART_BYTES = 1 << 18
-_NOT_KEPT = {"cache-control": "no-store"}
+_FOLDER = Path(__file__).parent / "static"
+_TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".svg": "image/svg+xml", ".LICENSE": "text/plain"}
+_WORDS = b'<script type="application/json" id="words">'
+_lock = threading.Lock()
+_known: dict[str, tuple[tuple[int, int], Answer]] = {}
 
 
 class Site:
@@ -109,7 +119,7 @@ def _response(request: Request, answer: Answer) -> Response:
 
 def application(site: Site) -> ASGIApp:
     """Return the guarded ASGI application of a site."""
-    routes = [*_page_routes(site), *_api_routes(site), *_login_routes(site.doors, site.keeper)]
+    routes = [*_page_routes(site), *_api_routes(site), *login_routes(site.doors, site.keeper)]
     app = Starlette(routes=routes, exception_handlers={HTTPException: _unknown})
     app.router.redirect_slashes = False
     return Guard(app, site.doors, site.keeper, site.measures.answered)
@@ -193,8 +203,8 @@ def _api_routes(site: Site) -> list[Route]:
         of_channel(channel, lambda machine, name, _: api.channel(machine, name)),
         of_channel("/api/machines/{machine}/channels/{channel}", lambda machine, name, _: api.channel(machine, name)),
         of_channel(f"{channel}/records", api.records),
-        of_channel(f"{channel}/spectrum", spectra_view.spectrum),
-        of_channel(f"{channel}/waterfall", spectra_view.waterfall),
+        of_channel(f"{channel}/spectrum", api.spectrum),
+        of_channel(f"{channel}/waterfall", api.waterfall),
         of_channel(f"{channel}/map", lambda machine, name, _: map_view.map_of(machine, name)),
         route("/api/events", lambda request: event_view.events(site.machines, request.query_params)),
         route("/api/records", lambda _: published_files(site.machines)),
@@ -246,49 +256,72 @@ class _Stream(StreamingResponse):
             await super().stream_response(send)
 
 
-def _login_routes(doors: Doors, keeper: Doorkeeper) -> list[Route]:
-    """Return the addresses for logging in and out: a cookie that scripts cannot read replaces the token."""
-
-    async def login(request: Request) -> Response:
-        body = await request.body()
-        try:
-            token = json.loads(body[:MAX_BODY_BYTES])["token"]
-        except (ValueError, KeyError, TypeError):
-            token = None
-        if not isinstance(token, str):
-            return _login_error(400, "the body must be a JSON object with the token")
-        if not keeper.is_token(token.strip()):
-            waited = await keeper.delay_wrong_token()
-            return (
-                _login_error(401, "the token is wrong")
-                if waited
-                else _login_error(429, "too many wrong tokens; try later")
-            )
-        response = Response(status_code=204, headers=_NOT_KEPT)
-        response.set_cookie(
-            doors.cookie, keeper.open_session(), httponly=True, samesite="strict", secure=doors.secure, path="/"
-        )
-        return response
-
-    async def logout(request: Request) -> Response:
-        await request.body()
-        if request.state.session is not None:
-            keeper.close_session(request.state.session)
-        response = Response(status_code=204, headers=_NOT_KEPT)
-        response.delete_cookie(doors.cookie, httponly=True, samesite="strict", secure=doors.secure, path="/")
-        return response
-
-    async def session(request: Request) -> Response:
-        authorized = bool(request.state.authorized)
-        found = {"authorized": authorized, "needs_token": doors.reading, "can_acknowledge": authorized}
-        return JSONResponse(found, headers=_NOT_KEPT)
-
-    return [
-        Route("/login", login, methods=["POST"]),
-        Route("/logout", logout, methods=["POST"]),
-        Route("/api/session", session, methods=["GET"]),
-    ]
+def static_file(name: str, folder: Path = _FOLDER) -> Answer:
+    """Return a file of the page, kept in memory until it changes; :class:`RequestError` 404 where there is none."""
+    if name not in {path.relative_to(folder).as_posix() for path in folder.rglob("*") if _is_plain(path)}:
+        raise RequestError(404, "there is no such file")
+    path = folder / name
+    found = path.stat()
+    state = (found.st_mtime_ns, found.st_size)
+    with _lock:
+        known = _known.get(str(path))
+        if known is None or known[0] != state:
+            known = _known[str(path)] = (state, answer_of(_content(path), _type_of(path), level=9))
+        return known[1]
 
 
-def _login_error(status: int, sentence: str) -> Response:
-    return JSONResponse({"error": sentence}, status, headers=_NOT_KEPT)
+def _content(path: Path) -> bytes:
+    """Return the bytes of a file; ``index.html`` with the words of the page in its place for them."""
+    content = path.read_bytes()
+    # "<" is escaped so that no word can end the element.
+    words = json.dumps(page_words(), ensure_ascii=False).replace("<", "\\u003c").encode()
+    return content.replace(_WORDS + b"{}", _WORDS + words) if path.name == "index.html" else content
+
+
+def _is_plain(path: Path) -> bool:
+    return path.is_file() and not path.is_symlink()
+
+
+def _type_of(path: Path) -> str:
+    kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+    return f"{kind}; charset=utf-8" if kind.startswith("text/") else kind
+
+
+def published_files(site: Machines) -> dict[str, Any]:
+    """Return the published files of all machines, by name."""
+    found = []
+    for machine in site:
+        for name, state in _published(machine).items():
+            modified = datetime.fromtimestamp(state.st_mtime, UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+            found.append({"machine": machine.name, "file": name, "bytes": state.st_size, "modified_utc": modified})
+    return {"files": sorted(found, key=lambda item: item["file"])}
+
+
+def open_published(site: Machines, name: str) -> tuple[BinaryIO, int]:
+    """Return an open published file and its size; :class:`RequestError` 404 where there is none of this name."""
+    for machine in site:
+        if name in _published(machine):
+            try:
+                descriptor = os.open(machine.records_dir / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+            except OSError:
+                continue
+            file = os.fdopen(descriptor, "rb")
+            return file, os.fstat(descriptor).st_size
+    raise RequestError(404, "there is no such file")
+
+
+def _published(machine: Machine) -> dict[str, os.stat_result]:
+    """Return the files of a machine's folder that have the name of a day or of the undated records; no links."""
+    pattern = re.compile(rf"{re.escape(machine.name)}-(\d{{8}}|undated)\.nc")
+    found: dict[str, os.stat_result] = {}
+    try:
+        with os.scandir(machine.records_dir) as entries:
+            for entry in entries:
+                if pattern.fullmatch(entry.name):
+                    state = entry.stat(follow_symlinks=False)
+                    if stat.S_ISREG(state.st_mode):
+                        found[entry.name] = state
+    except OSError:
+        # Nothing is published yet, or the folder cannot be reached.
+        return {}
+    return found

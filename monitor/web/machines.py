@@ -15,8 +15,7 @@ from monitor.config.source import ChannelSection
 from monitor.records.database import StoreError
 from monitor.service.status_file import read_status
 from monitor.web.answers import RequestError, without_folders
-from monitor.web.ledger_tally import LedgerTally
-from monitor.web.reading import LatestValues, StoreReader
+from monitor.web.reading import LatestValues, LedgerTally, StoreReader
 
 _LOG = logging.getLogger(__name__)
 _FRESH_S = 0.2

@@ -1,17 +1,19 @@
-"""Checks on every request and headers of every answer, as ASGI middleware."""
+"""Access: checks on every request and headers of every answer, as ASGI middleware; logging in and out."""
 
 from __future__ import annotations
 
 import asyncio
 import ipaddress
+import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.requests import HTTPConnection
-from starlette.responses import JSONResponse
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from monitor.config.web import WebSection
@@ -24,6 +26,7 @@ _OPEN = ("/", "/login", "/logout", "/api/session", "/readyz")
 """Answered without a token: the empty page, which asks for one, and whether the page is served."""
 _UNBOUNDED = ("/api/stream", "/records/")
 """Answers without a limit on their whole duration; the client must take each part in time."""
+_NOT_KEPT = {"cache-control": "no-store"}
 _HEADERS = {
     "content-security-policy": "default-src 'self'; img-src 'self' data:; object-src 'none'; base-uri 'none'; "
     "form-action 'self'; frame-ancestors 'none'",
@@ -227,5 +230,53 @@ def _closing(status: int, sentence: str) -> _Refusal:
 
 
 async def _refuse(scope: Scope, receive: Receive, send: Send, refusal: _Refusal) -> None:
-    headers = {"cache-control": "no-store", **refusal.headers}
+    headers = {**_NOT_KEPT, **refusal.headers}
     await JSONResponse({"error": refusal.sentence}, refusal.status, headers)(scope, receive, send)
+
+
+def login_routes(doors: Doors, keeper: Doorkeeper) -> list[Route]:
+    """Return the addresses for logging in and out: a cookie that scripts cannot read replaces the token."""
+
+    async def login(request: Request) -> Response:
+        body = await request.body()
+        try:
+            token = json.loads(body[:MAX_BODY_BYTES])["token"]
+        except (ValueError, KeyError, TypeError):
+            token = None
+        if not isinstance(token, str):
+            return _login_error(400, "the body must be a JSON object with the token")
+        if not keeper.is_token(token.strip()):
+            waited = await keeper.delay_wrong_token()
+            return (
+                _login_error(401, "the token is wrong")
+                if waited
+                else _login_error(429, "too many wrong tokens; try later")
+            )
+        response = Response(status_code=204, headers=_NOT_KEPT)
+        response.set_cookie(
+            doors.cookie, keeper.open_session(), httponly=True, samesite="strict", secure=doors.secure, path="/"
+        )
+        return response
+
+    async def logout(request: Request) -> Response:
+        await request.body()
+        if request.state.session is not None:
+            keeper.close_session(request.state.session)
+        response = Response(status_code=204, headers=_NOT_KEPT)
+        response.delete_cookie(doors.cookie, httponly=True, samesite="strict", secure=doors.secure, path="/")
+        return response
+
+    async def session(request: Request) -> Response:
+        authorized = bool(request.state.authorized)
+        found = {"authorized": authorized, "needs_token": doors.reading, "can_acknowledge": authorized}
+        return JSONResponse(found, headers=_NOT_KEPT)
+
+    return [
+        Route("/login", login, methods=["POST"]),
+        Route("/logout", logout, methods=["POST"]),
+        Route("/api/session", session, methods=["GET"]),
+    ]
+
+
+def _login_error(status: int, sentence: str) -> Response:
+    return JSONResponse({"error": sentence}, status, headers=_NOT_KEPT)

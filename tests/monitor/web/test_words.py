@@ -6,17 +6,17 @@ import json
 import re
 from pathlib import Path
 
-import monitor.web.files as files
+import monitor.web.app as app
 from monitor.health.alarms import machine_state
 from monitor.health.schema import EDV_STATUSES, STATUSES, TT_STATUSES
 from monitor.words import statuses
 from monitor.words.page import page_words
 
-STATIC = Path(files.__file__).parent / "static"
+STATIC = Path(app.__file__).parent / "static"
 
 
 def test_the_page_holds_the_words_as_data() -> None:
-    html = files._content(STATIC / "index.html").decode("utf-8")
+    html = app._content(STATIC / "index.html").decode("utf-8")
     (data,) = re.findall(r'<script type="application/json" id="words">(.*?)</script>', html)
     assert json.loads(data) == json.loads(json.dumps(page_words()))
     assert "<" not in data
