@@ -8,6 +8,7 @@ is a row of its own.
 from __future__ import annotations
 
 import json
+import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -81,6 +82,25 @@ class LoggedEvent:
         return not self.acknowledgements and self.body.get("kind") not in WITHOUT_ACKNOWLEDGEMENT
 
 
+def tables_of(connection: sqlite3.Connection) -> set[str]:
+    """Return the names of the tables of a store; one that no daemon has opened lacks those of the log."""
+    return {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+
+
+def count_unacknowledged(connection: sqlite3.Connection) -> int:
+    """Return how many events and notices of a store need an acknowledgement."""
+    tables = tables_of(connection)
+    skipped = ", ".join(f"'{kind}'" for kind in WITHOUT_ACKNOWLEDGEMENT)
+    total = 0
+    for table, name in (("events", "CAST(events.id AS TEXT)"), ("notices", "'n' || notices.id")):
+        query = f"SELECT count(*) FROM {table} WHERE json_extract(body, '$.kind') NOT IN ({skipped})"
+        if "acknowledgements" in tables:
+            query += f" AND NOT EXISTS (SELECT 1 FROM acknowledgements WHERE event = {name})"
+        if table in tables:
+            total += connection.execute(query).fetchone()[0]
+    return total
+
+
 class EventLog(SharedConnection):
     """The log of a store, on a connection of its own; its methods may be called from any thread.
 
@@ -146,13 +166,8 @@ class EventLog(SharedConnection):
 
     def unacknowledged(self) -> int:
         """Return how many events and notices still need an acknowledgement."""
-        skipped = ", ".join(f"'{kind}'" for kind in WITHOUT_ACKNOWLEDGEMENT)
-        missing = "NOT EXISTS (SELECT 1 FROM acknowledgements WHERE event = {name})"
-        wanted = f"json_extract(body, '$.kind') NOT IN ({skipped}) AND {missing}"
-        events = wanted.format(name="CAST(events.id AS TEXT)")
-        notices = wanted.format(name="'n' || notices.id")
-        query = f"SELECT (SELECT count(*) FROM events WHERE {events}) + (SELECT count(*) FROM notices WHERE {notices})"
-        return self.rows(query)[0][0]
+        with self.use() as connection:
+            return count_unacknowledged(connection)
 
     def acknowledged_alarms(self, after: int = 0) -> Iterator[tuple[int, float, LoggedEvent]]:
         """Yield number, time (UTC seconds since 1970) and alarm of each acknowledgement after a number, in order."""

@@ -21,6 +21,7 @@ from monitor.records.trends import TrendTable, read_trends
 from monitor.web.answers import Query, RequestError, numbers, optional_number, times, whole_number, without_folders
 from monitor.web.machines import Machine, Machines
 from monitor.words.features import FEATURES, TRENDS
+from monitor.words.statuses import DAEMON
 
 MAX_POINTS = 5000
 _POINTS = 1000
@@ -28,12 +29,6 @@ _MARKS = ("t_fs", "t_fs_known", "t_eol", "t_fs_block", "speed", "load")
 _BINS = 300
 _RECENT = 200
 _MAX_STATUS_AGE_S = 15.0
-_NOT_RUNNING = {
-    "never_ran": "has never run",
-    "died": "does not run: it died",
-    "stopped": "does not run: it was stopped",
-    "starting": "is starting",
-}
 
 
 def machines(site: Machines) -> dict[str, Any]:
@@ -268,7 +263,8 @@ def _reasons(machine: Machine) -> Iterator[str]:
     status = machine.status()
     values = status.values
     if not values.get("running") or values.get("status") == "starting":
-        yield f"the daemon {_NOT_RUNNING.get(str(values.get('status')), 'does not run')}"
+        sentence = DAEMON[values["status"]]
+        yield sentence[0].lower() + sentence[1:]
         return
     if status.age is None or status.age > _MAX_STATUS_AGE_S:
         yield f"the daemon said nothing for {status.age or 0.0:.0f} s"

@@ -11,7 +11,7 @@ from contextlib import closing
 from typing import Any, NamedTuple
 
 from monitor.records.database import StoreError
-from monitor.records.events import WITHOUT_ACKNOWLEDGEMENT, Acknowledgement, EventLog, LoggedEvent
+from monitor.records.events import Acknowledgement, EventLog, LoggedEvent, count_unacknowledged, tables_of
 from monitor.web.answers import Query, RequestError, whole_number, without_folders
 from monitor.web.machines import Machine, Machines
 from monitor.words.events import event_text
@@ -58,21 +58,8 @@ def unacknowledged(machine: Machine) -> int:
     """Return the number of unacknowledged events of a machine."""
     if machine.store.identity() is None:
         return 0
-    skipped = ", ".join(f"'{kind}'" for kind in WITHOUT_ACKNOWLEDGEMENT)
     with machine.store.connection() as connection:
-        tables = _tables(connection)
-        total = 0
-        for table, name in (("events", "CAST(id AS TEXT)"), ("notices", "'n' || id")):
-            if table not in tables:
-                continue
-            open_ = (
-                "1"
-                if "acknowledgements" not in tables
-                else (f"NOT EXISTS (SELECT 1 FROM acknowledgements WHERE event = {name.replace('id', f'{table}.id')})")
-            )
-            query = f"SELECT count(*) FROM {table} WHERE json_extract(body, '$.kind') NOT IN ({skipped}) AND {open_}"
-            total += connection.execute(query).fetchone()[0]
-    return total
+        return count_unacknowledged(connection)
 
 
 def marker(machine: Machine) -> tuple[int, ...]:
@@ -80,7 +67,7 @@ def marker(machine: Machine) -> tuple[int, ...]:
     if machine.store.identity() is None:
         return (0, 0, 0)
     with machine.store.connection() as connection:
-        tables = _tables(connection)
+        tables = tables_of(connection)
         return tuple(
             connection.execute(f"SELECT coalesce(max(id), 0) FROM {table}").fetchone()[0] if table in tables else 0
             for table in ("events", "notices", "acknowledgements")
@@ -110,8 +97,7 @@ def acknowledge(site: Machines, name: str, body: bytes) -> dict[str, Any]:
             log.acknowledge(event, who, note, time.time())
         except ValueError as error:
             raise RequestError(400, str(error)) from None
-    where = "kind = ? AND id = ?"
-    return _read(machine, 1, None, where, (int(event.startswith("n")), int(event.lstrip("n"))))[0][1]
+    return _find(machine, event)[0][1]
 
 
 def _split(site: Machines, name: str) -> tuple[Machine, str]:
@@ -123,11 +109,15 @@ def _split(site: Machines, name: str) -> tuple[Machine, str]:
 
 def _place_of(site: Machines, name: str) -> Place:
     machine, event = _split(site, name)
-    where = "kind = ? AND id = ?"
-    found = _read(machine, 1, None, where, (int(event.startswith("n")), int(event.lstrip("n"))))
+    found = _find(machine, event)
     if not found:
         raise RequestError(404, "there is no such event to begin before")
     return found[0][0]
+
+
+def _find(machine: Machine, event: str) -> list[tuple[Place, dict[str, Any]]]:
+    """Return the event of a name in the log, or none."""
+    return _read(machine, 1, None, "kind = ? AND id = ?", (int(event.startswith("n")), int(event.lstrip("n"))))
 
 
 def _read(
@@ -135,7 +125,7 @@ def _read(
 ) -> list[tuple[Place, dict[str, Any]]]:
     """Return events of one machine with their places, the newest first."""
     with machine.store.connection() as connection:
-        tables = _tables(connection)
+        tables = tables_of(connection)
         log = _WITH_BLOCKS + (f" UNION ALL {_WITHOUT}" if "notices" in tables else "")
         query = f"SELECT * FROM ({log}) WHERE {where}"
         if before is not None:
@@ -191,7 +181,3 @@ def _plain(machine: Machine, event: LoggedEvent, moment: float, dated: bool) -> 
 
 def _log_name(kind: int, number: int) -> str:
     return f"n{number}" if kind else str(number)
-
-
-def _tables(connection: sqlite3.Connection) -> set[str]:
-    return {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}

@@ -28,12 +28,9 @@ from monitor.web.event_view import unacknowledged
 from monitor.web.machines import Machines
 from monitor.web.reading import NAMES
 from monitor.words.features import FEATURES, Feature
+from monitor.words.statuses import STATES
 
 METRICS_TYPE = "text/plain; version=0.0.4; charset=utf-8"
-STATES = (
-    *("normal", "check_function", "out_of_specification", "maintenance_required", "bad_data", "no_data"),
-    "failure",
-)
 _SUFFIXES = {"m2": "square_meters", "s": "seconds", "Hz": "hertz", "N": "newtons", "1": "ratio"}
 _ACCELERATION = {True: "meters_per_second_squared", False: "sensor_units"}
 _CHANNEL = ("machine", "channel")

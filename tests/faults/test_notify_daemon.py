@@ -122,7 +122,7 @@ def test_an_alarm_is_told_by_mail_webhook_and_mqtt_and_records_are_published(
     assert mail.received[0]["Subject"].startswith("m: x0: danger: RMS is ")
     assert "above the level of 5 g" in text
     assert "Channel  x0 (source s0)" in text
-    assert "Stage    the baseline is being learned" in text
+    assert "Stage    learning" in text
     assert "Page     https://bearings.plant.example/" in text
     _, authorization, body = hook.received[0]
     assert authorization == "Bearer the token"

@@ -12,18 +12,12 @@ from monitor.service.notify.channels import Message
 from monitor.service.record_message import first
 from monitor.words.events import badness, event_text, local_moment, utc_text
 from monitor.words.features import FEATURES
-from monitor.words.numbers import duration, moment, volume
-from monitor.words.statuses import fault_words
+from monitor.words.numbers import count, duration, moment, volume
+from monitor.words.statuses import STAGES, fault_words
 
 MAX_LISTED = 20
 """Events that a message lists; of more, the worst are listed and all are counted."""
 _MAX_TITLE_CHARACTERS = 180
-_STAGES = {
-    "learning": "the baseline is being learned",
-    "healthy": "healthy",
-    "final": "final stage of its life",
-    "end_of_life": "end of its life",
-}
 _VALUES = ("rms", "rms_smoothed", "peak", "v_eq", "v_eq_lower", "v_eq_upper", "tt", "tt_lower", "tt_upper")
 
 
@@ -83,7 +77,7 @@ def compose(machine: Sender, items: Sequence[Item], left_out: int = 0) -> Messag
     many = len(items) + left_out
     name = clean(machine.name) or "machine"
     if worst is None:
-        title = f"{name}: {_number(many)} not delivered in time"
+        title = f"{name}: {count(many, 'event')} not delivered in time"
     else:
         headline = f"{worst.where}: {worst.text}" if worst.where else worst.text
         title = f"{name}: " + (f"{many} events, worst: {headline}" if many > 1 else headline)
@@ -94,7 +88,7 @@ def compose(machine: Sender, items: Sequence[Item], left_out: int = 0) -> Messag
     if many > 1:
         lines += [_line(machine, item) for item in items]
         if left_out:
-            lines.append(f"- and {_number(left_out)} not listed here; the event log has them all")
+            lines.append(f"- and {count(left_out, 'event')} not listed here; the event log has them all")
         lines.append("")
     if worst is not None:
         lines += _details(machine, worst)
@@ -112,10 +106,6 @@ def compose(machine: Sender, items: Sequence[Item], left_out: int = 0) -> Messag
 def clean(text: object) -> str:
     """Return a text on one line without control characters, safe in a header."""
     return " ".join("".join(mark if mark.isprintable() else " " for mark in str(text)).split())
-
-
-def _number(events: int) -> str:
-    return f"{events} event{'' if events == 1 else 's'}"
 
 
 def _line(machine: Sender, item: Item) -> str:
@@ -140,7 +130,7 @@ def _stage(machine: Sender, event: LoggedEvent, values: Mapping[str, Any]) -> st
     stage = values.get("stage")
     if stage is None:
         return ""
-    text: str = _STAGES.get(stage, str(stage))
+    text: str = STAGES.get(stage, str(stage))
     t_fs = values.get("t_fs")
     if t_fs is not None:
         since = moment(t_fs, dated=False) if event.utc is None else local_moment(t_fs, machine.zone)

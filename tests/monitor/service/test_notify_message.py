@@ -66,8 +66,7 @@ def test_an_alarm_says_all_that_somebody_on_the_way_wants_to_know() -> None:
         "Machine  press",
         "Channel  horizontal (source acq)",
         "Since    2026-11-21 15:04:05 CET (14:04:05 UTC), block 1234",
-        "Stage    final stage of its life since 2026-11-20 15:04:05 CET (14:04:05 UTC) (block 900); "
-        "inner race or rolling element",
+        "Stage    final stage since 2026-11-20 15:04:05 CET (14:04:05 UTC) (block 900); inner race or rolling element",
         "V_eq     0.0123 mm³/mm (0.0101 to 0.0151)",
         "TT       12 d 2 h (8 d to 19 d 12 h), until 0.05 mm³/mm",
         "Event    17",
@@ -128,7 +127,7 @@ def test_without_a_date_the_block_says_when() -> None:
     text = compose(ROME, [found, found]).text
     assert "Since    found 2026-11-21 15:04:05 CET (14:04:05 UTC), block 1234\n" in text
     assert "- found 2026-11-21 15:04:05 CET (14:04:05 UTC), horizontal, danger" in text
-    assert "Stage    end of its life, final since 2 h after the first block (block 4)" in message.text
+    assert "Stage    end of life, final since 2 h after the first block (block 4)" in message.text
     assert "Page" not in message.text
     assert message.values["events"][0]["time_utc"] is None
 

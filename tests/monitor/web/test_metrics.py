@@ -14,7 +14,8 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from monitor.records.store import Store
 from monitor.service.status_file import StatusFile
-from monitor.web.metrics import STATES, address_of
+from monitor.web.metrics import address_of
+from monitor.words.statuses import STATES
 from tests.faults.daemons import ROOT, status
 from tests.monitor.service.test_daemon import running
 from tests.pages import Page, alarmed_machine, page_of, put_blocks
@@ -154,7 +155,7 @@ def test_health_follows_the_daemon(tmp_path: Path) -> None:
             put_blocks(config, 1)
             wait_until(lambda: reasons() == [])
             assert page.ask("/readyz").status == 200
-        wait_until(lambda: reasons() == ["machine m: the daemon does not run: it was stopped"])
+        wait_until(lambda: reasons() == ["machine m: the daemon was stopped"])
         assert page.ask("/readyz").status == 200
 
 

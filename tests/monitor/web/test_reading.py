@@ -21,8 +21,7 @@ from monitor.records.store import Store
 from monitor.service.status_file import StatusFile
 from monitor.web import api
 from monitor.web.answers import numbers, without_folders
-from monitor.web.reading import LedgerTally
-from monitor.web.reading import StoreReader
+from monitor.web.reading import LedgerTally, StoreReader
 from tests.effort import effort_count
 from tests.faults.daemons import make_machine
 from tests.pages import Page, page_of
