@@ -1,1 +1,1 @@
-"""What runs the pipeline: replay of recordings now, the daemon later."""
+"""What runs the pipeline: the daemon, replay of recordings, and the outputs beside them."""

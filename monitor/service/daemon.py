@@ -177,7 +177,9 @@ class Daemon:
             self._follow(stop)
             self._manager.send("STOPPING=1")
             _LOG.info("stopping after %d blocks", self._status.blocks)
-            self._end()
+            self._companions.end(room=self._disk.problem is None)
+            self._write_status("stopped")
+            _LOG.info("stopped; %d blocks were committed", self._status.blocks)
 
     def _starting(self) -> None:
         # A service manager restarts a service whose start takes longer than usual.
@@ -197,11 +199,6 @@ class Daemon:
             record = self._ingest.step(stop)
             if record is not None:
                 self._note_record(record)
-
-    def _end(self) -> None:
-        self._companions.end(room=self._disk.problem is None)
-        self._write_status("stopped")
-        _LOG.info("stopped; %d blocks were committed", self._status.blocks)
 
     def _note_record(self, record: Record) -> None:
         self._status.note(record)

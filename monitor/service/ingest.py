@@ -50,15 +50,10 @@ class Ingest(Closing):
         clock: Callable[[], float] = time.time,
         idle: Callable[[], object] = lambda: None,
     ) -> None:
-        """Continue with the states at which the store ends; own ledger and sources.
+        """Continue with the states at which the store ends; own the ledger and the sources, opened with it.
 
-        Args:
-            store: open for writing, in this thread.
-            ledger: on that store; the sources were opened with it.
-            sources: open.
-            settings: by the name of the source in blocks.
-            clock: UTC seconds since 1970.
-            idle: called in this thread after each failed attempt to use the store.
+        ``settings`` are by the name of the source in blocks, ``clock`` gives UTC seconds since 1970, ``idle`` is called
+        after each failed attempt to use the store, which is open for writing in this thread.
 
         Raises:
             StoreError: the store cannot be read, or its states are of another version.

@@ -36,13 +36,9 @@ def build_library(
 ) -> Library:
     """Simulate lives 0 to ``runs - 1`` of a population and fit the forecaster on them.
 
-    Args:
-        population: its ``until`` must be the largest threshold or more.
-        runs: number of lives.
-        thresholds: V_th to forecast, m2.
-        workers: threads that simulate; 0 means one a core. The library does not depend on it.
-        progress: called with the lives done and their total.
-        settings: of the fit; by default with the population's seed.
+    It forecasts the ``thresholds`` (V_th, m2), which the lives must reach. It does not depend on ``workers``, the
+    threads that simulate (0: one a core). ``progress`` is called with the lives done and their total. By default the
+    fit has the population's seed.
 
     Raises:
         ValueError: too few lives, thresholds that the population does not reach, or a scene outside the model.

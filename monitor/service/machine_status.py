@@ -31,7 +31,7 @@ from monitor.service.summary import channel_summary
 from monitor.words.events import utc_text
 from monitor.words.statuses import STATES
 
-_SEVERITIES = {FAILURE: "danger", MAINTENANCE: "alert"}
+_SEVERITY_OF = {FAILURE: "danger", MAINTENANCE: "alert"}
 _STAGES = {FAILURE: ("end_of_life", "the end of life was reached"), MAINTENANCE: ("final", "the final stage has begun")}
 
 
@@ -92,9 +92,8 @@ class MachineStatus:
     def values(self, status: str, problems: Mapping[str, str]) -> dict[str, Any]:
         """Return the status as plain values for JSON.
 
-        Args:
-            status: "running", which becomes "degraded" where there are problems, or "stopped".
-            problems: sentences by the name of the source or the part.
+        ``status`` is "stopped", or "running", which becomes "degraded" where there are problems: sentences by the name
+        of the source or the part.
         """
         flows = self.flows()
         channels = {
@@ -193,18 +192,14 @@ def channel_state(
 ) -> tuple[str, str]:
     """Return the worst NAMUR NE 107 status that applies to a channel, and its reason as a sentence.
 
-    Args:
-        condition: status by the alarm stage.
-        alarms: as :func:`shown_alarms` gives them.
-        stage: of its life.
-        silent: how long no block came, where the source is silent.
-        refused: why the latest block was rejected, where it was.
+    ``condition`` is the status by the alarm stage. ``silent`` says for how long no block came, ``refused`` why the
+    latest block was rejected, where that is so.
     """
     state = machine_state(condition, *([NO_DATA] if silent else []), *([BAD_DATA] if refused else []))
     reached, text = _STAGES.get(state, ("", ""))
     reasons = [text] if stage == reached else []
     for alarm in alarms:
-        if alarm["severity"] == _SEVERITIES.get(state):
+        if alarm["severity"] == _SEVERITY_OF.get(state):
             waits = "" if alarm["active"] else ", which is over and waits to be acknowledged"
             reasons.append(f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{waits}")
     fallback = {NO_DATA: silent, BAD_DATA: refused}.get(state)

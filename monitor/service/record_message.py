@@ -14,7 +14,7 @@ _WORDS = ("stage", "fault", "edv_status", "tt_status", "t_fs_block", "t_fs_known
 
 
 @dataclass(frozen=True)
-class Row:
+class StoredRecord:
     """A record as the store has it; ``flags`` are separated by blanks, times are s, values SI."""
 
     machine: str
@@ -28,7 +28,7 @@ class Row:
     channels: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
-def channel_message(record: Row, channel: str) -> str:
+def channel_message(record: StoredRecord, channel: str) -> str:
     """Return the values of a channel in a record; null is no value."""
     values = record.channels.get(channel, {})
     absolute = values.get("absolute_level") != "no"

@@ -23,7 +23,7 @@ from monitor.records.database import SharedConnection, StoreError, replace_durab
 from monitor.records.packing import unpack
 from monitor.service.broker import BrokerError, BrokerLink
 from monitor.service.notify.channels import NotifyError, read_secret
-from monitor.service.record_message import Row, channel_message, state_message
+from monitor.service.record_message import StoredRecord, channel_message, state_message
 
 _LOG = logging.getLogger(__name__)
 PLACE = "published-mqtt.json"
@@ -42,7 +42,7 @@ _MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
 
 
 class _At(NamedTuple):
-    """A position in the ledger: number, source and block number; "" and 0 before the first block."""
+    """A position in the ledger; source "" and number 0 before the first block."""
 
     number: int
     source: str
@@ -68,14 +68,9 @@ class RecordMqtt:
         state_dir: Path,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin to publish new records, and those that an earlier run has not published.
+        """Begin to publish new records, and those that an earlier run has not published; nothing without a section.
 
-        Args:
-            section: broker and limits; None publishes nothing.
-            machine: its name.
-            channels: names by source.
-            state_dir: folder of the store, the status file and the position.
-            monotonic: seconds that never go back.
+        ``channels`` are names by source; ``state_dir`` holds the store, the status file and the position.
         """
         self.problem: str | None = None
         """Why records are not published, or None."""
@@ -249,7 +244,7 @@ class RecordMqtt:
         number, source, sequence, *rest, layout, values = row
         if layout not in self._layouts:
             self._layouts.update(store.rows("SELECT id, layout FROM layouts"))
-        record = Row(self._machine, source, sequence, *rest, channels=unpack(self._layouts[layout], values))
+        record = StoredRecord(self._machine, source, sequence, *rest, channels=unpack(self._layouts[layout], values))
         names = self._channels.get(source) or tuple(record.channels)
         item = _Sent(_At(number, source, sequence), len(names))
         self._sent.append(item)

@@ -63,12 +63,10 @@ def replay(
     libraries: Mapping[str, Library] | None = None,
     progress: Callable[[Iterable[Any], int], Iterable[Any]] | None = None,
 ) -> Replay:
-    """Replay a recording into a store and records under ``out``.
+    """Replay a recording of a machine with one source into ``state.db`` and records under ``out``.
 
     Args:
-        config: of a machine with one source.
         path: path or URL in place of the configured URL.
-        out: folder for ``state.db`` and the records.
         pace: times real time, or None for full speed.
         limit: greatest number of blocks.
         resume: continue the store under ``out`` after its last block.

@@ -33,21 +33,17 @@ def silence_limit(interval: float | None) -> float:
 
 @dataclass(frozen=True)
 class LatestBlock:
-    """The latest block of a source.
-
-    Attributes:
-        sequence: its number, 0 before the first.
-        time: UTC time of the latest block that has one, s, or None.
-        committed: s of the monotonic clock, or None where that was before the start.
-        flowing_since: first commit after the latest silence, s of the monotonic clock, or None.
-    """
+    """The latest block of a source; number 0 before the first."""
 
     sequence: int = 0
     time: float | None = None
+    """UTC time of the latest block that has one, s, or None."""
     status: str | None = None
     rejected: bool = False
     committed: float | None = None
+    """Monotonic time, s, or None where it was committed before the start."""
     flowing_since: float | None = None
+    """Monotonic time of the first commit after the latest silence, s, or None."""
 
     def after(self, record: Record, committed: float | None, limit: float) -> LatestBlock:
         """Return the state after another block; ``limit`` as :func:`silence_limit` gives it."""
@@ -60,19 +56,15 @@ class LatestBlock:
 
 @dataclass(frozen=True)
 class DataFlow:
-    """The flow of blocks of one source at present.
-
-    Attributes:
-        block: number of its latest block, or None.
-        age: seconds since that was committed, since the start, or since blocks could be taken again.
-        limit: age beyond which it is silent, s.
-        flowed: seconds from the first to the latest block that came without a silence between them.
-    """
+    """The flow of blocks of one source at present; ``block`` is the number of its latest one, or None."""
 
     block: int | None
     age: float
+    """Seconds since that was committed, since the start, or since blocks could be taken again."""
     limit: float
+    """Age beyond which the source is silent, s."""
     flowed: float
+    """Seconds from the first to the latest block that came without a silence between them."""
 
     @property
     def silent(self) -> bool:

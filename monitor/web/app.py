@@ -50,7 +50,7 @@ class Site:
     """State that all requests of a page share."""
 
     def __init__(self, machines: Machines, doors: Doors, keeper: Doorkeeper, max_streams: int) -> None:
-        """Keep the machines and the rules of access."""
+        """Keep the machines and the rules of access; nothing runs yet."""
         self.machines, self.doors, self.keeper, self.max_streams = machines, doors, keeper, max_streams
         self.hub = Hub(machines)
         self.measures = Measures()
@@ -89,7 +89,7 @@ class Site:
         self.hub.close()
         self._upkeep.join()
         for machine in self.machines:
-            machine.close()
+            machine.store.close()
 
 
 def _failed(error: Exception) -> Answer:

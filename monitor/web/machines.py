@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from monitor.config.load import Config
@@ -26,17 +25,13 @@ _COUNT_PAUSE_S = 0.01
 
 @dataclass(frozen=True)
 class Status:
-    """The status of a daemon at the moment of reading.
-
-    Attributes:
-        version: changes with the values.
-        values: as ``spallwatch status --json`` gives them; sentences name files without their folders.
-        age: seconds since the file was written; None where there is none.
-    """
+    """The status of a daemon at the moment of reading; the version changes with the values."""
 
     version: int
     values: Mapping[str, Any]
+    """As ``spallwatch status --json`` gives them; sentences name files without their folders."""
     age: float | None = None
+    """Seconds since the file was written, or None where there is none."""
 
 
 class Machine:
@@ -47,22 +42,13 @@ class Machine:
         self.config = config
         self.name = config.machine.name
         self.channels: dict[str, ChannelSection] = {channel.name: channel for channel in config.channel}
-        self.store = StoreReader(config.machine.state_dir / "state.db")
+        self.state_dir, self.records_dir = config.machine.state_dir, config.machine.records_dir
+        self.store = StoreReader(self.state_dir / "state.db")
         self.tally = LedgerTally(self.store)
         self.latest = LatestValues(self.store)
         self._lock = threading.Lock()
         self._status = Status(0, {})
         self._read: float | None = None
-
-    @property
-    def state_dir(self) -> Path:
-        """Folder of its state."""
-        return self.config.machine.state_dir
-
-    @property
-    def records_dir(self) -> Path:
-        """Folder of the published files."""
-        return self.config.machine.records_dir
 
     def channel(self, name: str) -> ChannelSection:
         """Return a channel of the configuration; raise :class:`RequestError` 404 where there is none."""
@@ -100,10 +86,6 @@ class Machine:
         except OSError:
             return None
 
-    def close(self) -> None:
-        """Close what is open."""
-        self.store.close()
-
 
 class Machines:
     """All machines of a page, by name."""
@@ -117,10 +99,6 @@ class Machines:
     def __iter__(self) -> Iterator[Machine]:
         """Yield the machines in the order of their configurations."""
         return iter(self._machines.values())
-
-    def __len__(self) -> int:
-        """Return how many there are."""
-        return len(self._machines)
 
     def machine(self, name: str) -> Machine:
         """Return a machine by name; raise :class:`RequestError` 404 where there is none."""

@@ -42,20 +42,17 @@ _HEADERS = {
 
 @dataclass(frozen=True)
 class Doors:
-    """Names under which the page is reached, and what needs a token.
-
-    Attributes:
-        hosts: values of the Host header, in lower case.
-        cookie: name of the session cookie, which has the port, as browsers share cookies between ports.
-        secure: whether TLS is used.
-        reading: whether reading needs the token.
-    """
+    """Names under which the page is reached, and what needs a token."""
 
     hosts: frozenset[str]
+    """Values of the Host header, in lower case."""
     port: int
     cookie: str
+    """Name of the session cookie, which has the port, as browsers share cookies between ports."""
     secure: bool
+    """Whether TLS is used."""
     reading: bool
+    """Whether reading needs the token."""
 
     @classmethod
     def of(cls, web: WebSection, port: int) -> Doors:
@@ -152,12 +149,9 @@ class Guard:
         scope["state"]["session"] = secret if session else None
         refusal = self._check_rights(scope, request.headers, by_cookie=session and bearer is not True)
         if bearer is False:
-            waited = await self._keeper.delay_wrong_token()
-            refusal = (
-                _Refusal(401, "the token is wrong")
-                if waited
-                else _Refusal(429, "too many wrong tokens; try again later")
-            )
+            refusal = _Refusal(429, "too many wrong tokens; try again later")
+            if await self._keeper.delay_wrong_token():
+                refusal = _Refusal(401, "the token is wrong")
         if refusal is not None:
             await _refuse(scope, receive, send, refusal)
         elif scope["path"].startswith(_UNBOUNDED):
@@ -246,12 +240,9 @@ def login_routes(doors: Doors, keeper: Doorkeeper) -> list[Route]:
         if not isinstance(token, str):
             return _login_error(400, "the body must be a JSON object with the token")
         if not keeper.is_token(token.strip()):
-            waited = await keeper.delay_wrong_token()
-            return (
-                _login_error(401, "the token is wrong")
-                if waited
-                else _login_error(429, "too many wrong tokens; try later")
-            )
+            if await keeper.delay_wrong_token():
+                return _login_error(401, "the token is wrong")
+            return _login_error(429, "too many wrong tokens; try later")
         response = Response(status_code=204, headers=_NOT_KEPT)
         response.set_cookie(
             doors.cookie, keeper.open_session(), httponly=True, samesite="strict", secure=doors.secure, path="/"

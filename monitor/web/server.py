@@ -115,12 +115,8 @@ class _Server(uvicorn.Server):
 async def serve(machines: Machines, web: WebSection, state_dir: Path, report: Report, port: int | None = None) -> None:
     """Serve the page until the task is cancelled.
 
-    Args:
-        machines: of the page.
-        web: address and access.
-        state_dir: folder of the token if none is configured.
-        report: called with ``url`` once it listens, then with ``alive`` every few seconds.
-        port: in place of the configured one.
+    ``state_dir`` is the folder of the token if none is configured; ``port`` takes the place of the configured one.
+    ``report`` is called with ``url`` once the page listens, then with ``alive`` every few seconds.
 
     Raises:
         PageError: the address is taken, or the token or the certificate cannot be used.

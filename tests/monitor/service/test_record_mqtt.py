@@ -16,7 +16,7 @@ import pytest
 from monitor.config.publish import RecordMqttSection
 from monitor.health.record import Record
 from monitor.records.store import Store
-from monitor.service.record_message import Row, channel_message, state_message
+from monitor.service.record_message import StoredRecord, channel_message, state_message
 from monitor.service.record_mqtt import PLACE, RecordMqtt
 from streams.block import STANDARD_GRAVITY
 from tests.broker import Broker
@@ -257,7 +257,7 @@ def test_a_message_says_what_it_does_not_know() -> None:
         "t_fs": 1.79e9,
         "fault": "inner|ball",
     }
-    row = Row("m", "s", 7, "clipped", "clipped gap", "", 1.79e9, 5.0, {"x": values})
+    row = StoredRecord("m", "s", 7, "clipped", "clipped gap", "", 1.79e9, 5.0, {"x": values})
     found = json.loads(channel_message(row, "x"))
     # The unit of the sensor is not known, and that is said.
     assert (found["unit"], found["rms_g"], found["h_or_g"]) == ("unknown", 2.5, 1.0)
@@ -268,6 +268,6 @@ def test_a_message_says_what_it_does_not_know() -> None:
         "inner|ball",
         "2026-09-21T14:13:20.000Z",
     )
-    undated = json.loads(channel_message(Row("m", "s", 7, "ok", "", "", None, 5.0, {"x": {"t_fs": 3.0}}), "x"))
+    undated = json.loads(channel_message(StoredRecord("m", "s", 7, "ok", "", "", None, 5.0, {"x": {"t_fs": 3.0}}), "x"))
     assert (undated["time_utc"], undated["t_fs_utc"], undated["elapsed_s"]) == (None, None, 5.0)
     assert json.loads(state_message("m", None))["status"] == "unreachable"
