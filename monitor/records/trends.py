@@ -51,7 +51,8 @@ class TrendTable:
         counts: number of records by status, shape (n,) each; only statuses that occur.
         blocks: number of the block in its source where rows are records, shape (n,), else None.
         first, last: times of the first and the last block of the source without the flag ``clock``, or None.
-        complete: whether buckets hold all blocks; a store of an older version is still catching up where they do not.
+        complete: whether buckets hold all blocks; where they do not, a store of an older version is still catching up,
+            and a part of the records stands for the rest.
     """
 
     dated: bool
@@ -164,12 +165,15 @@ def _records(connection: sqlite3.Connection, key: SeriesKey, span: _Span) -> Poi
 
 
 def _newer(connection: sqlite3.Connection, key: SeriesKey, block: int) -> tuple[Points, bool]:
-    """Return the records after a ledger number, and whether they are all: none where there are too many."""
+    """Return the records after a ledger number, and whether they are all: of too many, each n-th is read.
+
+    A store of an older version that no daemon has opened has no rollup, and shows its long ranges in this way.
+    """
     (newest,) = connection.execute("SELECT coalesce(max(id), 0) FROM blocks").fetchone()
-    complete = newest - block <= _MAX_RECORDS
-    query = f"{ENTRY_QUERY} WHERE id > ? AND +source = ? AND (day IS NULL) = ? ORDER BY id"
-    rows = connection.execute(query, (block if complete else newest, key.source, not key.dated))
-    return read_points(connection, [BlockEntry(*row) for row in rows], key.channel), complete
+    step = max(1, -(-(newest - block) // _MAX_RECORDS))
+    query = f"{ENTRY_QUERY} WHERE id > ? AND +source = ? AND (day IS NULL) = ? AND sequence % ? = 0 ORDER BY id"
+    rows = connection.execute(query, (block, key.source, not key.dated, step))
+    return read_points(connection, [BlockEntry(*row) for row in rows], key.channel), step == 1
 
 
 def _buckets(connection: sqlite3.Connection, key: SeriesKey, span: _Span, points: int) -> TrendTable:
