@@ -31,20 +31,18 @@ from numpy.typing import NDArray
 
 from benchmarks.common import arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from streams.block import Block
+from streams.datasets import DATA_SETS
 from streams.files import Archive
 from streams.open import open_source
 from streams.readers.child import ReaderProcess, isolated, shared_process
 from streams.readers.hdf5 import read_hdf5
-from streams.readers.layout import read_layout
 from streams.readers.mat import read_mat
 from streams.readers.netcdf import read_netcdf
-from streams.readers.npy import read_npy
+from streams.readers.npy_wav import read_npy, read_wav
 from streams.readers.tdms import read_tdms
-from streams.readers.text import read_text
+from streams.readers.text import read_layout, read_text
 from streams.readers.uff import read_uff
-from streams.readers.wav import read_wav
 from streams.readers.worker import memory_file
-from streams.recognise import DATA_SETS
 from streams.samples import Samples
 from streams.spec import SourceSpec
 from tests.oracles.text_oracle import parse_slowly

@@ -8,14 +8,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
-from streams.datasets.description import DataSet, FileFacts
 from streams.files import unpack
 from streams.readers.complete import declared_size
 from streams.reblock import MIN_BLOCK_SHARE
 from streams.samples import RATE_TOLERANCE, ReaderError, Samples
 from streams.spec import UNITS, ChannelSpec, SourceSpec
+
+if TYPE_CHECKING:
+    # At run time the receivers of frames, which call this module too, need no parser.
+    from streams.datasets import DataSet, FileFacts
 
 _LOG = logging.getLogger(__name__)
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 
-from streams.ledger import Ledger
-from streams.source import LiveSource, Source
+from streams.source import Ledger, LiveSource, Source
 from streams.spec import SourceError, SourceSpec, parse_address
 
 

@@ -9,19 +9,17 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from zoneinfo import ZoneInfo
 
-from streams.datasets import mat_sets, text_sets
-from streams.datasets.description import DataSet, FileFacts
+from streams.datasets import DATA_SETS, DataSet, FileFacts
 from streams.files import Files, Item, is_archive, natural_key, unpack, unpacked_name
 from streams.readers.child import isolated
 from streams.readers.hdf5 import read_hdf5
-from streams.readers.layout import read_layout
 from streams.readers.mat import mat_variables, read_mat
 from streams.readers.netcdf import read_netcdf
-from streams.readers.npy import read_npy
+from streams.readers.npy_wav import read_npy, read_wav
 from streams.readers.sidecar import FOLDER_NAMES, apply_sidecar, find_sidecar
 from streams.readers.tdms import read_tdms
+from streams.readers.text import read_layout
 from streams.readers.uff import read_uff
-from streams.readers.wav import read_wav
 from streams.samples import ReaderError, Samples
 from streams.spec import SourceError, SourceSpec
 
@@ -37,19 +35,11 @@ FORMATS = {
 }
 """The plain formats and their file endings."""
 
-DATA_SETS = {data_set.name: data_set for data_set in (*text_sets.SETS, *mat_sets.SETS)}
-"""The published data sets by name."""
-
 _ALIASES = {"text": "csv", "lvm": "csv", "flac": "wav", "h5": "hdf5", "uff58": "uff", "unv": "uff", "nc": "netcdf"}
 _STATE_RATE = ("csv", "wav", "tdms", "hdf5", "uff", "netcdf")
 _STATE_UNIT = ("csv", "tdms", "hdf5", "uff", "netcdf")
 _EXTRAS = {"tdms": ("nptdms", "tdms"), "hdf5": ("h5py", "hdf5"), "uff": ("pyuff", "uff")}
 _XJTU_HEADER = "Horizontal_vibration_signals"
-
-
-def data_set_named(name: str) -> DataSet | None:
-    """Return the data set of a name (in any case, with "-" or " " for "_"), or None."""
-    return DATA_SETS.get(re.sub(r"[-\s]", "_", name.strip().lower()))
 
 
 def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
@@ -137,7 +127,7 @@ def _found_data_set(spec: SourceSpec, files: Files, kind: str) -> DataSet:
     if wanted in FORMATS:
         return plain(wanted, spec, FORMATS[wanted] if files.several else ())
     if wanted != "auto":
-        named = data_set_named(kind)
+        named = DATA_SETS.get(re.sub(r"[-\s]", "_", wanted))
         if named is None:
             known = ", ".join(["auto", *FORMATS, *DATA_SETS])
             raise SourceError(f"{where}: format or data set {kind!r} is not known; expected one of {known}")

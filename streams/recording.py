@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from streams.block import Block, Rejected
-from streams.datasets.description import DataSet, FileFacts
+from streams.datasets import DataSet, FileFacts
 from streams.files import Files, Item, open_files
 from streams.load import Loader, content_hash
 from streams.reblock import Cut, Reblocker, began_at, cut_item

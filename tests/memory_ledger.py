@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from streams.block import Block, Rejected
-from streams.ledger import PENDING, FileProgress
+from streams.source import PENDING, FileProgress
 
 
 class MemoryLedger:

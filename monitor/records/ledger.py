@@ -13,7 +13,7 @@ from monitor.health.record import storable
 from monitor.records.database import Closing, SharedConnection
 from monitor.records.store import Store, count_refusal
 from streams.block import Rejected
-from streams.ledger import FileProgress
+from streams.source import FileProgress
 
 _TABLES = (
     """CREATE TABLE IF NOT EXISTS files (
@@ -32,7 +32,7 @@ SALVAGED_UP_TO = "salvaged_up_to"
 
 
 class StoreLedger(Closing):
-    """A :class:`streams.ledger.Ledger` on an open store; reading is allowed from any thread.
+    """A :class:`streams.source.Ledger` on an open store; reading is allowed from any thread.
 
     All methods raise :class:`StoreError` where the database cannot be read or written.
     """

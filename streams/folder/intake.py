@@ -4,21 +4,22 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from models.errors import SpallwatchError
 from streams.block import Block, Rejected
-from streams.datasets.description import FileFacts
-from streams.files import unpacked_name
-from streams.folder.listing import stat_file, unshown
-from streams.folder.raw import GROWS, Raw, UnfinishedError, is_more_of, read_raw
+from streams.datasets import FileFacts
+from streams.files import path_within, read_guarded, unpacked_name
+from streams.folder.listing import Stat, stat_file, unshown
 from streams.folder.register import ARCHIVED, MAX_INCOMPLETE_S, Entry, Order, Register
-from streams.ledger import ACCEPTED, PENDING, FileProgress, Ledger
-from streams.load import Loader
+from streams.load import Loader, content_hash
+from streams.readers.complete import whole_part
 from streams.reblock import Cut, Reblocker, began_at, cut_item
 from streams.samples import ReaderError, Samples
-from streams.source import Delivery
+from streams.source import ACCEPTED, HEAD_BYTES, PENDING, Delivery, FileProgress, Ledger
 from streams.spec import SourceSpec
 
 _MAX_AHEAD_FILES = 8
@@ -28,8 +29,66 @@ _MAX_WAIT_S = {"incomplete": MAX_INCOMPLETE_S, "empty": MAX_INCOMPLETE_S}
 _RETRIED = ("unreadable", "short", "wrong_shape", "wrong_rate", "wrong_unit")
 _MAX_RETRY_SETTLES = 10.0
 _REFUSED = ("duplicate", "changed")
+_GROWS = ("csv", "tdms")
+"""Formats whose files are appended to while they are read."""
 
-Loaded = tuple[Entry, Raw, FileFacts, Samples]
+
+@dataclass(frozen=True, eq=False)
+class _Raw:
+    """The bytes of a file as stored, and its progress without samples."""
+
+    data: bytes
+    progress: FileProgress
+
+
+class _UnfinishedError(SpallwatchError):
+    """A file changed while it was read; ``stat`` is its new status, None if removed."""
+
+    def __init__(self, stat: Stat | None) -> None:
+        """Keep the present status."""
+        super().__init__("changed while it was read")
+        self.stat = stat
+
+
+def _read_raw(root: Path, entry: Entry, growing: str | None) -> _Raw:
+    """Return the bytes of a file; of a growing one those whose samples are final.
+
+    ``growing`` is the format of a file that may grow, else None.
+
+    Raises:
+        ReaderError: ``refused`` or ``unreadable``, see :func:`streams.files.read_guarded`.
+        _UnfinishedError: it has changed since it was selected.
+    """
+    if not entry.stat.regular:
+        path_within(root, entry.path)
+        raise ReaderError("refused", f"{entry.key}: a link, a pipe or a device, not a regular file")
+    try:
+        data = read_guarded(root, entry.path, may_grow=growing is not None)
+    except ReaderError as error:
+        after = stat_file(str(root), entry.path)
+        if error.status == "changed" or after is None:
+            raise _UnfinishedError(after) from error
+        raise
+    after = stat_file(str(root), entry.path)
+    if after is None or (after != entry.stat and growing is None):
+        raise _UnfinishedError(after)
+    size = len(data)
+    if growing is not None:
+        data = whole_part(data, growing)
+    digest = content_hash(data)
+    head = content_hash(data[:HEAD_BYTES])
+    return _Raw(data, FileProgress(entry.key, size, after.mtime_ns, after.inode, head, digest, len(data)))
+
+
+def _is_more_of(raw: _Raw, known: FileProgress) -> bool:
+    """Return whether a file begins with all the known bytes of another, or equals it."""
+    if known.content_hash == raw.progress.content_hash:
+        return True
+    longer = 0 < known.read_bytes < len(raw.data)
+    return longer and content_hash(raw.data[: known.read_bytes]) == known.content_hash
+
+
+_Loaded = tuple[Entry, _Raw, FileFacts, Samples]
 
 
 class Intake:
@@ -42,12 +101,12 @@ class Intake:
         self._spec, self._loader, self._ledger, self._register = spec, loader, ledger, register
         one_a_file = loader.data_set.snapshot or spec.block_s == "file"
         self._reblocker = None if one_a_file or spec.block_s == "file" else Reblocker(spec.block_s)
-        self._grows = self._reblocker is not None and loader.data_set.name in GROWS
+        self._grows = self._reblocker is not None and loader.data_set.name in _GROWS
         self._period = spec.block_s if self._grows and spec.block_s != "file" else None
         self._uncommitted: dict[int, str] = {}
         self._highest = ledger.committed(spec.name)
         self._began = ledger.began(spec.name)
-        self._batch: list[Loaded] = []
+        self._batch: list[_Loaded] = []
         self._latest_order: Order | None = None
 
     def advance(self, now: float) -> bool:
@@ -90,23 +149,23 @@ class Intake:
             if not entry.outstanding and entry.phase == "delivered" and progress.verdict != PENDING:
                 self._register.finish(entry, progress)
 
-    def _load(self, entry: Entry, now: float) -> Loaded | None:
+    def _load(self, entry: Entry, now: float) -> _Loaded | None:
         """Read a file; None where it waits, is known already or is rejected."""
         facts = self._loader.facts(entry.path)
         if facts is None:
             self._register.remove(entry, entry.counted)
             return None
         growing = self._grows and not entry.whole and unpacked_name(entry.path) == entry.path
-        raw: Raw | None = None
+        raw: _Raw | None = None
         try:
             if entry.absent is not None:
                 raise ReaderError("unreadable", f"{entry.key}: is gone, before all of it could be read")
             entry.read_at = now
-            raw = read_raw(self._loader.root, entry, self._loader.data_set.name if growing else None)
+            raw = _read_raw(self._loader.root, entry, self._loader.data_set.name if growing else None)
             if self._resolve_known(entry, raw, facts):
                 return None
             samples = self._loader.load(raw.data, entry.path, facts, entry.key)
-        except UnfinishedError as error:
+        except _UnfinishedError as error:
             self._requeue(entry, error, now)
             return None
         except ReaderError as error:
@@ -127,7 +186,7 @@ class Intake:
         """Return whether later files were taken already; a rejection must not cut them."""
         return self._latest_order is not None and entry.order < self._latest_order
 
-    def _requeue(self, entry: Entry, error: UnfinishedError, now: float) -> None:
+    def _requeue(self, entry: Entry, error: _UnfinishedError, now: float) -> None:
         entry.changed, entry.closed = now, False
         if error.stat is None:
             entry.absent = now
@@ -135,7 +194,7 @@ class Intake:
             entry.stat = error.stat
         self._register.queue(entry)
 
-    def _reject(self, entry: Entry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
+    def _reject(self, entry: Entry, raw: _Raw | None, facts: FileFacts, error: ReaderError) -> None:
         self._emit_batch()
         if self._reblocker is not None and not self._is_overtaken(entry):
             # Samples are not joined across a file that could not be read.
@@ -155,7 +214,7 @@ class Intake:
             Rejected(self.name, number, entry.key, status, _printable(str(error)), digest), [(entry, progress)]
         )
 
-    def _resolve_known(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+    def _resolve_known(self, entry: Entry, raw: _Raw, facts: FileFacts) -> bool:
         """Compare with known content; return whether the file has nothing new."""
         last = entry.read or entry.base
         if last is not None:
@@ -165,7 +224,7 @@ class Intake:
                 self._ledger.remember(self.name, [progress])
                 self._register.finish(entry, progress)
                 return True
-            if touched or (self._grows and is_more_of(raw, last)):
+            if touched or (self._grows and _is_more_of(raw, last)):
                 entry.fed = max(entry.fed, 0 if entry.base is None else entry.base.samples)
                 return False
             self._emit_batch()
@@ -174,11 +233,11 @@ class Intake:
             self._register.renew(entry)
         return self._resolve_copy(entry, raw, facts) or self._refuse_taken_number(entry, raw, facts)
 
-    def _resolve_copy(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+    def _resolve_copy(self, entry: Entry, raw: _Raw, facts: FileFacts) -> bool:
         """Adopt a renamed file or reject a copy; return whether it is one."""
         digest = raw.progress.content_hash
         for known in self._ledger.files_like(self.name, raw.progress.head_hash, digest):
-            if known.path == entry.key or known.verdict == PENDING or not known.samples or not is_more_of(raw, known):
+            if known.path == entry.key or known.verdict == PENDING or not known.samples or not _is_more_of(raw, known):
                 continue
             if known.content_hash != digest:
                 if self._grows:
@@ -203,7 +262,7 @@ class Intake:
             return True
         return False
 
-    def _is_constant(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+    def _is_constant(self, entry: Entry, raw: _Raw, facts: FileFacts) -> bool:
         """Return whether all samples are equal: identical files of a dead sensor."""
         try:
             values = self._loader.load(raw.data, entry.path, facts, entry.key).values
@@ -211,7 +270,7 @@ class Intake:
             return False
         return bool(np.all(values == values[:, :1]))
 
-    def _refuse_taken_number(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+    def _refuse_taken_number(self, entry: Entry, raw: _Raw, facts: FileFacts) -> bool:
         """Reject a file whose number another block has; return whether it did."""
         number, digest = self._number_of(facts), raw.progress.content_hash
         if number is None or self._is_free(number):
@@ -230,7 +289,7 @@ class Intake:
     def _is_free(self, number: int) -> bool:
         return number not in self._uncommitted and self._ledger.content_of(self.name, number) is None
 
-    def _emit(self, entry: Entry, raw: Raw, facts: FileFacts, samples: Samples) -> None:
+    def _emit(self, entry: Entry, raw: _Raw, facts: FileFacts, samples: Samples) -> None:
         """Deliver the blocks of a file."""
         entry.read, entry.total = raw.progress, samples.values.shape[1]
         self._latest_order = entry.order if self._latest_order is None else max(self._latest_order, entry.order)

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from streams.folder.listing import Stat, shown, unshown
-from streams.ledger import ACCEPTED, PENDING, FileProgress, Ledger
 from streams.samples import Origin
-from streams.source import Backlog
+from streams.source import ACCEPTED, PENDING, Backlog, FileProgress, Ledger
 
 MAX_INCOMPLETE_S = 600.0
 """Time without a change after which an incomplete file is rejected."""

@@ -11,16 +11,15 @@ import threading
 import time
 from pathlib import Path
 
-from streams.datasets.description import DataSet
+from streams.datasets import DataSet
 from streams.files import Folder, check_readable, natural_key
 from streams.folder.intake import Intake
 from streams.folder.listing import is_skipped, list_files, stat_file
 from streams.folder.register import MAX_INCOMPLETE_S, Order, Register
 from streams.folder.watch import Watch
-from streams.ledger import Ledger
 from streams.load import Loader
 from streams.recognise import data_set_of
-from streams.source import Backlog, Delivery, LiveSource
+from streams.source import Backlog, Delivery, Ledger, LiveSource
 from streams.spec import SourceError, SourceSpec
 
 _LOG = logging.getLogger(__name__)

@@ -14,12 +14,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from streams.block import Block, Rejected
-from streams.ledger import Ledger
 from streams.link.wire import WireError, decode_frame
 from streams.load import agreed_rate, choose_channels, content_hash
 from streams.reblock import samples_hash
 from streams.samples import ReaderError, Samples
-from streams.source import Backlog, Delivery, LiveSource
+from streams.source import Backlog, Delivery, Ledger, LiveSource
 from streams.spec import MAX_FRAME, NetworkSpec, SourceError, SourceSpec, parse_address, same_listener
 
 _LOG = logging.getLogger(__name__)

@@ -57,7 +57,7 @@ def find_sidecar(root: Path, path: str, zone: str = "UTC") -> SideCar | None:
     folder = path.rpartition("/")[0]
     beside = [f"{folder}/{name}" if folder else name for name in FOLDER_NAMES]
     for candidate in (f"{path}.json", *beside):
-        if not os.path.lexists(root / candidate):
+        if not os.path.lexists(f"{root}/{candidate}"):
             continue
         raw = read_guarded(root, candidate)
         if len(raw) > _MAX_SIDECAR_BYTES:

@@ -20,7 +20,7 @@ from monitor.records.recover import salvage
 from monitor.records.recover.leaf_pages import leaf_rows
 from monitor.records.recover.salvage import SalvageReport, open_or_salvage
 from monitor.records.store import Store
-from streams.ledger import FileProgress
+from streams.source import FileProgress
 from tests.effort import effort_count
 from tests.faults.test_folder_kill import drain
 from tests.streams.folders import csv_bytes, noise

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from streams.block import Block, Rejected
-from streams.datasets.description import POUND_FORCE
+from streams.datasets import POUND_FORCE
 from streams.open import open_source
 from streams.spec import ChannelSpec, SourceSpec
 from tests.oracles.text_oracle import parse_slowly

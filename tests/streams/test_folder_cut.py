@@ -13,12 +13,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from streams.block import Block, Rejected
-from streams.datasets.description import DataSet, FileFacts
+from streams.datasets import DATA_SETS, DataSet, FileFacts
 from streams.open import open_source
 from streams.readers.complete import declared_size, whole_part
-from streams.readers.npy import read_npy
+from streams.readers.npy_wav import read_npy
 from streams.reblock import samples_hash
-from streams.recognise import DATA_SETS
 from tests.effort import effort_count
 from tests.streams.folders import RATE, Rig, csv_bytes, noise
 

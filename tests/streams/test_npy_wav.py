@@ -7,8 +7,7 @@ import pytest
 import soundfile
 from numpy.testing import assert_array_equal
 
-from streams.readers.npy import read_npy
-from streams.readers.wav import read_wav
+from streams.readers.npy_wav import read_npy, read_wav
 from streams.samples import ReaderError
 
 

@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from streams.block import Block, Rejected
 from streams.open import open_source
-from streams.readers.layout import read_layout
 from streams.readers.stated import known_unit, number_of, rate_of_times, seconds_utc, stated_rate
+from streams.readers.text import read_layout
 from streams.samples import ReaderError
 from streams.spec import ChannelSpec, SourceError, SourceSpec
 from tests.effort import effort_count

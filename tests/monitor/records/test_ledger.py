@@ -15,7 +15,7 @@ from monitor.records.database import StoreError
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.store import Store
 from streams.block import Block, Rejected
-from streams.ledger import FileProgress, Ledger
+from streams.source import FileProgress, Ledger
 from tests.effort import effort_count
 from tests.memory_ledger import MemoryLedger
 

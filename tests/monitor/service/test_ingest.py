@@ -21,8 +21,7 @@ from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.setup import source_settings
 from streams.block import Block, Rejected
-from streams.ledger import FileProgress, Ledger
-from streams.source import Backlog, Delivery, LiveSource
+from streams.source import Backlog, Delivery, FileProgress, Ledger, LiveSource
 from tests.faults.test_folder_kill import config
 
 RATE = 2560.0

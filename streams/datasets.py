@@ -1,19 +1,166 @@
-"""Data sets of MAT files, read in the child process: CWRU, MFPT and others."""
+"""Published data sets: what the names of their files state, and how the files are read.
+
+The MAT files are read in the child process.
+"""
 
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import PurePosixPath
 from zoneinfo import ZoneInfo
 
 import numpy as np
 
-from streams.datasets.description import POUND_FORCE, DataSet, FileFacts, file_name
-from streams.files import natural_key
+from streams.files import natural_key, unpacked_name
 from streams.readers.child import isolated
 from streams.readers.mat import load_mat, mat_variables, read_mat, scalar, text
+from streams.readers.text import read_layout, read_text
 from streams.samples import ReaderError, Samples
+
+POUND_FORCE = 4.4482216152605
+"""N in one pound-force."""
+
+
+@dataclass(frozen=True)
+class FileFacts:
+    """What the name of a file, or of its folder, states; None where it does not.
+
+    ``order`` sorts the files by acquisition, ``number`` is the 1-based number of the file in its run, ``elapsed`` in s
+    counts from the first sample of the run. Start in s since 1970 UTC, rate and shaft speed in Hz, radial load in N.
+    """
+
+    order: tuple[object, ...]
+    number: int | None = None
+    elapsed: float | None = None
+    start: float | None = None
+    rate: float | None = None
+    speed: float | None = None
+    load: float | None = None
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """One data set.
+
+    Attributes:
+        name: as in ``dataset:NAME:PATH``.
+        files: names of its files, for messages.
+        facts: maps path, name of the root and time zone to the facts of a file; None: no file of this set.
+        read: maps the unpacked bytes and the path of a file to its rows.
+        unit: of every row, None where only the configuration can state it.
+        snapshot: whether each file is one short record taken at intervals, and so one block whatever ``block_s`` says.
+        samples: number in a whole file, None where they differ.
+        states_rate: whether each file states its rate, or may.
+        states_unit: whether each file may state its unit.
+        counted: whether the files of a run are numbered from 1 without gaps, so that order is known in one pass.
+    """
+
+    name: str
+    files: str
+    facts: Callable[[str, str, ZoneInfo], FileFacts | None]
+    read: Callable[[bytes, str], Samples]
+    unit: str | None = "g"
+    snapshot: bool = False
+    samples: int | None = None
+    states_rate: bool = False
+    states_unit: bool = False
+    counted: bool = False
+
+
+def _file_name(path: str) -> str:
+    """Return the name of a file without its folder and the suffix of its compression."""
+    return unpacked_name(PurePosixPath(path).name)
+
+
+def _number_in(pattern: str, path: str) -> int | None:
+    """Return the positive number that the name of a file states, or None."""
+    match = re.fullmatch(pattern, _file_name(path))
+    return int(match[1]) if match is not None and int(match[1]) > 0 else None
+
+
+# PRONOSTIA (IEEE PHM 2012): the challenge's description gives 25.6 kHz, a record of 0.1 s every 10 s, the conditions.
+_PRONOSTIA_CONDITIONS = {"1": (1800 / 60, 4000.0), "2": (1650 / 60, 4200.0), "3": (1500 / 60, 5000.0)}
+_PRONOSTIA_RATE, _PRONOSTIA_PERIOD, _PRONOSTIA_SAMPLES = 25600.0, 10.0, 2560
+
+
+def _pronostia_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
+    number = _number_in(r"acc_(\d+)\.csv", path)
+    if number is None:
+        return None
+    runs = re.findall(r"Bearing([123])_\d", f"{place}/{path}")
+    speed, load = _PRONOSTIA_CONDITIONS[runs[-1]] if runs else (None, None)
+    elapsed = (number - 1) * _PRONOSTIA_PERIOD
+    return FileFacts((number,), number, elapsed, None, _PRONOSTIA_RATE, speed, load)
+
+
+def _pronostia_read(data: bytes, path: str) -> Samples:
+    # 16-bit samples printed with three decimals; the clock of the first four columns is not a sample clock.
+    samples = read_text(data, path, separators=";,", header=False, n_columns=6, columns=(5, 6), precision=np.float32)
+    return replace(samples, channels=("horizontal", "vertical"))
+
+
+# IMS (Cincinnati, NASA prognostics repository): nominal 20 kHz, a record of 20480 samples; 2000 rpm, 6000 lb.
+def _ims_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
+    name = _file_name(path)
+    if re.fullmatch(r"\d{4}(\.\d\d){5}", name) is None:
+        return None
+    try:
+        local = datetime.strptime(name, "%Y.%m.%d.%H.%M.%S").replace(tzinfo=zone)
+    except ValueError:
+        return None
+    start = local.timestamp()
+    return FileFacts((start,), start=start, rate=20000.0, speed=2000 / 60, load=6000 * POUND_FORCE)
+
+
+def _ims_read(data: bytes, path: str) -> Samples:
+    samples = read_text(data, path, separators="\t ", header=False, n_columns=(4, 8), precision=np.float32)
+    return replace(samples, channels=tuple(f"channel_{column}" for column in samples.columns))
+
+
+# XJTU-SY: two columns with a header, 1.28 s at 25.6 kHz each minute; speed and load in the name of the condition.
+def _xjtu_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
+    number = _number_in(r"(\d+)\.csv", path)
+    if number is None:
+        return None
+    runs = re.findall(r"(\d+(?:\.\d+)?)Hz(\d+)kN", f"{place}/{path}")
+    speed, load = (float(runs[-1][0]), float(runs[-1][1]) * 1e3) if runs else (None, None)
+    return FileFacts((number,), number, (number - 1) * 60.0, None, 25600.0, speed, load)
+
+
+def _xjtu_read(data: bytes, path: str) -> Samples:
+    samples = read_text(data, path, separators=",", n_columns=2)
+    return replace(samples, channels=("horizontal", "vertical"))
+
+
+# Ferrara (Gabrielli and others, Mendeley Data 8wdzm5gwng): 54 text files of 15 s of raw vertical acceleration, three
+# widths of defect on three bearings each. Rates as a public catalogue of data sets gives them; defect, load and speed
+# are taken from a name where they stand in it, else from the configuration.
+def _ferrara_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
+    name = _file_name(path)
+    if not name.lower().endswith((".txt", ".csv", ".asc")) or "readme" in name.lower():
+        return None
+    whole = f"{place}/{path}"
+    bearing = re.findall(r"(?<![A-Za-z0-9])D([123])[\W_]{0,2}([abcABC])(?![A-Za-z])", whole)
+    speed = re.findall(r"(?<!\d)([234]0)[\W_]?Hz", whole, re.IGNORECASE)
+    load = re.findall(r"(?<!\d)([12]000)[\W_]?N(?![A-Za-z])", whole, re.IGNORECASE)
+    rate = None
+    if bearing:
+        rate = 25600.0 if bearing[-1][0] == "2" and bearing[-1][1].lower() == "a" else 51200.0
+    return FileFacts(
+        natural_key(path),
+        rate=rate,
+        speed=float(speed[-1]) if speed else None,
+        load=float(load[-1]) if load else None,
+    )
+
+
+def _ferrara_read(data: bytes, path: str) -> Samples:
+    samples = read_layout(data, path)
+    return replace(samples, channels=("acceleration",)) if len(samples.names) == 1 else samples
+
 
 # CWRU: the pages of the Bearing Data Center list the files of each rate by number; the files do not state it. The
 # normal files, 97 to 100, were sampled at 48 kHz, as were the second set of drive-end files.
@@ -121,7 +268,7 @@ _PADERBORN_RATE = 64000.0
 
 
 def _paderborn_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
-    match = _PADERBORN_NAME.fullmatch(file_name(path))
+    match = _PADERBORN_NAME.fullmatch(_file_name(path))
     if match is None:
         return None
     return FileFacts(
@@ -145,7 +292,14 @@ def paderborn_read(data: bytes, path: str) -> Samples:
     return Samples(np.stack(rows).astype(np.float64), tuple(names[key] or "" for key in found))
 
 
-SETS = (
+_SETS = (
+    DataSet(
+        "pronostia", "acc_NNNNN.csv", _pronostia_facts, _pronostia_read,
+        snapshot=True, samples=_PRONOSTIA_SAMPLES, counted=True,
+    ),
+    DataSet("ims", "YYYY.MM.DD.hh.mm.ss", _ims_facts, _ims_read, snapshot=True, samples=20480),
+    DataSet("xjtu_sy", "N.csv", _xjtu_facts, _xjtu_read, snapshot=True, samples=32768, counted=True),
+    DataSet("ferrara", "*.txt", _ferrara_facts, _ferrara_read, unit=None, states_rate=True, states_unit=True),
     DataSet("cwru", "NNN.mat with XNNN_DE_time", _cwru_facts, isolated(cwru_read)),
     DataSet("mfpt", "*.mat with a structure bearing", _mat_facts, isolated(mfpt_read), states_rate=True),
     DataSet("hit_sm", "CLASS_RPM.mat with one vector", _hit_sm_facts, isolated(one_vector), unit="unknown"),
@@ -158,4 +312,6 @@ SETS = (
         unit="unknown", snapshot=True,
     ),
 )  # fmt: skip
-"""The data sets of this module."""
+
+DATA_SETS = {data_set.name: data_set for data_set in _SETS}
+"""The published data sets by name."""

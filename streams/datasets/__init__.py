@@ -1,1 +1,0 @@
-"""The published data sets, one module for each kind of file."""

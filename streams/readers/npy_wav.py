@@ -1,0 +1,92 @@
+"""Plain arrays (.npy, never pickles) and sound files (WAV, FLAC), the header compared with what is there."""
+
+from __future__ import annotations
+
+import io
+from math import prod
+
+import numpy as np
+import soundfile
+
+from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of
+
+_EXACT_IN_FLOAT32 = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "FLOAT", "ALAW", "ULAW")
+
+
+def read_npy(data: bytes, name: str) -> Samples:
+    """Read an array of one or two dimensions, the longer axis being time.
+
+    Values that are stored as they are needed are a read-only view of ``data``.
+
+    Raises:
+        ReaderError: ``empty``; ``unreadable`` for pickled objects and for what is no .npy file; ``incomplete``
+            where the header promises more than there is; ``refused`` above ``MAX_BYTES``; ``wrong_shape``.
+    """
+    if not data:
+        raise ReaderError("empty", f"{name}: the file has 0 bytes")
+    stream = io.BytesIO(data)
+    try:
+        version = np.lib.format.read_magic(stream)
+        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran_order, dtype = header(stream)
+    except Exception as error:  # The header is Python source, and a damaged one fails in any way that source can.
+        raise ReaderError("unreadable", f"{name}: not a .npy file ({error})") from error
+    if dtype.hasobject:
+        raise ReaderError("unreadable", f"{name}: holds pickled objects, which are never loaded")
+    declared = prod(shape) * dtype.itemsize
+    if declared > MAX_BYTES:
+        raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
+    present = len(data) - stream.tell()
+    if declared > present:
+        raise ReaderError("incomplete", f"{name}: the header promises {declared} bytes, {present} are there")
+    if declared < present:
+        raise ReaderError("unreadable", f"{name}: the header promises {declared} bytes, {present} follow it")
+    array = np.frombuffer(data, dtype, prod(shape), stream.tell()).reshape(shape, order="F" if fortran_order else "C")
+    return Samples(rows_of(array, name))
+
+
+def read_wav(data: bytes, name: str) -> Samples:
+    """Read a WAV or FLAC file, with the rate of its header.
+
+    Integer samples are given as fractions of full scale, -1 to 1, float32 up to 24 bits, else float64; the
+    configuration states what full scale means (``scale``). Floating samples are given as stored.
+
+    Raises:
+        ReaderError: ``empty``; ``unreadable``; ``incomplete`` where the header promises more than there is; ``refused``
+            above ``MAX_BYTES``.
+    """
+    if not data:
+        raise ReaderError("empty", f"{name}: the file has 0 bytes")
+    _check_riff(data, name)
+    try:
+        with soundfile.SoundFile(io.BytesIO(data)) as sound:
+            dtype = "float32" if sound.subtype in _EXACT_IN_FLOAT32 else "float64"
+            declared = sound.frames * sound.channels * np.dtype(dtype).itemsize
+            if declared > MAX_BYTES:
+                raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
+            frames, rate = sound.frames, float(sound.samplerate)
+            samples = sound.read(dtype=dtype, always_2d=True)
+    except (soundfile.LibsndfileError, RuntimeError, TypeError) as error:
+        raise ReaderError("unreadable", f"{name}: not a readable WAV or FLAC file ({error})") from error
+    if len(samples) < frames:
+        raise ReaderError("incomplete", f"{name}: the header promises {frames} frames, {len(samples)} are there")
+    if not len(samples):
+        raise ReaderError("empty", f"{name}: holds no samples")
+    return Samples(np.ascontiguousarray(samples.T, dtype=dtype), rate=rate)
+
+
+def _check_riff(data: bytes, name: str) -> None:
+    """Compare the data chunk with the file; libsndfile silently shortens it."""
+    if data[:4] != b"RIFF" or data[8:12] != b"WAVE":
+        return
+    position = 12
+    while position + 8 <= len(data):
+        chunk = data[position : position + 4]
+        size = int.from_bytes(data[position + 4 : position + 8], "little")
+        present = len(data) - position - 8
+        if chunk == b"data":
+            if size > present:
+                raise ReaderError("incomplete", f"{name}: the header promises {size} bytes, {present} are there")
+            return
+        position += 8 + size + size % 2
+    raise ReaderError("incomplete", f"{name}: breaks off before its samples")
