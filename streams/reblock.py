@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.block import Block, Rejected
-from streams.samples import RATE_TOLERANCE, Origin, Samples
+from streams.samples import RATE_TOLERANCE, Origin, ReaderError, Samples
 
 MIN_BLOCK_SHARE = 0.9
 """A last block of at least this part of the full length is kept."""
@@ -35,12 +35,11 @@ class Cut:
 class Reblocker:
     """Cuts a stream into blocks of equal length.
 
-    Blocks are counted from the first sample after a gap. Where both neighbours are dated, they are joined if the second
-    starts within 1 ms, or half a sample, of where the first ends (stamps are not finer); where neither is, if their
-    numbers follow each other; more of the same origin always is. A change of rate (by more than 1e-4 of it), channels,
-    units or sample type is a gap.
-    What is left over stays until more comes. Before a gap, and on :meth:`flush`, it is a block if it has at least 0.9
-    of the length (as in a recording), else it comes with what it lacks, for a rejection ``short``.
+    Blocks are counted from the first sample after a gap. More of the same origin is joined; other samples are if both
+    are dated and they start within 1 ms, or half a sample, of the end of those before (stamps are not finer). A change
+    of rate (by more than 1e-4 of it), channels, units or sample type is a gap. What is left over stays until more
+    comes. Before a gap, and on :meth:`flush`, it is a block if it has at least 0.9 of the length, else it comes with
+    what it lacks, for a rejection ``short``.
     """
 
     def __init__(self, block_s: float) -> None:
@@ -119,11 +118,9 @@ def _follows(before: Samples, after: Samples) -> bool:
     if before.origin == after.origin:
         return after.offset == before.end
     end, begin = before.time_of(before.end), after.time_of(after.offset)
-    if end is not None and begin is not None:
-        return abs(begin - end) <= max(_TIME_TOLERANCE_S, 0.5 / before.known_rate)
-    if end is not None or begin is not None or before.number is None or after.number is None:
+    if end is None or begin is None:
         return False
-    return after.number == before.number + 1 and after.offset == 0
+    return abs(begin - end) <= max(_TIME_TOLERANCE_S, 0.5 / before.known_rate)
 
 
 def samples_hash(samples: NDArray[np.floating], rate: float, channels: tuple[str, ...]) -> str:
@@ -139,27 +136,47 @@ def samples_hash(samples: NDArray[np.floating], rate: float, channels: tuple[str
     return digest.hexdigest()
 
 
-def began_at(began: float | None, item: Block | Rejected) -> float | None:
-    """Return the start of the first dated block, from its value before ``item``."""
-    return item.start if began is None and isinstance(item, Block) else began
+class Numbering:
+    """Makes the blocks and rejections of one source, numbered in order."""
 
+    def __init__(self, source: str, highest: int = 0, began: float | None = None) -> None:
+        """Continue after the number ``highest``.
 
-def cut_item(cut: Cut, source: str, sequence: int, began: float | None) -> Block | Rejected:
-    """Return the block that was cut, or the rejection ``short`` of what is left over.
+        ``began`` is the start of the first dated block of the source, seconds since 1970 UTC, or None.
+        """
+        self._source, self.highest, self._began = source, highest, began
 
-    Its name states the file of its first sample, and the time from the start of the file where it is not the first
-    sample there. Its content hash is :func:`samples_hash`. ``began`` is the start of the first dated block of the
-    source, seconds since 1970 UTC, or None.
-    """
-    samples, origin = cut.samples, cut.samples.origin
-    name, total = (origin.key, origin.total) if isinstance(origin, Origin) else (str(origin), 0)
-    rate, length = samples.known_rate, samples.values.shape[1]
-    if samples.offset:
-        name = f"{name}[{round(samples.offset / rate, 3):.15g} s]"
-    digest = samples_hash(samples.values, rate, samples.channels)
-    if not cut.missing:
-        return samples.block(source, sequence, name, digest, samples.elapsed_since(began))
-    reason = f"{name}: {length / rate:g} s are left, a block has {(length + cut.missing) / rate:g} s"
-    if length == total and len(cut.used) == 1:
-        reason += '; block_s = "file" takes the file as one block'
-    return Rejected(source, sequence, name, "short", reason, digest)
+    def note(self, item: Block | Rejected) -> None:
+        """Count an item; the next one has a higher number."""
+        self.highest = max(self.highest, item.sequence)
+        if self._began is None and isinstance(item, Block):
+            self._began = item.start
+
+    def block(self, samples: Samples, name: str, digest: str, number: int | None = None) -> Block:
+        """Return the block of all samples, under the next number by default."""
+        number = self.highest + 1 if number is None else number
+        return samples.block(self._source, number, name, digest, samples.elapsed_since(self._began))
+
+    def rejected(self, name: str, error: ReaderError, digest: str, number: int | None = None) -> Rejected:
+        """Return a rejection, under the next number by default."""
+        number = self.highest + 1 if number is None else number
+        return Rejected(self._source, number, name, error.status, str(error), digest)
+
+    def cut(self, cut: Cut) -> Block | Rejected:
+        """Return the block that was cut, or the rejection ``short`` of what is left over.
+
+        Its name states the file of its first sample, and the time from the start of the file where it is not the first
+        sample there. Its content hash is :func:`samples_hash`.
+        """
+        samples, origin = cut.samples, cut.samples.origin
+        name, total = (origin.key, origin.total) if isinstance(origin, Origin) else (str(origin), 0)
+        rate, length = samples.known_rate, samples.values.shape[1]
+        if samples.offset:
+            name = f"{name}[{round(samples.offset / rate, 3):.15g} s]"
+        digest = samples_hash(samples.values, rate, samples.channels)
+        if not cut.missing:
+            return self.block(samples, name, digest)
+        reason = f"{name}: {length / rate:g} s are left, a block has {(length + cut.missing) / rate:g} s"
+        if length == total and len(cut.used) == 1:
+            reason += '; block_s = "file" takes the file as one block'
+        return self.rejected(name, ReaderError("short", reason), digest)

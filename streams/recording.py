@@ -11,7 +11,7 @@ from streams.block import Block, Rejected
 from streams.datasets import DataSet, FileFacts
 from streams.files import Files, Item, open_files
 from streams.load import Loader, content_hash
-from streams.reblock import Cut, Reblocker, began_at, cut_item
+from streams.reblock import Cut, Numbering, Reblocker
 from streams.recognise import data_set_of
 from streams.samples import Origin, ReaderError, Samples
 from streams.spec import SourceError, SourceSpec
@@ -70,15 +70,15 @@ class Recording:
 
     def __iter__(self) -> Iterator[Block | Rejected]:
         """Iterate over the blocks from the first one on."""
-        sequence = 0
-        began: float | None = None
+        numbers = Numbering(self.name)
         for part in self._in_order() if self._block_s is None else self._cuts(self._block_s):
             if isinstance(part, Cut):
-                item = cut_item(part, self.name, sequence + 1, began)
+                item = numbers.cut(part)
+            elif isinstance(part.result, ReaderError):
+                item = numbers.rejected(part.path, part.result, part.digest, part.facts.number)
             else:
-                item = self._whole(part, sequence + 1, began)
-            sequence = max(sequence, item.sequence)
-            began = began_at(began, item)
+                item = numbers.block(part.result, part.path, part.digest, part.facts.number)
+            numbers.note(item)
             yield item
 
     def _check(self) -> None:
@@ -206,17 +206,7 @@ class Recording:
                 yield replace(loaded, facts=replace(loaded.facts, number=None))
                 continue
             yield from cutter.feed(samples)
-            if samples.start is None:
-                yield from cutter.flush()
         yield from cutter.flush()
-
-    def _whole(self, loaded: _Loaded, sequence: int, began: float | None) -> Block | Rejected:
-        """Return the one block of a file, under its own number if any, or a rejection."""
-        number = sequence if loaded.facts.number is None else loaded.facts.number
-        found = loaded.result
-        if isinstance(found, ReaderError):
-            return Rejected(self.name, number, loaded.path, found.status, str(found), loaded.digest)
-        return found.block(self.name, number, loaded.path, loaded.digest, found.elapsed_since(began))
 
 
 def _one_run(paths: Iterable[str], name: str, data_set: DataSet) -> list[str]:

@@ -57,7 +57,6 @@ class Samples:
         scaled: whether a side-car has scaled the values, so that the configuration must not scale them again.
         origin: what the values were read from; blocks state how much of each origin they used.
         offset: index of the first value in its origin.
-        number: place of the origin in a stream without gaps; undated origins are joined where these are consecutive.
     """
 
     values: NDArray[Any]
@@ -73,7 +72,6 @@ class Samples:
     scaled: bool = False
     origin: Hashable = None
     offset: int = 0
-    number: int | None = None
 
     def __post_init__(self) -> None:
         """Fill in the defaults of the rows; ValueError where parts do not fit."""

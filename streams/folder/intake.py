@@ -17,7 +17,7 @@ from streams.folder.listing import Stat, stat_file, unshown
 from streams.folder.register import ARCHIVED, MAX_INCOMPLETE_S, Entry, Order, Register
 from streams.load import Loader, content_hash
 from streams.readers.complete import whole_part
-from streams.reblock import Cut, Reblocker, began_at, cut_item
+from streams.reblock import Cut, Numbering, Reblocker
 from streams.samples import ReaderError, Samples
 from streams.source import ACCEPTED, HEAD_BYTES, PENDING, Delivery, FileProgress, Ledger
 from streams.spec import SourceSpec
@@ -104,8 +104,7 @@ class Intake:
         self._grows = self._reblocker is not None and loader.data_set.name in _GROWS
         self._period = spec.block_s if self._grows and spec.block_s != "file" else None
         self._uncommitted: dict[int, str] = {}
-        self._highest = ledger.committed(spec.name)
-        self._began = ledger.began(spec.name)
+        self._numbers = Numbering(spec.name, ledger.committed(spec.name), ledger.began(spec.name))
         self._batch: list[_Loaded] = []
         self._latest_order: Order | None = None
 
@@ -201,18 +200,15 @@ class Intake:
             self._deliver_cuts(self._reblocker.flush())
         digest = "" if raw is None else raw.progress.content_hash
         number, status = self._number_of(facts), error.status
-        if number is None:
-            number = self._next_number()
-        elif not self._is_free(number):
+        if number is not None and not self._is_free(number):
             status = "changed"
         stat = entry.stat
         known = entry.base or (raw.progress if raw is not None else FileProgress(entry.key, 0, 0, 0))
         progress = replace(
             known, path=entry.key, size=stat.size, mtime_ns=stat.mtime_ns, inode=stat.inode, verdict=status
         )
-        self._deliver(
-            Rejected(self.name, number, entry.key, status, _printable(str(error)), digest), [(entry, progress)]
-        )
+        error = ReaderError(status, _printable(str(error)))
+        self._deliver(self._numbers.rejected(entry.key, error, digest, number), [(entry, progress)])
 
     def _resolve_known(self, entry: Entry, raw: _Raw, facts: FileFacts) -> bool:
         """Compare with known content; return whether the file has nothing new."""
@@ -295,13 +291,10 @@ class Intake:
         self._latest_order = entry.order if self._latest_order is None else max(self._latest_order, entry.order)
         if self._reblocker is None:
             number = self._number_of(facts)
-            if number is None:
-                number = self._next_number()
-            elif self._refuse_taken_number(entry, raw, facts):
+            if self._refuse_taken_number(entry, raw, facts):
                 return
             progress = replace(raw.progress, samples=entry.total, verdict=ACCEPTED)
-            elapsed = samples.elapsed_since(self._began)
-            block = samples.block(self.name, number, entry.key, raw.progress.content_hash, elapsed)
+            block = self._numbers.block(samples, entry.key, raw.progress.content_hash, number)
             self._deliver(block, [(entry, progress)])
             return
         begin = min(entry.fed, entry.total)
@@ -340,8 +333,7 @@ class Intake:
     def _deliver_cuts(self, cuts: Iterable[Cut]) -> None:
         for cut in cuts:
             pairs = list(self._progress_of(cut))
-            item = cut_item(cut, self.name, self._next_number(), self._began)
-            self._deliver(item, pairs)
+            self._deliver(self._numbers.cut(cut), pairs)
             for entry, _ in pairs:
                 self._mark_delivered(entry)
 
@@ -355,14 +347,10 @@ class Intake:
                 verdict = ACCEPTED if entry.blocks or (entry.base and entry.base.samples) else "short"
             yield entry, replace(entry.read, path=entry.key, samples=end, verdict=verdict)
 
-    def _next_number(self) -> int:
-        return self._highest + 1
-
     def _deliver(self, item: Block | Rejected, pairs: list[tuple[Entry, FileProgress]]) -> None:
         if not (isinstance(item, Rejected) and item.status in _REFUSED):
             self._uncommitted[item.sequence] = item.content_hash
-            self._highest = max(self._highest, item.sequence)
-        self._began = began_at(self._began, item)
+            self._numbers.note(item)
         for entry, _ in pairs:
             entry.outstanding += 1
             if entry.phase != "held":

@@ -42,7 +42,8 @@ def read_npy(data: bytes, name: str) -> Samples:
     if declared < present:
         raise ReaderError("unreadable", f"{name}: the header promises {declared} bytes, {present} follow it")
     array = np.frombuffer(data, dtype, prod(shape), stream.tell()).reshape(shape, order="F" if fortran_order else "C")
-    return Samples(rows_of(array, name))
+    # Where the writer did not pad the header, the samples begin at any byte.
+    return Samples(rows_of(array if array.flags.aligned else array.copy(), name))
 
 
 def read_wav(data: bytes, name: str) -> Samples:

@@ -50,14 +50,13 @@ def test_blocks_are_those_of_the_whole_runs(lengths: list[int], sizes: list[int]
     generator = np.random.default_rng(sum(lengths))
     runs = [generator.normal(size=(2, length)) for length in lengths]
     chunks: list[Samples] = []
-    number = 0
     starts = [T0 + 100.0 * index for index in range(len(runs))]
     for run, start in zip(runs, starts, strict=True):
-        number += 1
         for begin, part in cut_up(run, sizes):
-            number += 1
-            when = start + begin / RATE if dated else None
-            chunks.append(chunk(part, when, number, number=None if dated else number))
+            if dated:
+                chunks.append(chunk(part, start + begin / RATE, f"{start} {begin}"))
+            else:
+                chunks.append(chunk(part, None, start, offset=begin))
     found = flushed(Reblocker(BLOCK_S), chunks)
     expected = blocks_of_runs(runs, LENGTH)
     assert len(found) == len(expected)
@@ -138,11 +137,10 @@ def test_a_change_or_a_gap_is_never_joined(other: dict[str, object]) -> None:
     assert cutter.origins == {"b"}
 
 
-@pytest.mark.parametrize(("first", "second"), [(1, 3), (None, 2), (1, None), (2, 2), (2, 1)])
-def test_undated_chunks_whose_numbers_do_not_follow_are_not_joined(first: int | None, second: int | None) -> None:
+def test_undated_samples_of_two_origins_are_not_joined() -> None:
     cutter = Reblocker(BLOCK_S)
-    assert list(cutter.feed(chunk(np.zeros((1, 10)), None, "a", number=first))) == []
-    (left,) = cutter.feed(chunk(np.ones((1, 10)), None, "b", number=second))
+    assert list(cutter.feed(chunk(np.zeros((1, 10)), None, "a"))) == []
+    (left,) = cutter.feed(chunk(np.ones((1, 10)), None, "b"))
     assert left.missing == 6
 
 
