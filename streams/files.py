@@ -30,7 +30,7 @@ _ARCHIVE_MODES: dict[str, _Mode] = {
     ".tar.xz": "r:xz",
     ".txz": "r:xz",
 }
-_SUFFIXES = (".xz", ".bz2", ".gz")
+_OPENERS = {".xz": lzma.open, ".bz2": bz2.open, ".gz": gzip.open}
 _DAMAGED = (tarfile.TarError, OSError, EOFError, lzma.LZMAError, zlib.error)
 
 
@@ -42,11 +42,9 @@ def natural_key(path: str) -> tuple[tuple[int, int, str], ...]:
 
 @dataclass(frozen=True)
 class Item:
-    """One file of a recording.
+    """One file of a recording, under its path in the folder or archive, with "/".
 
-    Attributes:
-        path: below the folder or in the archive, with "/".
-        read: gives its bytes or raises ReaderError; of an archive's item only until the next item is requested.
+    ``read`` gives its bytes or raises ReaderError; of an archive's item only until the next item is requested.
     """
 
     path: str
@@ -166,12 +164,9 @@ def path_within(root: Path, path: str) -> Path:
 
 
 def read_guarded(root: Path, path: str, *, may_grow: bool = False) -> bytes:
-    """Return the bytes of a regular file that lies below a folder.
+    """Return the bytes of a regular file at ``path`` below the resolved folder ``root``.
 
-    Args:
-        root: the resolved folder.
-        path: relative to it.
-        may_grow: whether it may get longer meanwhile; then the bytes that were there at first are given.
+    One that ``may_grow`` may get longer meanwhile; then the bytes that were there at first are given.
 
     Raises:
         ReaderError: ``refused`` for a link out of the folder, a FIFO, a device, a folder or a file above
@@ -206,7 +201,7 @@ def read_guarded(root: Path, path: str, *, may_grow: bool = False) -> bytes:
 
 def packed_suffix(name: str) -> str:
     """Return ".xz", ".bz2" or ".gz" where a file name ends so, else ""."""
-    return next((suffix for suffix in _SUFFIXES if name.lower().endswith(suffix)), "")
+    return next((suffix for suffix in _OPENERS if name.lower().endswith(suffix)), "")
 
 
 def unpacked_name(name: str) -> str:
@@ -226,7 +221,7 @@ def unpack(data: bytes, name: str, limit: int = MAX_BYTES) -> bytes:
     if not suffix or not data:
         return data
     try:
-        with _open(suffix, data) as stream:
+        with _OPENERS[suffix](io.BytesIO(data)) as stream:
             raw = stream.read(limit + 1)
     except EOFError as error:
         raise ReaderError("incomplete", f"{name}: the compressed file breaks off before its end") from error
@@ -237,21 +232,13 @@ def unpack(data: bytes, name: str, limit: int = MAX_BYTES) -> bytes:
     return raw
 
 
-def _open(suffix: str, data: bytes) -> lzma.LZMAFile | bz2.BZ2File | gzip.GzipFile:
-    if suffix == ".xz":
-        return lzma.LZMAFile(io.BytesIO(data))
-    return bz2.BZ2File(io.BytesIO(data)) if suffix == ".bz2" else gzip.GzipFile(fileobj=io.BytesIO(data))
-
-
 def is_archive(path: str) -> bool:
     """Return whether a path ends like the name of a tar archive."""
     return path.lower().endswith(tuple(_ARCHIVE_MODES))
 
 
 def check_readable(folder: Path, where: str) -> None:
-    """Raise where a folder may not be listed or searched.
-
-    ``where`` is the key of the configuration that names it.
+    """Raise where a folder may not be listed or searched; ``where`` is the key that names it.
 
     Raises:
         SourceError: it may not be read.

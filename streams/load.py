@@ -41,8 +41,8 @@ class Loader:
         """Prepare.
 
         Args:
-            several: whether there may be more than one file: undated ones have no known distance in time then.
-            live: whether files may still be written: what is missing in them is then ``incomplete``.
+            several: there may be more than one file: undated ones have no known distance in time then.
+            live: files may still be written: what is missing in them is then ``incomplete``.
         """
         self.root, self.data_set = root, data_set
         self._spec, self._several, self._live = spec, several, live
@@ -62,7 +62,7 @@ class Loader:
             name: of the file in messages, default the path.
 
         Raises:
-            ReaderError: with the rejection status and a sentence that names the file.
+            ReaderError: with a sentence that names the file; ``unreadable`` for any other exception of a parser.
         """
         name = name or path
         samples = self.read(raw, path, name)
@@ -79,11 +79,7 @@ class Loader:
         )
 
     def read(self, raw: bytes, path: str, name: str) -> Samples:
-        """Return all rows of a file and what the file itself states.
-
-        Raises:
-            ReaderError: as :meth:`load`; ``unreadable`` for any exception of a parser.
-        """
+        """Return all rows of a file and what the file itself states; ReaderError as :meth:`load`."""
         promised = declared_size(raw, path) if self._live else None
         if promised is not None and promised > len(raw):
             raise ReaderError("incomplete", f"{name}: {len(raw)} bytes are there, its header promises {promised}")
@@ -113,9 +109,8 @@ class Loader:
     def _times(self, samples: Samples, facts: FileFacts) -> tuple[float | None, float | None]:
         """Return (start, elapsed) of the first sample of a file, None where not stated.
 
-        The stamp of a file precedes the configured start; elapsed is None where a stamp dates the file. Without stamps
-        and without numbers in known intervals nothing states how much time lies between two files, so only a recording
-        of one file has times then.
+        A stamp precedes the configured start, and leaves no elapsed. Without stamps or numbers in known intervals only
+        a recording of one file has times: nothing states the time between two files.
         """
         stamp = facts.start if facts.start is not None else samples.start
         if stamp is not None:
@@ -132,7 +127,6 @@ def choose_channels(samples: Samples, channels: Sequence[ChannelSpec], unit: str
     Args:
         channels: none: every row, by the data set's names.
         unit: of every row by the data set, or None.
-        where: name of the file, for messages.
 
     Raises:
         ReaderError: ``wrong_shape`` where a channel matches no row or several; ``wrong_unit`` where the file states

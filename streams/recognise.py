@@ -43,9 +43,9 @@ _XJTU_HEADER = "Horizontal_vibration_signals"
 
 
 def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
-    """Return the description of the files of a plain format, one of FORMATS.
+    """Describe the files of a plain format with some ``endings`` (none: all).
 
-    ``endings`` are those of the files (none: all). The keys of the configured channels select the variables of a file.
+    The keys of the configured channels select the variables of a file.
 
     Raises:
         SourceError: the format needs a library that is not installed.
@@ -82,9 +82,7 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
 
 
 def data_set_of(spec: SourceSpec, files: Files, kind: str) -> DataSet:
-    """Return the data set or plain format of a recording, by name or "auto".
-
-    Its reader applies side-cars.
+    """Return the data set or plain format of a recording, by name or "auto"; it applies side-cars.
 
     Raises:
         SourceError: the name is not known, nothing is recognised, or a library is missing.

@@ -31,8 +31,7 @@ class Recording:
     """The blocks of a recording, equal to those of a folder with the same files.
 
     A folder's files are sorted first. An archive is read in one pass: a file stored too early is held back until those
-    before it are read (where the files are not numbered without gaps, the names are listed first, which decompresses
-    the archive once more).
+    before it are read. Where the files are not numbered without gaps, a pass before lists the names.
     """
 
     def __init__(self, spec: SourceSpec, files: Files, data_set: DataSet) -> None:
@@ -166,8 +165,7 @@ class Recording:
                 done.add(following)
                 yield held.pop(following)
                 following = next(wanted, None)
-        for order in sorted(held):
-            yield held[order]
+        yield from (held[order] for order in sorted(held))
         if trouble is not None:
             yield trouble
 

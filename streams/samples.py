@@ -40,9 +40,6 @@ class Origin:
 class Samples:
     """Consecutive samples of one or several rows, and what is known about them.
 
-    A reader gives all rows of a file and what the file states. :mod:`streams.load` selects the configured channels and
-    settles unit, rate and times. The re-blocker joins and cuts them.
-
     Attributes:
         values: shape (row, sample), float32 or float64, each row contiguous; in a frame of the wire as it was sampled.
         channels: name of each row by the data set or the configuration; default ``column_1`` and so on.

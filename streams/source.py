@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Protocol, Self, runtime_checkable
 
 from streams.block import Block, Rejected
@@ -108,13 +107,11 @@ class Source(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Delivery:
-    """One block, and what the source needs for its acknowledgement.
+    """One block or rejection, and what the source needs for its acknowledgement.
 
-    Attributes:
-        item: the block, or the rejection in its place. A rejection ``duplicate`` or ``changed`` bears the number of
-            the block that holds its place: the ledger counts the rejection and keeps the block.
-        token: opaque value for the acknowledgement (a connection, a message id).
-        progress: of the files that the block was made of, committed in the same transaction as the block.
+    A rejection ``duplicate`` or ``changed`` bears the number of the block that holds its place: the ledger counts the
+    rejection and keeps the block. ``token`` is opaque; ``progress``, of the files that the block was made of, is
+    committed in the same transaction as the block.
     """
 
     item: Block | Rejected
@@ -161,8 +158,7 @@ class LiveSource(Protocol):
     def next(self, timeout: float) -> Delivery | None:
         """Return the next delivery, or None after ``timeout`` seconds without one.
 
-        A vanished folder, a dropped connection or invalid data raises nothing: it becomes a rejection, or a state that
-        :meth:`problem` names.
+        What happens to a folder or connection raises nothing: it becomes a rejection, or a :meth:`problem`.
         """
         ...
 
@@ -186,8 +182,6 @@ class LiveSource(Protocol):
         """Return the source itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close the source."""
         self.close()

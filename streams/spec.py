@@ -32,12 +32,10 @@ class SourceError(WrongInputError):
 class ChannelSpec:
     """Configuration of a channel: its row in the recording, and its unit.
 
-    A channel is found by ``key``, else by ``column``, else by its own name among the names of the file or of the data
-    set; a file with a single row gives that row.
-
     Attributes:
         column: number of the column in the file, counted from 1, or the name in its header.
-        key: pattern (``*``, ``?``, ``[...]``) of the variable or column name, such as ``X*_DE_time``.
+        key: pattern (``*``, ``?``, ``[...]``) of the variable or column name, such as ``X*_DE_time``. Without column
+            and key the channel is found by its own name, or is the single row of a file.
         unit: "g", "m/s2", "V" or "unknown"; None leaves it to the file or the data set.
         scale: factor from the stored numbers to ``unit`` (an integer WAV is read as -1..1 of full scale).
         sensitivity_mv_per_g: of the sensor where ``unit`` is "V".
@@ -123,12 +121,11 @@ class SourceSpec:
         url: ``dataset:NAME:PATH``, ``folder:PATH``, ``rig:NAME?seed=N``, ``tcp://HOST:PORT``,
             ``mqtt://HOST:PORT/TOPIC``, or a bare path whose files are recognised.
         start: seconds since 1970-01-01 UTC of the first sample, for recordings without a date; else None.
-        block_s: length of a block in s, or "file" for one block a file. Data sets of snapshots (PRONOSTIA, IMS,
-            XJTU-SY) always give one block a file.
+        block_s: length of a block in s, or "file" for one block a file, as data sets of snapshots always give.
         format: "auto", one of the formats of docs/reference/formats.md ("csv", "tdms", ...) or the name of a data set.
         rate: in Hz where neither the file nor the data set states it; where one does, it must agree.
         range_g: of the sensor in g, None where unknown; not used by the readers.
-        channels: the channels to give; empty gives all of the data set.
+        channels: empty: all channels of the data set.
         timezone: IANA name of the zone of local time stamps in file names.
         settle_s: seconds for which a file of a watched folder must be unchanged before it is read, unless it was
             closed or moved in.

@@ -34,7 +34,6 @@ _CRC = struct.Struct("<I")
 UNDATED = -(2**63)
 """In place of a start: the stream has no date."""
 MAX_CHANNELS = 1024
-MAX_JSON = 65535
 MAX_STREAM_ID = 64
 MAX_SEQUENCE = 2**63 - 1
 

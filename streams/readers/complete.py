@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import struct
+from math import prod
+from typing import Any
+
+import numpy as np
 
 _TDMS_LEAD = 28
 _TDMS_UNKNOWN = 0xFFFFFFFFFFFFFFFF
@@ -12,7 +17,6 @@ def declared_size(data: bytes, name: str) -> int | None:
     """Return the least size in bytes that a header promises, None where it does not.
 
     Known are WAV (RIFF), .npy, HDF5 with netCDF4 and MAT v7.3 (end-of-file address of the superblock) and TDMS.
-    ``data`` is the file, or its first 4 KiB (for TDMS the whole of it).
     """
     ending = name.lower().rpartition(".")[2]
     if data[:4] == b"RIFF" and len(data) >= 8:
@@ -33,23 +37,24 @@ def _riff_size(data: bytes) -> int | None:
     return None if size in (0, 0xFFFFFFFF, 0x7FFFFFFF) else size + 8
 
 
+def npy_header(stream: io.BytesIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Read shape, Fortran order and type of a .npy file, up to its samples.
+
+    The header is Python source, and a damaged one raises any exception that source can.
+    """
+    version = np.lib.format.read_magic(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    return read(stream)
+
+
 def _npy_size(data: bytes) -> int | None:
-    import ast
-    import math
-
-    import numpy as np
-
-    wide = data[6:7] != b"\x01"
+    stream = io.BytesIO(data)
     try:
-        (length,) = struct.unpack_from("<I" if wide else "<H", data, 8)
-        begin = 12 if wide else 10
-        if begin + length > 1 << 16:
-            return None
-        header = ast.literal_eval(data[begin : begin + length].decode("latin-1"))
-        return begin + length + math.prod(header["shape"]) * np.dtype(header["descr"]).itemsize
-    except (struct.error, ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError):
+        shape, _, dtype = npy_header(stream)
+    except Exception:
         # A header that cannot be read promises nothing; the reader says what is wrong with it.
         return None
+    return stream.tell() + prod(shape) * dtype.itemsize
 
 
 def hdf5_size(data: bytes, base: int) -> int | None:

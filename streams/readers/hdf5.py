@@ -1,6 +1,6 @@
 """HDF5 files through h5py, guarded against links out of the file and wrong sizes.
 
-It serves plain HDF5, netCDF-4 and MAT files of version 7.3, which are HDF5 files with conventions.
+netCDF-4 and MAT files of version 7.3 are HDF5 files with conventions.
 """
 
 from __future__ import annotations
@@ -40,10 +40,9 @@ _MAX_LISTED = 400
 
 @dataclass(frozen=True)
 class Found:
-    """A data set of a file, an h5py object, under its path.
+    """An h5py data set under its path.
 
-    ``facts`` are the attributes of the file, the groups on the way and the data set, the nearest winning; ``own`` those
-    of the data set alone.
+    ``facts`` are the attributes of file, groups and data set, the nearest winning; ``own`` those of the data set alone.
     """
 
     path: str
@@ -56,9 +55,7 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
     """Read the numeric data sets of an HDF5 file.
 
     Rate, unit and time of the first sample are taken from the attributes of the data set, else of the groups that hold
-    it, else of the file: ``rate_hz``, ``sampling_rate``, ``fs``, ``dt`` and the like; ``unit``, ``units``;
-    ``start_utc``, ``start_time`` and the like. Each vector gives a row, a matrix one for each vector of it, named
-    ``PATH_1`` and so on.
+    it, else of the file. Each vector gives a row, a matrix one for each vector of it, named ``PATH_1`` and so on.
 
     Args:
         patterns: of the paths of the wanted data sets, such as ``run1/acc*``; none: all.
@@ -71,36 +68,36 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
     """
     with open_hdf5(data, name) as file:
         found = list(walk(file, name, patterns))
-        rows: list[NDArray[np.floating]] = []
-        names: list[str] = []
-        facts: list[Facts] = []
+        arrays: list[tuple[str, NDArray[np.floating], Facts]] = []
         for item in found:
             if not _is_samples(item.dataset):
                 continue
-            block = rows_of(load(item, name), f"{name}: data set {item.path}")
-            rows.extend(block)
-            names.extend([item.path] if len(block) == 1 else [f"{item.path}_{i}" for i in range(1, len(block) + 1)])
-            facts.extend([item.facts] * len(block))
-            if len(rows) > _MAX_OBJECTS or sum(row.nbytes for row in rows) > MAX_BYTES:
+            arrays.append((item.path, rows_of(load(item, name), f"{name}: data set {item.path}"), item.facts))
+            counts = [(len(rows), rows.nbytes) for _, rows, _ in arrays]
+            if sum(count for count, _ in counts) > _MAX_OBJECTS or sum(size for _, size in counts) > MAX_BYTES:
                 raise ReaderError("refused", f"{name}: claims more than {MAX_BYTES} bytes when loaded")
         held = ", ".join(f"{item.path}{list(item.dataset.shape or ())}"[:60] for item in found[:12]) or "no data set"
-        return join_rows(rows, names, facts, name, zone, f"no vector matches {', '.join(patterns) or '*'}; {held}")
+        return join_arrays(arrays, name, zone, f"no vector matches {', '.join(patterns) or '*'}; {held}")
 
 
-def join_rows(
-    rows: Sequence[NDArray[np.floating]], names: Sequence[str], facts: Sequence[Facts], name: str, zone: str, none: str
-) -> Samples:
-    """Join one-dimensional rows to samples, with what is stated of each.
+def join_arrays(arrays: Sequence[tuple[str, NDArray[np.floating], Facts]], name: str, zone: str, none: str) -> Samples:
+    """Join arrays of shape (row, sample) to samples, with their names and what is stated of each.
 
-    Args:
-        zone: IANA name of the time zone of stamps that name none.
-        none: the reason to give where there is no row.
+    A row is named as its array, ``NAME_1`` and so on where it has several. ``zone`` is the IANA name of the zone of
+    stamps that name none, ``none`` the reason to give where there is no array.
 
     Raises:
         ReaderError: ``wrong_shape`` without rows or for different lengths, ``wrong_rate`` for different rates.
     """
-    if not rows:
+    if not arrays:
         raise ReaderError("wrong_shape", f"{name}: {none}")
+    rows: list[NDArray[np.floating]] = []
+    names: list[str] = []
+    facts: list[Facts] = []
+    for key, array, stated in arrays:
+        rows.extend(array)
+        names.extend([key] if len(array) == 1 else [f"{key}_{i}" for i in range(1, len(array) + 1)])
+        facts.extend([stated] * len(array))
     check_lengths([row.size for row in rows], names, "vectors", name, _MAX_LISTED)
     rates = (stated_rate(item, f"{name}: {key}") for item, key in zip(facts, names, strict=True))
     starts = (stated_start(item, zone) for item in facts)

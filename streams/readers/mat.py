@@ -14,9 +14,8 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from streams.readers.hdf5 import SIGNATURE, attributes, load, open_hdf5, walk
-from streams.readers.stated import check_lengths
-from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of, stack_rows
+from streams.readers.hdf5 import SIGNATURE, attributes, join_arrays, load, open_hdf5, walk
+from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of
 
 _COMPRESSED = 15
 _MAX_RECORDS = 256
@@ -171,27 +170,18 @@ def text(values: MatValues, key: str) -> str | None:
 def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Samples:
     """Read the numeric vectors of a MAT file that match some patterns.
 
-    Returns:
-        Samples of shape (row, sample); a matrix gives a row for each vector of it, named ``NAME_1`` and so on.
+    A matrix gives a row for each vector of it, named ``NAME_1`` and so on.
 
     Raises:
         ReaderError: as :func:`mat_variables`; ``wrong_shape`` where no vector matches or their lengths differ.
     """
-    values = load_mat(data, name, patterns)
-    rows: list[NDArray[np.floating]] = []
-    names: list[str] = []
-    for key, array in values.items():
-        if array.dtype.kind not in "fiu" or array.size < 2:
-            continue
-        block = rows_of(array, f"{name}: variable {key}")
-        rows.extend(block)
-        names.extend([key] if len(block) == 1 else [f"{key}_{i}" for i in range(1, len(block) + 1)])
-    if not rows:
-        raise ReaderError("wrong_shape", f"{name}: no vector matches {', '.join(patterns)}; {_held(data, name)}")
-    check_lengths([row.size for row in rows], names, "vectors", name)
-    return Samples(stack_rows(rows), tuple(names))
-
-
-def _held(data: bytes, name: str) -> str:
-    held = [f"{variable} {kind}{list(shape)}" for variable, (shape, kind) in mat_variables(data, name).items()]
-    return "it holds " + (", ".join(held[:12]) or "no variable")
+    arrays = [
+        (key, rows_of(array, f"{name}: variable {key}"), {})
+        for key, array in load_mat(data, name, patterns).items()
+        if array.dtype.kind in "fiu" and array.size > 1
+    ]
+    held: list[str] = []
+    if not arrays:
+        held = [f"{variable} {kind}{list(shape)}" for variable, (shape, kind) in mat_variables(data, name).items()]
+    none = f"no vector matches {', '.join(patterns)}; it holds {', '.join(held[:12]) or 'no variable'}"
+    return join_arrays(arrays, name, "UTC", none)

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from streams.readers.hdf5 import Found, join_rows, load, open_hdf5, walk
+from streams.readers.hdf5 import Found, join_arrays, load, open_hdf5, walk
 from streams.readers.stated import Facts, plain_key, rate_of_times, seconds_utc, stated_rate
 from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of
 
@@ -37,9 +37,7 @@ def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str 
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
     arrays = _classic(data, name) if data[:3] == b"CDF" else _netcdf4(data, name)
     coordinates = {key for key, (_, facts) in arrays.items() if facts.get("class") == "DIMENSION_SCALE"}
-    rows: list[NDArray[np.floating]] = []
-    names: list[str] = []
-    stated: list[Facts] = []
+    chosen: list[tuple[str, NDArray[np.floating], Facts]] = []
     time = _time(arrays, name, zone)
     for key, (array, facts) in arrays.items():
         wanted = (
@@ -47,15 +45,11 @@ def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str 
         )
         if not wanted or array.dtype.kind not in "fiu" or array.size < 2:
             continue
-        block = rows_of(_unpacked(array, facts), f"{name}: variable {key}")
-        both = {**time, **facts} if block.shape[1] == time.get("length") else facts
-        rows.extend(block)
-        names.extend([key] if len(block) == 1 else [f"{key}_{i}" for i in range(1, len(block) + 1)])
-        stated.extend([both] * len(block))
+        rows = rows_of(_unpacked(array, facts), f"{name}: variable {key}")
+        both = {**time, **facts} if rows.shape[1] == time.get("length") else facts
+        chosen.append((key, rows, both))
     held = ", ".join(f"{key}{list(array.shape)}" for key, (array, _) in list(arrays.items())[:12]) or "no variable"
-    return join_rows(
-        rows, names, stated, name, zone, f"no vector matches {', '.join(patterns) or '*'}; it holds {held}"
-    )
+    return join_arrays(chosen, name, zone, f"no vector matches {', '.join(patterns) or '*'}; it holds {held}")
 
 
 def _netcdf4(data: bytes, name: str) -> dict[str, tuple[NDArray[Any], Facts]]:

@@ -8,6 +8,7 @@ from math import prod
 import numpy as np
 import soundfile
 
+from streams.readers.complete import npy_header
 from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of
 
 _EXACT_IN_FLOAT32 = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "FLOAT", "ALAW", "ULAW")
@@ -26,10 +27,8 @@ def read_npy(data: bytes, name: str) -> Samples:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
     stream = io.BytesIO(data)
     try:
-        version = np.lib.format.read_magic(stream)
-        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, fortran_order, dtype = header(stream)
-    except Exception as error:  # The header is Python source, and a damaged one fails in any way that source can.
+        shape, fortran_order, dtype = npy_header(stream)
+    except Exception as error:  # See npy_header.
         raise ReaderError("unreadable", f"{name}: not a .npy file ({error})") from error
     if dtype.hasobject:
         raise ReaderError("unreadable", f"{name}: holds pickled objects, which are never loaded")
