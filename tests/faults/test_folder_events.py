@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import threading
@@ -131,6 +132,7 @@ def test_a_dead_observer_and_a_root_made_anew_are_recovered(folder: Path, collec
 def test_events_that_the_kernel_dropped_are_told_and_no_file_is_lost_by_it(
     folder: Path, collector: Collector, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("streams.folder.source._OVERFLOW_SHOWN_S", math.inf)
     write(folder, "f1.csv", 1)
     collector.collect(1)
     most = int(Path("/proc/sys/fs/inotify/max_queued_events").read_text())
