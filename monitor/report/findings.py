@@ -52,7 +52,7 @@ def _failing(channel: Channel, verdict: ChannelVerdict) -> Finding:
         "final": "Yes: it is in the final stage of its life.",
         "healthy": "No sign of it.",
         "learning": "Not known yet.",
-        "": "Cannot be answer.",
+        "": "Cannot be answered.",
     }.get(verdict.stage, verdict.stage)
     if verdict.stage == "":
         rejected = int(np.sum(channel.status != "ok"))
@@ -112,7 +112,7 @@ def _where(channel: Channel, verdict: ChannelVerdict) -> Finding:
     question = "Where?"
     row, fault = named_fault(channel)
     if row is None:
-        return Finding(question, "Cannot be answer.", "No block could be judged.", known=False)
+        return Finding(question, "Cannot be answered.", "No block could be judged.", known=False)
     if not fault:
         why = "No family of fault lines stands clear of the noise and of all others."
         return Finding(question, "No part named.", why, known=False)
@@ -189,11 +189,8 @@ def _how_long(run: Run, channel: Channel) -> list[Finding]:
 
 
 def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str) -> Finding:
-    def number(name: str) -> float:
-        values = channel.numbers[name][row]
-        return float(values[place]) if place < values.size else math.nan
-
-    threshold, tt, lower, upper = (number(name) for name in ("v_th", "tt", "tt_lower", "tt_upper"))
+    names = ("v_th", "tt", "tt_lower", "tt_upper", "p_threshold")
+    threshold, tt, lower, upper, probability = (float(channel.column(name, place)[row]) for name in names)
     of = f" of {volume(threshold)}" if math.isfinite(threshold) else ""
     question = "How long left?"
     if status == "already_crossed":
@@ -211,7 +208,6 @@ def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str)
         return Finding(question, "No forecast.", why, known=False, brief="no forecast")
     ends = interval(lower, upper, duration)
     sentences = [f"{_capital(interval_name(run))}: {ends}."] if ends else ["A single number, without an interval."]
-    probability = number("p_threshold")
     if math.isfinite(probability):
         sentences.append(f"Reached within the maintenance window with a probability of {probability:.0%}.")
     v_eq = float(channel.column("v_eq")[row])

@@ -51,9 +51,10 @@ class Channel:
     numbers: Mapping[str, NDArray[np.float64]]
     words: Mapping[str, NDArray[np.object_]]
 
-    def column(self, name: str) -> NDArray[np.float64]:
-        """Return a variable as one number per block: of the first band or threshold."""
-        return self.numbers[name][:, 0]
+    def column(self, name: str, place: int = 0) -> NDArray[np.float64]:
+        """Return one number per block: of the band or threshold at ``place``, NaN past the last recorded one."""
+        values = self.numbers[name]
+        return values[:, place] if place < values.shape[1] else np.full(values.shape[0], np.nan)
 
     def word(self, name: str) -> NDArray[np.object_]:
         """Return a variable as one word per block: of the first threshold."""

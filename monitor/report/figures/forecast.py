@@ -53,9 +53,9 @@ def truth_of(channel: Channel, part: slice, place: int) -> tuple[NDArray[np.floa
 
     "tracked": t_th - t, where the tracked V_eq crossed the threshold (thesis, Eq. 92).
     """
-    truth = channel.numbers["tt_true"]
-    if place < truth.shape[1] and np.isfinite(truth[part, place]).any():
-        return truth[part, place], "true"
+    truth = channel.column("tt_true", place)[part]
+    if np.isfinite(truth).any():
+        return truth, "true"
     thresholds = thresholds_of(channel)
     nothing = np.full(channel.time[part].size, np.nan)
     if place >= len(thresholds):
@@ -71,7 +71,7 @@ def truth_of(channel: Channel, part: slice, place: int) -> tuple[NDArray[np.floa
 @mpl.rc_context(STYLE)
 def _forecast(context: ChannelContext, part: slice, place: int) -> Picture | None:
     run, channel = context.run, context.channel
-    tt = channel.numbers["tt"][part, place]
+    tt = channel.column("tt", place)[part]
     if not np.isfinite(tt).any():
         return None
     time, axis = channel.time[part], part_axis(channel, part, context.clock)
@@ -85,7 +85,7 @@ def _forecast(context: ChannelContext, part: slice, place: int) -> Picture | Non
     made, (axes,) = new_figure(3.6)
     if kind:
         _cone(axes, axis, time, truth / unit, kind)
-    ends = [channel.numbers[f"tt_{end}"][part, place] for end in ENDS]
+    ends = [channel.column(f"tt_{end}", place)[part] for end in ENDS]
     draw_interval(axes, axis, time, [values / unit for values in ends], interval_name(run))
     _points(axes, axis, time, tt, top, unit)
     refused = _refusals(axes, axis, time, channel.words["tt_status"][part, place])

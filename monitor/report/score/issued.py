@@ -280,7 +280,7 @@ def _from_records(
     path: Path, run: Run, channel: Channel, place: int, rows: NDArray[np.intp]
 ) -> tuple[float | None, Floats, Floats]:
     """Return the level of the interval, the levels, and the quantiles at them."""
-    middle, lower, upper = (_column(channel, name, place)[rows] for name in ("tt", "tt_lower", "tt_upper"))
+    middle, lower, upper = (channel.column(name, place)[rows] for name in ("tt", "tt_lower", "tt_upper"))
     if not np.isfinite(lower).any():
         return None, np.array([0.5]), middle[:, np.newaxis]
     found = of_channel(run.attributes.get("interval_level", ""), channel.name)
@@ -296,11 +296,6 @@ def _from_records(
     lower, upper = np.where(points, middle, lower), np.where(points, middle, upper)
     tail = round((1.0 - interval) / 2.0, 12)
     return interval, np.array([tail, 0.5, 1.0 - tail]), np.stack([lower, middle, upper], axis=1)
-
-
-def _column(channel: Channel, name: str, place: int) -> Floats:
-    values = channel.numbers[name]
-    return values[:, place] if place < values.shape[1] else np.full(values.shape[0], np.nan)
 
 
 def of_channel(text: Any, channel: str) -> str:

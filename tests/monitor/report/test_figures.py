@@ -235,6 +235,27 @@ def test_without_a_truth_the_tracked_crossing_is_the_reference(tmp_path: Path) -
     assert "judges a forecast by its own values" in picture.caption
 
 
+def test_each_of_two_thresholds_has_a_figure_where_no_interval_is_recorded(tmp_path: Path) -> None:
+    made = []
+    for record in life(200, onset=100, learn=40):
+        values = dict(record.channels.get("horizontal", {}))
+        if values.get("v_eq") is not None:
+            values = {key: value for key, value in values.items() if not key.startswith(("tt_", "p_threshold"))}
+            values |= {"v_th": (5e-8, 9e-8), "tt": (1e4, 3e4), "tt_status": ("ok", "ok")}
+        changed = {"horizontal": plain(values)} if values else {}
+        made.append(Record(**{**record.__dict__, "channels": {**record.channels, **changed}}))
+    found = run_of(tmp_path, made)
+    pictures = forecasts(context_of(found, found.channels["horizontal"], Clock(False)))
+    assert [picture.heading for picture in pictures] == [
+        "Time to the threshold of 0.05 mm³/mm",
+        "Time to the threshold of 0.09 mm³/mm",
+    ]
+    for picture, tt in zip(pictures, (1e4, 3e4), strict=True):
+        data = drawn(picture)
+        assert set(data["tt_s"]) == {None, tt}
+        assert "tt_lower_s" not in data
+
+
 def test_the_law_is_drawn_with_its_recorded_coefficients(tmp_path: Path) -> None:
     made = []
     for record in life(200, onset=100, learn=40):
