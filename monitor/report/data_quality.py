@@ -25,21 +25,21 @@ from monitor.report.figures.drawing import (
     TimeAxis,
     add_legend,
     draw_line,
+    draw_rug,
+    gaps_in,
     new_figure,
-    thin,
     time_axis,
     to_svg,
 )
 from monitor.report.runs import Channel, Run
-from monitor.report.tables import Column, Table
+from monitor.report.tables import Column, Table, time_column
 from monitor.words.numbers import Clock, count, duration, figure
 from monitor.words.statuses import STATUS_MEANINGS
 
-_GAP = 3.0
-"""A gap is a step of more than so many usual ones, as in the figures."""
 _MAX_GAPS = 50
 _FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/:'\"<>]+/)+")
-_LEVELS = ("accepted", "flagged", "rejected")
+_LEVELS = (("accepted", GREEN), ("flagged", ORANGE), ("rejected", VERMILION))
+_CONDITIONS = (("speed", "Hz", BLUE), ("load", "N", PURPLE))
 
 
 def without_folders(text: str) -> str:
@@ -86,13 +86,9 @@ def gaps_of(run: Run) -> list[tuple[float, float, float]]:
     sources = run.ledger["source"].astype(str)
     for source in np.unique(sources):
         time = np.sort(run.time[(sources == source) & np.isfinite(run.time)])
-        steps = np.diff(time)
-        if not np.any(steps > 0):
-            continue
-        usual = float(np.median(steps[steps > 0]))
         found.extend(
-            (float(time[place]), float(time[place + 1]), float(steps[place]))
-            for place in np.flatnonzero(steps > _GAP * usual)
+            (float(time[place]), float(time[place + 1]), float(time[place + 1] - time[place]))
+            for place in gaps_in(time)
         )
     return sorted(found, key=lambda gap: -gap[2])
 
@@ -102,10 +98,9 @@ def gaps(run: Run, clock: Clock) -> Table | None:
     found = gaps_of(run)
     if not found:
         return None
-    where = clock.label if clock.dated else "from the first block"
     columns = (
-        Column("from", f"last block before ({where})", "s", "s", words=clock.short),
-        Column("to", f"first block after ({where})", "s", "s", words=clock.short),
+        time_column("from", "last block before", clock),
+        time_column("to", "first block after", clock),
         Column("length", "length", "s", "s", words=duration),
     )
     left = f" The longest {_MAX_GAPS} of {len(found):,}." if len(found) > _MAX_GAPS else ""
@@ -123,17 +118,16 @@ def timeline(run: Run, clock: Clock, numbers: itertools.count[int]) -> Picture |
     status = run.ledger["status"][known].astype(str)
     axis = time_axis(time, clock)
     conditions = [
-        (name, unit, colour)
-        for name, unit, colour in (("speed", "Hz", BLUE), ("load", "N", PURPLE))
-        if any(np.isfinite(channel.column(name)).any() for channel in run.channels.values())
+        condition
+        for condition in _CONDITIONS
+        if any(channel.last_row(condition[0]) is not None for channel in run.channels.values())
     ]
     made, panels = new_figure(1.5 + 1.15 * len(conditions), (0.8,) + (1.0,) * len(conditions))
-    drawn = _draw_blocks(panels[0], axis, time, status)
-    data: dict[str, Any] = {"time_s": time if time.size <= 2000 else None, **drawn}
+    blocks = _draw_blocks(panels[0], axis, time, status)
+    data: dict[str, Any] = {"time_s": time if time.size <= 2000 else None, **blocks}
     for axes, (name, unit, colour) in zip(panels[1:], conditions, strict=True):
         data[name] = _draw_condition(axes, axis, run, name, unit, colour)
-    panels[-1].set_xlim(float(axis.position(time.min())), float(axis.position(time.max())))
-    axis.settle(panels[-1])
+    axis.settle(panels[-1], float(time.min()), float(time.max()))
     label = f"Blocks of machine {run.machine} over time: accepted, flagged, rejected; speed and load."
     longest = gaps_of(run)[:1]
     caption = "Each stroke is a block."
@@ -142,17 +136,17 @@ def timeline(run: Run, clock: Clock, numbers: itertools.count[int]) -> Picture |
 
 
 def _draw_blocks(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], status: NDArray[np.str_]) -> dict[str, int]:
+    """Draw a stroke for each block; return their numbers by level."""
     rejected = np.isin(status, REJECTIONS)
     kinds = (status == "ok", (status != "ok") & ~rejected, rejected)
-    for place, (rows, colour, name) in enumerate(zip(kinds, (GREEN, ORANGE, VERMILION), _LEVELS, strict=True)):
-        x, _ = thin(np.sort(time[rows]), np.zeros(int(rows.sum())), 900)
-        axes.plot(axis.position(x), np.full(x.size, 2.0 - place), "|", color=colour, markersize=9, label=name)
-    axes.set_yticks(
-        [2.0, 1.0, 0.0], [f"{name} ({int(rows.sum()):,})" for name, rows in zip(_LEVELS, kinds, strict=True)]
-    )
+    numbers: dict[str, int] = {}
+    for place, (rows, (name, colour)) in enumerate(zip(kinds, _LEVELS, strict=True)):
+        draw_rug(axes, axis, np.sort(time[rows]), 2.0 - place, "|", 900, color=colour, markersize=9, label=name)
+        numbers[name] = int(rows.sum())
+    axes.set_yticks([2.0, 1.0, 0.0], [f"{name} ({number:,})" for name, number in numbers.items()])
     axes.set_ylim(-0.6, 2.6)
     axes.grid(visible=False, axis="y")
-    return {name: int(rows.sum()) for name, rows in zip(_LEVELS, kinds, strict=True)}
+    return numbers
 
 
 def _draw_condition(axes: Axes, axis: TimeAxis, run: Run, name: str, unit: str, colour: str) -> dict[str, Any]:
@@ -166,8 +160,7 @@ def _draw_condition(axes: Axes, axis: TimeAxis, run: Run, name: str, unit: str, 
     for (channel, names), shade in zip(lines.values(), itertools.cycle((colour, GREY, ORANGE, GREEN)), strict=False):
         values = channel.column(name)
         draw_line(axes, axis, channel.time, values, color=shade, label=", ".join(names))
-        finite = values[np.isfinite(values)]
-        found[", ".join(names)] = [float(finite.min()), float(np.median(finite)), float(finite.max())]
+        found[", ".join(names)] = _range(values[np.isfinite(values)])
     axes.set_ylabel(f"{name} ({unit})")
     low, high = min(item[0] for item in found.values()), max(item[2] for item in found.values())
     margin = max(0.6 * (high - low), 0.05 * abs(high), 1e-9)
@@ -177,17 +170,22 @@ def _draw_condition(axes: Axes, axis: TimeAxis, run: Run, name: str, unit: str, 
     return found
 
 
+def _range(values: NDArray[np.float64]) -> list[float]:
+    """Return minimum, median and maximum."""
+    return [float(values.min()), float(np.median(values)), float(values.max())]
+
+
 def condition_words(run: Run) -> list[str]:
     """Return a sentence on speed and load of each channel."""
     found = []
     for channel in run.channels.values():
         parts = []
-        for name, unit in (("speed", "Hz"), ("load", "N")):
+        for name, unit, _ in _CONDITIONS:
             values = channel.column(name)
             values = values[np.isfinite(values)]
             if not values.size:
                 continue
-            low, middle, high = float(values.min()), float(np.median(values)), float(values.max())
+            low, middle, high = _range(values)
             sources = [str(word) for word in np.unique(channel.word(f"{name}_source").astype(str)) if word]
             same = math.isclose(low, high, rel_tol=1e-3)
             spread = "" if same else f" ({figure(low)} to {figure(high)})"

@@ -29,7 +29,7 @@ def build_report(
     out: Path,
     *,
     title: str | None = None,
-    spectra: Mapping[str, SpectrumView | tuple[Any, ...]] | None = None,
+    spectra: Mapping[str, tuple[Any, ...]] | None = None,
     pending: int = 0,
     notes: Sequence[str] = (),
     options: Options | None = None,
@@ -42,8 +42,7 @@ def build_report(
         records: see :func:`monitor.report.runs.read_runs`.
         out: the file, HTML or, where its name ends in .pdf, PDF; replaced atomically.
         title: None for the names of the machines.
-        spectra: by channel, an envelope spectrum that is not in the store: :class:`SpectrumView` or a tuple of its
-            fields.
+        spectra: by channel, an envelope spectrum that is not in the store, as the fields of :class:`SpectrumView`.
         pending: blocks offered but not yet accepted or rejected, where there is one run.
         notes: sentences at the top.
         options: None for all sections, in UTC.
@@ -57,9 +56,7 @@ def build_report(
         require_pdf()
     options = options or Options()
     options = replace(options, title=title or options.title, notes=(*options.notes, *notes))
-    views = {
-        name: view if isinstance(view, SpectrumView) else SpectrumView(*view) for name, view in (spectra or {}).items()
-    }
+    views = {name: SpectrumView(*view) for name, view in (spectra or {}).items()}
     page, _ = report_runs(
         read_runs(records), out, options=options, views=views, pending=pending, tables=tables, pdf=pdf
     )

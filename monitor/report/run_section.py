@@ -11,17 +11,15 @@ from typing import Any
 import numpy as np
 
 from monitor.report import data_quality as quality
-from monitor.report.figures.damage import damaged_volume, fitted_law
+from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
 from monitor.report.figures.drawing import Picture, sparkline
-from monitor.report.figures.forecast import forecasts
 from monitor.report.figures.map_path import map_of, map_path, posterior
-from monitor.report.figures.spectrum import SpectrumView, before_and_after, recorded_lines, spectrum, views_of
+from monitor.report.figures.spectrum import SpectrumView, recorded_lines, spectra, views_of, waterfall
 from monitor.report.figures.trends import final_stage, trends
-from monitor.report.figures.waterfall import waterfall
 from monitor.report.findings import Finding, findings
 from monitor.report.options import Options
 from monitor.report.runs import Channel, Run
-from monitor.report.tables import Column, Table
+from monitor.report.tables import Column, Table, time_column
 from monitor.report.verdict import ChannelContext, ChannelVerdict, interval_name, judge, named_fault
 from monitor.words.events import event_text
 from monitor.words.numbers import Clock, acceleration, count, duration, figure
@@ -205,12 +203,10 @@ def _spectra(context: ChannelContext, options: Options, view: SpectrumView | Non
     found: list[Picture | None] = []
     if options.holds("envelope"):
         pair = views_of(rows, context)
-        drawn = before_and_after(pair, channel.name, fault, numbers) if len(pair) == 2 else None
-        if view is None and drawn is None and pair:
-            view = pair[-1]
-        found.append(drawn)
+        if len(pair) == 2 or (pair and view is None):
+            found.append(spectra(pair, channel.name, fault, numbers))
         if view is not None:
-            found.append(spectrum(view, channel.name, fault, numbers))
+            found.append(spectra([view], channel.name, fault, numbers))
         row, _ = named_fault(channel)
         if not any(found) and row is not None:
             found.append(recorded_lines(channel, row, numbers))
@@ -264,10 +260,9 @@ def _events(run: Run, clock: Clock) -> Table | None:
         at = float(places.get((str(event.get("source", "")), block), math.nan))
         name = _EVENT_NAMES.get(kind, quality.without_folders(kind))
         rows.append((block, at, str(event.get("channel", "")), name, quality.without_folders(text)))
-    where = clock.label if clock.dated else "from the first block"
     columns = (
         Column("block", "block", "1"),
-        Column("time", f"time ({where})", "s", "s", words=clock.short),
+        time_column("time", "time", clock),
         Column("channel", "channel"),
         Column("event", "event"),
         Column("details", "details"),

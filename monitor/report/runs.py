@@ -60,6 +60,11 @@ class Channel:
         """Return a variable as one word per block: of the first threshold."""
         return self.words[name][:, 0]
 
+    def fitted_rows(self) -> NDArray[np.intp]:
+        """Return the rows with the three coefficients of the thesis' law for the first threshold."""
+        coefficients = self.numbers["tt_coefficients"][:, :3]
+        return np.flatnonzero(np.isfinite(coefficients).all(axis=1) & (coefficients.shape[1] == 3))
+
     def last_row(self, name: str) -> int | None:
         """Return the row of the last finite value of a variable, None without any."""
         rows = np.flatnonzero(np.isfinite(self.column(name)))

@@ -16,7 +16,7 @@ import xarray as xr
 
 from monitor.records.database import replace_durably
 from monitor.report.runs import ReportError
-from monitor.words.numbers import figure
+from monitor.words.numbers import Clock, figure
 
 Cell = float | int | str | bool | None
 
@@ -70,6 +70,12 @@ class Column:
         if self.is_number and self.scale != 1.0:
             return float(f"{self.scale * float(value):.12g}")
         return value
+
+
+def time_column(name: str, heading: str, clock: Clock) -> Column:
+    """Return a column of moments, s on the axis of a run."""
+    where = clock.label if clock.dated else "from the first block"
+    return Column(name, f"{heading} ({where})", "s", "s", words=clock.short)
 
 
 @dataclass(frozen=True)

@@ -185,14 +185,11 @@ def _sizes(channel: Channel, start: float) -> dict[str, Any]:
 
 
 def _law(channel: Channel) -> tuple[float, ...]:
-    coefficients = channel.numbers["tt_coefficients"][:, :3]
-    if coefficients.shape[1] < 3:
-        return ()
-    rows = np.flatnonzero(np.isfinite(coefficients).all(axis=1))
+    rows = channel.fitted_rows()
     if not rows.size:
         return ()
-    r_squared = float(channel.numbers["r_squared"][rows[-1], 0])
-    return (*coefficients[rows[-1]].tolist(), r_squared if math.isfinite(r_squared) else 0.0)
+    r_squared = float(channel.column("r_squared")[rows[-1]])
+    return (*channel.numbers["tt_coefficients"][rows[-1], :3].tolist(), r_squared if math.isfinite(r_squared) else 0.0)
 
 
 def _rms_end(channel: Channel, verdict: ChannelVerdict) -> float | None:

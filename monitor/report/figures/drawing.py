@@ -16,6 +16,7 @@ import numpy as np
 from markupsafe import Markup, escape
 from matplotlib import dates
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
@@ -30,7 +31,7 @@ BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE, GREY = (
 """Colours for all kinds of colour vision (after Okabe and Ito), three of them darkened for contrast on white."""
 INK, SOFT, AXIS, GRID, SHADE, PAPER = "#22262b", "#4a5058", "#8a9099", "#e3e6ea", "#eef1f4", "#fefefe"
 """Neutral colours of text, ticks, axes, grid, shaded spans and the inside of markers."""
-_THEMED = {
+COLOUR_NAMES = {
     BLUE: "blue",
     VERMILION: "vermilion",
     GREEN: "green",
@@ -46,7 +47,7 @@ _THEMED = {
     PAPER: "paper",
 }
 """Names of the colours in the style sheet of the page, which has a dark variant."""
-_COLOURS = re.compile("|".join(_THEMED))
+_COLOURS = re.compile("|".join(COLOUR_NAMES))
 _PLACES = re.compile(r'\b(?:d|x|y|transform|points)="[^"]*"')
 _FRACTION = re.compile(r"(\.\d\d)\d+")
 
@@ -78,6 +79,8 @@ STYLE: Any = {
 """Settings of matplotlib for every figure, as a decorator: ``@mpl.rc_context(STYLE)``."""
 WIDTH = 9.6
 """Width of every figure in inches: the page scales it."""
+GAP_STEPS = 3.0
+"""A gap between blocks is a step of more than so many usual ones."""
 _SPARK_WIDTH, _SPARK_HEIGHT, _SPARK_BINS = 120, 26, 60
 _MIN_SPARK_SPAN = np.log(2.0)
 """Changes by less than a factor of two fill less than the height, so that noise looks small."""
@@ -88,9 +91,9 @@ class Picture:
     """A figure of the page.
 
     Attributes:
-        data: what is drawn, as columns or single values, units at the end of names; the page carries it for programs.
+        data: what is drawn, as columns or single values, units at the end of names, for programs that read the page.
         name: by which a program finds it.
-        zoom: charts that can be zoomed, see :func:`monitor.report.figures.zoom.zoom_data`; empty for none.
+        zoom: see :func:`monitor.report.figures.zoom.zoom_data`; empty for a figure without zoom.
     """
 
     heading: str
@@ -119,14 +122,7 @@ def _plain(value: Any) -> Any:
 
 
 class TimeAxis(NamedTuple):
-    """The horizontal axis.
-
-    Attributes:
-        dated: whether positions are dates rather than multiples of ``unit``.
-        unit: seconds in one unit of the axis.
-        timed: False for block numbers.
-        zone: of dates.
-    """
+    """The horizontal axis: dates in ``zone`` or multiples of ``unit`` (s); ``timed`` is False for block numbers."""
 
     dated: bool
     unit: float
@@ -138,8 +134,9 @@ class TimeAxis(NamedTuple):
         """Return positions of times (s)."""
         return np.asarray(time) / (86400.0 if self.dated else self.unit)
 
-    def settle(self, axes: Axes) -> None:
-        """Label an axis; dates are days since 1970, as matplotlib counts them."""
+    def settle(self, axes: Axes, first: float, last: float) -> None:
+        """Label an axis from the first to the last time (s); dates are days since 1970, as matplotlib counts them."""
+        axes.set_xlim(float(self.position(first)), float(self.position(last)))
         if self.dated:
             locator = dates.AutoDateLocator(minticks=3, maxticks=9, tz=self.zone)
             axes.xaxis.set_major_locator(locator)
@@ -152,7 +149,7 @@ BLOCK_AXIS = TimeAxis(False, 1.0, "block", timed=False)
 
 
 class Scale(NamedTuple):
-    """The unit in which accelerations are shown: its value in SI, its text, and the ending of data names."""
+    """The unit of accelerations in figures: its value in SI, its text, and the ending of data names."""
 
     si: float
     unit: str
@@ -180,11 +177,6 @@ def time_axis(time: NDArray[np.float64], clock: Clock) -> TimeAxis:
     return TimeAxis(False, unit, f"{name} from the first block")
 
 
-def colour_name(colour: str) -> str:
-    """Return the name of a colour in the style sheet of the page."""
-    return _THEMED[colour]
-
-
 def new_figure(height: float, panels: Sequence[float] = (1.0,)) -> tuple[Figure, list[Axes]]:
     """Return a figure of panels above each other that share the horizontal axis; ``panels`` are their heights."""
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
@@ -207,7 +199,7 @@ def to_svg(figure: Figure, label: str, numbers: itertools.count[int]) -> str:
     prefix = f"f{next(numbers)}-"
     text = re.sub(r'\bid="', f'id="{prefix}', text.replace("xlink:href", "href"))
     text = re.sub(r'(url\(#|href="#)', rf"\1{prefix}", text)
-    text = _COLOURS.sub(lambda match: f"var(--{_THEMED[match[0]]},{match[0]})", text)
+    text = _COLOURS.sub(lambda match: f"var(--{COLOUR_NAMES[match[0]]},{match[0]})", text)
     # Fonts and strokes are styled by the page; hundredths of a point are invisible.
     text = re.sub(r"; font-family: [^;\"]*", "", text)
     text = re.sub(r"<style type=.text/css.>.*?</style>", "", text, flags=re.DOTALL)
@@ -245,11 +237,20 @@ def places_kept(x: NDArray[np.float64], y: NDArray[np.float64], bins: int) -> ND
     return np.array(keep, dtype=np.intp)
 
 
-def with_breaks(time: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Insert a NaN in each gap, so that a line breaks there: steps longer than three usual ones."""
+def usual_step(time: NDArray[np.float64]) -> float:
+    """Return the median of the positive steps between ascending times, zero without any."""
     steps = np.diff(time)
-    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-    gaps = np.flatnonzero(steps > 3.0 * usual) + 1
+    return float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+
+
+def gaps_in(time: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the places before a step of more than ``GAP_STEPS`` usual ones."""
+    return np.flatnonzero(np.diff(time) > GAP_STEPS * usual_step(time))
+
+
+def with_breaks(time: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Insert a NaN in each gap, so that a line breaks there."""
+    gaps = gaps_in(time) + 1
     middles = 0.5 * (time[gaps - 1] + time[gaps])
     return np.insert(time, gaps, middles), np.insert(y, gaps, np.nan)
 
@@ -261,10 +262,23 @@ def draw_line(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], y: NDArray[
     bins = style.pop("bins", 600)
     x, values = thin(*with_breaks(time, y), bins)
     axes.plot(axis.position(x), values, **style)
-    finite = np.concatenate([[False], np.isfinite(values), [False]])
-    alone = finite[1:-1] & ~finite[:-2] & ~finite[2:]
+    alone = isolated(values)
     if alone.any():
         axes.plot(axis.position(x[alone]), values[alone], ".", color=style.get("color"), markersize=4)
+
+
+def isolated(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which values are finite between two that are not."""
+    finite = np.concatenate([[False], np.isfinite(values), [False]])
+    return finite[1:-1] & ~finite[:-2] & ~finite[2:]
+
+
+def draw_rug(
+    axes: Axes, axis: TimeAxis, time: NDArray[np.float64], height: float, marker: str, bins: int, **style: Any
+) -> None:
+    """Draw a marker at each of ascending times, thinned to ``bins`` columns, at one height."""
+    x, _ = thin(time, np.zeros(time.size), bins)
+    axes.plot(axis.position(x), np.full(x.size, height), marker, **style)
 
 
 def log_if_wide(axes: Axes, *columns: NDArray[np.float64]) -> None:
@@ -272,12 +286,22 @@ def log_if_wide(axes: Axes, *columns: NDArray[np.float64]) -> None:
     values = np.concatenate([column[np.isfinite(column)] for column in columns])
     if values.size and values.min() > 0 and values.max() > 5.0 * values.min():
         axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        # Twos and fives are marked already; minor ticks are slow to draw.
-        axes.yaxis.set_minor_locator(NullLocator())
+        log_ticks(axes.yaxis, 12)
     elif values.size:
         axes.set_ylim(min(0.0, float(values.min()) * 1.05), float(values.max()) * 1.08 or 1.0)
+
+
+def log_ticks(axis: Axis, most: int | None = None) -> None:
+    """Mark ones, twos and fives of a logarithmic axis, ``most`` of them (None: as many as fit), as plain numbers."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=most))
+    axis.set_major_formatter(FuncFormatter(plain_number))
+    # Minor ticks are slow to draw.
+    axis.set_minor_locator(NullLocator())
+
+
+def plain_number(value: float, _: int | None = None) -> str:
+    """Return the text of a tick without an exponent."""
+    return f"{value:g}"
 
 
 def add_legend(axes: Axes, **place: Any) -> None:

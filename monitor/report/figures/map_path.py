@@ -9,7 +9,6 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 from platformdirs import user_cache_dir
 
@@ -26,6 +25,7 @@ from monitor.report.figures.drawing import (
     Picture,
     add_legend,
     legend_above,
+    log_ticks,
     new_figure,
     to_svg,
 )
@@ -189,9 +189,7 @@ def posterior(context: ChannelContext, particles: Particles) -> Picture | None:
     if truth is not None:
         axes.axvline(1e6 * channel.column("v_eq_true")[truth], color=INK, linestyle="--", label="true")
     axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_locator(NullLocator())
+    log_ticks(axes.xaxis)
     axes.set_xlabel("V_eq (mm³/mm)")
     axes.set_ylabel("probability per bin")
     add_legend(axes, loc="upper left")
@@ -201,6 +199,5 @@ def posterior(context: ChannelContext, particles: Particles) -> Picture | None:
         "two humps mean that two sizes explain the vibration."
     )
     data = {"edges_mm2": edges, "probability": share}
-    return Picture(
-        "Distribution of V_eq after the last block", to_svg(made, label, context.numbers), caption, data, "posterior"
-    )
+    svg = to_svg(made, label, context.numbers)
+    return Picture("Distribution of V_eq after the last block", svg, caption, data, "posterior")

@@ -1,7 +1,8 @@
-"""Figures of envelope spectra: one, a pair from before and after the onset, and the lines in the records."""
+"""Figures of envelope spectra: before and after the onset, all of a life, and the lines in the records."""
 
 from __future__ import annotations
 
+import base64
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -9,13 +10,18 @@ from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from monitor.health.schema import FAULTS
 from monitor.health.waterfall import SpectrumRow
+from monitor.records.spectra import binned
 from monitor.report.figures.drawing import (
     BLUE,
+    GAP_STEPS,
     GREEN,
     GREY,
     INK,
@@ -26,13 +32,17 @@ from monitor.report.figures.drawing import (
     Picture,
     add_legend,
     new_figure,
+    plain_number,
     scale_of,
     thin,
+    time_axis,
     to_svg,
+    usual_step,
 )
+from monitor.report.figures.trends import draw_marks
 from monitor.report.runs import Channel
 from monitor.report.verdict import ChannelContext, named_fault
-from monitor.words.numbers import Clock, figure
+from monitor.words.numbers import Clock, count, figure
 from monitor.words.statuses import FAULT_NAMES
 
 FAULT_MARKS = {"outer": (VERMILION, "o"), "inner": (BLUE, "s"), "ball": (GREEN, "^"), "cage": (PURPLE, "D")}
@@ -45,16 +55,16 @@ _SIDE_ORDERS = 3
 _MAX_COMMON_SCALE_RATIO = 20.0
 """Two spectra whose highest points differ by more have separate scales."""
 _POINTS = 700
+_BINS, _COLUMNS, _COLOURS = 220, 360, 40
+"""Of the image of a life: bins of frequency, times, and colours."""
+_MIN_ROWS = 4
 
 
 class SpectrumView(NamedTuple):
-    """An envelope spectrum to be drawn.
+    """An envelope spectrum of a block: ascending frequencies, and amplitudes in ``unit``.
 
     Attributes:
-        frequency_hz: ascending.
-        amplitude_g: of the envelope, in ``unit``.
         fundamentals_hz: kinematic frequency of each part.
-        label: of the block.
         speed_hz: rotation frequency of the shaft, NaN if unknown.
     """
 
@@ -66,30 +76,23 @@ class SpectrumView(NamedTuple):
     unit: str = "g"
 
 
-def spectrum(view: SpectrumView, channel: str, fault: str, numbers: itertools.count[int]) -> Picture | None:
-    """Draw an envelope spectrum with the lines of all parts and the highest point near each; None without two points.
-
-    ``fault`` is the damaged part, "" for none; ``numbers`` is that of :class:`ChannelContext`.
-    """
-    if len(view.frequency_hz) < 2:
-        return None
-    heading = f"Envelope spectrum{f', {view.label}' if view.label else ''}"
-    return _pictured([view], heading, channel, fault, numbers)
-
-
-def before_and_after(
-    views: Sequence[SpectrumView], channel: str, fault: str, numbers: itertools.count[int]
-) -> Picture | None:
-    """Draw a spectrum of the healthy bearing above one of the damaged bearing (thesis, Fig. 59)."""
-    if len(views) != 2 or any(len(view.frequency_hz) < 2 for view in views):
-        return None
-    return _pictured(views, "Envelope spectra before and after the onset", channel, fault, numbers)
-
-
 @mpl.rc_context(STYLE)
-def _pictured(
-    views: Sequence[SpectrumView], heading: str, channel: str, fault: str, numbers: itertools.count[int]
-) -> Picture:
+def spectra(views: Sequence[SpectrumView], channel: str, fault: str, numbers: itertools.count[int]) -> Picture | None:
+    """Draw an envelope spectrum, or one of the healthy bearing above one of the damaged (thesis, Fig. 59).
+
+    Each has the lines of all parts and the highest point near each. None where one has fewer than two points.
+
+    Args:
+        views: one or two.
+        channel: its name.
+        fault: the damaged part, "" for none.
+        numbers: that of :class:`monitor.report.verdict.ChannelContext`.
+    """
+    if any(len(view.frequency_hz) < 2 for view in views):
+        return None
+    heading = f"Envelope spectrum{f', {views[0].label}' if views[0].label else ''}"
+    if len(views) > 1:
+        heading = "Envelope spectra before and after the onset"
     made, panels = new_figure(3.3 if len(views) == 1 else 5.4, (1.0,) * len(views))
     tops, data = [], []
     for axes, view in zip(panels, views, strict=True):
@@ -105,9 +108,8 @@ def _pictured(
     panels[-1].set_xlabel("frequency (Hz)")
     shown = f"{len(views)} envelope spectra" if len(views) > 1 else "Envelope spectrum"
     label = f"{shown} of channel {channel} with the fault lines of the bearing."
-    return Picture(
-        heading, to_svg(made, label, numbers), _caption(views, tops, fault, alike), {"spectra": data}, "envelope"
-    )
+    svg = to_svg(made, label, numbers)
+    return Picture(heading, svg, _caption(views, tops, fault, alike), {"spectra": data}, "envelope")
 
 
 def _draw(axes: Axes, view: SpectrumView, fault: str) -> tuple[float, dict[str, Any]]:
@@ -225,16 +227,11 @@ def recorded_lines(channel: Channel, row: int, numbers: itertools.count[int]) ->
     axes.set_ylabel(f"envelope ({scale.unit})")
     block = f"block {channel.sequence[row]:,}"
     label = f"Lines of the envelope spectrum of {block}, with the noise floor as a black bar."
+    caption = "Bars: the first five lines of each part. Dark strokes: the noise floor under each. Empty: not resolved."
+    data = {f"amplitude_{scale.suffix}": amplitude / scale.si, f"floor_{scale.suffix}": floor / scale.si}
+    svg = to_svg(made, label, numbers)
     return Picture(
-        f"Fault lines of the envelope spectrum, {block}",
-        to_svg(made, label, numbers),
-        "Bars: the first five lines of each part. Dark strokes: the noise floor under each. Empty: not resolved.",
-        {
-            f"amplitude_{scale.suffix}": amplitude / scale.si,
-            f"floor_{scale.suffix}": floor / scale.si,
-            "parts": list(FAULTS),
-        },
-        "lines",
+        f"Fault lines of the envelope spectrum, {block}", svg, caption, {**data, "parts": list(FAULTS)}, "lines"
     )
 
 
@@ -247,14 +244,10 @@ def views_of(rows: Sequence[SpectrumRow], context: ChannelContext) -> list[Spect
     usable = [row for row in rows if row.amplitude.size > 1 and row.resolution > 0]
     if not usable:
         return []
-    onset = t_fs.block if t_fs is not None else None
-    if onset is None:
-        return [_view_of(usable[-1], context.clock)]
+    onset = math.inf if t_fs is None or t_fs.block is None else t_fs.block
     before = [row for row in usable if row.sequence < onset]
     after = [row for row in usable if row.sequence >= onset]
-    if not before or not after:
-        return [_view_of(usable[-1], context.clock)]
-    shown = (_healthy_row(before, channel), _damaged_row(after, channel))
+    shown = (_healthy_row(before, channel), _damaged_row(after, channel)) if before and after else usable[-1:]
     return [_view_of(row, context.clock) for row in shown]
 
 
@@ -286,3 +279,117 @@ def _view_of(row: SpectrumRow, clock: Clock) -> SpectrumView:
         speed_hz=row.speed,
         unit=scale.unit,
     )
+
+
+@mpl.rc_context(STYLE)
+def waterfall(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture | None:
+    """Draw kept envelope spectra, in the order of their blocks, over the life of a channel.
+
+    None where fewer than four have a time, or where all are zero.
+    """
+    dated = [row for row in rows if row.time is not None and row.resolution > 0 and row.amplitude.size > 1]
+    if len(dated) < _MIN_ROWS or dated[-1].time == dated[0].time:
+        return None
+    time = np.array([row.time for row in dated], dtype=np.float64)
+    lines = dated[-1].lines
+    highest = (ORDERS + 0.5) * max((lines[part] for part in FAULTS if part in lines), default=math.inf)
+    frequency, amplitude = binned(dated, _BINS, None if math.isinf(highest) else highest)
+    scale = scale_of(absolute=all(row.absolute for row in dated))
+    amplitude = amplitude / scale.si
+    # The mean and slow drift below the cage's line are left out.
+    amplitude[:, frequency < 0.5 * min(lines.values(), default=0.0)] = np.nan
+    low, high = _ends(amplitude)
+    if not high > 0.0:
+        return None
+    axis = time_axis(time, context.clock)
+    made, (axes,) = new_figure(3.9)
+    axes.grid(visible=False)
+    image, edges = _on_grid(time, amplitude)
+    top = float(frequency[-1] + frequency[1] - frequency[0])
+    shown = axes.imshow(
+        np.clip(image.T, low, None),
+        origin="lower",
+        aspect="auto",
+        interpolation="none",
+        extent=(float(axis.position(edges[0])), float(axis.position(edges[1])), 0.0, top),
+        cmap=colormaps["viridis"].resampled(_COLOURS),
+        norm=LogNorm(low, high),
+    )
+    bar = made.colorbar(shown, ax=axes, pad=0.01, ticks=LogLocator(subs=(1.0, 3.0)), format=FuncFormatter(plain_number))
+    bar.ax.yaxis.set_minor_locator(NullLocator())
+    bar.set_label(f"envelope ({scale.unit})")
+    draw_marks(axes, axis, context.verdict)
+    named = _mark_orders(axes, lines, context.verdict.fault, top)
+    axes.set_ylabel("frequency (Hz)")
+    axis.settle(axes, *edges)
+    name, headline = context.channel.name, context.verdict.headline
+    label = f"Envelope spectra of channel {name} over its life, {len(dated)} of them. {headline}."
+    caption = (
+        f"{count(len(dated), 'kept spectrum').replace('spectrums', 'spectra')}; the colour is the highest amplitude in "
+        f"bins of {figure(float(frequency[1] - frequency[0]), 2)} Hz, on a logarithmic scale. A line that stays is a "
+        "horizontal stripe; what is blank has no spectrum."
+        + (f" Marks on the left: orders of the {named}." if named else "")
+    )
+    data = {
+        "time_s": time,
+        "block": [row.sequence for row in dated],
+        "frequency_hz": frequency,
+        "unit": scale.unit,
+        "low": low,
+        "high": high,
+        "codes_base64": base64.b64encode(_codes(amplitude, low, high)).decode("ascii"),
+    }
+    return Picture("Envelope spectra over life", to_svg(made, label, context.numbers), caption, data, "waterfall")
+
+
+def _ends(amplitude: NDArray[Any]) -> tuple[float, float]:
+    """Return the ends of the colour scale: the 20th percentile, but four decades at most, and the maximum."""
+    positive = amplitude[amplitude > 0]
+    if not positive.size:
+        return 0.0, 0.0
+    low, high = float(np.percentile(positive, 20.0)), float(positive.max())
+    return max(min(low, 0.5 * high), 1e-4 * high), high
+
+
+def _on_grid(time: NDArray[np.float64], amplitude: NDArray[Any]) -> tuple[NDArray[Any], tuple[float, float]]:
+    """Return the nearest spectrum at each of evenly spaced times, NaN in gaps, and the ends of the image (s)."""
+    usual = usual_step(time)
+    columns = int(np.clip(round(np.ptp(time) / usual), 2, _COLUMNS))
+    half = 0.5 * usual
+    edges = (float(time[0]) - half, float(time[-1]) + half)
+    at = edges[0] + (np.arange(columns) + 0.5) * (edges[1] - edges[0]) / columns
+    after = np.clip(np.searchsorted(time, at), 1, time.size - 1)
+    nearest = np.where(at - time[after - 1] <= time[after] - at, after - 1, after)
+    grid = amplitude[nearest].copy()
+    width = (edges[1] - edges[0]) / columns
+    grid[np.abs(time[nearest] - at) > 0.5 * GAP_STEPS * max(usual, width)] = np.nan
+    return grid, edges
+
+
+def _mark_orders(axes: Axes, lines: Any, fault: str, top: float) -> str:
+    """Mark the orders of the named part on the left edge; return its name for the caption, "" for none."""
+    named = [part for part in fault.split("|") if part in lines]
+    for place, part in enumerate(named):
+        colour, _ = FAULT_MARKS[part]
+        for order in range(1, ORDERS + 1):
+            at = order * lines[part]
+            if at < top:
+                axes.annotate(
+                    f"{order}×",
+                    (0.0, at),
+                    (4 + 22 * place, 0),
+                    xycoords=("axes fraction", "data"),
+                    textcoords="offset points",
+                    fontsize=8,
+                    color="white",
+                    va="center",
+                    bbox={"facecolor": colour, "edgecolor": "none", "boxstyle": "round,pad=0.15"},
+                )
+    return " and of the ".join(FAULT_NAMES[part] for part in named)
+
+
+def _codes(amplitude: NDArray[Any], low: float, high: float) -> bytes:
+    """Return amplitudes as one byte each: 0 for NaN, 1 to 255 even in the logarithm."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.log(np.clip(amplitude, low, high) / low) / math.log(high / low)
+    return np.where(np.isfinite(amplitude), 1 + np.round(254 * np.nan_to_num(share)), 0).astype(np.uint8).tobytes()

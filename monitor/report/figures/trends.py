@@ -27,6 +27,7 @@ from monitor.report.figures.drawing import (
     TimeAxis,
     add_legend,
     draw_line,
+    draw_rug,
     log_if_wide,
     new_figure,
     scale_of,
@@ -126,8 +127,7 @@ def _drawn(context: ChannelContext, part: slice, heading: str) -> Picture | None
             _draw_alarms(axes, span)
     _mark_legend(panels[0], span)
     _draw_rugs(panels[0], span)
-    panels[-1].set_xlim(float(axis.position(time[0])), float(axis.position(time[-1])))
-    axis.settle(panels[-1])
+    axis.settle(panels[-1], time[0], time[-1])
     where = "in the final stage" if heading else "over time"
     label = f"RMS, fault lines and detection score of channel {channel.name} {where}. {verdict.headline}."
     data |= {"t_fs_s": _time_of(verdict.t_fs), "t_eol_s": _time_of(verdict.t_eol)}
@@ -315,7 +315,6 @@ def _mark_legend(axes: Axes, span: _Span) -> None:
 
 
 def _draw_rugs(axes: Axes, span: _Span) -> None:
+    style: dict[str, Any] = {"markersize": 5, "transform": axes.get_xaxis_transform()}
     for marker, colour, _, rows in span.rugs():
-        x, _ = thin(span.time[rows], np.zeros(rows.size), 300)
-        y = np.full(x.size, 0.03)
-        axes.plot(span.axis.position(x), y, marker, color=colour, markersize=5, transform=axes.get_xaxis_transform())
+        draw_rug(axes, span.axis, span.time[rows], 0.03, marker, 300, color=colour, **style)

@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from monitor.report.figures.drawing import TimeAxis, colour_name, places_kept, with_breaks
+from monitor.report.figures.drawing import COLOUR_NAMES, TimeAxis, places_kept, with_breaks
 
 Column = NDArray[np.float64]
 BINS = 600
@@ -116,7 +116,7 @@ def zoom_data(
         "label": axis.label,
         "zone": str(axis.zone),
         "marks": [
-            {"label": name, "colour": colour_name(colour), "at": round(at, 3), "style": style}
+            {"label": name, "colour": COLOUR_NAMES[colour], "at": round(at, 3), "style": style}
             for name, colour, at, style in marks
             if math.isfinite(at)
         ],
@@ -130,7 +130,7 @@ def _chart(panel: Panel, take: Any) -> dict[str, Any]:
     for line in panel.lines:
         if np.isfinite(line.values).any() and (place := take(line.values)) not in seen:
             seen.add(place)
-            lines.append({"label": line.label, "colour": colour_name(line.colour), "kind": line.kind, "column": place})
+            lines.append({"label": line.label, "colour": COLOUR_NAMES[line.colour], "kind": line.kind, "column": place})
     return {
         "label": panel.axes.get_ylabel(),
         "log": panel.axes.get_yscale() == "log",
@@ -138,12 +138,12 @@ def _chart(panel: Panel, take: Any) -> dict[str, Any]:
         "top": _brief(panel.top),
         "lines": lines,
         "bands": [
-            {"label": band.label, "colour": colour_name(band.colour), "columns": [take(band.lower), take(band.upper)]}
+            {"label": band.label, "colour": COLOUR_NAMES[band.colour], "columns": [take(band.lower), take(band.upper)]}
             for band in panel.bands
             if np.isfinite(band.lower).any()
         ],
         "levels": [
-            {"label": name, "colour": colour_name(colour), "value": _brief(value)}
+            {"label": name, "colour": COLOUR_NAMES[colour], "value": _brief(value)}
             for name, colour, value in panel.levels
             if math.isfinite(value)
         ],
@@ -153,7 +153,7 @@ def _chart(panel: Panel, take: Any) -> dict[str, Any]:
 def _ticks(name: str, colour: str, at: Column, top: bool) -> dict[str, Any]:
     shown = np.unique(np.linspace(0, at.size - 1, min(at.size, _MAX_TICKS)).round().astype(np.intp))
     times = np.round(at[shown], 3).tolist()
-    return {"label": name, "colour": colour_name(colour), "at": times, "all": int(at.size), "top": top}
+    return {"label": name, "colour": COLOUR_NAMES[colour], "at": times, "all": int(at.size), "top": top}
 
 
 def _brief(value: float) -> float | int | None:

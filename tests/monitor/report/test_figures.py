@@ -17,13 +17,12 @@ from monitor.health.record import Record, plain
 from monitor.health.waterfall import SpectrumRow
 from monitor.records.store import Store
 from monitor.report.data_quality import gaps, gaps_of, offered, statuses, timeline
-from monitor.report.figures.damage import damaged_volume, fitted_law
+from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
 from monitor.report.figures.drawing import Picture, new_figure, sparkline, time_axis, to_svg
-from monitor.report.figures.forecast import ALPHA, forecasts
-from monitor.report.figures.spectrum import SpectrumView, before_and_after, spectrum, views_of
+from monitor.report.figures.spectrum import SpectrumView, spectra, views_of, waterfall
 from monitor.report.figures.trends import final_stage, trends
-from monitor.report.figures.waterfall import waterfall
 from monitor.report.runs import Channel, Run, read_runs
+from monitor.report.score.scoring import ALPHA
 from monitor.report.verdict import ChannelContext, judge
 from monitor.words.numbers import Clock, figure, time_zone
 from tests.effort import effort_count
@@ -122,7 +121,7 @@ KINEMATIC = {"outer": 97.5, "inner": 142.0, "ball": 94.0, "cage": 8.0}
 def test_markers_of_a_spectrum_stand_on_its_lines() -> None:
     found = [98.5 * order for order in range(1, 6)]
     frequency, amplitude = comb(dict.fromkeys(found, 1.0))
-    data = drawn(spectrum(SpectrumView(frequency, amplitude, KINEMATIC, "block 7", 30.0), "x", "outer", numbers()))
+    data = drawn(spectra([SpectrumView(frequency, amplitude, KINEMATIC, "block 7", 30.0)], "x", "outer", numbers()))
     assert data["spectra"][0]["lines_hz"]["outer"] == pytest.approx(found)
     assert max(data["spectra"][0]["amplitude_g"]) == 1.0
 
@@ -132,7 +131,7 @@ def test_markers_of_a_spectrum_stand_on_its_lines() -> None:
 )
 def test_sidebands_are_those_of_the_part_that_turns(fault: str, label: str | None) -> None:
     frequency, amplitude = comb({142.0: 1.0, 112.0: 0.5, 172.0: 0.5, 94.0: 1.0, 86.0: 0.4, 102.0: 0.4})
-    picture = spectrum(SpectrumView(frequency, amplitude, KINEMATIC, "", 30.0), "x", fault, numbers())
+    picture = spectra([SpectrumView(frequency, amplitude, KINEMATIC, "", 30.0)], "x", fault, numbers())
     assert picture is not None
     assert ("its sidebands" in picture.svg) is (label is not None)
     assert label is None or label in picture.svg
@@ -143,7 +142,7 @@ def test_sidebands_are_those_of_the_part_that_turns(fault: str, label: str | Non
 )
 def test_before_and_after_say_how_far_a_line_grew(grown: float, scale: str) -> None:
     views = [SpectrumView(*comb({97.5: height}), KINEMATIC, "") for height in (0.1, 0.1 * grown)]
-    picture = before_and_after(views, "x", "outer", numbers())
+    picture = spectra(views, "x", "outer", numbers())
     drawn(picture)
     assert picture is not None
     assert f"grows from 0.100 to {figure(0.1 * grown)} g. {scale}" in picture.caption
@@ -328,6 +327,6 @@ def test_spans_of_any_length_get_a_date_axis(hours: float) -> None:
     axis = time_axis(time, CLOCK)
     made, (axes,) = new_figure(2.0)
     axes.plot(axis.position(time), time)
-    axis.settle(axes)
+    axis.settle(axes, time[0], time[-1])
     assert 3 <= len(axes.get_xticks()) <= 10
     assert "<svg" in to_svg(made, "dates", numbers())
