@@ -114,7 +114,7 @@ def _batch(folder: Path, out: Path, settings: BatchSettings, workers: int, *, as
 
 
 def _run_values(outcome: Outcome, out: Path) -> dict[str, Any]:
-    from monitor.report.batch.comparison import state_of
+    from monitor.report.comparison import state_of
 
     return {
         "name": outcome.run.name,

@@ -20,10 +20,10 @@ from models.workers import in_processes
 from monitor import __version__
 from monitor.config.load import ConfigError, load_config
 from monitor.records.database import StoreError
-from monitor.report.batch.summary import VERSION, RunSummary
 from monitor.report.options import Options
 from monitor.report.page import require_pdf
 from monitor.report.runs import ReportError, read_runs
+from monitor.report.summary import VERSION, RunSummary
 
 _SUMMARY = "run.json"
 _RECORDINGS = (".tar", ".bz2", ".xz", ".gz", ".tgz", ".zip", ".csv", ".mat", ".h5", ".hdf5", ".npy", ".txt", ".wav")

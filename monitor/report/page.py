@@ -19,14 +19,13 @@ from monitor import __version__
 from monitor.report.figures.zoom import policy_hash, zoom_json, zoom_script, zoom_style
 from monitor.report.runs import ReportError
 from monitor.report.tables import write_whole
+from monitor.report.verdict import SEVERITY_NAMES
 from monitor.words.numbers import Clock
 
 if TYPE_CHECKING:
     from weasyprint.document import Document
 
 SYMBOLS = {"good": "●", "watch": "▲", "bad": "■", "open": "○"}
-STATES = {"good": "no sign of damage", "watch": "damage", "bad": "end of life", "open": "no verdict"}
-"""Names of the states in tables."""
 _PDF_VARIANT = "pdf/ua-1"
 """Tagged, with title, language and alternative texts."""
 _VARIABLE = re.compile(r"var\(--\w+,(#[0-9a-f]{6})\)")
@@ -77,7 +76,7 @@ def render(template: str, *, bare: bool = False, zoomed: bool = False, **values:
         svg=Markup,
         version=__version__,
         symbols=SYMBOLS,
-        states=STATES,
+        severities=SEVERITY_NAMES,
         bare=bare,
         **values,
     )

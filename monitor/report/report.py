@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from monitor import __version__
-from monitor.report.batch.comparison import Comparison, compare
-from monitor.report.batch.comparison_tables import laws, milestones, scores
-from monitor.report.batch.summary import RunSummary, summarise
+from monitor.report.comparison import Comparison, compare, laws, milestones, scores
 from monitor.report.data_quality import without_folders
 from monitor.report.figures.spectrum import SpectrumView
 from monitor.report.options import Options
 from monitor.report.page import is_pdf, require_pdf, write_page
 from monitor.report.run_section import RunPart, part_of_run
 from monitor.report.runs import Records, ReportError, Run, read_runs
+from monitor.report.summary import RunSummary, summarise
 from monitor.report.tables import Table, write_tables, write_whole
 
 _FILE_ATTRIBUTES = {"product_version": f"spallwatch {__version__}"}

@@ -16,15 +16,22 @@ from monitor.report.figures.drawing import Picture, sparkline
 from monitor.report.figures.map_path import map_of, map_path, posterior
 from monitor.report.figures.spectrum import SpectrumView, recorded_lines, spectra, views_of, waterfall
 from monitor.report.figures.trends import final_stage, trends
-from monitor.report.findings import Finding, findings
 from monitor.report.options import Options
 from monitor.report.runs import Channel, Run
 from monitor.report.tables import Column, Table, time_column
-from monitor.report.verdict import ChannelContext, ChannelVerdict, interval_name, judge, named_fault
+from monitor.report.verdict import (
+    WORST,
+    ChannelContext,
+    ChannelVerdict,
+    Finding,
+    findings,
+    interval_name,
+    judge,
+    named_fault,
+)
 from monitor.words.events import event_text
 from monitor.words.numbers import Clock, acceleration, count, duration, figure
 
-_WORST = ("bad", "watch", "open", "good")
 _MAX_EVENTS = 200
 _EVENT_NAMES = {
     "final_stage": "start of the final stage known",
@@ -131,7 +138,7 @@ def part_of_run(
     for place, channel in enumerate(run.channels.values(), start=1):
         context = ChannelContext(run, channel, judge(run, channel, clock), clock, numbers)
         channels.append(_channel(context, options, views.get(channel.name), f"{anchor}c{place}"))
-    channels.sort(key=lambda part: _WORST.index(part.verdict.severity))
+    channels.sort(key=lambda part: WORST.index(part.verdict.severity))
     tables = {"blocks": quality.statuses(run), "gaps": quality.gaps(run, clock), "events": _events(run, clock)}
     return RunPart(
         run=run,

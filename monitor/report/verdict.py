@@ -1,4 +1,4 @@
-"""The verdict on a channel: what an engineer needs to decide whether to stop the machine."""
+"""The verdict on a channel, and the answers to five questions about it, each with its evidence."""
 
 from __future__ import annotations
 
@@ -10,10 +10,21 @@ from typing import Literal
 import numpy as np
 
 from monitor.report.runs import Channel, Run
-from monitor.words.numbers import Clock, acceleration, count
-from monitor.words.statuses import BAND_SOURCES, fault_words
+from monitor.words.numbers import Clock, acceleration, count, duration, figure, interval, volume
+from monitor.words.statuses import BAND_SOURCES, EDV_REFUSALS, TT_REFUSALS, fault_words
 
-Severity = Literal["good", "watch", "bad", "open"]
+Severity = Literal["bad", "watch", "open", "good"]
+SEVERITY_NAMES: dict[Severity, str] = {
+    "bad": "end of life",
+    "watch": "damage",
+    "open": "no verdict",
+    "good": "no sign of damage",
+}
+"""For tables, the worst first."""
+WORST = tuple(SEVERITY_NAMES)
+_LATE = ("final", "end_of_life")
+_LATEST = 20
+"""Blocks over which scores above the threshold are counted."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +41,8 @@ class ChannelVerdict:
 
     Attributes:
         channel: name.
-        severity: "good", "watch" (damage), "bad" (end of life) or "open" (no verdict).
         headline: one sentence.
-        facts: labels and texts, beside those of :mod:`monitor.report.findings`.
+        facts: labels and texts beside the findings.
         fault: the damaged part, "" for none.
         stage: "" where no block could be judged.
     """
@@ -88,12 +98,11 @@ def named_fault(channel: Channel) -> tuple[int | None, str]:
         judged = np.flatnonzero(channel.word("stage") != "")
     if not judged.size:
         return None, ""
-    late = np.flatnonzero(np.isin(channel.word("stage"), ("final", "end_of_life")) & (faults != ""))
+    row = int(judged[-1])
+    late = np.flatnonzero(np.isin(channel.word("stage"), _LATE) & (faults != ""))
     if late.size:
         scores = np.nan_to_num(channel.column("fault_score")[late], nan=-np.inf)
         row = int(late[np.argmax(scores)])
-        return row, str(faults[row])
-    row = int(judged[-1])
     return row, str(faults[row])
 
 
@@ -118,8 +127,13 @@ def _headline(stage: str, fault: str, marks: dict[str, Moment | None], channel: 
         return "good", "No sign of damage"
     if stage == "learning":
         return "open", "Still learning what healthy sounds like; no part is named"
+    unused = _unused(channel)
+    return "open", f"No verdict: {unused}" if unused else "No verdict"
+
+
+def _unused(channel: Channel) -> str:
     rejected = int(np.sum(channel.status != "ok"))
-    return "open", f"No verdict: {count(rejected, 'block')} could not be used" if rejected else "No verdict"
+    return f"{count(rejected, 'block')} could not be used" if rejected else ""
 
 
 def _vibration(channel: Channel) -> str:
@@ -165,3 +179,201 @@ def _last_block(channel: Channel, clock: Clock) -> str:
     status = str(channel.status[-1])
     text = f"Number {channel.sequence[-1]:,}, {clock.moment(float(channel.time[-1]))}"
     return f"{text}{'' if status == 'ok' else f'; status {status}'}."
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A question and its answer from the records, one sentence at most.
+
+    Attributes:
+        support: evidence and its uncertainty, or the reason of a refusal.
+        known: False for a refusal.
+        brief: for a table, "" for none.
+    """
+
+    question: str
+    answer: str
+    support: str
+    known: bool = True
+    brief: str = ""
+
+
+def findings(context: ChannelContext) -> tuple[Finding, ...]:
+    """Answer the five questions about a channel after its last block."""
+    run, channel, verdict = context.run, context.channel, context.verdict
+    first = _failing(channel, verdict), _since(verdict, context.clock), _where(channel, verdict)
+    return (*first, _how_large(run, channel), *_how_long(run, channel))
+
+
+def _failing(channel: Channel, verdict: ChannelVerdict) -> Finding:
+    question = "Is it failing?"
+    answer = {
+        "end_of_life": "Yes: the end of its life is reached.",
+        "final": "Yes: it is in the final stage of its life.",
+        "healthy": "No sign of it.",
+        "learning": "Not known yet.",
+        "": "Cannot be answered.",
+    }.get(verdict.stage, verdict.stage)
+    if verdict.stage == "":
+        unused = _unused(channel)
+        return Finding(question, answer, f"No block could be judged{f'; {unused}' if unused else ''}.", known=False)
+    if verdict.stage == "learning":
+        if verdict.fault:
+            answer = f"Not known yet, but damage of the {fault_words(verdict.fault)} is detected."
+        why = "The baseline is not complete, so that no change can be judged yet."
+        return Finding(question, answer, why, known=False)
+    if verdict.stage == "healthy" and verdict.fault:
+        answer = f"Its level says no, but damage of the {fault_words(verdict.fault)} is detected."
+    return Finding(question, answer, " ".join(text for text in (_scores(channel), _growth(channel)) if text))
+
+
+def _scores(channel: Channel) -> str:
+    score, threshold = channel.column("detect_score"), channel.column("detect_threshold")
+    rows = np.flatnonzero(np.isfinite(score) & np.isfinite(threshold))[-_LATEST:]
+    if not rows.size:
+        return ""
+    above = int(np.sum(score[rows] > threshold[rows]))
+    return (
+        f"The score of RMS and H_or is above its threshold in {above} of the last {count(rows.size, 'block')} "
+        f"(last {figure(float(score[rows[-1]]), 2)}, threshold {figure(float(threshold[rows[-1]]), 2)})."
+    )
+
+
+def _growth(channel: Channel) -> str:
+    row, learned = channel.last_row("rms"), channel.baseline("rms")
+    if row is None or channel.word("stage")[row] == "learning" or not learned > 0.0:
+        return ""
+    return f"RMS is {figure(float(channel.column('rms')[row] / learned), 2)} times what was learned."
+
+
+def _since(verdict: ChannelVerdict, clock: Clock) -> Finding:
+    question = "Since when?"
+    if verdict.t_fs is None:
+        return Finding(question, "–", "No final stage so far.", known=False)
+    sentences = [f"The final stage began at {_at(verdict.t_fs, clock)}."]
+    if verdict.t_fs_known is not None:
+        sentences.append(f"This was known at {_at(verdict.t_fs_known, clock)}.")
+    if verdict.t_eol is not None:
+        sentences.append(f"The end of life was reached at {_at(verdict.t_eol, clock)}.")
+    short, brief = clock.moment(verdict.t_fs.time), clock.short(verdict.t_fs.time)
+    if not math.isfinite(verdict.t_fs.time):
+        short = brief = short if verdict.t_fs.block is None else f"block {verdict.t_fs.block:,}"
+    return Finding(question, _sentence(short), " ".join(sentences), brief=brief)
+
+
+def _at(mark: Moment, clock: Clock) -> str:
+    block = "" if mark.block is None else f"block {mark.block:,}, "
+    return f"{block}{clock.moment(mark.time)}"
+
+
+def _where(channel: Channel, verdict: ChannelVerdict) -> Finding:
+    question = "Where?"
+    row, fault = named_fault(channel)
+    if row is None:
+        return Finding(question, "Cannot be answered.", "No block could be judged.", known=False)
+    if not fault:
+        why = "No family of fault lines stands clear of the noise and of all others."
+        return Finding(question, "No part named.", why, known=False)
+    snr, depth = channel.column("fault_snr")[row], channel.column("fault_depth")[row]
+    evidence = []
+    if math.isfinite(snr):
+        evidence.append(f"lines {snr:.1f} times the noise floor")
+    if math.isfinite(depth):
+        evidence.append(f"modulation depth {depth:.2f}")
+    best = f"At best {', '.join(evidence)} (block {channel.sequence[row]:,})." if evidence else ""
+    apart = "The resolution does not tell them apart." if "|" in fault else ""
+    support = " ".join(text for text in (best, _agreement(channel, verdict, fault), apart) if text)
+    return Finding(question, f"{fault_words(fault).capitalize()}.", support, brief=fault_words(fault))
+
+
+def _agreement(channel: Channel, verdict: ChannelVerdict, fault: str) -> str:
+    """Return in how many blocks since the onset was known the same part, another or none was named."""
+    late = np.isin(channel.word("stage"), _LATE)
+    if verdict.stage not in _LATE or not late.any():
+        return ""
+    names = channel.word("fault")[late].astype(str)
+    same, none = int(np.sum(names == fault)), int(np.sum(names == ""))
+    other = names.size - same - none
+    rest = [f"none in {none:,}"] if none else []
+    rest += [f"another in {other:,}"] if other else []
+    return f"Named in {same:,} of {count(names.size, 'block')} since then{''.join(f'; {text}' for text in rest)}."
+
+
+def _how_large(run: Run, channel: Channel) -> Finding:
+    question = "How large?"
+    statuses = channel.word("edv_status")
+    rows = np.flatnonzero(statuses != "")
+    if not rows.size:
+        return Finding(question, "Not tracked on this channel.", "", known=False)
+    row, known = int(rows[-1]), channel.last_row("v_eq")
+    status = str(statuses[row])
+    if known is None:
+        return Finding(question, "No value.", _sentence(EDV_REFUSALS.get(status, status)), known=False)
+    value = volume(channel.column("v_eq")[known])
+    lower, upper = channel.column("v_eq_lower")[known], channel.column("v_eq_upper")[known]
+    sentences = [_ends(run, interval(float(lower), float(upper), volume))]
+    if status == "ambiguous":
+        sentences.append("Several sizes of damage explain the vibration, so that the middle says little.")
+    if status == "widened":
+        sentences.append("The search had to go back, so that it may be lower than before.")
+    if known != row:
+        why = EDV_REFUSALS.get(status, status)
+        sentences.insert(0, f"At block {channel.sequence[known]:,}; since then none: {why}.")
+        value = f"Last {value}"
+    sentences.append("Equivalent damaged volume V_eq, in the model of this rig." + unscaled(run))
+    brief = value if known == row else f"({volume(channel.column('v_eq')[known])})"
+    return Finding(question, f"{value}.", " ".join(sentences), brief=brief)
+
+
+def _ends(run: Run, ends: str) -> str:
+    return f"{_capital(interval_name(run))}: {ends}." if ends else "A single number, without an interval."
+
+
+def _how_long(run: Run, channel: Channel) -> list[Finding]:
+    question = "How long left?"
+    statuses = channel.words["tt_status"]
+    rows = np.flatnonzero(np.any(statuses != "", axis=1))
+    if not rows.size:
+        return [Finding(question, "Not forecast on this channel.", "", known=False)]
+    row = int(rows[-1])
+    found = [
+        _one_forecast(run, channel, row, place, str(status)) for place, status in enumerate(statuses[row]) if status
+    ]
+    refusals = {(answer.answer, answer.support.split(": ", 1)[-1]) for answer in found if not answer.known}
+    if len(found) > 1 and len(refusals) == 1 and not any(answer.known for answer in found):
+        return found[:1]
+    return found
+
+
+def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str) -> Finding:
+    names = ("v_th", "tt", "tt_lower", "tt_upper", "p_threshold")
+    threshold, tt, lower, upper, probability = (float(channel.column(name, place)[row]) for name in names)
+    of = f" of {volume(threshold)}" if math.isfinite(threshold) else ""
+    question = "How long left?"
+    if status == "already_crossed":
+        if math.isfinite(lower) and math.isfinite(upper):
+            late = f"{_capital(interval_name(run))}: up to {duration(upper)} from now." if upper > 0.0 else ""
+            answer = f"The threshold{of} has more likely than not been reached."
+            return Finding(question, answer, late, brief="likely reached")
+        first = np.flatnonzero(channel.words["tt_status"][:, place] == status)[0]
+        support = f"By block {channel.sequence[first]:,}."
+        return Finding(question, f"The threshold{of} was reached.", support, brief="reached")
+    if status != "ok" or not math.isfinite(tt):
+        why = f"For the threshold{of}: {TT_REFUSALS.get(status, status)}."
+        return Finding(question, "No forecast.", why, known=False, brief="no forecast")
+    sentences = [_ends(run, interval(lower, upper, duration))]
+    if math.isfinite(probability):
+        sentences.append(f"Reached within the maintenance window with a probability of {probability:.0%}.")
+    v_eq = float(channel.column("v_eq")[row])
+    if math.isfinite(v_eq) and math.isfinite(threshold) and v_eq >= threshold:
+        sentences.append("V_eq as tracked stands above it already: it comes from another method, and the two disagree.")
+    sentences.append("If V_eq goes on growing as it did; it is not the remaining life." + unscaled(run))
+    return Finding(question, f"{duration(tt)} to the threshold{of}.", " ".join(sentences), brief=duration(tt))
+
+
+def _sentence(text: str) -> str:
+    return f"{_capital(text)}."
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

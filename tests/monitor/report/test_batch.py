@@ -31,10 +31,10 @@ from monitor.commands.report_batch import (
 )
 from monitor.health.record import Record, plain
 from monitor.records.store import Store
-from monitor.report.batch.summary import RunSummary
 from monitor.report.options import SECTIONS, Options, read_options
 from monitor.report.report import build_report
 from monitor.report.runs import ReportError, read_runs
+from monitor.report.summary import RunSummary
 from monitor.report.tables import Column, Table, write_tables
 from tests.effort import effort_count
 from tests.oracles.lives import GRAVITY, life

@@ -1,17 +1,22 @@
-"""Tables over runs: final stages, fitted laws, scores, and the first prognostic model."""
+"""Several runs: those side by side, and tables over runs of final stages, fitted laws and scores."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import tzinfo
 from typing import Any
 
-from monitor.report.batch.summary import RunSummary
+from monitor.report.figures.drawing import Picture
+from monitor.report.figures.side_by_side import other_conditions, side_by_side
+from monitor.report.options import Options
 from monitor.report.score.scoring import mean_of_runs
+from monitor.report.summary import RunSummary
 from monitor.report.tables import Cell, Column, Table
+from monitor.report.verdict import WORST
 from monitor.words.numbers import Clock, duration
-from streams.block import STANDARD_GRAVITY
 
 _PER_HOUR = 3600.0
 _SCORES = (
@@ -22,9 +27,61 @@ _SCORES = (
     Column("width", "width of the interval", "s", "s", words=duration),
     Column("answered", "answered", "1", words=lambda value: f"{value:.0%}"),
 )
-_SCORE_KEYS = ("cra", "crps_s", "prognostic_horizon_s", "coverage", "width_s", "answered")
+"""Their keys are those of :func:`monitor.report.score.scoring.score_run`."""
 _END_WORDS = {"given": "given", "truth": "true", "tracked": "tracked V_eq crossed", "none": "not known"}
 _BASELINES = ("doubling", "linear", "thesis")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Several runs together.
+
+    Attributes:
+        runs: the worst first.
+        states: state and number of runs whose worst channel is in it, the worst first.
+        shown: tables on the page.
+        overview: the overview as a table for files.
+    """
+
+    runs: tuple[RunSummary, ...]
+    states: tuple[tuple[str, int], ...]
+    pictures: tuple[Picture, ...]
+    shown: tuple[Table, ...]
+    overview: Table
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """All tables, for files."""
+        return (self.overview, *self.shown)
+
+
+def compare(runs: Sequence[RunSummary], options: Options, numbers: itertools.count[int]) -> Comparison:
+    """Compare runs; ``numbers`` are those of figures."""
+    ordered = sorted(runs, key=lambda run: WORST.index(state_of(run)))
+    states = [(state, sum(state_of(run) == state for run in runs)) for state in WORST]
+    pictures = [
+        side_by_side(ordered, "rms_g", "RMS (g)", "Final stages side by side: RMS", numbers),
+        side_by_side(ordered, "v_eq_mm2", "V_eq (mm³/mm)", "Final stages side by side: damaged volume", numbers),
+    ]
+    other = other_conditions(ordered, options, numbers)
+    found = [milestones(ordered, options.zone), laws(ordered)]
+    if other is not None:
+        pictures.append(other[0])
+        found.append(other[1])
+    if options.holds("score"):
+        found += [scores(ordered), mean_scores(ordered)]
+    return Comparison(
+        runs=tuple(ordered),
+        states=tuple((state, number) for state, number in states if number),
+        pictures=tuple(picture for picture in pictures if picture is not None),
+        shown=tuple(table for table in found if table is not None and table.rows),
+        overview=overview(ordered),
+    )
+
+
+def state_of(run: RunSummary) -> str:
+    """Return the state of the worst channel of a run, "open" where none has a value."""
+    return min((channel.severity for channel in run.channels), key=WORST.index, default="open")
 
 
 def milestones(runs: Sequence[RunSummary], zone: tzinfo) -> Table:
@@ -116,7 +173,7 @@ def scores(runs: Sequence[RunSummary]) -> Table | None:
 
 
 def _score_row(label: str, channel: str, method: str, end: str, figures: Any) -> list[Cell]:
-    return [label, channel, method, end, *(figures.get(key) for key in _SCORE_KEYS)]
+    return [label, channel, method, end, *(figures.get(column.key) for column in _SCORES)]
 
 
 def mean_scores(runs: Sequence[RunSummary]) -> Table | None:
@@ -126,11 +183,11 @@ def mean_scores(runs: Sequence[RunSummary]) -> Table | None:
         return None
     means = mean_of_runs(scored)
     rows = []
-    for column, key in zip(_SCORES, _SCORE_KEYS, strict=True):
-        if key in means:
-            values = means[key]
+    for column in _SCORES:
+        if column.key in means:
+            values = means[column.key]
             shown = [column.shown(values[name]) for name in ("mean", "standard_error")]
-            rows.append((key, values["mean"], values["standard_error"], *shown, values["runs"]))
+            rows.append((column.key, values["mean"], values["standard_error"], *shown, values["runs"]))
     columns = (
         Column("figure", "figure"),
         Column("mean", "mean", "1", on_page=False),
@@ -161,34 +218,3 @@ def overview(runs: Sequence[RunSummary]) -> Table:
         Column("t_eol", "t_EOL", "s", "s"),
     )
     return Table("overview", "All runs", columns, rows)
-
-
-def rms_at_end(
-    experimental: Sequence[tuple[str, float, float, float]], numerical: dict[tuple[str, str], float]
-) -> Table:
-    """Return the RMS at the end as recorded and from the map for the defects of other runs (thesis, Table 21).
-
-    Args:
-        experimental: run, load (N), speed (Hz) and RMS at its end (m/s2).
-        numerical: RMS (m/s2) by run of the condition and run of the defects.
-    """
-    sources = list(dict.fromkeys(source for _, source in numerical))
-    rows = [
-        (label, load, speed, rms, *(numerical.get((label, source)) for source in sources))
-        for label, load, speed, rms in experimental
-    ]
-    columns = (
-        Column("run", "run"),
-        Column("load", "load (N)", "N", "newton"),
-        Column("speed", "speed (Hz)", "Hz", "hz"),
-        Column("recorded", "recorded (g)", "m s-2", "g", 1.0 / STANDARD_GRAVITY),
-        *(
-            Column(f"defects_of_{place}", f"defects of {source} (g)", "m s-2", "g", 1.0 / STANDARD_GRAVITY)
-            for place, source in enumerate(sources, start=1)
-        ),
-    )
-    note = (
-        "RMS at the end of the final stage. Numerical: the last sizes that were tracked on one run, looked up in the "
-        "RMS map under the condition of another (the thesis' first prognostic model, Table 21); how loud, not when."
-    )
-    return Table("rms_at_end", "RMS at the end, recorded and by the first prognostic model", columns, rows, note)

@@ -1,4 +1,4 @@
-"""Several runs side by side: states, final stages, tables, and the thesis' first prognostic model."""
+"""Figures of several runs: final stages side by side, and the thesis' first prognostic model."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from matplotlib.axes import Axes
 
 from models.maps.data import OutsideMapError, RmsMap
 from monitor.health.damage.thesis.prognosis import rms_from_map, rms_history
-from monitor.report.batch import comparison_tables as tables
-from monitor.report.batch.summary import ChannelSummary, RunSummary
 from monitor.report.figures.drawing import (
     BLUE,
     GREEN,
@@ -33,69 +31,17 @@ from monitor.report.figures.drawing import (
 )
 from monitor.report.figures.map_path import kept_map
 from monitor.report.options import Options
-from monitor.report.tables import Table
+from monitor.report.summary import ChannelSummary, RunSummary
+from monitor.report.tables import Column, Table
 from monitor.words.numbers import count
 from streams.block import STANDARD_GRAVITY
 
-_WORST = ("bad", "watch", "open", "good")
 _NAMED = 8
 """Up to so many lines have names and styles of their own."""
 _MAX_LINES = 100
 _MAX_CONDITIONS = 6
 _COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, INK)
 _STYLES = ("-", "--", "-.", ":")
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Several runs together.
-
-    Attributes:
-        runs: the worst first.
-        states: state and number of runs whose worst channel is in it, the worst first.
-        shown: tables on the page.
-        overview: the overview as a table for files.
-    """
-
-    runs: tuple[RunSummary, ...]
-    states: tuple[tuple[str, int], ...]
-    pictures: tuple[Picture, ...]
-    shown: tuple[Table, ...]
-    overview: Table
-
-    @property
-    def tables(self) -> tuple[Table, ...]:
-        """All tables, for files."""
-        return (self.overview, *self.shown)
-
-
-def compare(runs: Sequence[RunSummary], options: Options, numbers: itertools.count[int]) -> Comparison:
-    """Compare runs; ``numbers`` are those of figures."""
-    ordered = sorted(runs, key=lambda run: _WORST.index(state_of(run)))
-    states = [(state, sum(state_of(run) == state for run in runs)) for state in _WORST]
-    pictures = [
-        _side_by_side(ordered, "rms_g", "RMS (g)", "Final stages side by side: RMS", numbers),
-        _side_by_side(ordered, "v_eq_mm2", "V_eq (mm³/mm)", "Final stages side by side: damaged volume", numbers),
-    ]
-    other = other_conditions(ordered, options, numbers)
-    found = [tables.milestones(ordered, options.zone), tables.laws(ordered)]
-    if other is not None:
-        pictures.append(other[0])
-        found.append(other[1])
-    if options.holds("score"):
-        found += [tables.scores(ordered), tables.mean_scores(ordered)]
-    return Comparison(
-        runs=tuple(ordered),
-        states=tuple((state, number) for state, number in states if number),
-        pictures=tuple(picture for picture in pictures if picture is not None),
-        shown=tuple(table for table in found if table is not None and table.rows),
-        overview=tables.overview(ordered),
-    )
-
-
-def state_of(run: RunSummary) -> str:
-    """Return the state of the worst channel of a run, "open" where none has a value."""
-    return min((channel.severity for channel in run.channels), key=_WORST.index, default="open")
 
 
 def _named(run: RunSummary, channel: ChannelSummary) -> str:
@@ -110,7 +56,7 @@ def _series(runs: Sequence[RunSummary], name: str) -> Iterator[tuple[str, Mappin
 
 
 @mpl.rc_context(STYLE)
-def _side_by_side(
+def side_by_side(
     runs: Sequence[RunSummary], name: str, label: str, heading: str, numbers: itertools.count[int]
 ) -> Picture | None:
     """Draw a quantity of all final stages over the time since t_fs (thesis, Figs. 60, 62 and 64)."""
@@ -190,8 +136,8 @@ def other_conditions(
     if not asked:
         return None
     numerical = {key: _last_finite(values) for key, (_, values) in histories.items()}
-    table = tables.rms_at_end([(one.label, one.load, one.speed, one.rms_end) for one in asked], numerical)
-    return _drawn(asked, histories, numbers), table
+    table = _rms_at_end([(one.label, one.load, one.speed, one.rms_end) for one in asked], numerical)
+    return _draw_conditions(asked, histories, numbers), table
 
 
 def _under(rms_map: RmsMap | None, channel: ChannelSummary, one: _Condition) -> Any:
@@ -211,7 +157,7 @@ def _last_finite(values: Any) -> float:
 
 
 @mpl.rc_context(STYLE)
-def _drawn(
+def _draw_conditions(
     asked: Sequence[_Condition],
     histories: Mapping[tuple[str, str], tuple[list[float], Any]],
     numbers: itertools.count[int],
@@ -251,3 +197,34 @@ def _panel(
     axes.set_ylim(bottom=0.0)
     legend_above(axes, columns=4)
     return found
+
+
+def _rms_at_end(
+    experimental: Sequence[tuple[str, float, float, float]], numerical: dict[tuple[str, str], float]
+) -> Table:
+    """Return the RMS at the end as recorded and from the map for the defects of other runs (thesis, Table 21).
+
+    Args:
+        experimental: run, load (N), speed (Hz) and RMS at its end (m/s2).
+        numerical: RMS (m/s2) by run of the condition and run of the defects.
+    """
+    sources = list(dict.fromkeys(source for _, source in numerical))
+    rows = [
+        (label, load, speed, rms, *(numerical.get((label, source)) for source in sources))
+        for label, load, speed, rms in experimental
+    ]
+    columns = (
+        Column("run", "run"),
+        Column("load", "load (N)", "N", "newton"),
+        Column("speed", "speed (Hz)", "Hz", "hz"),
+        Column("recorded", "recorded (g)", "m s-2", "g", 1.0 / STANDARD_GRAVITY),
+        *(
+            Column(f"defects_of_{place}", f"defects of {source} (g)", "m s-2", "g", 1.0 / STANDARD_GRAVITY)
+            for place, source in enumerate(sources, start=1)
+        ),
+    )
+    note = (
+        "RMS at the end of the final stage. Numerical: the last sizes that were tracked on one run, looked up in the "
+        "RMS map under the condition of another (the thesis' first prognostic model, Table 21); how loud, not when."
+    )
+    return Table("rms_at_end", "RMS at the end, recorded and by the first prognostic model", columns, rows, note)

@@ -1,1 +1,0 @@
-"""Reports of many runs: comparison, index, summary."""
