@@ -114,13 +114,13 @@ def _batch(folder: Path, out: Path, settings: BatchSettings, workers: int, *, as
 
 
 def _run_values(outcome: Outcome, out: Path) -> dict[str, Any]:
-    from monitor.report.comparison import state_of
+    from monitor.report.comparison import grade_of
 
     return {
         "name": outcome.run.name,
         "path": str(outcome.run.path),
         "report": None if outcome.error else str(out / outcome.run.name / "report.html"),
-        "states": [state_of(summary) for summary in outcome.summaries],
+        "states": [grade_of(summary) for summary in outcome.summaries],
         "reused": outcome.reused,
         "error": outcome.error or None,
     }

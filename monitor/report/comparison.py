@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import tzinfo
-from typing import Any
 
 from monitor.report.figures.drawing import Picture
 from monitor.report.figures.side_by_side import other_conditions, side_by_side
@@ -15,7 +14,7 @@ from monitor.report.options import Options
 from monitor.report.score.scoring import mean_of_runs
 from monitor.report.summary import RunSummary
 from monitor.report.tables import Cell, Column, Table
-from monitor.report.verdict import WORST
+from monitor.report.verdict import GRADES
 from monitor.words.numbers import Clock, duration
 
 _PER_HOUR = 3600.0
@@ -34,17 +33,16 @@ _BASELINES = ("doubling", "linear", "thesis")
 
 @dataclass(frozen=True)
 class Comparison:
-    """Several runs together.
+    """Several runs together, the worst first.
 
     Attributes:
-        runs: the worst first.
-        states: state and number of runs whose worst channel is in it, the worst first.
+        grades: grade and number of the runs whose worst channel has it, the worst first.
         shown: tables on the page.
-        overview: the overview as a table for files.
+        overview: table for files only.
     """
 
     runs: tuple[RunSummary, ...]
-    states: tuple[tuple[str, int], ...]
+    grades: tuple[tuple[str, int], ...]
     pictures: tuple[Picture, ...]
     shown: tuple[Table, ...]
     overview: Table
@@ -57,8 +55,8 @@ class Comparison:
 
 def compare(runs: Sequence[RunSummary], options: Options, numbers: itertools.count[int]) -> Comparison:
     """Compare runs; ``numbers`` are those of figures."""
-    ordered = sorted(runs, key=lambda run: WORST.index(state_of(run)))
-    states = [(state, sum(state_of(run) == state for run in runs)) for state in WORST]
+    ordered = sorted(runs, key=lambda run: GRADES.index(grade_of(run)))
+    grades = [(grade, sum(grade_of(run) == grade for run in runs)) for grade in GRADES]
     pictures = [
         side_by_side(ordered, "rms_g", "RMS (g)", "Final stages side by side: RMS", numbers),
         side_by_side(ordered, "v_eq_mm2", "V_eq (mm³/mm)", "Final stages side by side: damaged volume", numbers),
@@ -72,16 +70,16 @@ def compare(runs: Sequence[RunSummary], options: Options, numbers: itertools.cou
         found += [scores(ordered), mean_scores(ordered)]
     return Comparison(
         runs=tuple(ordered),
-        states=tuple((state, number) for state, number in states if number),
+        grades=tuple((grade, number) for grade, number in grades if number),
         pictures=tuple(picture for picture in pictures if picture is not None),
         shown=tuple(table for table in found if table is not None and table.rows),
         overview=overview(ordered),
     )
 
 
-def state_of(run: RunSummary) -> str:
-    """Return the state of the worst channel of a run, "open" where none has a value."""
-    return min((channel.severity for channel in run.channels), key=WORST.index, default="open")
+def grade_of(run: RunSummary) -> str:
+    """Return the grade of the worst channel of a run, "open" where none has a value."""
+    return min((channel.grade for channel in run.channels), key=GRADES.index, default="open")
 
 
 def milestones(runs: Sequence[RunSummary], zone: tzinfo) -> Table:
@@ -149,31 +147,20 @@ def scores(runs: Sequence[RunSummary]) -> Table | None:
     for run in runs:
         for scored in run.scores:
             end = _END_WORDS.get(str(scored["end_source"]), "")
-            rows.append(_score_row(run.label, scored["channel"], scored["method"] or "as issued", end, scored))
-            naive = scored["baselines"]
-            rows.extend(
-                _score_row(run.label, scored["channel"], f"naive: {name}", end, naive[name])
-                for name in _BASELINES
-                if name in naive
-            )
+            methods = {scored["method"] or "as issued": scored}
+            methods |= {f"naive: {name}": scored["baselines"].get(name) for name in _BASELINES}
+            for method, figures in methods.items():
+                if figures is not None:
+                    values = (figures.get(column.key) for column in _SCORES)
+                    rows.append((run.label, scored["channel"], method, end, *values))
     if not rows:
         return None
-    columns = (
-        Column("run", "run"),
-        Column("channel", "channel"),
-        Column("method", "method"),
-        Column("end", "end"),
-        *_SCORES,
-    )
+    columns = (*(Column(name, name) for name in ("run", "channel", "method", "end")), *_SCORES)
     note = (
         "Each run by itself, at all moments between t_fs becoming known and the end. CRA: 1 is perfect. CRPS: mean "
         "error of the whole distribution. Where the end is that of the tracked V_eq, it is judged by its own values."
     )
     return Table("scores", "Forecasts as issued, scored", columns, rows, note)
-
-
-def _score_row(label: str, channel: str, method: str, end: str, figures: Any) -> list[Cell]:
-    return [label, channel, method, end, *(figures.get(column.key) for column in _SCORES)]
 
 
 def mean_scores(runs: Sequence[RunSummary]) -> Table | None:
@@ -203,17 +190,15 @@ def overview(runs: Sequence[RunSummary]) -> Table:
     """Return one row per channel for files: state, part, since when, how large, how long left."""
     rows = [
         (
-            *(run.label, channel.name, channel.severity, channel.headline, channel.where, channel.since),
+            *(run.label, channel.name, channel.grade, channel.headline, channel.where, channel.since),
             *(channel.level, channel.large, channel.left, channel.t_fs, channel.t_eol),
         )
         for run in runs
         for channel in run.channels
     ]
+    texts = ("run", "channel", "state", "headline", "part", "since", "rms", "v_eq", "left")
     columns = (
-        *(
-            Column(name, name)
-            for name in ("run", "channel", "state", "headline", "part", "since", "rms", "v_eq", "left")
-        ),
+        *(Column(name, name) for name in texts),
         Column("t_fs", "t_fs", "s", "s"),
         Column("t_eol", "t_EOL", "s", "s"),
     )

@@ -43,7 +43,6 @@ class Options:
     Attributes:
         title: None for the names of the machines.
         zone: of dates.
-        sections: of ``SECTIONS``.
         maps: RMS maps by channel, "" for all channels; by default the cached one with the hash in the records.
         notes: sentences at the top.
     """
@@ -63,13 +62,12 @@ class Options:
         return section in self.sections
 
 
-def read_options(path: Path | None, base: Options | None = None) -> Options:
+def read_options(path: Path | None, base: Options = Options()) -> Options:
     """Read the table ``[report]`` of a TOML file, None for none; missing keys are those of ``base``.
 
     Raises:
         ReportError: naming the file, the key, what was expected and what came.
     """
-    base = base or Options()
     if path is None:
         return base
     try:
@@ -89,11 +87,10 @@ def read_options(path: Path | None, base: Options | None = None) -> Options:
     title = table.get("title", base.title)
     if title is not None and not isinstance(title, str):
         raise ReportError(f"{path}: [report] title: expected a string, got {title!r}")
-    maps = dict(base.maps)
     named = table.get("maps", {})
     if not isinstance(named, dict) or not all(isinstance(value, str) for value in named.values()):
         raise ReportError(f"{path}: [report] maps: expected a table of channel = file, got {named!r}")
-    maps |= read_maps([f"{channel}={path.parent / file}" for channel, file in named.items()])
+    maps = {**base.maps, **read_maps([f"{channel}={path.parent / file}" for channel, file in named.items()])}
     zone = zone_of(table["timezone"], f"{path}: [report] ") if "timezone" in table else base.zone
     return replace(base, title=title, sections=sections, maps=maps, zone=zone)
 

@@ -19,7 +19,7 @@ from monitor import __version__
 from monitor.report.figures.zoom import policy_hash, zoom_json, zoom_script, zoom_style
 from monitor.report.runs import ReportError
 from monitor.report.tables import write_whole
-from monitor.report.verdict import SEVERITY_NAMES
+from monitor.report.verdict import GRADE_NAMES
 from monitor.words.numbers import Clock
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def render(template: str, *, bare: bool = False, zoomed: bool = False, **values:
         svg=Markup,
         version=__version__,
         symbols=SYMBOLS,
-        severities=SEVERITY_NAMES,
+        grades=GRADE_NAMES,
         bare=bare,
         **values,
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from monitor import __version__
-from monitor.report.comparison import Comparison, compare, laws, milestones, scores
+from monitor.report.comparison import compare, laws, milestones, scores
 from monitor.report.data_quality import without_folders
 from monitor.report.figures.spectrum import SpectrumView
 from monitor.report.options import Options
@@ -40,10 +40,10 @@ def build_report(
     Args:
         records: see :func:`monitor.report.runs.read_runs`.
         out: the file, HTML or, where its name ends in .pdf, PDF; replaced atomically.
-        title: None for the names of the machines.
+        title: None for that of the options.
         spectra: by channel, an envelope spectrum that is not in the store, as the fields of :class:`SpectrumView`.
         pending: blocks offered but not yet accepted or rejected, where there is one run.
-        notes: sentences at the top.
+        notes: sentences at the top, after those of the options.
         options: None for all sections, in UTC.
         tables: folder for every table of the page as CSV and netCDF, None for none.
         pdf: write a PDF beside ``out`` too.
@@ -83,7 +83,7 @@ def report_runs(
         for place, (run, part) in enumerate(zip(runs, parts, strict=True), start=1)
     ]
     compared = compare(summaries, options, numbers) if len(runs) > 1 and options.holds("comparison") else None
-    alone = [] if compared is not None else _tables_of_one_run(summaries, options)
+    alone = _tables_over_runs(summaries, options) if compared is None else []
     write_page(
         Path(out),
         "report.html.j2",
@@ -97,23 +97,26 @@ def report_runs(
         options=options,
     )
     if tables is not None:
-        write_tables([*alone, *_all_tables(parts, compared)], tables, _FILE_ATTRIBUTES)
+        write_tables(
+            [*(alone if compared is None else compared.tables), *_tables_of_runs(parts)], tables, _FILE_ATTRIBUTES
+        )
     return Path(out), summaries
 
 
-def _tables_of_one_run(summaries: Sequence[RunSummary], options: Options) -> list[Table]:
+def _tables_over_runs(summaries: Sequence[RunSummary], options: Options) -> list[Table]:
     """Return the tables over runs that apply to a single run too."""
     found = [milestones(summaries, options.zone), laws(summaries), scores(summaries)]
     return [table for table in found if table is not None]
 
 
-def _all_tables(parts: Sequence[RunPart], compared: Comparison | None) -> list[Table]:
-    """Return the tables of each run and those over runs, under unique names."""
-    found = [] if compared is None else list(compared.tables)
-    for place, part in enumerate(parts, start=1):
-        prefix = f"run{place}-" if len(parts) > 1 else ""
-        found += [replace(table, name=f"{prefix}{table.name}") for table in part.tables.values()]
-    return found
+def _tables_of_runs(parts: Sequence[RunPart]) -> list[Table]:
+    """Return the tables of each run, under unique names."""
+    prefixes = [f"run{place}-" if len(parts) > 1 else "" for place in range(1, len(parts) + 1)]
+    return [
+        replace(table, name=f"{prefix}{table.name}")
+        for prefix, part in zip(prefixes, parts, strict=True)
+        for table in part.tables.values()
+    ]
 
 
 def write_index(
@@ -127,13 +130,8 @@ def write_index(
 ) -> Path:
     """Write ``index.html`` and ``failures.json`` of a batch into the folder ``out``; return the index.
 
-    Args:
-        runs: summaries of all reported runs.
-        failed: name and error of each run without a report.
-        out: folder of the batch.
-        options: of its pages.
-        tables: write the tables over runs to ``tables/`` too.
-        pdf: write ``index.pdf`` too.
+    ``failed`` has name and error of each run without a report. ``tables``: write the tables over runs to ``tables/``
+    too; ``pdf``: write ``index.pdf`` too.
 
     Raises:
         ReportError: a file cannot be written.

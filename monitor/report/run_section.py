@@ -13,14 +13,14 @@ import numpy as np
 from monitor.report import data_quality as quality
 from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
 from monitor.report.figures.drawing import Picture, sparkline
-from monitor.report.figures.map_path import map_of, map_path, posterior
+from monitor.report.figures.map_path import hash_of, kept_map, map_path, posterior
 from monitor.report.figures.spectrum import SpectrumView, recorded_lines, spectra, views_of, waterfall
 from monitor.report.figures.trends import final_stage, trends
 from monitor.report.options import Options
 from monitor.report.runs import Channel, Run
 from monitor.report.tables import Column, Table, time_column
 from monitor.report.verdict import (
-    WORST,
+    GRADES,
     ChannelContext,
     ChannelVerdict,
     Finding,
@@ -62,13 +62,7 @@ _DISCOVERY = frozenset(
 
 @dataclass(frozen=True)
 class ChannelPart:
-    """A channel on the page.
-
-    Attributes:
-        spark: RMS over time as inline SVG.
-        level: latest RMS and its ratio to the baseline.
-        anchor: id of its heading.
-    """
+    """A channel on the page: ``spark`` is RMS over time as inline SVG, ``anchor`` the id of its heading."""
 
     verdict: ChannelVerdict
     findings: tuple[Finding, ...]
@@ -88,12 +82,9 @@ class RunPart:
     """A run on the page.
 
     Attributes:
-        period: one sentence on its length.
-        notes: sentences on the whole run.
+        period, notes, offered, conditions: sentences on its length, the whole run, the ledger, and speed and load.
         channels: the worst first.
-        offered: the sum of the ledger, a sentence.
         timeline: figure of data quality.
-        conditions: sentences on speed and load.
         tables: "blocks"; "gaps" and "events" if there are any.
         provenance: labels and texts.
     """
@@ -121,24 +112,18 @@ def part_of_run(
     views: Mapping[str, SpectrumView],
     pending: int,
     numbers: itertools.count[int],
-    anchor: str = "",
+    anchor: str,
 ) -> RunPart:
-    """Judge and draw one run.
+    """Judge and draw one run; arguments as in :func:`monitor.report.report.report_runs`.
 
-    Args:
-        run: its records.
-        options: of the report.
-        views: by channel, an envelope spectrum that is not in the store.
-        pending: blocks offered but not yet accepted or rejected.
-        numbers: of figures, unique on the page.
-        anchor: prefix of the ids of headings.
+    ``numbers`` are those of the figures of the page, ``anchor`` is a prefix of the ids of headings.
     """
     clock = Clock(run.dated, options.zone)
     channels = []
     for place, channel in enumerate(run.channels.values(), start=1):
         context = ChannelContext(run, channel, judge(run, channel, clock), clock, numbers)
         channels.append(_channel(context, options, views.get(channel.name), f"{anchor}c{place}"))
-    channels.sort(key=lambda part: WORST.index(part.verdict.severity))
+    channels.sort(key=lambda part: GRADES.index(part.verdict.grade))
     tables = {"blocks": quality.statuses(run), "gaps": quality.gaps(run, clock), "events": _events(run, clock)}
     return RunPart(
         run=run,
@@ -166,9 +151,12 @@ def _period(run: Run, clock: Clock) -> str:
 
 
 def _notes(run: Run) -> list[str]:
-    tracked = any((channel.word("edv_status") != "").any() for channel in run.channels.values())
+    channels = run.channels.values()
     notes = []
-    if tracked and run.attributes.get("calibrated") != "yes":
+    if (
+        any((channel.word("edv_status") != "").any() for channel in channels)
+        and run.attributes.get("calibrated") != "yes"
+    ):
         notes.append(
             "The model of the rig was not calibrated on this machine: V_eq and TT stand on the scale of the model. "
             "Their trend means something, their absolute value does not."
@@ -177,8 +165,7 @@ def _notes(run: Run) -> list[str]:
         notes.append(
             f"What is given as {interval_name(run)} leans on the bearing being one of these: {run.attributes['prior']}."
         )
-    truth = any(np.isfinite(channel.numbers["v_eq_true"]).any() for channel in run.channels.values())
-    if truth:
+    if any(channel.last_row("v_eq_true") is not None for channel in channels):
         notes.append(
             "These records come from a simulated rig, whose true V_eq and TT are drawn beside what was tracked."
         )
@@ -187,12 +174,12 @@ def _notes(run: Run) -> list[str]:
 
 def _channel(context: ChannelContext, options: Options, view: SpectrumView | None, anchor: str) -> ChannelPart:
     channel = context.channel
-    pictures = (
+    pictures = [
         trends(context) if options.holds("trends") else None,
         final_stage(context) if options.holds("final_stage") else None,
         *_spectra(context, options, view),
         *_damage(context, options),
-    )
+    ]
     return ChannelPart(
         verdict=context.verdict,
         findings=findings(context),
@@ -228,7 +215,7 @@ def _damage(context: ChannelContext, options: Options) -> Sequence[Picture | Non
     if options.holds("damage"):
         found.append(damaged_volume(context))
     if options.holds("path"):
-        rms_map = map_of(run, channel, options.map_for(channel.name))
+        rms_map = options.map_for(channel.name) or kept_map(hash_of(run, channel.name))
         found.append(None if rms_map is None else map_path(context, rms_map))
     particles = run.particles.get(channel.name)
     if options.holds("posterior") and particles is not None:
@@ -260,13 +247,12 @@ def _events(run: Run, clock: Clock) -> Table | None:
     }
     rows = []
     for event in run.events[-_MAX_EVENTS:]:
-        kind = str(event.get("kind", "event"))
-        block = int(event.get("block", 0))
-        channel = run.channels.get(str(event.get("channel", "")))
+        kind, name = str(event.get("kind", "event")), str(event.get("channel", ""))
+        block, channel = int(event.get("block", 0)), run.channels.get(name)
         text = event_text(_readable(event), absolute=channel is None or channel.has_level)
         at = float(places.get((str(event.get("source", "")), block), math.nan))
-        name = _EVENT_NAMES.get(kind, quality.without_folders(kind))
-        rows.append((block, at, str(event.get("channel", "")), name, quality.without_folders(text)))
+        title = _EVENT_NAMES.get(kind, quality.without_folders(kind))
+        rows.append((block, at, name, title, quality.without_folders(text)))
     columns = (
         Column("block", "block", "1"),
         time_column("time", "time", clock),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -247,7 +248,6 @@ def _run(machine: str, dated: bool, datasets: Sequence[xr.Dataset]) -> Run:
     ledger["sequence"] = np.concatenate([dataset["sequence"].values.astype(np.int64) for dataset in datasets])
     names = dict.fromkeys(str(name) for dataset in datasets for name in dataset.channel.values)
     columns = {name: _columns(name, datasets) for name in names}
-    statuses, numbers = np.unique(ledger["status"].astype(str), return_counts=True)
     events = [
         {"source": source, "block": int(block), **event}
         for source, block, text in zip(ledger["source"], ledger["sequence"], ledger.pop("events"), strict=True)
@@ -259,7 +259,7 @@ def _run(machine: str, dated: bool, datasets: Sequence[xr.Dataset]) -> Run:
         time=time,
         ledger=ledger,
         channels={name: _channel(name, time, ledger, *both) for name, both in columns.items()},
-        counts={str(status): int(number) for status, number in zip(statuses, numbers, strict=True)},
+        counts=Counter(sorted(str(status) for status in ledger["status"])),
         events=events,
         attributes=_joined([dataset.attrs for dataset in datasets]),
     )
@@ -345,10 +345,7 @@ def _fold_rejected(runs: dict[_Key, Run], machine: str, place: str) -> None:
     undated, dated = runs.get((machine, place, False)), runs.get((machine, place, True))
     if undated is None or dated is None or any(status not in REJECTIONS for status in undated.counts):
         return
-    counts = dict(dated.counts)
-    for status, number in undated.counts.items():
-        counts[status] = counts.get(status, 0) + number
-    runs[machine, place, True] = replace(dated, counts=counts)
+    runs[machine, place, True] = replace(dated, counts=Counter(dated.counts) + Counter(undated.counts))
     del runs[machine, place, False]
 
 
@@ -358,4 +355,4 @@ def _complete(runs: dict[_Key, Run], machine: str, place: str, store: _Store) ->
     if len(keys) == 1:
         found = runs[keys[0]]
         mine = {name: rows for name, rows in store.spectra.items() if rows and name in found.channels}
-        runs[keys[0]] = replace(found, counts=dict(store.counts), spectra=mine, particles=store.particles)
+        runs[keys[0]] = replace(found, counts=store.counts, spectra=mine, particles=store.particles)

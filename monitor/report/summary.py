@@ -22,7 +22,7 @@ from streams.block import STANDARD_GRAVITY
 
 _BINS = 120
 _SIZES = 200
-VERSION = 1
+VERSION = 2
 """Layout of a summary; another version is not read."""
 
 
@@ -34,9 +34,9 @@ class ChannelSummary:
         where, since, large, left: briefly, see :attr:`monitor.report.run_section.ChannelPart.briefly`.
         level, spark: as in :class:`monitor.report.run_section.ChannelPart`.
         last: time of the last block.
-        rms_end: RMS at the end of the final stage, None in an unknown unit.
+        rms_end: at the end of the final stage, None in an unknown unit.
         load, speed: last known.
-        map_hash: of its RMS map, "" for none.
+        map_hash: "" for none.
         law: a, b, c of the last fitted law and its R^2; empty for none.
         final: ``rms_g`` and ``v_eq_mm2`` over the final stage, each {``time_s`` since t_fs, ``value``}.
         sizes: ``time_s`` since t_fs, ``dphi_d``, ``h_d`` of the tracker.
@@ -44,7 +44,7 @@ class ChannelSummary:
     """
 
     name: str
-    severity: str
+    grade: str
     headline: str
     where: str
     since: str
@@ -67,14 +67,10 @@ class ChannelSummary:
 
 @dataclass(frozen=True)
 class RunSummary:
-    """Summary of a run.
+    """Summary of a run, its worst channel first; fields as in :class:`monitor.report.runs.Run`.
 
     Attributes:
-        label: unique name.
-        dated: whether times are UTC.
         period: one sentence on its length.
-        counts: blocks by status.
-        channels: the worst first.
         scores: see :func:`monitor.report.score.scoring.score_run`.
         link: of its page, relative to the index, or of its section.
     """
@@ -128,7 +124,7 @@ def _channel(run: Run, channel: Channel, part: ChannelPart) -> ChannelSummary:
     start = math.nan if verdict.t_fs is None else verdict.t_fs.time
     return ChannelSummary(
         name=channel.name,
-        severity=verdict.severity,
+        grade=verdict.grade,
         headline=verdict.headline,
         where=briefly.get("Where?", ""),
         since=briefly.get("Since when?", ""),
@@ -155,19 +151,23 @@ def _final(channel: Channel, start: float) -> dict[str, Any]:
     if not math.isfinite(start) or channel.time.size < 2 or np.ptp(channel.time) == 0.0:
         return {}
     rows = channel.time >= start
-    clock = running_time(channel)
-    time = (clock - float(np.interp(start, channel.time, clock)))[rows]
+    time = _since(channel, start)[rows]
+    columns = {"v_eq_mm2": channel.column("v_eq") * 1e6}
+    if channel.has_level:
+        columns = {"rms_g": channel.column("rms") * (1.0 / STANDARD_GRAVITY), **columns}
     found: dict[str, Any] = {}
-    for name, scale, known in (
-        ("rms_g", 1.0 / STANDARD_GRAVITY, channel.has_level),
-        ("v_eq_mm2", 1e6, True),
-    ):
-        values = channel.column("rms" if name == "rms_g" else "v_eq")[rows] * scale
-        usable = np.isfinite(values)
-        if known and usable.sum() > 1:
-            x, y = thin(time[usable], values[usable], _BINS)
+    for name, values in columns.items():
+        usable = np.isfinite(values[rows])
+        if usable.sum() > 1:
+            x, y = thin(time[usable], values[rows][usable], _BINS)
             found[name] = {"time_s": _rounded(x), "value": _rounded(y)}
     return found
+
+
+def _since(channel: Channel, start: float) -> NDArray[np.float64]:
+    """Return the damage time of each block from a moment on the axis of the run, s."""
+    clock = running_time(channel)
+    return clock - float(np.interp(start, channel.time, clock))
 
 
 def _sizes(channel: Channel, start: float) -> dict[str, Any]:
@@ -175,13 +175,8 @@ def _sizes(channel: Channel, start: float) -> dict[str, Any]:
     if not rows.size or not math.isfinite(start):
         return {}
     rows = rows[np.unique(np.linspace(0, rows.size - 1, min(rows.size, _SIZES)).astype(int))]
-    clock = running_time(channel)
-    time = clock[rows] - float(np.interp(start, channel.time, clock))
-    return {
-        "time_s": _rounded(time),
-        "dphi_d": _rounded(channel.column("dphi_d")[rows]),
-        "h_d": _rounded(channel.column("h_d")[rows]),
-    }
+    columns = {"time_s": _since(channel, start), **{name: channel.column(name) for name in ("dphi_d", "h_d")}}
+    return {name: _rounded(values[rows]) for name, values in columns.items()}
 
 
 def _law(channel: Channel) -> tuple[float, ...]:

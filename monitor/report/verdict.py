@@ -13,15 +13,15 @@ from monitor.report.runs import Channel, Run
 from monitor.words.numbers import Clock, acceleration, count, duration, figure, interval, volume
 from monitor.words.statuses import BAND_SOURCES, EDV_REFUSALS, TT_REFUSALS, fault_words
 
-Severity = Literal["bad", "watch", "open", "good"]
-SEVERITY_NAMES: dict[Severity, str] = {
+Grade = Literal["bad", "watch", "open", "good"]
+GRADE_NAMES: dict[Grade, str] = {
     "bad": "end of life",
     "watch": "damage",
     "open": "no verdict",
     "good": "no sign of damage",
 }
 """For tables, the worst first."""
-WORST = tuple(SEVERITY_NAMES)
+GRADES = tuple(GRADE_NAMES)
 _LATE = ("final", "end_of_life")
 _LATEST = 20
 """Blocks over which scores above the threshold are counted."""
@@ -48,7 +48,7 @@ class ChannelVerdict:
     """
 
     channel: str
-    severity: Severity
+    grade: Grade
     headline: str
     facts: tuple[tuple[str, str], ...]
     t_fs: Moment | None
@@ -77,13 +77,13 @@ def judge(run: Run, channel: Channel, clock: Clock | None = None) -> ChannelVerd
     stage = str(stages[judged[-1]]) if judged.size else ""
     marks = {name: _mark(channel, name) for name in ("t_fs", "t_fs_known", "t_eol")}
     _, fault = named_fault(channel)
-    severity, headline = _headline(stage, fault, marks, channel)
+    grade, headline = _headline(stage, fault, marks, channel)
     facts = [
         ("Vibration", _vibration(channel)),
         ("Demodulation band", _band(channel)),
         ("Last block", _last_block(channel, clock)),
     ]
-    return ChannelVerdict(channel.name, severity, headline, tuple(facts), fault=fault, stage=stage, **marks)
+    return ChannelVerdict(channel.name, grade, headline, tuple(facts), fault=fault, stage=stage, **marks)
 
 
 def named_fault(channel: Channel) -> tuple[int | None, str]:
@@ -115,7 +115,7 @@ def _mark(channel: Channel, name: str) -> Moment | None:
     return Moment(float(time), int(block) if math.isfinite(block) else None)
 
 
-def _headline(stage: str, fault: str, marks: dict[str, Moment | None], channel: Channel) -> tuple[Severity, str]:
+def _headline(stage: str, fault: str, marks: dict[str, Moment | None], channel: Channel) -> tuple[Grade, str]:
     part = f": damage of the {fault_words(fault)}" if fault else ", but no part named"
     if stage == "end_of_life":
         return "bad", "End of life reached" + (part if marks["t_fs"] or fault else "")

@@ -267,6 +267,12 @@ def draw_line(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], y: NDArray[
         axes.plot(axis.position(x[alone]), values[alone], ".", color=style.get("color"), markersize=4)
 
 
+def last_finite(values: NDArray[np.float64]) -> float:
+    """Return the last finite value, NaN without any."""
+    finite = values[np.isfinite(values)]
+    return float(finite[-1]) if finite.size else math.nan
+
+
 def isolated(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Tell which values are finite between two that are not."""
     finite = np.concatenate([[False], np.isfinite(values), [False]])

@@ -42,11 +42,6 @@ _MAX_POINTS = 400
 _MAX_DOTS = 250
 
 
-def map_of(run: Run, channel: Channel, given: RmsMap | None) -> RmsMap | None:
-    """Return the RMS map of a channel: the given one, or the cached one with the hash in the records."""
-    return given if given is not None else kept_map(hash_of(run, channel.name))
-
-
 def kept_map(wanted: str) -> RmsMap | None:
     """Return the map with a hash from the user's cache folder, None if there is none."""
     if len(wanted) < 16 or not wanted.isalnum():
@@ -128,11 +123,8 @@ def _condition(channel: Channel, rms_map: RmsMap) -> MapSlice | None:
 
 def _latest_level(channel: Channel, row: int) -> float:
     """Return the RMS (g) that entered the map last: the moving mean of the thesis' tracker, else the RMS itself."""
-    for name in ("rms_smoothed", "rms"):
-        value = float(channel.column(name)[row])
-        if math.isfinite(value):
-            return value / STANDARD_GRAVITY
-    return math.nan
+    smoothed, rms = (float(channel.column(name)[row]) for name in ("rms_smoothed", "rms"))
+    return (smoothed if math.isfinite(smoothed) else rms) / STANDARD_GRAVITY
 
 
 def _volumes(axes: Axes, radius: float, extent: NDArray[np.float64], depth: NDArray[np.float64]) -> None:
@@ -144,18 +136,16 @@ def _volumes(axes: Axes, radius: float, extent: NDArray[np.float64], depth: NDAr
         if np.count_nonzero(inside) < 2:
             continue
         axes.plot(span[inside], h[inside], color="white", linewidth=0.8, linestyle="--", alpha=0.8)
-        place = np.flatnonzero(inside & (span <= share * extent[-1]))[-1:]
-        if not place.size:
-            continue
-        axes.annotate(
-            volume(value * 1e-6),
-            (float(span[place[0]]), float(h[place[0]])),
-            (-3, 3),
-            textcoords="offset points",
-            color="white",
-            fontsize=7.5,
-            ha="right",
-        )
+        for place in np.flatnonzero(inside & (span <= share * extent[-1]))[-1:]:
+            axes.annotate(
+                volume(value * 1e-6),
+                (float(span[place]), float(h[place])),
+                (-3, 3),
+                textcoords="offset points",
+                color="white",
+                fontsize=7.5,
+                ha="right",
+            )
 
 
 def _cloud(axes: Axes, particles: Particles | None, radius: float) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ _MAX_PANELS = 12
 _PIXELS = (240, 360)
 _PANEL = 3.1
 _CUTS = 4
+_EXTENT, _DEPTH, _RMS = "extent of the defect (degrees)", "depth of the defect (µm)", "RMS of the casing (g)"
 _NEGLIGIBLE = 0.1
 """Errors below this many per cent are in the facts only."""
 _STROKES: tuple[tuple[str, Any], ...] = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"))
@@ -37,13 +39,7 @@ V_EQ_MM2 = {0.005: 0.62, 0.02: 0.45, 0.05: 0.3, 0.1: 0.14}
 
 @dataclass(frozen=True, eq=False)
 class NodeError:
-    """One kind of error of a map at the nodes of one condition.
-
-    Attributes:
-        name: for programs.
-        title: for people, with the unit.
-        percent: shape (H, D), NaN for no value.
-    """
+    """One kind of error of a map at the nodes of one condition: ``percent`` (H, D), NaN for no value."""
 
     name: str
     title: str
@@ -76,12 +72,8 @@ def condition(at: MapSlice) -> str:
 def node_miss(values: Values, axis: Values, place: int) -> Values:
     """Return the distance of each node from the line between its neighbours along an axis; zero at the ends.
 
-    Half-way between nodes the error of linear interpolation of a smooth surface is a quarter of it.
-
-    Args:
-        values: at the nodes, shape (H, D).
-        axis: positions of the nodes, ascending.
-        place: number of the axis, 0 or 1.
+    Half-way between nodes the error of linear interpolation of a smooth surface is a quarter of it. ``values`` (H, D)
+    are at the nodes, ``axis`` has their ascending positions along the axis ``place``, 0 or 1.
     """
     found = np.zeros_like(values)
     if len(axis) < 3:
@@ -117,7 +109,7 @@ def cut_nodes(size: int) -> list[int]:
     return sorted({round(k * (size - 1) / _CUTS) for k in range(1, _CUTS + 1)} - {0})
 
 
-def show_levels(axes: Axes, at: MapSlice, highest: float, radius: float, *, volumes: bool = True) -> Any:
+def show_levels(axes: Axes, at: MapSlice, highest: float, radius: float) -> Any:
     """Draw the RMS of a slice in g with contours and lines of equal volume; return the image for a colour bar."""
     extent, depth = np.degrees(at.dphi_d), 1e6 * at.h_d
     rms = at.rms / STANDARD_GRAVITY
@@ -134,8 +126,7 @@ def show_levels(axes: Axes, at: MapSlice, highest: float, radius: float, *, volu
         axes.clabel(drawn, fmt="%.2g", fontsize=6.5)
     axes.grid(visible=False)
     axes.set(xlim=box[:2], ylim=box[2:])
-    if volumes:
-        _volumes(axes, radius, box)
+    _volumes(axes, radius, box)
     return image
 
 
@@ -158,10 +149,10 @@ def _volumes(axes: Axes, radius: float, box: tuple[float, float, float, float]) 
             (span[place], h[place]),
             xytext=(-4, 4) if at_right else (4, 2),
             textcoords="offset points",
-            color=INK,
-            fontsize=7,
             ha="right" if at_right else "left",
             va="bottom",
+            color=INK,
+            fontsize=7,
             path_effects=halo,
             zorder=5,
         )
@@ -169,29 +160,23 @@ def _volumes(axes: Axes, radius: float, box: tuple[float, float, float, float]) 
 
 def _levels_part(rms_map: RmsMap, at: Sequence[MapSlice]) -> Part:
     shown = at[:_MAX_PANELS]
-    columns, highest = min(2, len(shown)), span_of(rms_map.rms)[1] / STANDARD_GRAVITY
-    rows = math.ceil(len(shown) / columns)
+    rows, highest = math.ceil(len(shown) / 2), span_of(rms_map.rms)[1] / STANDARD_GRAVITY
     falling = rms_map.falling("h_d").reshape(-1, *at[0].rms.shape)
 
     def draw(made: FigureBase) -> None:
-        panels = made.subplots(rows, columns, squeeze=False)
+        panels = _panels(made, len(shown))
         image = None
         for axes, part, falls in zip(panels.flat, shown, falling, strict=False):
             image = show_levels(axes, part, highest, rms_map.outer_race_radius)
             _pale(axes, falls, np.degrees(part.dphi_d), 1e6 * part.h_d)
             axes.set_title(condition(part), fontsize=9.5, loc="left")
-        for axes in panels.flat[len(shown) :]:
-            axes.set_visible(False)
-        _name_axes(panels, len(shown))
         if image is not None:
-            made.colorbar(image, ax=panels, pad=0.01).set_label("RMS of the casing (g)")
+            made.colorbar(image, ax=panels, pad=0.01).set_label(_RMS)
 
     caption = (
         "Colour and white lines: RMS in g. Dashed: equal damaged volume V_eq. Pale: RMS falls with depth, so that a "
-        "level does not tell one defect."
+        f"level does not tell one defect.{_not_shown(at)}"
     )
-    if len(at) > len(shown):
-        caption += f" {len(at) - len(shown)} more conditions are not shown."
     data: dict[str, Any] = {
         "load_newton": [part.load for part in shown],
         "speed_hz": [part.speed for part in shown],
@@ -200,8 +185,13 @@ def _levels_part(rms_map: RmsMap, at: Sequence[MapSlice]) -> Part:
         "falls_with_depth": [int(np.count_nonzero(falls)) for falls in falling[: len(shown)]],
     }
     label = f"RMS over extent and depth of the defect at {len(shown)} conditions, up to {figure(highest)} g."
-    height = 0.4 + (_PANEL if columns == 2 else 1.35 * _PANEL) * rows
+    height = 0.4 + (_PANEL if len(shown) > 1 else 1.35 * _PANEL) * rows
     return Part("RMS over extent and depth", caption, label, height, draw, data, "levels")
+
+
+def _not_shown(at: Sequence[MapSlice]) -> str:
+    more = len(at) - _MAX_PANELS
+    return f" {more} more conditions are not shown." if more > 0 else ""
 
 
 def _line_part(at: Sequence[MapSlice]) -> Part:
@@ -209,23 +199,18 @@ def _line_part(at: Sequence[MapSlice]) -> Part:
     by_extent = len(at[0].dphi_d) >= len(at[0].h_d)
     x = np.degrees(at[0].dphi_d) if by_extent else 1e6 * at[0].h_d
     held = f"{1e6 * at[0].h_d[0]:.3g} µm deep" if by_extent else f"{np.degrees(at[0].dphi_d[0]):.3g}° wide"
-    shown = at[:_MAX_PANELS]
-    lines = {condition(part): part.rms.ravel() / STANDARD_GRAVITY for part in shown}
+    lines = [(part, part.rms.ravel() / STANDARD_GRAVITY) for part in at[:_MAX_PANELS]]
 
     def draw(made: FigureBase) -> None:
         axes = made.subplots(1, 1)
-        for place, (name, values) in enumerate(lines.items()):
-            color, stroke = _STROKES[place % len(_STROKES)]
-            axes.plot(x, values, color=color, ls=stroke, marker=".", label=name)
-        axes.set(xlabel=f"{'extent' if by_extent else 'depth'} of the defect ({'degrees' if by_extent else 'µm'})")
-        axes.set_ylabel("RMS of the casing (g)")
+        for (part, values), (color, stroke) in zip(lines, itertools.cycle(_STROKES), strict=False):
+            axes.plot(x, values, color=color, ls=stroke, marker=".", label=condition(part))
+        axes.set(xlabel=_EXTENT if by_extent else _DEPTH, ylabel=_RMS)
         legend_above(axes, 4)
 
-    caption = f"All defects of the map are {held}."
-    if len(at) > len(shown):
-        caption += f" {len(at) - len(shown)} more conditions are not shown."
+    caption = f"All defects of the map are {held}.{_not_shown(at)}"
     data: dict[str, Any] = {"extent_deg" if by_extent else "depth_um": x}
-    data |= {f"rms_at_{part.load:g}_newton_{part.speed:g}_hz_g": part.rms.ravel() / STANDARD_GRAVITY for part in shown}
+    data |= {f"rms_at_{part.load:g}_newton_{part.speed:g}_hz_g": values for part, values in lines}
     return Part("RMS along the map", caption, f"RMS of defects that are {held}.", 2.9, draw, data, "levels")
 
 
@@ -240,13 +225,17 @@ def _pale(axes: Axes, falls: NDArray[np.bool_], extent: Values, depth: Values) -
     axes.imshow(shade, origin="lower", extent=(x[0], x[-1], y[0], y[-1]), aspect="auto", zorder=2)
 
 
-def _name_axes(panels: Any, shown: int) -> None:
-    rows, columns = panels.shape
-    for place, axes in enumerate(panels.flat[:shown]):
+def _panels(made: FigureBase, shown: int) -> Any:
+    """Return panels over extent and depth, two in a row; those past the number of ``shown`` ones are hidden."""
+    columns = min(2, shown)
+    panels = made.subplots(math.ceil(shown / 2), columns, squeeze=False)
+    for place, axes in enumerate(panels.flat):
+        axes.set_visible(place < shown)
         if place % columns == 0:
-            axes.set_ylabel("depth of the defect (µm)")
-        if place // columns == rows - 1 or place + columns >= shown:
-            axes.set_xlabel("extent of the defect (degrees)")
+            axes.set_ylabel(_DEPTH)
+        if place + columns >= shown:
+            axes.set_xlabel(_EXTENT)
+    return panels
 
 
 def _cuts_part(at: MapSlice) -> Part:
@@ -265,8 +254,8 @@ def _cuts_part(at: MapSlice) -> Part:
             _cut(left, extent, rms[node], spread[node], look, f"{depth[node]:.3g} µm deep")
         for look, node in zip(_STROKES, cut_nodes(len(extent)), strict=False):
             _cut(right, depth, rms[:, node], spread[:, node], look, f"{extent[node]:.3g}° wide")
-        left.set(xlabel="extent of the defect (degrees)", ylabel="RMS of the casing (g)", ylim=(0.0, None))
-        right.set(xlabel="depth of the defect (µm)")
+        left.set(xlabel=_EXTENT, ylabel=_RMS, ylim=(0.0, None))
+        right.set(xlabel=_DEPTH)
         for axes in (left, right):
             legend_above(axes, 2)
 
@@ -285,31 +274,21 @@ def _cut(axes: Axes, x: Values, y: Values, spread: Values, look: tuple[str, Any]
 
 def _errors_part(at: MapSlice) -> Part:
     kinds = node_errors(at)
-    rows = math.ceil(len(kinds) / 2)
     data: dict[str, Any] = {}
     for kind in kinds:
         finite = kind.percent[np.isfinite(kind.percent)]
         data |= {f"{kind.name}_median_percent": float(np.median(finite)), f"{kind.name}_most_percent": finite.max()}
 
     def draw(made: FigureBase) -> None:
-        panels = made.subplots(rows, min(2, len(kinds)), squeeze=False)
-        for axes, kind in zip(panels.flat, kinds, strict=False):
-            extent, depth = np.degrees(at.dphi_d), 1e6 * at.h_d
-            drawn = axes.pcolormesh(
-                *(extent, depth, np.ma.masked_invalid(kind.percent)),
-                cmap="magma_r",
-                vmin=0.0,
-                vmax=_most(kind.percent),
-                shading="nearest",
-                rasterized=True,
-            )
+        extent, depth = np.degrees(at.dphi_d), 1e6 * at.h_d
+        style: dict[str, Any] = {"cmap": "magma_r", "vmin": 0.0, "shading": "nearest", "rasterized": True}
+        for axes, kind in zip(_panels(made, len(kinds)).flat, kinds, strict=False):
+            percent = np.ma.masked_invalid(kind.percent)
+            drawn = axes.pcolormesh(extent, depth, percent, vmax=_most(kind.percent), **style)
             made.colorbar(drawn, ax=axes, pad=0.01, extend="max")
             axes.grid(visible=False)
             axes.set(xlim=(extent[0], extent[-1]), ylim=(depth[0], depth[-1]))
             axes.set_title(kind.title, fontsize=9, loc="left", color=SOFT)
-        for axes in panels.flat[len(kinds) :]:
-            axes.set_visible(False)
-        _name_axes(panels, len(kinds))
 
     caption = (
         f"At {condition(at)}. A node that is off the line between its neighbours marks a stripe that the grid hardly "
@@ -317,17 +296,15 @@ def _errors_part(at: MapSlice) -> Part:
         "99th percentile."
     )
     label = f"How far the map is to be trusted, over extent and depth: {', '.join(kind.name for kind in kinds)}."
-    return Part("How far to trust it", caption, label, 2.6 * rows, draw, data, "doubts")
+    return Part("How far to trust it", caption, label, 2.6 * math.ceil(len(kinds) / 2), draw, data, "doubts")
 
 
 def _lead(rms_map: RmsMap) -> str:
     """Return the leading sentence: the range of the RMS, and whether it is absolute."""
     low, high = (value / STANDARD_GRAVITY for value in span_of(rms_map.rms))
-    trust = (
-        "the rig's parameters were calibrated on this machine"
-        if rms_map.plan.rig.calibrated
-        else "the rig's parameters were not calibrated on this machine, so that levels and volumes are relative"
-    )
+    trust = "the rig's parameters were calibrated on this machine"
+    if not rms_map.plan.rig.calibrated:
+        trust = "the rig's parameters were not calibrated on this machine, so that levels and volumes are relative"
     level = f"RMS {figure(low)} to {figure(high)} g" if math.isfinite(low) else "No simulation ended well: no RMS"
     return f"{level} in {_band(rms_map.plan)}; {trust}."
 

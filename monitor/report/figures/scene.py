@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 from numpy.typing import NDArray
 
-from models.bearing import Kinematics, kinematics
+from models.bearing import kinematics
 from models.dynamics.time_domain import TimeResponse
 from models.hertz import mean_bearing_stiffness
 from models.path.contour import part_paths
@@ -39,13 +39,9 @@ _UNSEEN = 2e-4
 
 @dataclass(frozen=True, eq=False)
 class SensorSignal:
-    """The signal of a sensor and its spectrum.
+    """The acceleration of a sensor (m/s2) over time (s), and the amplitudes of its spectrum (m/s2) up to 12 kHz.
 
     Attributes:
-        time: s.
-        signal: acceleration, m/s2.
-        frequency: Hz, up to 12 kHz.
-        amplitude: of the spectrum, m/s2.
         periodic: whether the spectrum has lines at multiples of BPFO only.
         rms: m/s2, from the model.
         status: of the simulation.
@@ -160,10 +156,8 @@ def ways(scene: Scene, defect: Defect) -> dict[str, tuple[Values, Values]]:
     for name, floor in floors.items():
         for race, path in zip(races, part_paths(scene.bearing, replace(defect, floor=floor)), strict=False):
             x = np.linspace(-0.6, 0.6, _PATH_POINTS) * defect.dphi_d
-            centre = defect.position if defect.part != "ball" or race == "outer race" else defect.position + math.pi
-            words = " on the ".join(
-                word for word in (name.replace("floor", "rough floor", name == "floor"), race) if word
-            )
+            centre = defect.position if race != "inner race" else defect.position + math.pi
+            words = " on the ".join(word for word in (name, race) if word)
             found[words or "way of the ball"] = (np.degrees(x), 1e6 * path(x + centre)[0])
     return found
 
@@ -191,12 +185,9 @@ def _signal_part(scene: Scene, sensed: SensorSignal) -> Part:
         "passage_begin_ms": [1e3 * begin for begin, _ in marked],
         "passage_end_ms": [1e3 * end for _, end in marked],
     }
-    label = f"Acceleration over {_PASSAGES} passages, peak {figure(_peak(sensed))} g."
+    peak = float(np.max(np.abs(sensed.signal))) / STANDARD_GRAVITY
+    label = f"Acceleration over {_PASSAGES} passages, peak {figure(peak)} g."
     return Part("Signal of the sensor", caption, label, 2.5, draw, data, "signal")
-
-
-def _peak(sensed: SensorSignal) -> float:
-    return float(np.max(np.abs(sensed.signal))) / STANDARD_GRAVITY
 
 
 def _path_part(scene: Scene, defect: Defect) -> Part:
@@ -212,21 +203,23 @@ def _path_part(scene: Scene, defect: Defect) -> Part:
         if len(drawn) > 1:
             legend_above(axes)
 
-    deepest = max((float(y.max()) for _, y in drawn.values()), default=0.0)
-    floor = f"its floor lies {figure(1e6 * defect.h_d)} µm deep"
-    floorless = ways(scene, replace(defect, h_d=_NO_FLOOR, floor=Floor()))
-    reached = max((float(y.max()) for _, y in floorless.values()), default=0.0) > 1e6 * defect.h_d * math.cos(
-        scene.bearing.contact_angle
-    )
+    deepest = _deepest(drawn)
+    floorless = _deepest(ways(scene, replace(defect, h_d=_NO_FLOOR, floor=Floor())))
+    reached = floorless > 1e6 * defect.h_d * math.cos(scene.bearing.contact_angle)
     caption = (
-        f"How far the ball sinks over the damage, radially: {figure(deepest)} µm at most; {floor}"
-        f"{', which it touches' if reached else ', which it does not reach'}."
+        f"How far the ball sinks over the damage, radially: {figure(deepest)} µm at most; its floor lies "
+        f"{figure(1e6 * defect.h_d)} µm deep, which it {'touches' if reached else 'does not reach'}."
     )
     data: dict[str, Any] = {}
     for number, (name, (x, y)) in enumerate(drawn.items(), start=1):
         data |= {f"way_{number}": name, f"angle_{number}_deg": x[::4], f"sunk_{number}_um": y[::4]}
     label = f"Depth to which the ball sinks over the damage, {figure(deepest)} µm at most."
     return Part("The way over the damage", caption, label, 2.1, draw, data, "way")
+
+
+def _deepest(found: Mapping[str, tuple[Values, Values]]) -> float:
+    """Return the largest depth of :func:`ways`, µm."""
+    return max((float(y.max()) for _, y in found.values()), default=0.0)
 
 
 def _spectrum_part(scene: Scene, sensed: SensorSignal) -> Part:
@@ -272,13 +265,8 @@ def show_spectrum(axes: Axes, sensed: SensorSignal, band: tuple[float, float], m
 
 
 def _mark_lines(axes: Axes, fundamental: float, name: str) -> None:
-    def to_multiple(frequency: Any) -> Any:
-        return np.asarray(frequency) / fundamental
-
-    def to_frequency(multiple: Any) -> Any:
-        return np.asarray(multiple) * fundamental
-
-    top = axes.secondary_xaxis("top", functions=(to_multiple, to_frequency))
+    scales = (lambda frequency: frequency / fundamental, lambda multiple: multiple * fundamental)
+    top = axes.secondary_xaxis("top", functions=scales)
     top.set_xticks(range(1, math.floor(_ZOOM / fundamental) + 1))
     top.tick_params(labelsize=7.5, colors=SOFT, length=2)
     top.set_xlabel(f"multiple of {name}", fontsize=8, color=SOFT)
@@ -286,18 +274,14 @@ def _mark_lines(axes: Axes, fundamental: float, name: str) -> None:
 
 def _facts(scene: Scene) -> list[tuple[str, str]]:
     rig, lines = scene.rig, kinematics(scene.bearing, scene.speed)
+    named = (("BPFO", lines.bpfo), ("BPFI", lines.bpfi), ("BSF", lines.bsf), ("FTF", lines.ftf))
     masses = ", ".join(f"m_{name} {getattr(rig, f'm_{name}'):g} kg" for name in ("i", "o", "r"))
     return [
         ("Bearing", f"{scene.bearing.designation}, clearance {figure(1e6 * scene.clearance)} µm"),
-        ("Lines", _frequencies(lines)),
+        ("Lines", ", ".join(f"{name} {figure(value, 4)} Hz" for name, value in named)),
         ("Rig", f"{'calibrated' if rig.calibrated else 'not calibrated on this machine'}; {masses}"),
         ("Stiffness", f"k_i {rig.k_i:.3g} N/m, k_r {rig.k_r:.3g} N/m, k_c {rig.k_c:.4g} N/m^1.5"),
         ("Damping", f"c_i {rig.c_i:g} N s/m, c_r {rig.c_r:g} N s/m, α_c {rig.alpha_c:g} 1/s, β_c {rig.beta_c:g} s"),
         ("Effects", ", ".join(scene.effects) or "none"),
         ("Model", scene.model),
     ]
-
-
-def _frequencies(lines: Kinematics) -> str:
-    named = (("BPFO", lines.bpfo), ("BPFI", lines.bpfi), ("BSF", lines.bsf), ("FTF", lines.ftf))
-    return ", ".join(f"{name} {figure(value, 4)} Hz" for name, value in named)

@@ -10,6 +10,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from models.maps.data import OutsideMapError, RmsMap
 from monitor.health.damage.thesis.prognosis import rms_from_map, rms_history
@@ -23,6 +24,7 @@ from monitor.report.figures.drawing import (
     STYLE,
     VERMILION,
     Picture,
+    last_finite,
     legend_above,
     log_if_wide,
     new_figure,
@@ -107,6 +109,10 @@ class _Condition:
     series: Mapping[str, Any]
 
 
+_Histories = Mapping[tuple[str, str], tuple[list[float], NDArray[np.float64]]]
+"""Times (s) and RMS (m/s2), by run of the condition and run of the defects."""
+
+
 def other_conditions(
     runs: Sequence[RunSummary], options: Options, numbers: itertools.count[int]
 ) -> tuple[Picture, Table] | None:
@@ -122,7 +128,7 @@ def other_conditions(
     ]
     sources = [(_named(run, channel), channel) for run in runs for channel in run.channels if channel.sizes]
     maps: dict[str, RmsMap | None] = {}
-    histories: dict[tuple[str, str], tuple[list[float], Any]] = {}
+    histories: dict[tuple[str, str], tuple[list[float], NDArray[np.float64]]] = {}
     for label, channel in sources:
         if channel.map_hash not in maps:
             maps[channel.map_hash] = options.map_for(channel.name) or kept_map(channel.map_hash)
@@ -133,14 +139,10 @@ def other_conditions(
             if values is not None:
                 histories[one.label, label] = (channel.sizes["time_s"], values)
     asked = [one for one in recorded if any(target == one.label for target, _ in histories)]
-    if not asked:
-        return None
-    numerical = {key: _last_finite(values) for key, (_, values) in histories.items()}
-    table = _rms_at_end([(one.label, one.load, one.speed, one.rms_end) for one in asked], numerical)
-    return _draw_conditions(asked, histories, numbers), table
+    return (_draw_conditions(asked, histories, numbers), _rms_at_end(asked, histories)) if asked else None
 
 
-def _under(rms_map: RmsMap | None, channel: ChannelSummary, one: _Condition) -> Any:
+def _under(rms_map: RmsMap | None, channel: ChannelSummary, one: _Condition) -> NDArray[np.float64] | None:
     """Return the RMS of a channel's sizes under another condition, None where the map does not cover it."""
     if rms_map is None:
         return None
@@ -151,17 +153,8 @@ def _under(rms_map: RmsMap | None, channel: ChannelSummary, one: _Condition) -> 
     return rms_history(channel.sizes["dphi_d"], channel.sizes["h_d"], at)
 
 
-def _last_finite(values: Any) -> float:
-    finite = values[np.isfinite(values)]
-    return float(finite[-1]) if finite.size else float("nan")
-
-
 @mpl.rc_context(STYLE)
-def _draw_conditions(
-    asked: Sequence[_Condition],
-    histories: Mapping[tuple[str, str], tuple[list[float], Any]],
-    numbers: itertools.count[int],
-) -> Picture:
+def _draw_conditions(asked: Sequence[_Condition], histories: _Histories, numbers: itertools.count[int]) -> Picture:
     shown = asked[:_MAX_CONDITIONS]
     made, panels = new_figure(0.8 + 2.1 * len(shown), (1.0,) * len(shown))
     longest = max(max(time) for time, _ in histories.values())
@@ -180,9 +173,7 @@ def _draw_conditions(
     return Picture(heading, to_svg(made, text, numbers), caption, {"panels": data}, "other_conditions")
 
 
-def _panel(
-    axes: Axes, one: _Condition, histories: Mapping[tuple[str, str], tuple[list[float], Any]], unit: float
-) -> dict[str, Any]:
+def _panel(axes: Axes, one: _Condition, histories: _Histories, unit: float) -> dict[str, Any]:
     found: dict[str, Any] = {"run": one.label, "load_newton": one.load, "speed_hz": one.speed, "numerical": []}
     if one.series:
         axes.plot(np.array(one.series["time_s"]) / unit, one.series["value"], ".", color=GREY, label="recorded")
@@ -199,29 +190,21 @@ def _panel(
     return found
 
 
-def _rms_at_end(
-    experimental: Sequence[tuple[str, float, float, float]], numerical: dict[tuple[str, str], float]
-) -> Table:
-    """Return the RMS at the end as recorded and from the map for the defects of other runs (thesis, Table 21).
-
-    Args:
-        experimental: run, load (N), speed (Hz) and RMS at its end (m/s2).
-        numerical: RMS (m/s2) by run of the condition and run of the defects.
-    """
-    sources = list(dict.fromkeys(source for _, source in numerical))
+def _rms_at_end(asked: Sequence[_Condition], histories: _Histories) -> Table:
+    """Return the RMS at the end as recorded and from the map for the defects of other runs (thesis, Table 21)."""
+    sources = list(dict.fromkeys(source for _, source in histories))
+    numerical = {key: last_finite(values) for key, (_, values) in histories.items()}
     rows = [
-        (label, load, speed, rms, *(numerical.get((label, source)) for source in sources))
-        for label, load, speed, rms in experimental
+        (one.label, one.load, one.speed, one.rms_end, *(numerical.get((one.label, source)) for source in sources))
+        for one in asked
     ]
+    levels = {"recorded": "recorded"}
+    levels |= {f"defects_of_{place}": f"defects of {source}" for place, source in enumerate(sources, start=1)}
     columns = (
         Column("run", "run"),
         Column("load", "load (N)", "N", "newton"),
         Column("speed", "speed (Hz)", "Hz", "hz"),
-        Column("recorded", "recorded (g)", "m s-2", "g", 1.0 / STANDARD_GRAVITY),
-        *(
-            Column(f"defects_of_{place}", f"defects of {source} (g)", "m s-2", "g", 1.0 / STANDARD_GRAVITY)
-            for place, source in enumerate(sources, start=1)
-        ),
+        *(Column(key, f"{text} (g)", "m s-2", "g", 1.0 / STANDARD_GRAVITY) for key, text in levels.items()),
     )
     note = (
         "RMS at the end of the final stage. Numerical: the last sizes that were tracked on one run, looked up in the "

@@ -28,6 +28,7 @@ from monitor.report.figures.drawing import (
     add_legend,
     draw_line,
     draw_rug,
+    last_finite,
     log_if_wide,
     new_figure,
     scale_of,
@@ -119,7 +120,7 @@ def _drawn(context: ChannelContext, part: slice, heading: str) -> Picture | None
         log_if_wide(panels[2], score, threshold)
         panels[2].set_ylabel("score")
         add_legend(panels[2], loc="upper left")
-        data["score"], data["score_threshold"] = score, _last(threshold)
+        data["score"], data["score_threshold"] = score, last_finite(threshold)
     for axes in panels:
         _shade_learning(axes, span)
         if axis.timed:
@@ -132,20 +133,16 @@ def _drawn(context: ChannelContext, part: slice, heading: str) -> Picture | None
     label = f"RMS, fault lines and detection score of channel {channel.name} {where}. {verdict.headline}."
     data |= {"t_fs_s": _time_of(verdict.t_fs), "t_eol_s": _time_of(verdict.t_eol)}
     data["alarms_s"] = [at for at, _ in span.alarms]
-    return Picture(
-        heading or "Vibration",
-        to_svg(made, label, context.numbers),
-        _caption(span, scored=scored),
-        {"time_s" if axis.timed else "block": time, **data} if time.size <= 2 * _DATA_BINS else _thinned(time, data),
-        "final_stage" if heading else "trends",
-        _zoomed(span, panels, data),
-    )
+    zoom = _zoomed(span, panels, data)
+    data = {"time_s" if axis.timed else "block": time, **data} if time.size <= 2 * _DATA_BINS else _thinned(time, data)
+    svg, name = to_svg(made, label, context.numbers), "final_stage" if heading else "trends"
+    return Picture(heading or "Vibration", svg, _caption(span, scored=scored), data, name, zoom)
 
 
 def _zoomed(span: _Span, panels: list[Axes], data: dict[str, Any]) -> dict[str, Any]:
     scale = scale_of(absolute=span.context.channel.has_level)
-    rms = [Line("RMS", BLUE, data[f"rms_{scale.suffix}"])]
-    rms.append(Line(_SMOOTHED, INK, span.column("rms_smoothed") / scale.si))
+    smoothed = span.column("rms_smoothed") / scale.si
+    rms = [Line("RMS", BLUE, data[f"rms_{scale.suffix}"]), Line(_SMOOTHED, INK, smoothed)]
     sums = [
         Line(FEATURES[name].symbol, colour, data[key])
         for name, colour in _SUMS.values()
@@ -156,8 +153,8 @@ def _zoomed(span: _Span, panels: list[Axes], data: dict[str, Any]) -> dict[str, 
         for axes, lines, name in ((panels[0], rms, "rms"), (panels[1], sums, "h_or"))
     ]
     if len(panels) > 2:
-        score = [Line("score", GREY, data["score"])]
-        score.append(Line("threshold of an alarm", ORANGE, span.column("detect_threshold"), "dashed"))
+        threshold = Line("threshold of an alarm", ORANGE, span.column("detect_threshold"), "dashed")
+        score = [Line("score", GREY, data["score"]), threshold]
         charts.append(Panel(panels[2], score, height=0.8))
     ticks = [(name, colour, span.time[rows], False) for _, colour, name, rows in span.rugs()]
     if span.axis.timed:
@@ -186,8 +183,7 @@ def _levels(upper: Axes, lower: Axes, span: _Span) -> dict[str, Any]:
     named = [part for part in span.context.verdict.fault.split("|") if part and part != "outer"]
     rms, smoothed = span.column("rms") / scale.si, span.column("rms_smoothed") / scale.si
     draw_line(upper, axis, time, rms, color=BLUE)
-    if np.isfinite(smoothed).any():
-        draw_line(upper, axis, time, smoothed, color=INK, linewidth=0.9, label=_SMOOTHED)
+    draw_line(upper, axis, time, smoothed, color=INK, linewidth=0.9, label=_SMOOTHED)
     data: dict[str, Any] = {f"rms_{scale.suffix}": rms}
     shown = [rms]
     for part in ("outer", *named):
@@ -231,19 +227,12 @@ def _caption(span: _Span, *, scored: bool) -> str:
 
 def _thinned(time: NDArray[np.float64], data: dict[str, Any]) -> dict[str, Any]:
     """Reduce each long column to the extremes of ``_DATA_BINS`` bins, with their times."""
-    found: dict[str, Any] = {}
+    found = dict(data)
     for name, values in data.items():
         if isinstance(values, np.ndarray) and values.size == time.size:
             x, y = thin(time, values, _DATA_BINS)
             found[name] = {"time_s": x, "value": y}
-        else:
-            found[name] = values
     return found
-
-
-def _last(values: NDArray[np.float64]) -> float:
-    finite = values[np.isfinite(values)]
-    return float(finite[-1]) if finite.size else math.nan
 
 
 def _time_of(mark: Moment | None) -> float:
@@ -252,14 +241,14 @@ def _time_of(mark: Moment | None) -> float:
 
 def _alarms(context: ChannelContext) -> list[tuple[float, str]]:
     """Return time and severity of each alarm raised on a channel."""
-    found, channel = [], context.channel
-    times = {int(number): at for number, at in zip(channel.sequence, channel.time, strict=True)}
-    for event in context.run.events:
-        if event.get("kind") == "alarm_raised" and event.get("channel") == channel.name:
-            at = times.get(int(event.get("block", -1)))
-            if at is not None:
-                found.append((float(at), str(event.get("severity", "alert"))))
-    return found
+    channel = context.channel
+    times = {int(number): float(at) for number, at in zip(channel.sequence, channel.time, strict=True)}
+    raised = [
+        (times.get(int(event.get("block", -1))), str(event.get("severity", "alert")))
+        for event in context.run.events
+        if event.get("kind") == "alarm_raised" and event.get("channel") == channel.name
+    ]
+    return [(at, severity) for at, severity in raised if at is not None]
 
 
 def _shown_alarms(span: _Span, severity: str) -> list[float]:

@@ -24,7 +24,6 @@ Column = NDArray[np.float64]
 BINS = 600
 """Columns of a picture; of each the extremes of every line are kept."""
 _MAX_TICKS = 500
-_VENDOR = "web/static/vendor"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +48,10 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A chart.
+    """A chart with bands below its lines.
 
     Attributes:
         axes: of the picture, for label and scale of the vertical axis.
-        bands: below the lines.
         levels: name, colour and value of horizontal lines.
         top: upper limit of the vertical axis, NaN for none.
         height: relative to the others.
@@ -85,7 +83,7 @@ def zoom_data(
     Args:
         axis: of the picture.
         time: ascending, s or block numbers.
-        panels: from top to bottom.
+        panels: from the top.
         marks: name, colour, time and matplotlib's line style of vertical lines.
         ticks: name, colour and times of marks at the foot (False) or the top (True) of the first chart.
         shade: ends of a shaded span, empty for none.
@@ -173,17 +171,17 @@ def zoom_json(data: Mapping[str, Any]) -> str:
 
 def zoom_script() -> str:
     """Return the script that draws the charts, with its library and the library's licence."""
-    vendor = resources.files("monitor").joinpath(_VENDOR)
-    licence = vendor.joinpath("uPlot.LICENSE").read_text(encoding="utf-8").strip()
-    library = vendor.joinpath("uPlot.iife.min.js").read_text(encoding="utf-8").strip()
-    ours = resources.files("monitor.report").joinpath("templates/zoom.js").read_text(encoding="utf-8").strip()
-    return f"/*\n{licence}\n*/\n{library}\n{ours}\n"
+    licence, library = (_file(f"web/static/vendor/uPlot.{name}").strip() for name in ("LICENSE", "iife.min.js"))
+    return f"/*\n{licence}\n*/\n{library}\n{_file('report/templates/zoom.js').strip()}\n"
 
 
 def zoom_style() -> str:
     """Return the style sheet of the library and of the charts."""
-    library = resources.files("monitor").joinpath(f"{_VENDOR}/uPlot.min.css").read_text(encoding="utf-8")
-    return library + resources.files("monitor.report").joinpath("templates/zoom.css").read_text(encoding="utf-8")
+    return _file("web/static/vendor/uPlot.min.css") + _file("report/templates/zoom.css")
+
+
+def _file(path: str) -> str:
+    return resources.files("monitor").joinpath(path).read_text(encoding="utf-8")
 
 
 def policy_hash(script: str) -> str:

@@ -36,10 +36,7 @@ class Sample:
 
 
 def constant(elapsed: ArrayLike, lifetimes: ArrayLike) -> Floats:
-    """Forecast the median lifetime less the elapsed time, at least zero.
-
-    It also replaces missing answers where methods are compared.
-    """
+    """Forecast the median lifetime less the elapsed time, at least zero."""
     median = float(np.median(_lifetimes(lifetimes)))
     return np.maximum(median - np.asarray(elapsed, dtype=np.float64), 0.0)
 

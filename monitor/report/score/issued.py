@@ -42,11 +42,10 @@ class Issued:
         method: "" if not recorded.
         interval: probability of the interval, None for single numbers.
         source: "archive" or "records".
-        time: s, shape (n,).
-        clock: damage time, shape (n,).
+        time, clock: s and damage time, shape (n,).
         levels: of the quantiles, shape (q,).
         quantiles: time to threshold in damage time, shape (n, q), NaN for no answer.
-        v_eq: as tracked, m2, shape (n,), with its interval ``v_eq_lower`` and ``v_eq_upper``.
+        v_eq, v_eq_lower, v_eq_upper: as tracked with its interval, m2, shape (n,).
         v_eq_true: of a simulated rig, m2, shape (n,), else NaN.
         onset: damage time of t_fs.
         alarms: times at which a final stage was detected, on the axis of ``time``.
@@ -66,7 +65,6 @@ class Issued:
     source: str
     time: Floats
     clock: Floats
-    status: NDArray[np.object_]
     levels: Floats
     quantiles: Floats
     v_eq: Floats
@@ -109,13 +107,11 @@ def read_issued(path: Path, threshold: float | None = None) -> list[Issued]:
         ReportError: the file cannot be read.
     """
     archive = _archive(path)
-    found = []
-    for run in read_runs(path):
-        for channel in run.channels.values():
-            if np.isin(channel.words["tt_status"].astype(str), _SILENT).all():
-                continue
-            place = _threshold_place(path, channel, threshold)
-            found.append(_issued(path, run, channel, place, archive))
+    found = [
+        _issued(path, run, channel, _threshold_place(path, channel, threshold), archive)
+        for run in read_runs(path)
+        for channel in _forecast_channels(run)
+    ]
     if not found:
         raise ScoreError(f"{path}: no channel has a forecast, so there is nothing to score")
     return found
@@ -127,13 +123,14 @@ def issued_of(run: Run, label: str) -> list[Issued]:
     Raises:
         ScoreError: the records do not name the level of their intervals.
     """
-    forecast = [
-        channel
-        for channel in run.channels.values()
-        if not np.isin(channel.words["tt_status"].astype(str), _SILENT).all()
-        and np.isfinite(channel.numbers["v_th"][:, 0]).any()
-    ]
-    return [_issued(Path(label), run, channel, 0, {}) for channel in forecast]
+    known = [channel for channel in _forecast_channels(run) if channel.last_row("v_th") is not None]
+    return [_issued(Path(label), run, channel, 0, {}) for channel in known]
+
+
+def _forecast_channels(run: Run) -> list[Channel]:
+    """Return the channels with a forecast or its refusal after the onset."""
+    channels = run.channels.values()
+    return [one for one in channels if not np.isin(one.words["tt_status"].astype(str), _SILENT).all()]
 
 
 def _archive(path: Path) -> dict[tuple[str, int, str], list[Archived]]:
@@ -155,26 +152,22 @@ def _threshold_place(path: Path, channel: Channel, threshold: float | None) -> i
     known = [
         float(column[np.isfinite(column)][-1]) for column in channel.numbers["v_th"].T if np.isfinite(column).any()
     ]
-    found = ", ".join(f"{value * 1e6:g}" for value in known)
-    if threshold is None:
-        if len(known) != 1:
-            raise ScoreError(
-                f"{path}: channel {channel.name!r} was forecast for {found} mm3/mm; say which: --threshold-mm2"
-            )
+    if threshold is None and len(known) == 1:
         return 0
     for place, value in enumerate(known):
-        if math.isclose(value, threshold, rel_tol=_SAME_THRESHOLD):
+        if threshold is not None and math.isclose(value, threshold, rel_tol=_SAME_THRESHOLD):
             return place
-    raise ScoreError(
-        f"{path}: --threshold-mm2 {threshold * 1e6:g}: channel {channel.name!r} was forecast for {found} mm3/mm"
-    )
+    forecast = f"channel {channel.name!r} was forecast for {', '.join(f'{value * 1e6:g}' for value in known)} mm3/mm"
+    if threshold is None:
+        raise ScoreError(f"{path}: {forecast}; say which: --threshold-mm2")
+    raise ScoreError(f"{path}: --threshold-mm2 {threshold * 1e6:g}: {forecast}")
 
 
 def _issued(
     path: Path, run: Run, channel: Channel, place: int, archive: Mapping[tuple[str, int, str], list[Archived]]
 ) -> Issued:
     status = channel.words["tt_status"][:, place]
-    v_th = channel.numbers["v_th"][:, place]
+    v_th = channel.column("v_th", place)
     threshold = float(v_th[np.isfinite(v_th)][-1])
     # Without forecasts for a threshold that was configured earlier.
     rows = np.flatnonzero(
@@ -207,7 +200,6 @@ def _issued(
         source=source,
         time=channel.time[rows],
         clock=clock[rows],
-        status=status[rows],
         levels=levels,
         quantiles=quantiles,
         v_eq=channel.column("v_eq")[rows],
@@ -245,18 +237,13 @@ def _matching(
     found: list[Archived] = []
     for row in rows:
         block = int(channel.sequence[row])
-        match = next(
-            (
-                item
-                for source in sources
-                for item in archive.get((source, block, channel.name), ())
-                if math.isclose(item.threshold_mm2 or 0.0, threshold * 1e6, rel_tol=_SAME_THRESHOLD)
-            ),
-            None,
-        )
-        if match is None:
+        issued = (item for source in sources for item in archive.get((source, block, channel.name), ()))
+        same = [
+            item for item in issued if math.isclose(item.threshold_mm2 or 0.0, threshold * 1e6, rel_tol=_SAME_THRESHOLD)
+        ]
+        if not same:
             return None
-        found.append(match)
+        found.append(same[0])
     return found
 
 

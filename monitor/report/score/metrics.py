@@ -30,12 +30,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class AlphaLambda:
-    """Result of :func:`alpha_lambda`.
+    """Result of :func:`alpha_lambda`; time NaN and ``passed`` None where no forecast had been issued.
 
     Attributes:
-        t: time of the judged forecast; NaN where none had been issued.
+        t: time of the judged forecast.
         mass: its probability of (1 - alpha) r* .. (1 + alpha) r*; 0 for no answer.
-        passed: whether that is at least beta; None where no forecast had been issued.
+        passed: whether that is at least beta.
     """
 
     t: float
@@ -111,8 +111,7 @@ def alpha_lambda(
     Args:
         t: times of the forecasts, rising.
         end: true end on the same clock.
-        levels: of the quantiles.
-        quantiles: of r.
+        levels, quantiles: of r.
         alpha: half-width of the band as a share of r*.
         lam: share of the time from the first forecast to the end.
         beta: least probability within the band.
@@ -135,10 +134,7 @@ def prognostic_horizon(
 
     Good is P[|r - r*| <= alpha (end - t_P)] >= beta (Saxena et al. 2010, section 4.1), but with a band relative to the
     time from the first forecast t_P, and for all later forecasts too; a missing answer is not good. Arguments as in
-    :func:`alpha_lambda`.
-
-    Returns:
-        Seconds; 0 where the last forecast is not good; NaN without a forecast before the end.
+    :func:`alpha_lambda`. 0 s where the last forecast is not good; NaN without a forecast before the end.
     """
     moments = np.asarray(t, dtype=np.float64)
     _, rows = _checked(levels, quantiles)
@@ -155,15 +151,13 @@ def prognostic_horizon(
 def convergence(t: ArrayLike, error: ArrayLike, end: float) -> float:
     """Return the distance from (t_P, 0) to the centroid of the area under the error curve (s); smaller is faster.
 
-    Saxena et al. 2010, section 4.4, with M constant from each answer to the next.
+    Saxena et al. 2010, section 4.4, with M constant from each answer to the next. 0 where all errors are zero; NaN
+    without an answer before the end.
 
     Args:
         t: times of the forecasts, rising; the first is t_P.
         error: M = |r - r*|, s, or another non-negative error; NaN is left out.
         end: true end on the same clock.
-
-    Returns:
-        0 where all errors are zero; NaN without an answer before the end.
     """
     moments, m = np.asarray(t, dtype=np.float64), np.asarray(error, dtype=np.float64)
     kept = np.isfinite(m) & (moments < end)

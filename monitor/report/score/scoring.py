@@ -39,10 +39,9 @@ _MEAN_OF = (
 
 @dataclass(frozen=True)
 class End:
-    """End of a run.
+    """End of a run: its damage time ``clock``, s, NaN if unknown.
 
     Attributes:
-        clock: damage time, s; NaN if unknown.
         source: "given"; "truth" of a simulated rig; "tracked", where the tracked V_eq reached the threshold, so that a
             forecast is judged by its own input; "none".
     """
@@ -52,10 +51,7 @@ class End:
 
 
 def end_of(issued: Issued, given: float | None, *, tracked: bool = False) -> End:
-    """Return the end of a run.
-
-    ``given`` is on the time axis of the records; ``tracked`` allows the end of the tracked V_eq as the last resort.
-    """
+    """Return the end of a run; ``given`` is on the time axis of the records, ``tracked`` allows a source "tracked"."""
     if given is not None:
         return End(issued.to_clock(given), "given")
     if math.isfinite(issued.end_true):
@@ -111,7 +107,7 @@ def score_run(
     }
     others = _baselines(issued, before, lifetimes)
     scored["baselines"] = {
-        name: _figures(clock, end.clock, levels, rows, issued.interval or _span(levels), guess)
+        name: _figures(clock, end.clock, levels, rows, issued.interval or float(levels[-1] - levels[0]), guess)
         for name, (levels, rows) in others.items()
     }
     for figures in (scored, *scored["baselines"].values()):
@@ -155,11 +151,6 @@ def _at(levels: Floats, quantiles: Floats, level: float) -> Floats:
     """Return the quantile at a level, by linear interpolation."""
     found = [np.interp(level, levels, row) if np.isfinite(row).all() else math.nan for row in quantiles]
     return np.array(found, dtype=np.float64)
-
-
-def _span(levels: Floats) -> float:
-    """Return the probability between the outermost levels."""
-    return float(levels[-1] - levels[0])
 
 
 def _baselines(
