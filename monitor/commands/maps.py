@@ -219,10 +219,11 @@ def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
     """Draw a map as a picture or a page: its levels, cuts through them, and their errors."""
     check_suffix("--out", out, PICTURES)
     rms_map = load_map(path)
-    from monitor.report.figures.rms_map import draw_map, span_of
+    from monitor.report.figures.rms_map import map_sheet, span_of
+    from monitor.report.figures.sheet import write_sheet
 
     with output_errors("--out", out):
-        draw_map(rms_map, out)
+        write_sheet(map_sheet(rms_map), out)
     least, most = (finite(value / STANDARD_GRAVITY) for value in span_of(rms_map.rms))
     values = {
         "points": int(rms_map.rms.size),

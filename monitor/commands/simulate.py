@@ -174,11 +174,12 @@ def _scene(options: dict[str, Any], bearing: Bearing, rig: Rig, clearance: float
 
 
 def _plot(sensed: SensorSignal, options: dict[str, Any], scene: Scene) -> None:
-    from monitor.report.figures.scene import draw_scene
+    from monitor.report.figures.scene import scene_sheet
+    from monitor.report.figures.sheet import write_sheet
 
     path: Path = options["plot"]
     with output_errors("--plot", path):
-        draw_scene(scene, sensed, path, sensor=options["sensor"], title=_title(options, scene))
+        write_sheet(scene_sheet(scene, sensed, sensor=options["sensor"], title=_title(options, scene)), path)
 
 
 def _title(options: dict[str, Any], scene: Scene) -> str:

@@ -86,15 +86,6 @@ def _file(name: str) -> str:
     return resources.files("monitor.report").joinpath(f"templates/{name}").read_text(encoding="utf-8")
 
 
-def require_pdf() -> None:
-    """Check that PDF can be written.
-
-    Raises:
-        ReportError: the extra ``pdf`` or the system library Pango is missing.
-    """
-    _load_library()
-
-
 def to_pdf(page: str) -> bytes:
     """Return a page as PDF (PDF/UA-1) on A4; see :func:`lay_out`."""
     buffer = io.BytesIO()
@@ -103,12 +94,8 @@ def to_pdf(page: str) -> bytes:
 
 
 def lay_out(page: str) -> Document:
-    """Lay a ``bare`` page of :func:`render` out on A4; external resources are not fetched.
-
-    Raises:
-        ReportError: the extra ``pdf`` or the system library Pango is missing.
-    """
-    html, fetcher = _load_library()
+    """Lay a ``bare`` page of :func:`render` out on A4; external resources are not fetched."""
+    html, fetcher = require_pdf()
     refusing = fetcher(allowed_protocols=("data",), allow_redirects=False)
     return html(string=for_paper(page), url_fetcher=refusing).render(pdf_variant=_PDF_VARIANT)
 
@@ -118,8 +105,12 @@ def for_paper(page: str) -> str:
     return _LABELLED.sub(r"\1<title>\2</title>", _VARIABLE.sub(r"\1", page))
 
 
-def _load_library() -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return the HTML class and the URL fetcher of WeasyPrint."""
+def require_pdf() -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return the HTML class and the URL fetcher of WeasyPrint.
+
+    Raises:
+        ReportError: the extra ``pdf`` or the system library Pango is missing.
+    """
     try:
         # It prints to standard output where Pango is missing.
         with redirect_stdout(io.StringIO()):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -131,9 +131,7 @@ def _harmless(cell: Cell) -> Cell:
 
 
 def write_tables(tables: Iterable[Table], folder: Path, attributes: Mapping[str, str] | None = None) -> list[Path]:
-    """Write each table as ``NAME.csv`` and ``NAME.nc``, each atomically; return the files.
-
-    ``attributes`` are those of every netCDF file.
+    """Write each table as ``NAME.csv`` and ``NAME.nc`` with ``attributes``, each atomically; return the files.
 
     Raises:
         ReportError: a file cannot be written.
@@ -142,18 +140,12 @@ def write_tables(tables: Iterable[Table], folder: Path, attributes: Mapping[str,
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for table in tables:
-            path = folder / f"{table.name}.csv"
-            write_whole(path, table.to_csv())
-            written.append(path)
-            path = folder / f"{table.name}.nc"
-            temporary = path.with_name(f".{path.name}.tmp")
-            try:
-                table.to_dataset().assign_attrs(attributes or {}).to_netcdf(temporary, engine="netcdf4")
-                replace_durably(temporary, path)
-            finally:
-                with suppress(OSError):
-                    temporary.unlink()
-            written.append(path)
+            texts, binary = (folder / f"{table.name}.{ending}" for ending in ("csv", "nc"))
+            write_whole(texts, table.to_csv())
+            dataset = table.to_dataset().assign_attrs(attributes or {})
+            with _replacing(binary) as temporary:
+                dataset.to_netcdf(temporary, engine="netcdf4")
+            written += [texts, binary]
     except (OSError, RuntimeError) as error:
         raise ReportError(f"{folder}: tables cannot be written: {error}") from error
     return written
@@ -165,13 +157,19 @@ def write_whole(path: Path, content: str | bytes, *, make_folder: bool = True) -
     Raises:
         OSError: it cannot be written.
     """
-    temporary = path.with_name(f".{path.name}.tmp")
     if make_folder:
         path.parent.mkdir(parents=True, exist_ok=True)
-    try:
+    with _replacing(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    """Replace a file by the one written to the returned path; remove that where it fails."""
+    temporary = path.with_name(f".{path.name}.tmp")
+    try:
+        yield temporary
         replace_durably(temporary, path)
-    except OSError:
+    finally:
         with suppress(OSError):
             temporary.unlink()
-        raise

@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from models.maps.data import MapSlice, RmsMap
 from models.maps.plan import MapPlan
 from models.response import STATUSES
 from monitor.report.figures.drawing import BLUE, GREEN, INK, PURPLE, SOFT, VERMILION, legend_above
-from monitor.report.figures.sheet import Part, Sheet, write_sheet
+from monitor.report.figures.sheet import Part, Sheet
 from monitor.words.numbers import count, figure
 from streams.block import STANDARD_GRAVITY
 
@@ -44,15 +43,6 @@ class NodeError:
     name: str
     title: str
     percent: Values
-
-
-def draw_map(rms_map: RmsMap, path: Path) -> None:
-    """Write the report of a map; PNG, SVG or HTML by the name's ending.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    write_sheet(map_sheet(rms_map), path)
 
 
 def map_sheet(rms_map: RmsMap) -> Sheet:

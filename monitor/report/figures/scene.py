@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from models.path.contour import part_paths
 from models.response import Response, Sensor
 from models.scene import Defect, Floor, Scene, natural_frequencies
 from monitor.report.figures.drawing import AXIS, BLUE, GREY, INK, PURPLE, SHADE, SOFT, VERMILION, legend_above
-from monitor.report.figures.sheet import Part, Sheet, write_sheet
+from monitor.report.figures.sheet import Part, Sheet
 from monitor.words.numbers import figure
 from streams.block import STANDARD_GRAVITY
 
@@ -86,15 +85,6 @@ def signal_over_time(response: TimeResponse, sensor: Sensor, fundamental: float)
     rms = response.rms if sensor == "mo" else response.rms_resonator
     time = np.arange(whole.size)[few] / response.rate
     return SensorSignal(time, whole[few], frequency[shown], amplitude[shown], False, rms, response.status)
-
-
-def draw_scene(scene: Scene, sensed: SensorSignal, path: Path, *, sensor: Sensor, title: str) -> None:
-    """Write the report of a scene; PNG, SVG or HTML by the name's ending.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    write_sheet(scene_sheet(scene, sensed, sensor=sensor, title=title), path)
 
 
 def scene_sheet(scene: Scene, sensed: SensorSignal, *, sensor: Sensor, title: str) -> Sheet:

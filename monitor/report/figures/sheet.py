@@ -28,13 +28,12 @@ _DPI = 130
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A figure of a model report.
+    """A figure of a model report; other fields as in :class:`monitor.report.figures.drawing.Picture`.
 
     Attributes:
         label: alternative text.
         height: in inches.
         draw: draws it into a figure (page) or subfigure (picture).
-        data, name: as in :class:`monitor.report.figures.drawing.Picture`.
     """
 
     heading: str
@@ -75,7 +74,12 @@ def write_sheet(sheet: Sheet, path: Path) -> None:
         values = {"sheet": sheet, "title": sheet.title, "pictures": pictures, "options": Options()}
         write_whole(path, render("model.html.j2", **values))
         return
-    write_picture(compose(sheet), path)
+    # On white, as a picture has no page.
+    buffer, kind = io.BytesIO(), path.suffix.lower().removeprefix(".")
+    with mpl.rc_context(STYLE):
+        metadata = {"Date": None} if kind == "svg" else None
+        compose(sheet).savefig(buffer, format=kind, dpi=_DPI, facecolor="white", metadata=metadata)
+    write_whole(path, buffer.getvalue(), make_folder=False)
 
 
 @mpl.rc_context(STYLE)
@@ -98,19 +102,6 @@ def compose(sheet: Sheet) -> Figure:
         row.supxlabel(caption, x=0.012, ha="left", fontsize=8.5, color=SOFT)
     rows[-1].text(0.012, 0.95, foot, fontsize=7.5, color=SOFT, va="top")
     return figure
-
-
-def write_picture(figure: Figure, path: Path) -> None:
-    """Write a figure on white, PNG or SVG by the name's ending, atomically.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    buffer, kind = io.BytesIO(), path.suffix.lower().removeprefix(".")
-    with mpl.rc_context(STYLE):
-        metadata = {"Date": None} if kind == "svg" else None
-        figure.savefig(buffer, format=kind, dpi=_DPI, facecolor="white", metadata=metadata)
-    write_whole(path, buffer.getvalue(), make_folder=False)
 
 
 def _height(text: str) -> float:

@@ -27,8 +27,9 @@ from models.simulate import simulate
 from monitor.cli import main
 from monitor.commands.maps import command as map_command
 from monitor.commands.simulate import command as simulate_command
-from monitor.report.figures.rms_map import cut_nodes, draw_map, map_sheet, node_errors, node_miss
+from monitor.report.figures.rms_map import cut_nodes, map_sheet, node_errors, node_miss
 from monitor.report.figures.scene import SensorSignal, passages, resonances, scene_sheet, signal_of, ways
+from monitor.report.figures.sheet import write_sheet
 from streams.block import STANDARD_GRAVITY
 from tests.effort import effort_count
 
@@ -125,26 +126,26 @@ def test_maps_of_one_depth_or_extent_are_lines(tmp_path: Path, changes: dict[str
     [part] = map_sheet(thin).parts
     assert words in part.caption
     assert part.data["rms_at_3000_newton_40_hz_g"] == pytest.approx(thin.rms[0].ravel() / STANDARD_GRAVITY)
-    draw_map(thin, tmp_path / "map.png")
+    write_sheet(map_sheet(thin), tmp_path / "map.png")
 
 
 def test_holes_in_a_map_are_left_out(rms_map: RmsMap, tmp_path: Path) -> None:
     holes, nothing = rms_map.rms.copy(), np.full_like(rms_map.rms, np.nan)
     holes[0, 0, 2, 3] = np.nan
-    draw_map(replace(rms_map, rms=holes), tmp_path / "holes.html")
+    write_sheet(map_sheet(replace(rms_map, rms=holes)), tmp_path / "holes.html")
     assert "NaN" not in (tmp_path / "holes.html").read_text(encoding="utf-8")
     assert map_sheet(replace(rms_map, rms=holes)).parts[0].data["rms_most_g"][1] == pytest.approx(
         rms_map.rms[1].max() / STANDARD_GRAVITY
     )
     empty = map_sheet(replace(rms_map, rms=nothing))
     assert empty.lead.startswith("No simulation ended well")
-    draw_map(replace(rms_map, rms=nothing), tmp_path / "nothing.html")
-    draw_map(replace(rms_map, rms=np.zeros_like(nothing)), tmp_path / "silent.svg")
+    write_sheet(map_sheet(replace(rms_map, rms=nothing)), tmp_path / "nothing.html")
+    write_sheet(map_sheet(replace(rms_map, rms=np.zeros_like(nothing))), tmp_path / "silent.svg")
 
 
 def test_names_with_html_in_them_do_no_harm(tmp_path: Path) -> None:
     wild = small_map(bearing=replace(BEARING, designation="<script>alert(1)</script>&"), load=(3000.0,), floors=1)
-    draw_map(wild, tmp_path / "map.html")
+    write_sheet(map_sheet(wild), tmp_path / "map.html")
     text = (tmp_path / "map.html").read_text(encoding="utf-8")
     assert "<script" not in text
     assert "&lt;script&gt;alert(1)&lt;/script&gt;&amp;" in text
