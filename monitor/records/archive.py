@@ -81,9 +81,9 @@ def forecast_values(
         issued_utc: when it was committed, UTC seconds since 1970, or None where unknown.
     """
     channel = body.get("channel")
-    level = _level(body.get("interval"), _of_channel(run.get("interval_level"), channel))
+    level = _level(body.get("interval"), of_channel(run.get("interval_level"), channel))
     quantiles = _quantiles(body, level)
-    hashes = (body.get(name) or _of_channel(run.get(name), channel) for name in _HASHES)
+    hashes = (body.get(name) or of_channel(run.get(name), channel) for name in _HASHES)
     return (
         *(channel, body.get("method"), body.get("threshold_mm2"), body.get("status")),
         *(issued_utc, data_until, body.get("tt_s"), level if len(quantiles) > 1 else None),
@@ -155,7 +155,7 @@ def archived_of(rows: Sequence[Sequence[Any]]) -> Iterator[Archived]:
         )
 
 
-def _of_channel(value: Any, channel: str | None) -> Any:
+def of_channel(value: Any, channel: str | None) -> Any:
     """Return the value of one channel where an attribute of the run lists one a channel, or the value itself."""
     if not isinstance(value, str):
         return value

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import tzinfo
@@ -91,7 +90,7 @@ def milestones(runs: Sequence[RunSummary], zone: tzinfo) -> Table:
             if channel.t_fs is None or channel.last is None:
                 continue
             ended = channel.last if channel.t_eol is None else channel.t_eol
-            words = [_words(clock, moment) for moment in (channel.t_fs, channel.t_eol)]
+            words = ["" if moment is None else clock.moment(moment) for moment in (channel.t_fs, channel.t_eol)]
             until = "last block" if channel.t_eol is None else "end of life"
             seconds = (channel.t_fs, channel.t_eol, ended - channel.t_fs)
             rows.append((run.label, channel.name, *words, *seconds, until))
@@ -107,10 +106,6 @@ def milestones(runs: Sequence[RunSummary], zone: tzinfo) -> Table:
     )
     note = "As Table 20 of the thesis. Where no end of life was seen, the final stage is counted to the last block."
     return Table("final_stages", "Start, end and length of the final stages", columns, rows, note)
-
-
-def _words(clock: Clock, moment: float | None) -> str:
-    return "" if moment is None or not math.isfinite(moment) else clock.moment(moment)
 
 
 def laws(runs: Sequence[RunSummary]) -> Table | None:

@@ -151,16 +151,15 @@ def _draw_blocks(axes: Axes, axis: TimeAxis, time: NDArray[np.float64], status: 
 
 def _draw_condition(axes: Axes, axis: TimeAxis, run: Run, name: str, unit: str, colour: str) -> dict[str, Any]:
     """Draw speed or load of all channels, those with equal values as one line; return their ranges."""
-    lines: dict[bytes, tuple[Channel, list[str]]] = {}
+    lines: dict[bytes, list[Channel]] = {}
     for channel in run.channels.values():
-        values = channel.column(name)
-        if np.isfinite(values).any():
-            lines.setdefault(values.tobytes(), (channel, []))[1].append(channel.name)
+        if channel.last_row(name) is not None:
+            lines.setdefault(channel.column(name).tobytes(), []).append(channel)
     found: dict[str, Any] = {}
-    for (channel, names), shade in zip(lines.values(), itertools.cycle((colour, GREY, ORANGE, GREEN)), strict=False):
-        values = channel.column(name)
-        draw_line(axes, axis, channel.time, values, color=shade, label=", ".join(names))
-        found[", ".join(names)] = _range(values[np.isfinite(values)])
+    for channels, shade in zip(lines.values(), itertools.cycle((colour, GREY, ORANGE, GREEN)), strict=False):
+        values, label = channels[0].column(name), ", ".join(channel.name for channel in channels)
+        draw_line(axes, axis, channels[0].time, values, color=shade, label=label)
+        found[label] = _range(values[np.isfinite(values)])
     axes.set_ylabel(f"{name} ({unit})")
     low, high = min(item[0] for item in found.values()), max(item[2] for item in found.values())
     margin = max(0.6 * (high - low), 0.05 * abs(high), 1e-9)

@@ -15,24 +15,11 @@ from models.maps.plan import MapError
 from monitor.report.runs import ReportError
 from monitor.words.numbers import time_zone
 
-SECTIONS = {
-    "trends": "RMS, fault lines and score over the whole life",
-    "final_stage": "the same over the final stage alone",
-    "envelope": "envelope spectra before and after the onset",
-    "waterfall": "envelope spectra over life",
-    "path": "the path of the tracker over the RMS map",
-    "posterior": "the distribution of V_eq after the last block",
-    "damage": "V_eq with its interval",
-    "law": "the law that the thesis' forecast fits",
-    "forecast": "time to threshold as issued, with the cone",
-    "quality": "data quality: rejected blocks, gaps, speed and load",
-    "events": "events and alarms",
-    "provenance": "settings and versions",
-    "guide": "how to read the page",
-    "comparison": "several runs: figures side by side and tables over runs",
-    "score": "several runs: how good the forecasts were",
-}
-"""Sections of a report by their names in a configuration."""
+SECTIONS = (
+    *("trends", "final_stage", "envelope", "waterfall", "path", "posterior", "damage", "law", "forecast"),
+    *("quality", "events", "provenance", "guide", "comparison", "score"),
+)
+"""Sections of a report by their names in a configuration, see docs/how-to/reports.md."""
 _KEYS = ("title", "timezone", "include", "leave_out", "maps")
 
 
@@ -42,7 +29,6 @@ class Options:
 
     Attributes:
         title: None for the names of the machines.
-        zone: of dates.
         maps: RMS maps by channel, "" for all channels; by default the cached one with the hash in the records.
         notes: sentences at the top.
     """

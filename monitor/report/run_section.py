@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -40,6 +39,8 @@ _EVENT_NAMES = {
     "alarm_cleared": "alarm over",
     "condition": "condition",
 }
+_LEVELS = ("value_si", "level_si")
+"""Left out of the text of an event where they are no numbers."""
 _PROVENANCE = {
     "software_version": "software version",
     "schema_version": "record schema",
@@ -83,7 +84,7 @@ class RunPart:
 
     Attributes:
         period, notes, offered, conditions: sentences on its length, the whole run, the ledger, and speed and load.
-        channels: the worst first.
+        channels: those with a value, the worst first.
         timeline: figure of data quality.
         tables: "blocks"; "gaps" and "events" if there are any.
         provenance: labels and texts.
@@ -99,11 +100,6 @@ class RunPart:
     conditions: tuple[str, ...]
     tables: Mapping[str, Table]
     provenance: tuple[tuple[str, str], ...]
-
-    @property
-    def leader(self) -> ChannelPart | None:
-        """The channel in the worst state, None where no channel has a value."""
-        return self.channels[0] if self.channels else None
 
 
 def part_of_run(
@@ -209,22 +205,19 @@ def _spectra(context: ChannelContext, options: Options, view: SpectrumView | Non
     return found
 
 
-def _damage(context: ChannelContext, options: Options) -> Sequence[Picture | None]:
+def _damage(context: ChannelContext, options: Options) -> Iterator[Picture | None]:
     run, channel = context.run, context.channel
-    found: list[Picture | None] = []
     if options.holds("damage"):
-        found.append(damaged_volume(context))
+        yield damaged_volume(context)
     if options.holds("path"):
         rms_map = options.map_for(channel.name) or kept_map(hash_of(run, channel.name))
-        found.append(None if rms_map is None else map_path(context, rms_map))
-    particles = run.particles.get(channel.name)
-    if options.holds("posterior") and particles is not None:
-        found.append(posterior(context, particles))
+        yield None if rms_map is None else map_path(context, rms_map)
+    if options.holds("posterior") and channel.name in run.particles:
+        yield posterior(context, run.particles[channel.name])
     if options.holds("law"):
-        found.append(fitted_law(context))
+        yield fitted_law(context)
     if options.holds("forecast"):
-        found.extend(forecasts(context))
-    return found
+        yield from forecasts(context)
 
 
 def _level(channel: Channel) -> str:
@@ -246,10 +239,11 @@ def _events(run: Run, clock: Clock) -> Table | None:
         for source, number, at in zip(run.ledger["source"], run.ledger["sequence"], run.time, strict=True)
     }
     rows = []
-    for event in run.events[-_MAX_EVENTS:]:
+    for whole in run.events[-_MAX_EVENTS:]:
+        event = {key: value for key, value in whole.items() if key not in _LEVELS or isinstance(value, int | float)}
         kind, name = str(event.get("kind", "event")), str(event.get("channel", ""))
         block, channel = int(event.get("block", 0)), run.channels.get(name)
-        text = event_text(_readable(event), absolute=channel is None or channel.has_level)
+        text = event_text(event, absolute=channel is None or channel.has_level)
         at = float(places.get((str(event.get("source", "")), block), math.nan))
         title = _EVENT_NAMES.get(kind, quality.without_folders(kind))
         rows.append((block, at, name, title, quality.without_folders(text)))
@@ -262,12 +256,6 @@ def _events(run: Run, clock: Clock) -> Table | None:
     )
     left = len(run.events) - len(rows)
     return Table("events", "Events", columns, rows, f"{left:,} earlier ones are in the records." if left else "")
-
-
-def _readable(event: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an event without levels that are no numbers."""
-    levels = ("value_si", "level_si")
-    return {key: value for key, value in event.items() if key not in levels or isinstance(value, int | float)}
 
 
 def _provenance(run: Run) -> list[tuple[str, str]]:

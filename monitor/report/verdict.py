@@ -40,7 +40,6 @@ class ChannelVerdict:
     """The verdict on a channel after its last block.
 
     Attributes:
-        channel: name.
         headline: one sentence.
         facts: labels and texts beside the findings.
         fault: the damaged part, "" for none.

@@ -38,7 +38,7 @@ from monitor.report.runs import Channel
 from monitor.report.score.issued import running_time
 from monitor.report.score.scoring import ALPHA
 from monitor.report.verdict import ChannelContext, interval_name, unscaled
-from monitor.words.numbers import Clock, count, figure, volume
+from monitor.words.numbers import count, figure, volume
 from monitor.words.statuses import TT_REFUSALS
 
 Values = NDArray[np.float64]
@@ -62,11 +62,6 @@ def _final_part(channel: Channel) -> slice | None:
     return slice(max(0, int(rows[0]) - lead), min(v_eq.size, int(rows[-1]) + lead + 1))
 
 
-def _part_axis(channel: Channel, part: slice, clock: Clock) -> TimeAxis:
-    """Return the axis of a part of a life; undated, it has the unit of the whole life."""
-    return time_axis(channel.time if not clock.dated else channel.time[part], clock)
-
-
 def thresholds_of(channel: Channel) -> list[float]:
     """Return the thresholds of V_eq as last recorded, m2."""
     values = channel.numbers["v_th"]
@@ -84,7 +79,7 @@ def damaged_volume(context: ChannelContext) -> Picture | None:
     part = _final_part(channel)
     if part is None:
         return None
-    time, axis = channel.time[part], _part_axis(channel, part, context.clock)
+    time, axis = channel.time[part], time_axis(channel.time, context.clock)
     thresholds = [1e6 * threshold for threshold in thresholds_of(channel)]
     made, (axes,) = new_figure(3.3)
     ends = [1e6 * channel.column(f"v_eq_{end}")[part] for end in _ENDS]
@@ -142,7 +137,7 @@ def fitted_law(context: ChannelContext) -> Picture | None:
     part, rows = _final_part(channel), channel.fitted_rows()
     if part is None or t_fs is None or not math.isfinite(t_fs.time) or not rows.size:
         return None
-    axis = _part_axis(channel, part, context.clock)
+    axis = time_axis(channel.time, context.clock)
     made, (axes,) = new_figure(3.3)
     points = np.isfinite(channel.column("v_eq"))
     time, v_eq = channel.time[points], 1e6 * channel.column("v_eq")[points]
@@ -210,7 +205,7 @@ def _forecast(context: ChannelContext, part: slice, place: int) -> Picture | Non
     tt = channel.column("tt", place)[part]
     if not np.isfinite(tt).any():
         return None
-    time, axis = channel.time[part], _part_axis(channel, part, context.clock)
+    time, axis = channel.time[part], time_axis(channel.time, context.clock)
     truth, kind = _truth_of(channel, part, place)
     ends = [channel.column(f"tt_{end}", place)[part] for end in _ENDS]
     top = _scale_top(tt, truth)

@@ -16,6 +16,7 @@ from models.maps.data import MapSlice, OutsideMapError, RmsMap
 from models.maps.file import load_map
 from models.maps.plan import MapError
 from monitor.health.damage.filter.particles import Particles
+from monitor.records.archive import of_channel
 from monitor.report.figures.drawing import (
     GREY,
     INK,
@@ -30,7 +31,6 @@ from monitor.report.figures.drawing import (
     to_svg,
 )
 from monitor.report.runs import Channel, Run
-from monitor.report.score.issued import of_channel
 from monitor.report.verdict import ChannelContext, unscaled
 from monitor.words.numbers import count, figure, volume
 from streams.block import STANDARD_GRAVITY
@@ -55,8 +55,8 @@ def kept_map(wanted: str) -> RmsMap | None:
 
 def hash_of(run: Run, channel: str) -> str:
     """Return the hash of a channel's RMS map in the records, "" for none."""
-    found = of_channel(run.attributes.get("map_hash", ""), channel)
-    return "" if found == "none" else found
+    found = of_channel(run.attributes.get("map_hash"), channel)
+    return "" if found in (None, "none") else found
 
 
 @mpl.rc_context(STYLE)

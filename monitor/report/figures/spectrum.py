@@ -80,13 +80,8 @@ class SpectrumView(NamedTuple):
 def spectra(views: Sequence[SpectrumView], channel: str, fault: str, numbers: itertools.count[int]) -> Picture | None:
     """Draw an envelope spectrum, or one of the healthy bearing above one of the damaged (thesis, Fig. 59).
 
-    Each has the lines of all parts and the highest point near each. None where one has fewer than two points.
-
-    Args:
-        views: one or two.
-        channel: its name.
-        fault: the damaged part, "" for none.
-        numbers: that of :class:`monitor.report.verdict.ChannelContext`.
+    Each has the lines of all parts and the highest point near each; ``fault`` is the damaged part, "" for none. None
+    where one has fewer than two points.
     """
     if any(len(view.frequency_hz) < 2 for view in views):
         return None

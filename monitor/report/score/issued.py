@@ -6,13 +6,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.schema import REJECTIONS
-from monitor.records.archive import Archived
+from monitor.records.archive import Archived, of_channel
 from monitor.records.database import StoreError
 from monitor.records.histories import damage_time
 from monitor.records.store import Store
@@ -96,11 +95,9 @@ class Issued:
 
 
 def read_issued(path: Path, threshold: float | None = None) -> list[Issued]:
-    """Read the forecasts of all channels that have any.
+    """Read the forecasts of all channels that have any for a threshold (m2), None where the records have only one.
 
-    Args:
-        path: a ``.nc`` file, a ``state.db``, or a folder; a ``state.db`` has more quantiles than records.
-        threshold: V_th, m2; None where the records have only one.
+    ``path`` is a ``.nc`` file, a ``state.db``, which has more quantiles than records, or a folder.
 
     Raises:
         ScoreError: nothing to score, or the threshold is not among those that were forecast.
@@ -176,7 +173,7 @@ def _issued(
     archived = _matching(archive, run, channel, rows, threshold)
     if archived is None:
         interval, levels, quantiles = _from_records(path, run, channel, place, rows)
-        method, source = of_channel(run.attributes.get("forecast_method", ""), channel.name), "records"
+        method, source = of_channel(run.attributes.get("forecast_method"), channel.name) or "", "records"
     else:
         interval, levels, quantiles = _from_archive(archived)
         method, source = "; ".join(dict.fromkeys(row.method for row in archived if row.method)), "archive"
@@ -270,7 +267,7 @@ def _from_records(
     middle, lower, upper = (channel.column(name, place)[rows] for name in ("tt", "tt_lower", "tt_upper"))
     if not np.isfinite(lower).any():
         return None, np.array([0.5]), middle[:, np.newaxis]
-    found = of_channel(run.attributes.get("interval_level", ""), channel.name)
+    found = of_channel(run.attributes.get("interval_level"), channel.name) or ""
     try:
         interval = float(found)
     except ValueError:
@@ -283,11 +280,3 @@ def _from_records(
     lower, upper = np.where(points, middle, lower), np.where(points, middle, upper)
     tail = round((1.0 - interval) / 2.0, 12)
     return interval, np.array([tail, 0.5, 1.0 - tail]), np.stack([lower, middle, upper], axis=1)
-
-
-def of_channel(text: Any, channel: str) -> str:
-    """Return the value of one channel of an attribute "NAME: VALUE; ...", or the attribute if it is of all channels."""
-    parts = [part.partition(": ") for part in str(text).split("; ")]
-    if not all(separator for _, separator, _ in parts):
-        return str(text)
-    return next((value for name, _, value in parts if name == channel), "")

@@ -62,16 +62,14 @@ def relative_accuracy(predicted: ArrayLike, true: ArrayLike) -> Floats:
     return np.where(ahead, 1.0 - np.abs(r - r_true) / np.where(ahead, r_true, 1.0), np.nan)
 
 
-def cumulative_relative_accuracy(predicted: ArrayLike, true: ArrayLike, weights: ArrayLike | None = None) -> float:
-    """Return CRA, the weighted mean of the relative accuracy over the answers (Saxena et al. 2010, section 4.3).
+def cumulative_relative_accuracy(predicted: ArrayLike, true: ArrayLike) -> float:
+    """Return CRA, the mean of the relative accuracy over the answers (Saxena et al. 2010, section 4.3).
 
     Missing answers and times at or after the end are left out; NaN where nothing is left.
     """
     accuracy = relative_accuracy(predicted, true)
-    kept = np.isfinite(accuracy)
-    w = np.ones(accuracy.shape) if weights is None else np.asarray(weights, dtype=np.float64)
-    total = float(w[kept].sum())
-    return float((w[kept] * accuracy[kept]).sum() / total) if total > 0 else math.nan
+    kept = accuracy[np.isfinite(accuracy)]
+    return float(kept.sum() / kept.size) if kept.size else math.nan
 
 
 def probability_within(levels: ArrayLike, quantiles: ArrayLike, low: ArrayLike, high: ArrayLike) -> Floats:

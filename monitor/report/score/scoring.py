@@ -170,11 +170,8 @@ def _baselines(
             samples = [method(float(t), lifetimes) for t in elapsed]
             found[name] = levels, baselines.quantiles_of(samples, levels)
     found["doubling"] = levels, baselines.doubling(elapsed, levels)
-    for name, extrapolate in (
-        ("linear", baselines.linear),
-        ("exponential", baselines.exponential),
-        ("thesis", baselines.thesis),
-    ):
+    extrapolations = {"linear": baselines.linear, "exponential": baselines.exponential, "thesis": baselines.thesis}
+    for name, extrapolate in extrapolations.items():
         ahead = extrapolate(issued.clock, issued.v_eq, issued.threshold)
         found[name] = point, ahead[before][:, np.newaxis]
     return found

@@ -37,7 +37,7 @@ def test_cumulative_relative_accuracy_does_not_depend_on_where_the_clock_begins(
         t = origin + moments
         true = origin + 500.0 - t
         assert metrics.cumulative_relative_accuracy(true * 1.2, true) == pytest.approx(0.8, abs=1e-6)
-    assert metrics.cumulative_relative_accuracy([100.0, 0.0], [100.0, 100.0], [3.0, 1.0]) == 0.75
+    assert metrics.cumulative_relative_accuracy([100.0, 0.0, math.nan], [100.0, 100.0, 100.0]) == 0.5
     assert math.isnan(metrics.cumulative_relative_accuracy([math.nan], [1.0]))
 
 
