@@ -47,6 +47,15 @@ class WebSection(Section):
         return is_loopback(self.host)
 
     @property
+    def url_host(self) -> str:
+        """The host as addresses have it: IPv6 in brackets."""
+        return f"[{self.host}]" if ":" in self.host else self.host
+
+    def url(self, port: int) -> str:
+        """Return the address of the page on a port."""
+        return f"http{'' if self.cert_file is None else 's'}://{self.url_host}:{port}/"
+
+    @property
     def reading_needs_token(self) -> bool:
         """Whether reading needs a token too, not acknowledgements alone."""
         return self.allow_remote or bool(self.allowed_hosts)

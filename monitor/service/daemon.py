@@ -77,9 +77,9 @@ class DiskGuard:
 
 
 class Acknowledgements:
-    """Passes acknowledgements from the event log to the ingest.
+    """Passes acknowledgements from the event log to the ingest; one that is passed twice has no effect.
 
-    The first poll takes them all, also those given while no daemon ran; one that is passed twice has no effect.
+    The first poll takes them all, also those given while no daemon ran.
     """
 
     def __init__(self, store: Store, log: EventLog, ingest: Ingest) -> None:

@@ -60,7 +60,11 @@ class MachineStatus:
         """Address of the page, or None where there is none."""
         self.unacknowledged = 0
         """Events and notices that need an acknowledgement."""
-        self._latest = {name: _latest_block(store, name) for name in ingest.settings}
+        self._latest = {name: LatestBlock() for name in ingest.settings}
+        for name in ingest.settings:
+            record = store.record(name, store.last(name))
+            if record is not None:
+                self._latest[name] = LatestBlock().after(record, None, silence_limit(None))
 
     def note(self, record: Record) -> None:
         """Note a committed block."""
@@ -143,11 +147,6 @@ class MachineStatus:
             "levels": alarm_levels(now.alarms[name], rules),
             **channel_summary(now, name),
         }
-
-
-def _latest_block(store: Store, source: str) -> LatestBlock:
-    record = store.record(source, store.last(source))
-    return LatestBlock() if record is None else LatestBlock().after(record, None, silence_limit(None))
 
 
 def shown_alarms(state: AlarmState, settings: AlarmSettings) -> list[dict[str, Any]]:

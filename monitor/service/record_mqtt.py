@@ -79,6 +79,7 @@ class RecordMqtt:
             return
         self._section, self._machine, self._channels = section, machine, dict(channels)
         self._state_dir, self._monotonic = state_dir, monotonic
+        self._store = state_dir / "state.db"
         self._topic = f"{section.topic}/{quote(machine, safe='')}"
         self._layouts: dict[int, str] = {}
         self._place: int | None = None
@@ -126,10 +127,6 @@ class RecordMqtt:
             self._ending, self._until = True, self._monotonic() + seconds
             self._wake.notify()
         self._thread.join(seconds)
-
-    @property
-    def _store(self) -> Path:
-        return self._state_dir / "state.db"
 
     def _begin(self, store: SharedConnection) -> int:
         """Return the ledger number after which to begin: where an earlier run ended, else the present end."""

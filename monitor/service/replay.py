@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -83,10 +83,10 @@ def replay(
     source = open_configured(config, section, path)
     with _open_store(out, config, resume) as store:
         store.describe(run_attributes(config, settings.channels))
-        latest = store.record(section.name, store.last(section.name))
-        state = SourceState.begin(settings, store.load_states(), latest)
+        last = store.last(section.name)
+        state = SourceState.begin(settings, store.load_states(), store.record(section.name, last))
         run = _Run(source, store, settings, _fix_bands(source, state, settings))
-        items = _items(source, after=store.last(section.name), limit=limit)
+        items: Iterable[Block | Rejected] = islice((item for item in source if item.sequence > last), limit)
         if progress is not None:
             items = progress(items, len(source) if limit is None else min(len(source), limit))
         began = time.perf_counter()
@@ -136,12 +136,6 @@ def _fix_bands(source: Source, state: SourceState, settings: SourceSettings) -> 
             raise ConfigError(f'channel {channel.name!r}: band_hz = "auto": {error}') from None
         state = state.with_band(channel.name, band)
     return state
-
-
-def _items(source: Source, *, after: int, limit: int | None) -> Iterator[Block | Rejected]:
-    """Yield at most ``limit`` items of a source whose numbers are above ``after``."""
-    left = (item for item in source if item.sequence > after)
-    return islice(left, limit)
 
 
 @dataclass(frozen=True)

@@ -258,7 +258,8 @@ class _Stream(StreamingResponse):
 
 def static_file(name: str, folder: Path = _FOLDER) -> Answer:
     """Return a file of the page, kept in memory until it changes; :class:`RequestError` 404 where there is none."""
-    if name not in {path.relative_to(folder).as_posix() for path in folder.rglob("*") if _is_plain(path)}:
+    files = (path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
+    if name not in {path.relative_to(folder).as_posix() for path in files}:
         raise RequestError(404, "there is no such file")
     path = folder / name
     found = path.stat()
@@ -276,10 +277,6 @@ def _content(path: Path) -> bytes:
     # "<" is escaped so that no word can end the element.
     words = json.dumps(page_words(), ensure_ascii=False).replace("<", "\\u003c").encode()
     return content.replace(_WORDS + b"{}", _WORDS + words) if path.name == "index.html" else content
-
-
-def _is_plain(path: Path) -> bool:
-    return path.is_file() and not path.is_symlink()
 
 
 def _type_of(path: Path) -> str:

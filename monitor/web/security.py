@@ -58,9 +58,8 @@ class Doors:
     def of(cls, web: WebSection, port: int) -> Doors:
         """Return those of a configuration that listens on ``port``."""
         secure = web.cert_file is not None
-        host = f"[{web.host}]" if ":" in web.host else web.host
         hosts: set[str] = set()
-        for name in ("localhost", "127.0.0.1", "[::1]", host, *web.allowed_hosts):
+        for name in ("localhost", "127.0.0.1", "[::1]", web.url_host, *web.allowed_hosts):
             given = name.lower()
             if given.rpartition(":")[2].isdigit() and not given.endswith("]"):
                 hosts |= _spellings(given.rpartition(":")[0], int(given.rpartition(":")[2]))

@@ -130,7 +130,7 @@ async def serve(machines: Machines, web: WebSection, state_dir: Path, report: Re
         site = Site(machines, doors, Doorkeeper(token), web.max_streams)
         server = _Server(_settings(site, web))
         with site:
-            beside = [asyncio.create_task(_beat(report, _url(web, doors))), asyncio.create_task(site.hub.run())]
+            beside = [asyncio.create_task(_beat(report, web.url(doors.port))), asyncio.create_task(site.hub.run())]
             serving = asyncio.create_task(server.serve([listening]))
             try:
                 await asyncio.shield(serving)
@@ -189,11 +189,6 @@ def _listen(web: WebSection, port: int) -> socket.socket:
             f"[web] host = {web.host!r}, port = {port}: cannot be listened on ({error.strerror or error})"
         ) from None
     return listening
-
-
-def _url(web: WebSection, doors: Doors) -> str:
-    host = f"[{web.host}]" if ":" in web.host else web.host
-    return f"{'https' if doors.secure else 'http'}://{host}:{doors.port}/"
 
 
 def child() -> None:

@@ -34,23 +34,18 @@ class Sender:
         """Return that of a configuration; without a fixed port, the page has no address."""
         web, page = config.web, config.notify.page_url
         if page is None and web.enabled and web.port:
-            host = f"[{web.host}]" if ":" in web.host else web.host
-            page = f"http{'' if web.cert_file is None else 's'}://{host}:{web.port}/"
+            page = web.url(web.port)
         return cls(config.machine.name, config.machine.timezone, page)
 
 
 @dataclass(frozen=True)
 class Item:
-    """An event with the values of its channel in the record of its block.
-
-    Attributes:
-        values: SI; empty where there is no record.
-        found: time of detection, UTC s, shown where the block has no date.
-    """
+    """An event with the values of its channel in the record of its block, SI; empty where there is no record."""
 
     event: LoggedEvent
     values: Mapping[str, Any] = field(default_factory=dict)
     found: float | None = None
+    """Time of detection, UTC s, shown where the block has no date."""
 
     def when(self, zone: str) -> str:
         """Return its time in a time zone and in UTC; the time of detection if its block has no date."""
