@@ -18,9 +18,7 @@ class Block:
     Attributes:
         samples: shape (channel, sample), float32 or float64, in the unit of each channel.
         rate: Hz.
-        channels: name of each row.
         units: of each row: "m/s2", "g", "V" or "unknown", as the file or the configuration states it.
-        source: name of the source.
         sequence: 1-based number in the source's own unit (a PRONOSTIA file, a 5-second block).
         name: origin for people: a file name, "recording.wav[55 s]".
         start: seconds since 1970-01-01 UTC of the first sample, None without a date.
@@ -83,11 +81,9 @@ def to_si(
 ) -> tuple[NDArray[np.floating], str]:
     """Convert samples of any shape to m/s2, in their precision.
 
-    Returns the samples and "m/s2"; those of unit "unknown" scaled, and "unknown".
+    ``scale`` is the factor from the stored numbers to ``unit``; the sensitivity is for "V".
 
-    Args:
-        scale: factor from the stored numbers to ``unit``.
-        sensitivity_mv_per_g: of the sensor, for "V".
+    Returns the samples and "m/s2"; those of unit "unknown" scaled, and "unknown".
 
     Raises:
         ValueError: the unit is none of "g", "m/s2", "V", "unknown", or "V" comes without a sensitivity.

@@ -126,8 +126,8 @@ def _follows(before: Samples, after: Samples) -> bool:
 def samples_hash(samples: NDArray[np.floating], rate: float, channels: tuple[str, ...]) -> str:
     """Return the digest of a block cut from a stream.
 
-    It depends on samples (channel, sample), rate in Hz and channels alone. The place in the stream is the block's
-    sequence number; together they identify the block, however the samples were divided before.
+    It depends on samples (channel, sample), rate in Hz and channels alone; with its sequence number it identifies the
+    block, however the samples were divided before.
     """
     digest = hashlib.blake2b(digest_size=16)
     digest.update(repr((float(rate), channels, samples.shape, samples.dtype.kind, samples.dtype.itemsize)).encode())

@@ -82,7 +82,7 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
 
 
 def data_set_of(spec: SourceSpec, files: Files, kind: str) -> DataSet:
-    """Return the data set or plain format of a recording, by name or "auto"; it applies side-cars.
+    """Return the data set or format of a recording ("auto": recognised), with side-cars.
 
     Raises:
         SourceError: the name is not known, nothing is recognised, or a library is missing.
@@ -135,9 +135,9 @@ def _found_data_set(spec: SourceSpec, files: Files, kind: str) -> DataSet:
     try:
         for item in files:
             paths.append(item.path)
-            by_name = _recognised_by_name(item, files)
-            if by_name is not None:
-                return by_name
+            for name in ("pronostia", "ims", "paderborn"):
+                if _is_named_as(name, item, files):
+                    return DATA_SETS[name]
             found = found or _recognised_by_content(item, spec, files)
             if found is not None and found.name in DATA_SETS:
                 return found
@@ -162,11 +162,9 @@ def _nothing(paths: list[str]) -> str:
     )
 
 
-def _recognised_by_name(item: Item, files: Files) -> DataSet | None:
-    for name in ("pronostia", "ims", "paderborn"):
-        if DATA_SETS[name].facts(item.path, str(files.root), ZoneInfo("UTC")) is not None:
-            return DATA_SETS[name]
-    return None
+def _is_named_as(name: str, item: Item, files: Files) -> bool:
+    """Return whether a file is named as those of a data set."""
+    return DATA_SETS[name].facts(item.path, str(files.root), ZoneInfo("UTC")) is not None
 
 
 def _recognised_by_content(item: Item, spec: SourceSpec, files: Files) -> DataSet | None:
@@ -180,7 +178,7 @@ def _recognised_by_content(item: Item, spec: SourceSpec, files: Files) -> DataSe
     if kind == "csv" and ending != ".csv" and files.several and not _is_numbers(item):
         # It may be a README.txt.
         return None
-    if kind == "csv" and DATA_SETS["xjtu_sy"].facts(item.path, str(files.root), ZoneInfo("UTC")) is not None:
+    if kind == "csv" and _is_named_as("xjtu_sy", item, files):
         data = _bytes(item)
         if data is not None and _XJTU_HEADER.encode() in data[:200]:
             return DATA_SETS["xjtu_sy"]
@@ -219,7 +217,4 @@ def _recognised_mat(item: Item, files: Files) -> DataSet | None:
     if {"Data", "SampleFrequency"} <= variables.keys():
         return DATA_SETS["uestc"]
     vectors = [shape for shape, kind in variables.values() if kind == "double" and max(shape, default=0) > 1]
-    hit_sm = DATA_SETS["hit_sm"]
-    if vectors == [(262144, 1)] and hit_sm.facts(item.path, str(files.root), ZoneInfo("UTC")) is not None:
-        return hit_sm
-    return None
+    return DATA_SETS["hit_sm"] if vectors == [(262144, 1)] and _is_named_as("hit_sm", item, files) else None

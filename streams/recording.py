@@ -143,31 +143,25 @@ class Recording:
         held: dict[tuple[object, ...], _Loaded] = {}
         done: set[tuple[object, ...]] = set()
         paths: list[str] = []
-        trouble: _Loaded | None = None
-        stream = iter(self._files)
-        while True:
-            try:
-                item = next(stream, None)
-            except ReaderError as error:
-                trouble = _Loaded(self._files.root.name, FileFacts(()), error)
-                break
-            if item is None:
-                break
-            facts = self._loader.facts(item.path)
-            if facts is None:
-                continue
-            paths = _one_run([*paths[:1], item.path], self.name, self._set)
-            if facts.order in done or facts.order in held:
-                yield self._load(item, facts, repeated=True)
-                continue
-            held[facts.order] = self._load(item, facts)
-            while following is not None and following in held:
-                done.add(following)
-                yield held.pop(following)
-                following = next(wanted, None)
+        damaged: list[_Loaded] = []
+        try:
+            for item in self._files:
+                facts = self._loader.facts(item.path)
+                if facts is None:
+                    continue
+                paths = _one_run([*paths[:1], item.path], self.name, self._set)
+                if facts.order in done or facts.order in held:
+                    yield self._load(item, facts, repeated=True)
+                    continue
+                held[facts.order] = self._load(item, facts)
+                while following is not None and following in held:
+                    done.add(following)
+                    yield held.pop(following)
+                    following = next(wanted, None)
+        except ReaderError as error:
+            damaged.append(_Loaded(self._files.root.name, FileFacts(()), error))
         yield from (held[order] for order in sorted(held))
-        if trouble is not None:
-            yield trouble
+        yield from damaged
 
     def _listed_orders(self) -> list[tuple[object, ...]]:
         orders: set[tuple[object, ...]] = set()

@@ -1,8 +1,7 @@
 """A simulated rig with a bearing that wears out, and its true damage.
 
-Each block is simulated by the six-degree-of-freedom model at that block's extent and depth of the defect, on a rough
-floor and with rig parameters a few per cent off the nominal ones, without a map: a tracker tested on it has a map that
-does not describe the bearing exactly.
+Each block is simulated by the six-degree-of-freedom model at its own extent and depth of the defect, on a rough floor
+and with rig parameters a few per cent off the nominal ones: no map describes the bearing exactly.
 """
 
 from __future__ import annotations
@@ -117,10 +116,8 @@ class SimulatedRig:
     ) -> None:
         """Draw the life of a bearing; load in N, shaft speed in Hz.
 
-        Args:
-            healthy_blocks: blocks before the damage begins.
-            blocks: blocks in all, None: until V_eq is 1.3 times the threshold.
-            nominal: rig parameters from which the true ones deviate.
+        ``healthy_blocks`` come before the damage, ``blocks`` in all; None: until V_eq is 1.3 times the threshold. The
+        true rig parameters deviate from the ``nominal`` ones.
         """
         rng = np.random.default_rng([seed, 1])
         self.name = name
@@ -212,13 +209,7 @@ _OPTIONS = {"seed": int, "healthy_blocks": int, "blocks": int, "load_newton": fl
 
 
 def open_rig(url: str, name: str) -> SimulatedRig:
-    """Open ``rig:NAME?seed=N``.
-
-    Further options are healthy_blocks, blocks, load_newton and speed_hz.
-
-    Raises:
-        SourceError: an unknown rig or option, or a value that is none; the message names it.
-    """
+    """Open ``rig:NAME?seed=N``; SourceError names an unknown rig or option, or a wrong value."""
     place, _, query = url.removeprefix("rig:").partition("?")
     where = f"[[source]] {name}: url {url!r}"
     if place != "ferrara":

@@ -102,7 +102,7 @@ class Samples:
     def elapsed_since(self, began: float | None) -> float | None:
         """Return the seconds from the first sample of the source to these, or None.
 
-        ``began`` is the start of the first dated block of the source, s since 1970 UTC; None where this is the first.
+        ``began``: start of the first dated block of the source, s since 1970 UTC; None where this is the first.
         """
         if self.elapsed is not None:
             return self.elapsed + self.offset / self.known_rate
@@ -147,10 +147,9 @@ def stack_rows(rows: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
 
 
 def rows_of(array: NDArray[np.generic], where: str) -> NDArray[np.floating]:
-    """Return a stored array of real numbers as rows; the longer of its axes is time.
+    """Return a stored array of real numbers in shape (row, sample); its longer axis is time.
 
-    Returns:
-        Shape (row, sample); float32 for float32 and for integers of at most 16 bits, else float64.
+    It is float32 for float32 and for integers of at most 16 bits, else float64.
 
     Raises:
         ReaderError: ``wrong_shape`` for other dimensions or a square array, ``empty``, ``unreadable`` for other types.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ipaddress
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -197,15 +196,3 @@ def parse_address(url: str, where: str) -> Address:
             raise SourceError(f"{where} {url!r}: the topic must be one topic, without + and #")
         return Address("mqtt", host, MQTT_PORT if port is None else port, topic)
     raise SourceError(f"{where} {url!r}: expected tcp://HOST:PORT or mqtt://HOST:PORT/TOPIC")
-
-
-def same_listener(addresses: Sequence[Address]) -> Address:
-    """Return the address whose host and port all streams of one receiver share.
-
-    Raises:
-        ValueError: they differ; the caller groups them beforehand.
-    """
-    first = addresses[0]
-    if any((other.scheme, other.host, other.port) != (first.scheme, first.host, first.port) for other in addresses):
-        raise ValueError(f"one receiver serves one address, got {sorted({f'{a.host}:{a.port}' for a in addresses})}")
-    return first

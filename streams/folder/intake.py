@@ -51,12 +51,10 @@ class _UnfinishedError(SpallwatchError):
 
 
 def _read_raw(root: Path, entry: Entry, growing: str | None) -> _Raw:
-    """Return the bytes of a file; of a growing one those whose samples are final.
-
-    ``growing`` is the format of a file that may grow, else None.
+    """Return the bytes of a file; of a ``growing`` format those whose samples are final.
 
     Raises:
-        ReaderError: ``refused`` or ``unreadable``, see :func:`streams.files.read_guarded`.
+        ReaderError: as :func:`streams.files.read_guarded`, but for a file that changes.
         _UnfinishedError: it has changed since it was selected.
     """
     if not entry.stat.regular:

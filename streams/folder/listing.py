@@ -49,11 +49,7 @@ def stat_file(root: str, path: str) -> Stat | None:
 def list_files(root: str, closed: list[str] | None = None) -> dict[str, Stat]:
     """Return the status of all files below a folder by path; links are not followed.
 
-    Args:
-        closed: extended by the paths of the folders below it that may not be read.
-
-    Raises:
-        OSError: the folder itself cannot be read.
+    ``closed`` is extended by the folders below it that may not be read; OSError where the folder itself may not.
     """
     found: dict[str, Stat] = {}
     folders = [""]

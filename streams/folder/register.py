@@ -36,21 +36,18 @@ class Entry(Origin):
     Attributes:
         path: below the folder, as the file system gives it; ``key`` is the same in printable characters.
         order: sorts the files by acquisition.
-        seen: when it was first seen waiting.
-        changed: when its last change was seen.
-        closed: whether it was closed or moved in since then.
+        seen: when it was first seen waiting, ``changed`` when its last change was.
+        closed: whether it was closed or moved in since its last change.
         whole: whether it counted as complete when it was taken.
         phase: "queued", "deferred" because it is incomplete, "held" because samples of it wait for more, "delivered"
             entirely.
         due: when it is tried again without a change.
         base: its progress in the ledger.
         counted: the verdict under which it is counted already.
-        read: its progress as of the last reading, without samples.
+        read: its progress as of the last reading, ``read_at``, without samples.
         fed: number of samples taken.
-        read_at: when it was last read.
         absent: since when it is missing from the folder.
-        outstanding: number of unacknowledged deliveries with samples of it.
-        blocks: number of blocks with samples of it.
+        outstanding: number of unacknowledged deliveries with samples of it, ``blocks`` of all blocks with such.
     """
 
     path: str
@@ -80,9 +77,8 @@ class Register:
     ) -> None:
         """Begin with the pending files of the ledger.
 
-        Args:
-            settle_s: time for which a file must be unchanged, s.
-            order_of: sorting key of a path, None for a file of another kind.
+        ``settle_s`` is the time for which a file must be unchanged; ``order_of`` gives the sorting key of a path, None
+        for a file of another kind.
         """
         self.waiting: dict[str, Entry] = {}
         self.ignored: set[str] = set()
@@ -228,8 +224,7 @@ class Register:
     def is_settled(self, entry: Entry, now: float) -> bool:
         """Return whether a file seems to be complete.
 
-        That it was closed is enough only after another file in order: the first one may belong to many that are being
-        copied in any order.
+        That it was closed is enough only after another file in order: many may be copied in any order.
         """
         if now - entry.changed >= self._settle:
             return True
@@ -238,8 +233,7 @@ class Register:
     def _is_whole(self, entry: Entry, now: float) -> bool:
         """Return whether the last line of a file counts as complete.
 
-        A buffered writer stops anywhere, and may pause for longer than the settling time; but it closes a finished
-        file, or continues in the next one.
+        A buffered writer stops anywhere, and may pause; but it closes a finished file, or continues in the next one.
         """
         if not self.is_settled(entry, now):
             return False
@@ -254,10 +248,8 @@ class Register:
         """Return the next file in order, or None where all have to wait.
 
         A file that is still being written holds back those after it, to keep the order, for a limited time; so does a
-        number of files that keeps growing, because a folder is copied in any order.
-
-        Args:
-            period: time between readings of a growing file, s; None: it is not read before it is complete.
+        number of files that keeps growing, because a folder is copied in any order. ``period`` is the time between
+        readings of a growing file, s; None: it is not read before it is complete.
         """
         self._requeue_due(now)
         if self._is_copying(now):

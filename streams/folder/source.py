@@ -45,9 +45,8 @@ class FolderSource(LiveSource):
     """The files of a folder, each accepted, rejected with a reason, or pending.
 
     A file is taken when it was closed after writing or moved in, or has not changed for the settling time, and is as
-    long as its header declares. A data set of snapshots gives one block a file, under the file's own number where it
-    has one; other files are cut into blocks that continue from file to file where their start times are continuous. A
-    CSV or TDMS file that grows is continued where its last block ended.
+    long as its header declares. A data set of snapshots gives one block a file, under its own number if any; other
+    files are cut into blocks that continue over files whose times do. A CSV or TDMS file that grows is continued.
     """
 
     def __init__(self, spec: SourceSpec, root: str, clock: Clock | None = None) -> None:
@@ -73,9 +72,10 @@ class FolderSource(LiveSource):
     def open(self, ledger: Ledger) -> None:
         """Begin with the pending files of the ledger.
 
+        A missing folder may be created later, and is a :meth:`problem`.
+
         Raises:
-            SourceError: the folder is a file or may not be read, or the configuration names no known format. A missing
-                folder may be created later, and is a :meth:`problem`.
+            SourceError: the folder is a file or may not be read, or the configuration names no known format.
         """
         where = f"[[source]] {self.name}"
         try:

@@ -114,10 +114,7 @@ class _Handler:
 
 
 class _Overflow:
-    """Counts overflows of the kernel's queue, for which watchdog calls no handler.
-
-    The methods ``on_...`` are those of ``watchdog.observers.inotify_c.WatchCallback``; it ends with the observer.
-    """
+    """A ``WatchCallback`` of watchdog's inotify: for overflows it calls no handler."""
 
     def __init__(self, call: Callable[[], None]) -> None:
         self._call = call

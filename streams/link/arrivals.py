@@ -19,17 +19,17 @@ from streams.load import agreed_rate, choose_channels, content_hash
 from streams.reblock import samples_hash
 from streams.samples import ReaderError, Samples
 from streams.source import Backlog, Delivery, Ledger, LiveSource
-from streams.spec import MAX_FRAME, NetworkSpec, SourceError, SourceSpec, parse_address, same_listener
+from streams.spec import MAX_FRAME, NetworkSpec, SourceError, SourceSpec, parse_address
 
 _LOG = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
 class Ticket:
-    """State of a delivery until it is acknowledged.
+    """A delivery until it is acknowledged; size in bytes, time of receipt of its frame.
 
-    ``size`` in bytes and receipt time ``since`` are those of its frame; ``token`` is of the transport, replaced when
-    the frame is received again; ``out_of_order``: a higher number was received before, so the ledger may have this one.
+    ``token`` is of the transport, replaced when the frame is received again; ``out_of_order``: a higher number was
+    received before, so the ledger may have this one.
     """
 
     stream: str
@@ -49,12 +49,11 @@ class _Stream:
 class Arrivals:
     """The queue of one receiver.
 
-    :meth:`take` is called by the thread that reads, the rest by the one that commits.
-
-    A frame is a block, its sequence the block's. A frame received again before its commit is discarded; after it, it
-    is delivered as a rejection ``duplicate`` or ``changed``, and the committed block stays. Where numbers are skipped,
-    a rejection ``incomplete`` under the last of them states which are missing; but where the sender states that it
-    did send the one before, that one was lost on the way, and the frame is refused until both are sent again.
+    The thread that reads calls :meth:`take`, the one that commits the rest. A frame is a block, under the same number.
+    A frame received again before its commit is discarded; after it, it is delivered as a rejection ``duplicate`` or
+    ``changed``, and the committed block stays. Where numbers are skipped, a rejection ``incomplete`` under the last of
+    them states which are missing; but where the sender states that it did send the one before, that one was lost on
+    the way, and the frame is refused until both are sent again.
     """
 
     def __init__(
@@ -65,7 +64,6 @@ class Arrivals:
         Args:
             specs: the allowed streams by their id; blocks bear the name of the source.
             max_waiting: bytes of frames that may wait for their commit.
-            clock: s, for the age of the backlog.
         """
         self._lock = threading.Condition()
         self._streams = {stream: _Stream(spec) for stream, spec in specs.items()}
@@ -105,11 +103,7 @@ class Arrivals:
         return self._streams[stream].committed
 
     def take(self, stream: str, data: bytes | bytearray, token: Any = None, limit: int = MAX_FRAME) -> bool:
-        """Queue a whole frame; ``data`` must not be changed afterwards.
-
-        Args:
-            token: see :class:`Ticket`.
-            limit: bytes of the largest frame to accept.
+        """Queue a whole frame of at most ``limit`` bytes; ``data`` must not be changed afterwards.
 
         Returns:
             Whether it was taken; if not, the sender must send again from the number committed last on.
@@ -256,19 +250,16 @@ class Receiver(LiveSource):
     """A live source of the streams at one network address; base for TCP and MQTT."""
 
     def __init__(self, specs: Sequence[SourceSpec], network: NetworkSpec | None, form: str) -> None:
-        """Take the sources that share an address.
+        """Take the sources that share an address; SourceError where it is not of this ``form``.
 
-        Args:
-            network: limits and credentials; those of the first source by default.
-            form: of the URL, such as ``tcp://HOST:PORT``.
-
-        Raises:
-            SourceError: an address is not of this form.
+        ``network`` has limits and credentials; those of the first source by default.
         """
         self.name = ",".join(spec.name for spec in specs)
         self._where = f"[[source]] {self.name}: url"
         addresses = [parse_address(spec.url, self._where) for spec in specs]
-        self._address = same_listener(addresses)
+        self._address = addresses[0]
+        if any(replace(place, topic=self._address.topic) != self._address for place in addresses):
+            raise ValueError(f"one receiver serves one address, got {addresses}")
         if self._address.scheme != form.partition(":")[0]:
             raise SourceError(f"{self._where} {specs[0].url!r}: expected {form}")
         self._network = network or specs[0].network or NetworkSpec()
@@ -279,11 +270,7 @@ class Receiver(LiveSource):
         self._problem: str | None = None
 
     def open(self, ledger: Ledger) -> None:
-        """Start receiving.
-
-        Raises:
-            SourceError: see :meth:`_start`.
-        """
+        """Start receiving; SourceError as :meth:`_start`."""
         if self._opened:
             raise RuntimeError(f"source {self.name!r} is open already")
         self._arrivals.open(ledger)

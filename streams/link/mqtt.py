@@ -1,8 +1,7 @@
 """Frames from an MQTT broker: QoS 1, kept session, acknowledged after the commit.
 
-The payload is the frame of TCP. The number committed last is published, retained, under ``TOPIC/committed``: a frame
-that the broker has is not committed yet, so a sender keeps its blocks until it reads their number there.
-docs/reference/wire.md has the protocol.
+The payload is the frame of TCP. The number committed last is published, retained, under ``TOPIC/committed``; a sender
+keeps its blocks until it reads their number there. docs/reference/wire.md has the protocol.
 """
 
 from __future__ import annotations
@@ -38,9 +37,9 @@ class _Token:
 class MqttReceiver(Receiver):
     """Subscribes to the topics of one or several sources at one broker.
 
-    Only messages under exactly these topics are taken; retained ones, which may be of any age, are acknowledged and
-    ignored. A payload without a valid checksum is acknowledged as well, so that it is not delivered for ever, and is
-    the :meth:`problem`; the frame after it states the gap.
+    Retained messages, which may be of any age, are acknowledged and ignored. A payload without a valid checksum is
+    acknowledged as well, so that it is not delivered for ever, and is the :meth:`problem`; the next frame states the
+    gap.
     """
 
     def __init__(self, specs: Sequence[SourceSpec], network: NetworkSpec | None = None) -> None:
@@ -52,7 +51,9 @@ class MqttReceiver(Receiver):
         super().__init__(specs, network, "mqtt://HOST:PORT/TOPIC")
         if len(self._arrivals.streams) != len(specs):
             raise SourceError(f"{self._where}: several sources have the same topic")
-        self._client = make_client(self._address, self._network, client_id(self.name, self._network), self._where)
+        # The broker keeps the session under this id over restarts.
+        client_id = self._network.client_id or "spallwatch-" + re.sub(r"[^A-Za-z0-9_.-]", "-", self.name)
+        self._client = make_client(self._address, self._network, client_id, self._where)
         self._connection = 0
         self._connected = False
         self._problem = f"{self.name}: not connected to the broker yet"
@@ -128,18 +129,10 @@ class MqttReceiver(Receiver):
         self._client.loop_stop()
 
 
-def client_id(name: str, network: NetworkSpec) -> str:
-    """Return the id of the broker's session, the same after every restart."""
-    return network.client_id or "spallwatch-" + re.sub(r"[^A-Za-z0-9_.-]", "-", name)
-
-
 def make_client(address: Address, network: NetworkSpec, name: str, where: str, *, keep: bool = True) -> Any:
-    """Return a paho client with its credentials, not connected yet.
+    """Return a paho client of an id with its credentials, not connected yet.
 
-    Args:
-        name: client id.
-        where: key or option named in a message.
-        keep: whether the broker keeps the session.
+    ``where`` is the key or option named in a message; with ``keep`` the broker keeps the session.
 
     Raises:
         SourceError: paho-mqtt is missing, or a file cannot be read; no secret is in the message.
@@ -179,8 +172,8 @@ def _secret(path: Path, where: str) -> str:
 class MqttLink:
     """The :class:`streams.link.sender.Link` to a receiver behind a broker.
 
-    Frames are sent with QoS 1, but a block counts as committed only when its number is under ``TOPIC/committed``: a
-    broker that is killed may lose frames that it has acknowledged.
+    A block counts as committed only when its number is under ``TOPIC/committed``: a broker that is killed may lose
+    frames that it has acknowledged.
     """
 
     def __init__(self, address: Address, network: NetworkSpec | None = None, timeout: float = 10.0) -> None:

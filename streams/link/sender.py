@@ -39,10 +39,7 @@ class Link(Protocol):
         ...
 
     def committed(self, timeout: float) -> int | None:
-        """Return the number committed last, None if none comes within ``timeout`` s.
-
-        A timeout of 0 does not wait.
-        """
+        """Return the number committed last, None where none comes within ``timeout`` s."""
         ...
 
     def close(self) -> None:
@@ -52,10 +49,9 @@ class Link(Protocol):
 
 @dataclass(frozen=True)
 class SendResult:
-    """Result of sending a recording.
+    """Counts of blocks sent (without repetitions), committed before, and not readable.
 
-    ``sent`` frames without repetitions, ``acknowledged`` the number of the last committed block, ``skipped`` blocks
-    that were committed before, ``rejected`` blocks of the recording that could not be made.
+    ``acknowledged`` is the number of the last committed block.
     """
 
     sent: int
@@ -77,7 +73,7 @@ class TcpLink:
         self._received = bytearray()
 
     def connect(self) -> int:
-        """Connect, say hello and return the number committed last."""
+        """Connect, send the hello and return the number committed last."""
         self.close()
         try:
             self._socket = socket.create_connection((self._address.host, self._address.port), self._timeout)
@@ -134,8 +130,7 @@ class TcpLink:
 class Sender:
     """Sends the blocks of a recording in order, keeping each until it is committed.
 
-    At each connection the receiver states the number committed last; everything after it is sent (again). A receiver
-    without a ledger gets the recording from the first block on.
+    At each connection the receiver states the number committed last; all after it is sent.
     """
 
     def __init__(
@@ -155,8 +150,8 @@ class Sender:
         Args:
             pace: times real time, None: as fast as possible.
             limit: number of the last block to send, None: all.
-            patience: seconds without any progress after which to give up.
-            stall: seconds without a commit, while some are due, after which to connect again.
+            patience: s without any progress after which to give up.
+            stall: s without a commit, while some are due, after which to connect again.
             progress: called with the number committed last, whenever it changes.
         """
         self._source, self._link = source, link

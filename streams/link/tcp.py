@@ -41,8 +41,8 @@ class _Peer:
 class TcpReceiver(Receiver):
     """Listens for the senders of one or several streams; a live source.
 
-    The stream id of a sender must be the name of one of the sources, and its blocks bear that name. A second connection
-    for a stream replaces the first, which may be half-open.
+    The stream id of a sender is the name of a source. A second connection for a stream replaces the first, which may be
+    half-open.
     """
 
     def __init__(self, specs: Sequence[SourceSpec], network: NetworkSpec | None = None) -> None:

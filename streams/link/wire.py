@@ -48,10 +48,8 @@ SAMPLE_TYPES: Mapping[int, np.dtype[Any]] = {
 class WireError(SpallwatchError):
     """Bytes break the protocol; the message states what was expected and received.
 
-    Attributes:
-        status: rejection status of the interface.
-        sequence: number of the frame where its checksum is right, else None: then not even its length is reliable,
-            and a connection must be closed.
+    ``status`` is a rejection status of the interface. ``sequence`` is the number of the frame where its checksum is
+    right, else None: then not even its length is reliable, and a connection must be closed.
     """
 
     def __init__(self, reason: str, status: str = "unreadable", sequence: int | None = None) -> None:
@@ -93,11 +91,7 @@ class Frame:
 
 
 def hello(stream: str) -> bytes:
-    """Return the first message of a sender.
-
-    Raises:
-        WireError: the stream id is empty or too long.
-    """
+    """Return the first message of a sender; WireError for a stream id of a wrong length."""
     name = stream.encode()
     if not 1 <= len(name) <= MAX_STREAM_ID:
         raise WireError(f"a stream id has 1 to {MAX_STREAM_ID} bytes, got {len(name)}")
@@ -118,11 +112,7 @@ def hello_length(data: bytes) -> int:
 
 
 def hello_stream(data: bytes) -> str:
-    """Return the stream id of a whole hello.
-
-    Raises:
-        WireError: it is not printable UTF-8.
-    """
+    """Return the stream id of a whole hello; WireError where it is not printable UTF-8."""
     try:
         stream = data[HELLO.size :].decode()
     except UnicodeDecodeError as error:
@@ -169,9 +159,9 @@ def decode_frame(data: bytes | bytearray | memoryview, limit: int = MAX_FRAME) -
     length = frame_length(bytes(view[: HEAD.size]), limit)
     if len(view) != length:
         raise WireError(f"the frame says {length} bytes, {len(view)} came")
-    stated, found = _CRC.unpack(view[-_CRC.size :])[0], crc32c(bytes(view[: -_CRC.size]))
-    if stated != found:
-        raise WireError(f"the checksum is {stated:08x}, of these bytes it is {found:08x}")
+    checksum, found = _CRC.unpack(view[-_CRC.size :])[0], crc32c(bytes(view[: -_CRC.size]))
+    if checksum != found:
+        raise WireError(f"the checksum is {checksum:08x}, of these bytes it is {found:08x}")
     _, _, channels, sequence, rate, count, kind, start, json_length = HEAD.unpack_from(view)
     if not 1 <= sequence <= MAX_SEQUENCE:
         raise WireError(f"a sequence is 1 to {MAX_SEQUENCE}, got {sequence}")
@@ -180,29 +170,20 @@ def decode_frame(data: bytes | bytearray | memoryview, limit: int = MAX_FRAME) -
             raise WireError(f"the rate must be positive, got {rate} Hz", "wrong_rate")
         if not channels or not count:
             raise WireError(f"no samples: {channels} channels of {count} samples", "empty")
-        header = _json_header(bytes(view[HEAD.size : HEAD.size + json_length]), channels)
+        stated, scale, after = _json_header(bytes(view[HEAD.size : HEAD.size + json_length]), channels)
     except WireError as error:
         raise WireError(str(error), error.status, sequence) from None
     values = np.frombuffer(view, SAMPLE_TYPES[kind], channels * count, HEAD.size + json_length)
-    samples = Samples(values.reshape(channels, count), rate=rate, **header.rows)
-    return Frame(sequence, samples, None if start == UNDATED else start, header.scale, header.after)
+    samples = Samples(values.reshape(channels, count), rate=rate, **stated)
+    return Frame(sequence, samples, None if start == UNDATED else start, scale, after)
 
 
 def _refuse_constant(word: str) -> None:
     raise ValueError(f"{word} is not JSON")
 
 
-@dataclass(frozen=True)
-class _Header:
-    """The JSON header of a frame: fields of the samples, scale, frame before it."""
-
-    rows: dict[str, Any]
-    scale: tuple[float, ...]
-    after: int | None
-
-
-def _json_header(text: bytes, channels: int) -> _Header:
-    """Check the JSON header of a frame; unknown keys are ignored."""
+def _json_header(text: bytes, channels: int) -> tuple[dict[str, Any], tuple[float, ...], int | None]:
+    """Return what the JSON header states: fields of the samples, scale, frame before."""
     try:
         header = json.loads(text.decode(), parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
@@ -223,7 +204,7 @@ def _json_header(text: bytes, channels: int) -> _Header:
         "load": _number(header, "load_newton"),
         "elapsed": _number(header, "elapsed_s"),
     }
-    return _Header(rows, _scale(header, channels), _whole(header, "after"))
+    return rows, _scale(header, channels), _whole(header, "after")
 
 
 def _words(header: Mapping[str, Any], key: str, channels: int) -> tuple[str, ...]:

@@ -1,7 +1,6 @@
 """Unsafe parsers in a child process with limited memory, processor time and time.
 
-The child is kept for many files and then replaced. Its death only gives the file that it read the status
-``reader_crashed``.
+Its death only gives the file that it read the status ``reader_crashed``.
 """
 
 from __future__ import annotations
@@ -55,10 +54,7 @@ _ENVIRONMENT = {
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of one child, which is replaced after ``files`` files.
-
-    Address space in bytes; whole seconds of processor time and seconds of time for one file.
-    """
+    """Address space of a child in bytes, times for one file, files until it is replaced."""
 
     memory: int = 4 << 30
     cpu_s: int = 20
@@ -67,10 +63,7 @@ class Limits:
 
 
 class ReaderProcess(AbstractContextManager["ReaderProcess"]):
-    """A child process that parses files, one at a time; started at the first call.
-
-    Calls from several threads take turns.
-    """
+    """A child process that parses files, one at a time; started at the first call."""
 
     def __init__(self, limits: Limits | None = None) -> None:
         """Take the limits; nothing is started yet."""
@@ -87,11 +80,9 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
         return None if self._process is None else self._process.pid
 
     def call(self, function: Callable[..., Any], data: bytes, name: str, *arguments: Any) -> Any:
-        """Call a reader in the child.
+        """Call a function of a module in the child with ``data``, ``name`` and arguments.
 
-        Args:
-            function: a function of a module, called with ``data``, ``name`` and the arguments.
-            arguments: values that JSON can represent; so is the result, unless it is Samples.
+        JSON can represent the arguments, and the result unless it is Samples.
 
         Raises:
             ReaderError: as the reader; ``unreadable`` for its other exceptions; ``reader_crashed`` where the child died
@@ -286,12 +277,8 @@ def _after_fork() -> None:
     _shared = ReaderProcess()
 
 
-def _close() -> None:
-    _shared.close()
-
-
 os.register_at_fork(after_in_child=_after_fork)
-atexit.register(_close)
+atexit.register(lambda: _shared.close())
 
 
 def shared_process() -> ReaderProcess:

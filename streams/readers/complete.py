@@ -11,6 +11,8 @@ import numpy as np
 
 _TDMS_LEAD = 28
 _TDMS_UNKNOWN = 0xFFFFFFFFFFFFFFFF
+_SUPERBLOCKS = {0: (13, 24), 1: (13, 28), 2: (9, 12), 3: (9, 12)}
+"""By version of an HDF5 superblock: place of the width of addresses, bytes before the end of file but two of them."""
 
 
 def declared_size(data: bytes, name: str) -> int | None:
@@ -60,14 +62,11 @@ def _npy_size(data: bytes) -> int | None:
 def hdf5_size(data: bytes, base: int) -> int | None:
     """Return the end-of-file address of the superblock at ``base``, or None."""
     version = data[base + 8] if len(data) > base + 8 else 255
-    if version in (0, 1):
-        width = data[base + 13] if len(data) > base + 13 else 0
-        place = base + (24 if version == 0 else 28) + 2 * width
-    elif version in (2, 3):
-        width = data[base + 9] if len(data) > base + 9 else 0
-        place = base + 12 + 2 * width
-    else:
+    if version not in _SUPERBLOCKS:
         return None
+    width_at, fixed = _SUPERBLOCKS[version]
+    width = data[base + width_at] if len(data) > base + width_at else 0
+    place = base + fixed + 2 * width
     field = data[place : place + width]
     if width not in (2, 4, 8) or len(field) < width or field == b"\xff" * width:
         return None

@@ -59,7 +59,7 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
 
     Args:
         patterns: of the paths of the wanted data sets, such as ``run1/acc*``; none: all.
-        zone: IANA name of the time zone of stamps that name none.
+        zone: IANA name of the zone of stamps that name none.
 
     Raises:
         ReaderError: ``empty``; ``refused`` for links, external storage, virtual data sets and claims above
@@ -70,7 +70,8 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
         found = list(walk(file, name, patterns))
         arrays: list[tuple[str, NDArray[np.floating], Facts]] = []
         for item in found:
-            if not _is_samples(item.dataset):
+            shape = item.dataset.shape
+            if not shape or max(shape) < 2 or item.dataset.dtype.kind not in "fiu":
                 continue
             arrays.append((item.path, rows_of(load(item, name), f"{name}: data set {item.path}"), item.facts))
             counts = [(len(rows), rows.nbytes) for _, rows, _ in arrays]
@@ -81,7 +82,7 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
 
 
 def join_arrays(arrays: Sequence[tuple[str, NDArray[np.floating], Facts]], name: str, zone: str, none: str) -> Samples:
-    """Join arrays of shape (row, sample) to samples, with their names and what is stated of each.
+    """Join arrays of shape (row, sample), with their names and what is stated of each.
 
     A row is named as its array, ``NAME_1`` and so on where it has several. ``zone`` is the IANA name of the zone of
     stamps that name none, ``none`` the reason to give where there is no array.
@@ -138,12 +139,7 @@ def open_hdf5(data: bytes, name: str) -> Iterator[Any]:
 
 
 def walk(file: Any, name: str, patterns: Sequence[str] = (), separator: str = "/") -> Iterator[Found]:
-    """Yield matching data sets, along hard links only, by name within each group.
-
-    Args:
-        file: an open h5py file.
-        patterns: of paths; none: all.
-        separator: between the names of a path.
+    """Yield the data sets whose paths match a pattern (none: all), along hard links.
 
     Raises:
         ReaderError: ``refused`` where a matching path is a soft or external link, or the file has too many objects.
@@ -193,11 +189,6 @@ def attributes(item: Any) -> dict[str, object]:
         elif isinstance(value, np.number) and np.isrealobj(value):
             found[plain_key(key)] = float(value)
     return found
-
-
-def _is_samples(dataset: Any) -> bool:
-    shape = dataset.shape
-    return bool(shape) and dataset.dtype.kind in "fiu" and max(shape) > 1
 
 
 def load(item: Found, name: str) -> NDArray[Any]:

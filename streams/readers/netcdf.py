@@ -26,12 +26,9 @@ def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str 
     else rate and time from a coordinate ``time`` in ``seconds since ...``. ``scale_factor``, ``add_offset`` and fill
     values are applied; a fill value becomes NaN.
 
-    Args:
-        patterns: of the names of the variables; none: all but coordinates.
-        zone: IANA name of the time zone of stamps that name none.
-
     Raises:
-        ReaderError: as :func:`streams.readers.hdf5.read_hdf5`.
+        ReaderError: as :func:`streams.readers.hdf5.read_hdf5`, whose arguments it takes; without patterns it reads all
+            variables but coordinates.
     """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")

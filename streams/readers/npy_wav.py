@@ -1,4 +1,4 @@
-"""Plain arrays (.npy, never pickles) and sound files (WAV, FLAC), the header compared with what is there."""
+"""Plain arrays (.npy, never pickles) and sound (WAV, FLAC), with checked headers."""
 
 from __future__ import annotations
 

@@ -29,10 +29,9 @@ _MAX_SIDECAR_BYTES = 1 << 16
 
 @dataclass(frozen=True)
 class SideCar:
-    """The content of a side-car, None where it states nothing.
+    """The content of a side-car in SI units, None where it states nothing.
 
-    Rate and shaft speed are in Hz, the start of the first sample in s since 1970 UTC, the load in N. ``scale`` is the
-    factor from the stored numbers to the unit; with a sensitivity rows in V are given in g.
+    ``scale`` is the factor from the stored numbers to the unit; with a sensitivity rows in V are given in g.
     """
 
     path: str
@@ -49,7 +48,7 @@ class SideCar:
 def find_sidecar(root: Path, path: str, zone: str = "UTC") -> SideCar | None:
     """Return the side-car of the file at ``path`` below the resolved root, or None.
 
-    ``zone`` is the IANA name of the zone of a ``start_utc`` that names none.
+    ``zone`` is the IANA name of the zone of a start that names none.
 
     Raises:
         ReaderError: ``unreadable`` where it is no valid side-car, naming the key; ``refused`` as for any file.

@@ -28,6 +28,7 @@ _STEPS = ("dt", "deltat", "deltax", "dts", "wfincrement", "sampleinterval", "sam
 _STARTS = ("startutc", "start", "starttime", "wfstarttime", "t0", "acquisitiontime", "timestamp", "datetime",
            "startzeit")  # fmt: skip
 _UNIT_KEYS = ("unit", "units", "unitstring", "niunitdescription", "engineeringunits", "einheit")
+_STAMPS = ("%d-%b-%y %H:%M:%S", "%d-%b-%Y %H:%M:%S", "%Y/%m/%d %H:%M:%S", "%d.%m.%Y %H:%M:%S")
 _KILO = {"khz": 1e3, "hz": 1.0, "mhz": 1e6, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0, "s/s": 1.0, "": 1.0}
 
 Facts = Mapping[str, object]
@@ -52,9 +53,7 @@ def known_unit(text: object) -> str | None:
 
 
 def stated_rate(facts: Facts, where: str) -> float | None:
-    """Return the sampling rate in Hz among named values, or None.
-
-    The names are those of :func:`plain_key`.
+    """Return the sampling rate in Hz among values under plain keys, or None.
 
     Raises:
         ReaderError: ``wrong_rate`` where a value is no positive number or two of them differ.
@@ -119,10 +118,7 @@ def stated_start(facts: Facts, zone: str) -> float | None:
 
 
 def seconds_utc(value: object, zone: str) -> float | None:
-    """Return the seconds since 1970 UTC of a stamp, or None.
-
-    A stamp is ISO 8601, ``DD-Mon-YY HH:MM:SS`` or seconds since 1970.
-    """
+    """Return the seconds since 1970 UTC of a stamp, also of ISO 8601, or None."""
     if isinstance(value, np.datetime64):
         seconds = float((value - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
         return seconds if math.isfinite(seconds) else None
@@ -142,13 +138,9 @@ def _parsed(value: object) -> datetime | None:
     if not isinstance(value, str):
         return None
     text = value.strip()[:64]
-    try:
-        return datetime.fromisoformat(text)
-    except ValueError:
-        pass
-    for pattern in ("%d-%b-%y %H:%M:%S", "%d-%b-%Y %H:%M:%S", "%Y/%m/%d %H:%M:%S", "%d.%m.%Y %H:%M:%S"):
+    for pattern in (None, *_STAMPS):
         try:
-            return datetime.strptime(text, pattern)
+            return datetime.fromisoformat(text) if pattern is None else datetime.strptime(text, pattern)
         except ValueError:
             continue
     return None
@@ -157,8 +149,7 @@ def _parsed(value: object) -> datetime | None:
 def rate_of_times(times: NDArray[np.floating], where: str) -> float | None:
     """Return the rate in Hz that a column of times in s states.
 
-    None where there are less than two times, or their rounding leaves it uncertain by more than 5e-5 of it: then the
-    configuration has to state it.
+    None where there are less than two times, or their rounding leaves it uncertain by more than 5e-5 of it.
 
     Raises:
         ReaderError: ``nan`` for a time that is no number, ``wrong_rate`` where the times do not increase evenly.

@@ -31,17 +31,14 @@ _LABVIEW_ZERO = -2082844800.0
 
 
 def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
-    """Read the numeric channels of a TDMS file.
+    """Read the numeric channels of a TDMS file, a row for each, scaled as it says.
 
     Rate (``wf_increment``), time of the first sample (``wf_start_time`` and ``wf_start_offset``) and unit
     (``unit_string``) are taken from the properties of the channels.
 
     Args:
         patterns: of the channels that are wanted, as ``CHANNEL`` or ``GROUP/CHANNEL``; none: all.
-        zone: IANA name of the time zone of stamps that name none.
-
-    Returns:
-        A row for each channel, scaled as the file says.
+        zone: IANA name of the zone of stamps that name none.
 
     Raises:
         ReaderError: ``empty``; ``incomplete`` where a segment is shorter than declared; ``refused`` above
@@ -59,7 +56,7 @@ def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
             if declared > MAX_BYTES:
                 raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
             rows = [np.asarray(channel[:]) for channel in wanted]
-            properties = [_properties(channel) for channel in wanted]
+            properties = [{plain_key(str(k)): v for k, v in channel.properties.items()} for channel in wanted]
             lengths = [len(channel) for channel in wanted]
             titles = [(str(channel.group_name), str(channel.name)) for channel in wanted]
     except ReaderError:
@@ -137,16 +134,12 @@ def _wanted(file: Any, name: str, patterns: Sequence[str]) -> list[Any]:
     return found
 
 
-def _properties(channel: Any) -> Facts:
-    return {plain_key(str(key)): value for key, value in channel.properties.items()}
-
-
 def _stacked(rows: list[NDArray[Any]]) -> NDArray[np.floating]:
     exact = all(row.dtype.itemsize <= (4 if row.dtype.kind == "f" else 2) for row in rows)
     return stack_rows([row.astype(np.float32 if exact else np.float64, copy=False) for row in rows])
 
 
-def _start(properties: list[Facts], zone: str) -> float | None:
+def _start(properties: Sequence[Facts], zone: str) -> float | None:
     for facts in properties:
         start = seconds_utc(facts.get("wfstarttime"), zone)
         if start is not None and start > _LABVIEW_ZERO + 1.0:

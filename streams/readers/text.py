@@ -67,14 +67,13 @@ def read_text(
     "%" are comments, and so is a byte order mark. "nan" and "inf" are numbers, an empty field is not.
 
     Args:
-        separators: the separators that may occur.
         header: whether the first line names the columns; None: it does where none of its fields is a number.
         n_columns: the number or numbers of columns that the file may have; None: any.
         columns: which columns to give, counted from 1; None: all.
         precision: float64, or float32 where the numbers have no more than six significant digits.
 
     Returns:
-        Samples of shape (column, line); the names of the header, or ``column_1`` and so on.
+        Samples of shape (column, line), named by the header.
 
     Raises:
         ReaderError: ``empty`` without a line of numbers, ``wrong_shape`` where the columns do not fit, ``incomplete``
@@ -232,21 +231,15 @@ class _Head:
 
 
 def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
-    """Read a text file whose layout can be recognised without guessing.
+    """Read a text file of a layout recognised without guessing, as (column, line).
 
     Above the numbers there may be lines ``KEY: VALUE`` (also with "=", ";", "," or a tab; "#" or "%" before them), a
     line of column names and a line of units. Known are the keys of the sampling rate or interval, the unit and the time
     of the first sample; units also stand behind a name, as ``x [g]``. A column called time (``t``, ``Time [s]``,
-    ``X_Value``) is no channel but states the rate.
-
-    Args:
-        zone: IANA name of the zone of stamps that name none.
-
-    Returns:
-        Samples of shape (column, line), the columns counted as in the file.
+    ``X_Value``) is no channel but states the rate. ``zone`` is the IANA name of the zone of stamps that name none.
 
     Raises:
-        ReaderError: as :func:`streams.readers.text.read_text`; ``wrong_rate`` for uneven times or contradictory rates.
+        ReaderError: as :func:`read_text`; ``wrong_rate`` for uneven times or contradictory rates.
     """
     body, skipped = _numbers(clean_text(data, name), name)
     head = _head(skipped)
@@ -372,7 +365,5 @@ def _names_and_units(samples: Samples, head: _Head) -> tuple[tuple[str, ...], tu
 
 def _moved(error: ReaderError, name: str, lines: int) -> ReaderError:
     """Return the error with its line counted from the top of the file."""
-    moved = re.sub(
-        rf"^{re.escape(name)}: line (\d+)", lambda match: f"{name}: line {int(match[1]) + lines}", str(error), count=1
-    )
-    return ReaderError(error.status, moved)
+    line = re.compile(rf"^{re.escape(name)}: line (\d+)")
+    return ReaderError(error.status, line.sub(lambda match: f"{name}: line {int(match[1]) + lines}", str(error)))

@@ -21,7 +21,7 @@ _TAG = b"    -1"
 
 
 def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
-    """Read the time responses of a universal file.
+    """Read the time responses of a universal file, a row for each.
 
     The rate is that of the abscissa (which must be even), the unit that of the ordinate's label, else m/s2 for
     accelerations where data set 164 says SI; the time of the first sample is ID line 3.
@@ -29,9 +29,6 @@ def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "
     Args:
         patterns: of ID line 1, or of ``NODE:DIRECTION`` such as ``12:+Z``; none: all time responses.
         zone: IANA name of the zone of the stamp.
-
-    Returns:
-        A row for each function.
 
     Raises:
         ReaderError: ``empty``; ``incomplete`` where a data set is not closed or too short; ``wrong_shape`` where
