@@ -51,13 +51,18 @@ class Recording:
             self._count = self._count_files() if self._block_s is None else sum(1 for _ in self._cuts(self._block_s))
         return self._count
 
+    def _known(self) -> Iterator[tuple[FileFacts, Item]]:
+        """Yield the files of the data set; ReaderError where an archive breaks off."""
+        for item in self._files:
+            facts = self._loader.facts(item.path)
+            if facts is not None:
+                yield facts, item
+
     def _count_files(self) -> int:
         """Count one block a file, without parsing."""
         count = 0
         try:
-            for item in self._files:
-                if self._loader.facts(item.path) is None:
-                    continue
+            for _, item in self._known():
                 count += 1
                 if self._files.sequential:
                     # An archive that is damaged ends at the member that cannot be read.
@@ -83,21 +88,17 @@ class Recording:
     def _check(self) -> None:
         """Raise SourceError where files, rate or unit are missing."""
         where = f"[[source]] {self.name}"
-        first: FileFacts | None = None
-        samples: Samples | None = None
+        known = self._known()  # An archive is open as long as this is.
         try:
-            for item in self._files:
-                first = self._loader.facts(item.path)
-                if first is not None:
-                    samples = self._peek(item, first)
-                    break
+            found = next(known, None)
+            samples = None if found is None else self._peek(*found)
         except ReaderError as error:
             raise SourceError(f"{where}: url: {error}") from error
-        if first is None:
+        if found is None:
             place = "holds no file" if self._files.several else "is not a file"
             raise SourceError(f"{where}: url: {self._files.root} {place} of {self._set.name} ({self._set.files})")
         states_rate = self._set.states_rate and (samples is None or samples.rate is not None)
-        if first.rate is None and not states_rate and self._spec.rate is None:
+        if found[0].rate is None and not states_rate and self._spec.rate is None:
             raise SourceError(f"{where}: rate_hz is missing: neither the files nor {self._set.name} state a rate")
         states_unit = self._set.states_unit and (samples is None or any(unit is not None for unit in samples.units))
         if self._set.unit is None and not states_unit and not self._spec.channels:
@@ -111,7 +112,7 @@ class Recording:
                     f"[[channel]] {channel.name}: unit is {channel.unit!r}, but {self._set.name} is in {stated}"
                 )
 
-    def _peek(self, item: Item, facts: FileFacts) -> Samples | None:
+    def _peek(self, facts: FileFacts, item: Item) -> Samples | None:
         """Read the first file if only it can state rate or unit; None if it is unreadable."""
         configured = bool(self._spec.channels) and all(channel.unit is not None for channel in self._spec.channels)
         rate_known = facts.rate is not None or self._spec.rate is not None or not self._set.states_rate
@@ -125,9 +126,8 @@ class Recording:
 
     def _in_order(self) -> Iterator[_Loaded]:
         if not self._files.sequential:
-            known = [(facts, item) for item in self._files if (facts := self._loader.facts(item.path)) is not None]
+            known = sorted(self._known(), key=lambda pair: pair[0].order)
             _one_run([item.path for _, item in known], self.name, self._set)
-            known.sort(key=lambda pair: pair[0].order)
             seen: set[tuple[object, ...]] = set()
             for facts, item in known:
                 yield self._load(item, facts, facts.order in seen and self._set.snapshot)
@@ -145,10 +145,7 @@ class Recording:
         paths: list[str] = []
         damaged: list[_Loaded] = []
         try:
-            for item in self._files:
-                facts = self._loader.facts(item.path)
-                if facts is None:
-                    continue
+            for facts, item in self._known():
                 paths = _one_run([*paths[:1], item.path], self.name, self._set)
                 if facts.order in done or facts.order in held:
                     yield self._load(item, facts, repeated=True)
@@ -167,10 +164,7 @@ class Recording:
         orders: set[tuple[object, ...]] = set()
         # The pass that reads finds any damage again and reports it.
         with contextlib.suppress(ReaderError):
-            for item in self._files:
-                facts = self._loader.facts(item.path)
-                if facts is not None:
-                    orders.add(facts.order)
+            orders.update(facts.order for facts, _ in self._known())
         return sorted(orders)
 
     def _load(self, item: Item, facts: FileFacts, repeated: bool = False) -> _Loaded:

@@ -75,7 +75,7 @@ class NetworkSpec:
         ca_file: PEM certificates against which the broker's certificate is verified; it switches TLS on.
         cert_file: client certificate for the broker (PEM), with its private key in ``key_file``.
         username_file: file whose first line is the user name for the broker; ``password_file`` likewise.
-        client_id: client id at the broker, under which the session is kept; None derives one from the source name.
+        client_id: at the broker, which keeps the session under it; None derives one from the source name.
     """
 
     peers: tuple[str, ...] = ()

@@ -42,8 +42,7 @@ class Entry(Origin):
         phase: "queued", "deferred" because it is incomplete, "held" because samples of it wait for more, "delivered"
             entirely.
         due: when it is tried again without a change.
-        base: its progress in the ledger.
-        counted: the verdict under which it is counted already.
+        base: its progress in the ledger, ``counted`` the verdict under which it is counted already.
         read: its progress as of the last reading, ``read_at``, without samples.
         fed: number of samples taken.
         absent: since when it is missing from the folder.

@@ -44,6 +44,12 @@ def test_blocks_come_by_number_whatever_the_order(tmp_path: Path, order: list[in
     assert len(source) == len(numbers)
 
 
+def test_a_rate_that_no_file_of_an_archive_states_is_asked_for(tmp_path: Path) -> None:
+    path = tar_file(tmp_path / "x.tar", [("a.csv", b"x [g],y [g]\n1,2\n3,4\n")])
+    with pytest.raises(SourceError, match="rate_hz is missing"):
+        open_source(SourceSpec("test", str(path)))
+
+
 def test_folder_and_archive_give_the_same_blocks(tmp_path: Path) -> None:
     folder = tmp_path / "Bearing1_9"
     folder.mkdir()
