@@ -23,13 +23,11 @@ from monitor.health import alarms, channel, detect, waterfall
 from monitor.health.damage import tracker
 from monitor.health.damage.filter import particle_filter
 from monitor.health.damage.library import forecaster
-from monitor.health.damage.library.fit import fit_library
-from monitor.health.damage.library.model import Library
 from monitor.health.damage.thesis import edv, forecast
 from tests.hard.test_tracking import LOAD, METHODS, SPEED, growing, plain_map, settings_of
 from tests.monitor.health.test_alarms import RULE, block
 from tests.monitor.health.test_pipeline import base, checked, life
-from tests.oracles.toy_lives import INTERVAL, RADIUS, THRESHOLD, toy_lives
+from tests.oracles.toy_lives import RADIUS, THRESHOLD, toy_library
 
 COUNT = 36
 MIDDLE = 25
@@ -52,11 +50,6 @@ def state_of(step: Callable[..., Any]) -> type[Any]:
 
 
 @cache
-def library() -> Library:
-    return fit_library(toy_lives(30), thresholds=(THRESHOLD,), interval=INTERVAL, prior="toy lives", made_of={})
-
-
-@cache
 def samples() -> list[Any]:
     return life(COUNT, first_bad=28)
 
@@ -73,7 +66,7 @@ def take_detect(state: Any, i: int) -> tuple[Any, Any]:
 
 def take_damage(state: Any, i: int) -> tuple[Any, Any]:
     reading = tracker.DamageInput(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
-    state, *outputs = tracker.step(state, reading, tracker.DamageGate(), settings_of(METHODS[1], MAP, library()))
+    state, *outputs = tracker.step(state, reading, tracker.DamageGate(), settings_of(METHODS[1], MAP, toy_library()))
     return state, outputs
 
 
@@ -85,7 +78,7 @@ def take_filter(state: Any, i: int) -> tuple[Any, Any]:
 
 def take_library(state: Any, i: int) -> tuple[Any, Any]:
     given = forecaster.LibraryInput(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
-    return forecaster.step(state, given, library(), thresholds=(THRESHOLD,))
+    return forecaster.step(state, given, toy_library(), thresholds=(THRESHOLD,))
 
 
 def take_waterfall(state: Any, i: int) -> tuple[Any, Any]:

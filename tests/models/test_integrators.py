@@ -33,6 +33,7 @@ from tests.oracles import six_dof_oracle as oracle
 ROOT = Path(__file__).resolve().parents[2]
 SPAN = 0.6e-3
 STEPS = (48, 96, 192)
+Ends = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 @pytest.fixture(scope="module")
@@ -60,18 +61,19 @@ def contacts(problem: Problem, t: float, x: NDArray[np.float64]) -> int:
     return op.contact(t, t, x[0] - x[2], x[1] - x[3], x[6] - x[8], x[7] - x[9], problem.arrays)[2]
 
 
-def exact_end(problem: Problem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the state after SPAN in both coordinates; no ball meets or leaves its contact within."""
+@pytest.fixture(scope="module")
+def exact_end(healthy: Problem) -> Ends:
+    """The healthy state after SPAN in both coordinates; no ball meets or leaves its contact within."""
 
     def rhs(t: float, x: NDArray[np.float64]) -> NDArray[np.float64]:
         out = np.empty(12)
-        op.derivative(t, t, x, out, problem.arrays)
+        op.derivative(t, t, x, out, healthy.arrays)
         return out
 
     times = np.linspace(0.0, SPAN, 49)
-    found = solve_ivp(rhs, (0.0, SPAN), start_of(problem)[0], "DOP853", times, rtol=1e-12, atol=1e-14 * SCALE)
-    assert len({contacts(problem, t, x) for t, x in zip(times, found.y.T, strict=True)}) == 1
-    x = found.y[:, -1] - problem.rest
+    found = solve_ivp(rhs, (0.0, SPAN), start_of(healthy)[0], "DOP853", times, rtol=1e-12, atol=1e-14 * SCALE)
+    assert len({contacts(healthy, t, x) for t, x in zip(times, found.y.T, strict=True)}) == 1
+    x = found.y[:, -1] - healthy.rest
     return found.y[:, -1], to_exponential(x)
 
 
@@ -114,8 +116,8 @@ def test_both_coordinates_describe_one_motion(healthy: Problem) -> None:
     assert to_exponential(x - healthy.rest) == pytest.approx(y, rel=1e-9, abs=1e-15)
 
 
-def test_order_of_explicit_runge_kutta(healthy: Problem) -> None:
-    exact, _ = exact_end(healthy)
+def test_order_of_explicit_runge_kutta(healthy: Problem, exact_end: Ends) -> None:
+    exact, _ = exact_end
     errors = []
     for steps in STEPS:
         x = start_of(healthy)[0]
@@ -125,8 +127,8 @@ def test_order_of_explicit_runge_kutta(healthy: Problem) -> None:
 
 
 @pytest.mark.parametrize("sided", [False, True])
-def test_order_of_lawson(healthy: Problem, sided: bool) -> None:
-    _, exact = exact_end(healthy)
+def test_order_of_lawson(healthy: Problem, exact_end: Ends, sided: bool) -> None:
+    _, exact = exact_end
     errors = []
     for steps in (12, 24, 48):
         y, segment = start_of(healthy)[1], np.zeros(steps, dtype=np.int64)
@@ -137,8 +139,8 @@ def test_order_of_lawson(healthy: Problem, sided: bool) -> None:
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
-def test_order_of_exponential_multistep(healthy: Problem, order: int) -> None:
-    _, exact = exact_end(healthy)
+def test_order_of_exponential_multistep(healthy: Problem, exact_end: Ends, order: int) -> None:
+    _, exact = exact_end
     errors = []
     for steps in (96, 192, 384):
         h, y = SPAN / steps, start_of(healthy)[1]
@@ -163,9 +165,9 @@ def test_a_constant_force_moves_to_its_equilibrium_exactly() -> None:
     assert one[:2] == pytest.approx((static - static @ flow[0].T).ravel(), rel=1e-9)
 
 
-def test_order_of_dormand_prince(healthy: Problem) -> None:
+def test_order_of_dormand_prince(healthy: Problem, exact_end: Ends) -> None:
     """The error falls with the fifth power of the mean step while the tolerance is tightened."""
-    exact, _ = exact_end(healthy)
+    exact, _ = exact_end
     points = []
     for rtol in (1e-5, 1e-7, 1e-9):
         x = start_of(healthy)[0]

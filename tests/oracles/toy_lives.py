@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+
+from monitor.health.damage.library.fit import FitSettings, fit_library
+from monitor.health.damage.library.model import Library
 
 THRESHOLD = 5e-8
 RADIUS = 22.91e-3
@@ -81,3 +85,16 @@ def toy_life(
 def toy_lives(count: int, *, seed: int = 0, interval: float = INTERVAL, varying: bool = False) -> list[ToyLife]:
     """Return lives 0 to ``count - 1``."""
     return [toy_life(number, seed=seed, interval=interval, varying=varying) for number in range(count)]
+
+
+@cache
+def toy_library(count: int = 150, *, interval: float = INTERVAL, varying: bool = False) -> Library:
+    """Return a library of so many lives, for two thresholds; it is fitted once a process, as it takes seconds."""
+    return fit_library(
+        toy_lives(count, interval=interval, varying=varying),
+        thresholds=[0.6 * THRESHOLD, THRESHOLD],
+        interval=interval,
+        prior="toy lives",
+        made_of={"lives": "in closed form"},
+        settings=FitSettings(columns=100, moments=12),
+    )

@@ -7,6 +7,7 @@ each can be moved is in ``benchmarks/detection.py``.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from monitor.records.store import Store
 from monitor.service.replay import replay
 from monitor.service.setup import open_configured, source_settings
 from streams.block import Block, Rejected
+from tests.conftest import recordings_folder
 from tests.effort import effort_count
 from tests.recordings import RUNS, Run, example
 from tests.steps import Steps
@@ -35,12 +37,27 @@ FAULTS: dict[str, dict[str, set[str | None]]] = {
 END_OF_LIFE = {"Bearing1_1": 2766}
 
 
+Replayed = Callable[[Run], tuple[dict[str, Any], Path]]
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory: pytest.TempPathFactory) -> Replayed:
+    """Replay a run, once for all tests; return its summary and its store."""
+
+    @cache
+    def replay_once(run: Run) -> tuple[dict[str, Any], Path]:
+        config, _ = example(run.config)
+        out = tmp_path_factory.mktemp("replayed") / run.name
+        return replay(config, str(recordings_folder() / run.file), out).summary, out / "state.db"
+
+    return replay_once
+
+
 @pytest.mark.parametrize("run", RUNS, ids=lambda run: run.name)
-def test_onset_name_and_end_of_life(data_dir: Path, tmp_path: Path, run: Run) -> None:
+def test_onset_name_and_end_of_life(replayed: Replayed, run: Run) -> None:
     if run.name == "Bearing1_1" and effort_count(quick=0, full=1) == 0:
         pytest.skip("2803 files; SPALLWATCH_EFFORT=full runs it")
-    config, _ = example(run.config)
-    result = replay(config, str(data_dir / run.file), tmp_path / "out").summary
+    result, database = replayed(run)
     assert result["rejected"] == {}
     assert result["pending"] == 0
     channels: dict[str, dict[str, Any]] = result["channels"]
@@ -54,7 +71,7 @@ def test_onset_name_and_end_of_life(data_dir: Path, tmp_path: Path, run: Run) ->
         assert found["t_fs_utc"] is None
     ends = [found["t_eol_block"] for found in channels.values() if found["t_eol_block"] is not None]
     assert min(ends, default=None) == END_OF_LIFE.get(run.name)
-    assert_nothing_is_named_too_early(tmp_path / "out" / "state.db", run)
+    assert_nothing_is_named_too_early(database, run)
 
 
 def assert_nothing_is_named_too_early(database: Path, run: Run) -> None:
@@ -95,13 +112,13 @@ def test_a_run_in_pieces_gives_the_same_records(data_dir: Path, seed: int) -> No
     assert steps.stored() == whole.stored()
 
 
-def test_a_replay_that_is_resumed_gives_the_same_store(data_dir: Path, tmp_path: Path) -> None:
+def test_a_replay_that_is_resumed_gives_the_same_store(data_dir: Path, tmp_path: Path, replayed: Replayed) -> None:
     run = next(run for run in RUNS if run.name == "Bearing2_7")
     config, _ = example(run.config)
     path = str(data_dir / run.file)
-    whole = replay(config, path, tmp_path / "whole").summary
+    whole, database = replayed(run)
     pieces = [replay(config, path, tmp_path / "pieces", limit=83, resume=i > 0).summary for i in range(3)]
     assert pieces[-1]["channels"] == whole["channels"]
-    one, other = (records_of(tmp_path / name / "state.db") for name in ("whole", "pieces"))
+    one, other = records_of(database), records_of(tmp_path / "pieces" / "state.db")
     assert len(one) == 230
     assert [record.to_json() for record in one] == [record.to_json() for record in other]

@@ -21,7 +21,6 @@ from models.maps.plan import MapPlan
 from monitor.commands import forecast as forecast_command
 from monitor.commands import track as track_command
 from monitor.commands.common import InputError
-from monitor.health.damage.library.fit import fit_library
 from monitor.health.damage.library.forecaster import LibraryInput, LibrarySettings, LibraryState
 from monitor.health.damage.library.forecaster import step as ask_library
 from monitor.health.damage.library.model import Library
@@ -31,7 +30,7 @@ from monitor.records.dataset import words
 from monitor.records.library_file import save_library
 from monitor.service.setup import to_slice
 from streams.block import STANDARD_GRAVITY
-from tests.oracles.toy_lives import INTERVAL, THRESHOLD, ToyLife, toy_life, toy_lives
+from tests.oracles.toy_lives import THRESHOLD, ToyLife, toy_library, toy_life
 
 
 @pytest.fixture(scope="module")
@@ -216,7 +215,7 @@ def test_without_a_map_only_the_library_tracks(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def library() -> Library:
-    return fit_library(toy_lives(40), thresholds=(THRESHOLD,), interval=INTERVAL, prior="toy lives", made_of={})
+    return toy_library()
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,21 +26,9 @@ from monitor.health.damage.library.forecaster import (
 from monitor.health.damage.library.model import LINES, Library, quantiles_of
 from monitor.records.library_file import LibraryError, load_library, save_library
 from tests.effort import effort_count
-from tests.oracles.toy_lives import INTERVAL, THRESHOLD, ToyLife, toy_life, toy_lives
+from tests.oracles.toy_lives import INTERVAL, THRESHOLD, ToyLife, toy_library, toy_life, toy_lives
 
 QUICK = FitSettings(columns=100, moments=12)
-
-
-@cache
-def library(interval: float = INTERVAL, *, varying: bool = False) -> Library:
-    return fit_library(
-        toy_lives(150, interval=interval, varying=varying),
-        thresholds=[0.6 * THRESHOLD, THRESHOLD],
-        interval=interval,
-        prior="toy lives",
-        made_of={"lives": "in closed form"},
-        settings=QUICK,
-    )
 
 
 def blocks_of(life: ToyLife) -> list[LibraryInput]:
@@ -76,7 +63,7 @@ def test_unseen_lives_are_covered_and_better_known_than_by_their_age(features: s
     for number in range(1000, 1000 + effort_count(quick=50, full=400)):
         life = toy_life(number)
         crossing = life.crossing(THRESHOLD)
-        _, results = follow([b for b in blocks_of(life) if b.t <= 0.75 * crossing], library(), asked)
+        _, results = follow([b for b in blocks_of(life) if b.t <= 0.75 * crossing], toy_library(), asked)
         for share in SHARES:
             index = int(share * crossing // INTERVAL)
             result, left = results[index], crossing - life.t[index]
@@ -94,7 +81,7 @@ def test_unseen_lives_are_covered_and_better_known_than_by_their_age(features: s
 
 
 def test_scores_out_of_fold_are_there_for_each_set_threshold_and_share() -> None:
-    scores = library().scores
+    scores = toy_library().scores
     assert set(scores) == {*LINES, "climatology"}
     for features in LINES:
         assert set(scores[features]) == {"0.03", "0.05"}
@@ -126,7 +113,7 @@ def test_out_of_fold_predictions_are_those_of_fits_without_the_fold() -> None:
 
 @pytest.mark.parametrize("away", [0.01, -0.3, 50.0, -50.0])
 def test_alike_moments_are_the_nearest_of_all(away: float) -> None:
-    fit = library().fit_for("rms")
+    fit = toy_library().fit_for("rms")
     for target in (0, 1, 2):
         said, ln_elapsed = float(fit.said[7, target]) + away, float(fit.ln_elapsed[7]) + away
         distance = [
@@ -149,26 +136,26 @@ def test_crps_is_the_mean_distance_less_half_the_mean_difference(values: list[fl
 
 def test_state_goes_through_json_after_each_block_with_the_same_results() -> None:
     blocks = blocks_of(toy_life(2000))
-    _, expected = follow(blocks, library())
+    _, expected = follow(blocks, toy_library())
     state = LibraryState()
     for block, result in zip(blocks, expected, strict=True):
         state = LibraryState.from_dict(json.loads(json.dumps(state.to_dict(), allow_nan=False)))
-        state, again = step(state, block, library(), thresholds=[THRESHOLD])
+        state, again = step(state, block, toy_library(), thresholds=[THRESHOLD])
         assert repr(again) == repr(result)
 
 
 def test_history_of_another_library_is_refused() -> None:
     blocks = blocks_of(toy_life(2000))
-    state, _ = follow(blocks[:3], library())
+    state, _ = follow(blocks[:3], toy_library())
     with pytest.raises(ValueError, match="start anew"):
-        step(state, blocks[3], library(), LibrarySettings(features="rms"), thresholds=[THRESHOLD])
+        step(state, blocks[3], toy_library(), LibrarySettings(features="rms"), thresholds=[THRESHOLD])
     with pytest.raises(ValueError, match="library state: version 1 expected, got 9"):
         LibraryState.from_dict({"version": 9})
 
 
 def test_quantiles_rise_and_agree_with_the_interval_and_the_window() -> None:
     asked = LibrarySettings(window=3600.0)
-    _, results = follow(blocks_of(toy_life(2001)), library(), asked)
+    _, results = follow(blocks_of(toy_life(2001)), toy_library(), asked)
     for result in results:
         assert list(result.v_eq_quantiles) == sorted(result.v_eq_quantiles)
         assert result.v_eq_lower == pytest.approx(result.v_eq_quantiles[QUANTILES.index(0.1)])
@@ -187,8 +174,8 @@ def test_quantiles_rise_and_agree_with_the_interval_and_the_window() -> None:
 
 
 def test_a_rig_that_lives_thirty_times_faster_is_the_same_to_its_library() -> None:
-    _, slow = follow(blocks_of(toy_life(2002)), library())
-    _, fast = follow(blocks_of(toy_life(2002, interval=INTERVAL / 30.0)), library(INTERVAL / 30.0))
+    _, slow = follow(blocks_of(toy_life(2002)), toy_library(40))
+    _, fast = follow(blocks_of(toy_life(2002, interval=INTERVAL / 30.0)), toy_library(40, interval=INTERVAL / 30.0))
     assert len(slow) == len(fast)
     for a, b in zip(slow, fast, strict=True):
         assert b.v_eq == pytest.approx(a.v_eq, rel=1e-4)
@@ -199,7 +186,7 @@ def test_load_and_speed_may_change_from_block_to_block_as_in_the_lives_of_the_li
     errors = []
     for number in range(3000, 3010):
         life = toy_life(number, varying=True)
-        _, results = follow(blocks_of(life), library(varying=True))
+        _, results = follow(blocks_of(life), toy_library(75, varying=True))
         half = len(results) // 2
         assert results[half].edv_status == LibraryStatus.OK
         errors.append(math.log(results[half].v_eq / life.v_eq[half]))
@@ -208,14 +195,14 @@ def test_load_and_speed_may_change_from_block_to_block_as_in_the_lives_of_the_li
 
 def test_load_and_speed_that_change_more_than_in_any_life_are_outside() -> None:
     blocks = blocks_of(toy_life(3000, varying=True))
-    state, results = follow(blocks, library())
+    state, results = follow(blocks, toy_library())
     assert {str(result.edv_status) for result in results[5:]} == {"outside_conditions"}
     assert {str(result.forecasts[0].status) for result in results[5:]} == {"outside_library"}
     spreads = [float(np.log([getattr(block, name) for block in blocks]).std()) for name in ("load", "speed")]
     assert list(state.conditions.spreads) == pytest.approx(spreads)
     steady = blocks_of(toy_life(3001))
     wavering = [replace(b, speed=b.speed * (1.0 + 0.005 * (-1) ** i)) for i, b in enumerate(steady)]
-    assert {str(result.edv_status) for result in follow(wavering, library())[1]} == {"ok"}
+    assert {str(result.edv_status) for result in follow(wavering, toy_library())[1]} == {"ok"}
 
 
 @pytest.mark.parametrize(
@@ -234,8 +221,8 @@ def test_load_and_speed_that_change_more_than_in_any_life_are_outside() -> None:
 )
 def test_what_the_library_cannot_tell_is_a_status(change: dict[str, Any], edv_status: str, tt_status: str) -> None:
     blocks = blocks_of(toy_life(2003))
-    state, _ = follow(blocks[:10], library())
-    after, result = step(state, replace(blocks[10], **change), library(), thresholds=[THRESHOLD])
+    state, _ = follow(blocks[:10], toy_library())
+    after, result = step(state, replace(blocks[10], **change), toy_library(), thresholds=[THRESHOLD])
     assert (result.edv_status, result.forecasts[0].status) == (edv_status, tt_status)
     assert math.isnan(result.v_eq)
     assert math.isnan(result.forecasts[0].tt)
@@ -246,9 +233,9 @@ def test_what_the_library_cannot_tell_is_a_status(change: dict[str, Any], edv_st
 
 def test_one_loud_block_does_not_spoil_what_follows() -> None:
     blocks = blocks_of(toy_life(2004))
-    _, expected = follow(blocks, library())
+    _, expected = follow(blocks, toy_library())
     spoiled = [replace(b, rms=30.0 * b.rms) if i == 20 else b for i, b in enumerate(blocks)]
-    _, found = follow(spoiled, library())
+    _, found = follow(spoiled, toy_library())
     assert found[20].edv_status == LibraryStatus.OUTSIDE_LIBRARY
     later = [(a.v_eq, b.v_eq) for a, b in zip(expected[27:], found[27:], strict=True) if b.edv_status == "ok"]
     assert len(later) > 10
@@ -257,9 +244,9 @@ def test_one_loud_block_does_not_spoil_what_follows() -> None:
 
 def test_blocks_at_another_pace_are_outside() -> None:
     blocks = blocks_of(toy_life(2005))
-    _, results = follow([replace(block, t=block.t / 10.0) for block in blocks[:20]], library())
+    _, results = follow([replace(block, t=block.t / 10.0) for block in blocks[:20]], toy_library())
     assert results[-1].edv_status == LibraryStatus.OUTSIDE_LIBRARY
-    _, results = follow(blocks[:40:2], library())
+    _, results = follow(blocks[:40:2], toy_library())
     assert results[-1].edv_status == LibraryStatus.OK
 
 
@@ -268,14 +255,14 @@ def test_without_library_or_final_stage_nothing_is_said() -> None:
     state, result = step(LibraryState(), block, None, thresholds=[THRESHOLD])
     assert (result.edv_status, result.forecasts[0].status, result.library) == ("no_library", "no_library", "")
     assert state == LibraryState()
-    state, result = step(LibraryState(), block, library(), thresholds=[THRESHOLD], final_stage=False)
+    state, result = step(LibraryState(), block, toy_library(), thresholds=[THRESHOLD], final_stage=False)
     assert (result.edv_status, result.forecasts[0].status) == ("not_final_stage", "not_final_stage")
-    assert (result.library, result.prior) == (library().hash, "toy lives")
+    assert (result.library, result.prior) == (toy_library().hash, "toy lives")
     assert state == LibraryState()
 
 
 def test_a_horizon_is_said_with_the_values() -> None:
-    _, results = follow(blocks_of(toy_life(2007))[:8], library(), LibrarySettings(horizon=60.0))
+    _, results = follow(blocks_of(toy_life(2007))[:8], toy_library(), LibrarySettings(horizon=60.0))
     assert results[-1].forecasts[0].status == LibraryStatus.BEYOND_HORIZON
     assert results[-1].forecasts[0].tt > 60.0
 
@@ -285,9 +272,9 @@ def test_wrong_questions_raise() -> None:
     with pytest.raises(
         ValueError, match=r"threshold_mm2 0\.04 is not in the library, which was fitted for 0\.03, 0\.05"
     ):
-        step(LibraryState(), block, library(), thresholds=[4e-8])
+        step(LibraryState(), block, toy_library(), thresholds=[4e-8])
     with pytest.raises(ValueError, match="features must be one of rms"):
-        step(LibraryState(), block, library(), LibrarySettings(features="peak"), thresholds=[THRESHOLD])
+        step(LibraryState(), block, toy_library(), LibrarySettings(features="peak"), thresholds=[THRESHOLD])
     wrong: dict[str, Any]
     for wrong in ({"interval": 1.0}, {"window": 0.0}, {"horizon": 0.0}, {"min_points": 0}, {"neighbours": 1}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
@@ -300,13 +287,13 @@ def test_wrong_questions_raise() -> None:
 
 def test_a_library_comes_back_from_its_file_as_it_was(tmp_path: Path) -> None:
     path = tmp_path / "new" / "toy.npz"
-    save_library(library(), path)
+    save_library(toy_library(), path)
     again = load_library(path)
-    assert again.hash == library().hash
+    assert again.hash == toy_library().hash
     assert again.prior == "toy lives"
-    assert again.scores == library().scores
+    assert again.scores == toy_library().scores
     blocks = blocks_of(toy_life(2008))
-    assert repr(follow(blocks, again)[1]) == repr(follow(blocks, library())[1])
+    assert repr(follow(blocks, again)[1]) == repr(follow(blocks, toy_library())[1])
     assert [p.name for p in path.parent.iterdir()] == ["toy.npz"]
 
 
@@ -339,7 +326,7 @@ def test_files_that_are_no_library_are_refused_by_name(tmp_path: Path) -> None:
 
 def test_a_library_that_was_tampered_with_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "toy.npz"
-    save_library(library(), path)
+    save_library(toy_library(), path)
     with np.load(path) as archive:
         arrays = {name: archive[name] for name in archive.files}
     arrays["rms/shift"] = arrays["rms/shift"] + 0.1

@@ -25,6 +25,7 @@ from monitor.health.settings import ChannelSettings
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import VOTES_NEEDED
 from monitor.health.state import ChannelState
+from tests.effort import effort_count
 from tests.signals import HealthyMachine, bearing_lines, impacts
 
 RATE, N, SPEED = 25600.0, 2560, 27.5
@@ -104,7 +105,7 @@ def test_a_life_goes_through_its_stages_and_gets_its_name() -> None:
     assert state.named.fault == "outer"
 
 
-@settings(max_examples=10)
+@settings(max_examples=effort_count(quick=4, full=10))
 @given(cuts=st.sets(st.integers(0, 79), max_size=8))
 def test_states_written_as_json_midway_change_nothing(cuts: set[int]) -> None:
     blocks = life()

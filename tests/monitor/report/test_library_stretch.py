@@ -11,7 +11,6 @@ from benchmarks.library_stretch import (
     BOUND,
     GRID,
     KNOTS,
-    NEIGHBOURS,
     Moments,
     by_band,
     factors,
@@ -23,11 +22,15 @@ from monitor.health.damage.library.model import FeatureFit
 from tests.effort import effort_count
 from tests.oracles.toy_lives import INTERVAL, THRESHOLD, toy_lives
 
+LIVES = effort_count(quick=100, full=600)
+NEIGHBOURS = effort_count(quick=60, full=300)
+"""As many alike moments as a library of so many lives has at least."""
+
 
 @cache
 def fit() -> FeatureFit:
     library = fit_library(
-        toy_lives(600),
+        toy_lives(LIVES),
         thresholds=[THRESHOLD],
         interval=INTERVAL,
         prior="toy lives",
@@ -53,13 +56,14 @@ def normal_moments(spread: float, count: int = 4000) -> Moments:
     )
 
 
-def test_without_a_factor_samples_are_those_of_the_forecaster() -> None:
+def test_without_a_factor_samples_are_those_of_the_forecaster(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.library_stretch.NEIGHBOURS", NEIGHBOURS)
     moments = moments_of(fit())
     samples = moments.samples(np.ones(len(moments.said)))
     rows = np.flatnonzero(~fit().crossed[:, 0])
     assert samples.shape == (len(rows), NEIGHBOURS)
     scores = moments.crps(samples)
-    for place in range(0, len(rows), effort_count(quick=500, full=100)):
+    for place in range(0, len(rows), effort_count(quick=100, full=100)):
         row = int(rows[place])
         expected = fit().sample_tt(
             1, float(fit().said[row, 1]), float(fit().ln_elapsed[row]), NEIGHBOURS, int(fit().life[row])
