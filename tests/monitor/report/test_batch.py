@@ -67,8 +67,8 @@ def with_sizes(made: list[Record], load: float) -> list[Record]:
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three good runs, one healthy, and one whose store is no database."""
     root = tmp_path_factory.mktemp("fleet")
-    store_at(root / "hall A" / "one", life(200, start=START, onset=100, learn=40))
-    store_at(root / "hall A" / "two", life(200, onset=120, learn=40, seed=2), "lathe")
+    store_at(root / "hall A" / "one", life(150, start=START, onset=100, learn=40))
+    store_at(root / "hall A" / "two", life(150, onset=120, learn=40, seed=2), "lathe")
     store_at(root / "hall B" / "one", life(60, start=START, onset=100, learn=40), "saw & co")
     (root / "broken").mkdir()
     (root / "broken" / "state.db").write_bytes(b"no database at all")

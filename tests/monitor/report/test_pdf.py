@@ -16,6 +16,7 @@ from click.testing import CliRunner
 
 from monitor import __version__
 from monitor.commands.report import command
+from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.report.options import Options
 from monitor.report.page import for_paper, lay_out, to_pdf
@@ -30,9 +31,17 @@ START = 1_700_000_000.0
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("life")
-    with Store.open(folder / "state.db", machine="press <4>", attributes={"config_hash": "c1"}) as store:
-        store.commit_many([(record, {}) for record in life(start=START)])
+    return stored_life(tmp_path_factory.mktemp("life"), life(start=START))
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return stored_life(tmp_path_factory.mktemp("short"), life(60, start=START, onset=40, learn=20))
+
+
+def stored_life(folder: Path, made: list[Record], machine: str = "press <4>") -> Path:
+    with Store.open(folder / "state.db", machine=machine, attributes={"config_hash": "c1"}) as store:
+        store.commit_many([(record, {}) for record in made])
     return folder
 
 
@@ -62,8 +71,13 @@ def bare_page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, source: Path, **o
 
 
 @pytest.mark.pdf
-def test_a_pdf_is_tagged_and_says_whose_it_is(stored: Path, tmp_path: Path) -> None:
+def test_a_pdf_is_tagged_and_says_whose_it_is_and_nothing_is_printed(
+    stored: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     out = build_report(stored, tmp_path / "deep" / "press.PDF", title='Press "4" & <b>')
+    # Nor what the layout says of styles.
+    printed = capfd.readouterr()
+    assert (printed.out, printed.err) == ("", "")
     pdf = out.read_bytes()
     assert pdf.startswith(b"%PDF-1.7")
     assert not list(out.parent.glob("*.html"))
@@ -118,8 +132,7 @@ def test_a_long_table_repeats_its_head() -> None:
 @pytest.mark.pdf
 def test_names_with_html_are_words_on_paper_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     evil = "<img src=x onerror=alert(1)><script>"
-    with Store.open(tmp_path / "state.db", machine=evil) as store:
-        store.commit_many([(record, {}) for record in life(start=START)])
+    stored_life(tmp_path, life(60, start=START, onset=40, learn=20), evil)
     page = bare_page(monkeypatch, tmp_path, tmp_path, title=evil)
     document = lay_out(page)
     whole = " ".join(map(words, document.pages)).replace("\n", "")
@@ -168,18 +181,9 @@ def test_nothing_is_fetched_from_a_network_or_a_file(listener: tuple[str, list[s
 
 
 @pytest.mark.pdf
-def test_what_the_layout_says_of_styles_is_not_printed(
-    stored: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    build_report(stored, tmp_path / "a.pdf")
-    said = capfd.readouterr()
-    assert (said.out, said.err) == ("", "")
-
-
-@pytest.mark.pdf
-def test_the_command_writes_a_page_and_its_pdf(stored: Path, tmp_path: Path) -> None:
+def test_the_command_writes_a_page_and_its_pdf(short: Path, tmp_path: Path) -> None:
     out = tmp_path / "press.html"
-    outcome = CliRunner().invoke(command, [str(stored), "--out", str(out), "--pdf", "--json", "--quiet"])
+    outcome = CliRunner().invoke(command, [str(short), "--out", str(out), "--pdf", "--json", "--quiet"])
     assert outcome.exit_code == 0, outcome.output
     assert json.loads(outcome.output)["pdf"] == str(tmp_path / "press.pdf")
     assert (tmp_path / "press.pdf").read_bytes().startswith(b"%PDF")
@@ -187,9 +191,9 @@ def test_the_command_writes_a_page_and_its_pdf(stored: Path, tmp_path: Path) -> 
 
 
 @pytest.mark.pdf
-def test_a_batch_writes_pdfs_too_and_makes_again_one_that_is_missing(stored: Path, tmp_path: Path) -> None:
+def test_a_batch_writes_pdfs_too_and_makes_again_one_that_is_missing(short: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    shutil.copytree(stored, tmp_path / "hall" / "press")
+    shutil.copytree(short, tmp_path / "hall" / "press")
     order = ["--batch", str(tmp_path / "hall"), "--out", str(out), "--workers", "1", "--json", "--quiet"]
     outcome = CliRunner().invoke(command, [*order, "--no-tables", "--pdf"])
     assert outcome.exit_code == 0, outcome.output

@@ -101,14 +101,22 @@ def test_the_page_needs_nothing_but_itself(stored: Store, tmp_path: Path) -> Non
     assert str(tmp_path) not in text
 
 
-def test_the_same_page_from_store_files_folder_and_dataset(stored: Store, tmp_path: Path) -> None:
-    paths = publish(stored, tmp_path / "out" / "records")
+@pytest.fixture
+def short(tmp_path: Path) -> Iterator[Store]:
+    """A life of two days in few blocks."""
+    with Store.open(tmp_path / "short.db", machine="press 4") as store:
+        store.commit_many([(record, {}) for record in life(150, start=START, onset=100, learn=40)])
+        yield store
+
+
+def test_the_same_page_from_store_files_folder_and_dataset(short: Store, tmp_path: Path) -> None:
+    paths = publish(short, tmp_path / "out" / "records")
     assert len(paths) == 2
     with xr.open_dataset(paths[1]) as decoded:
-        days = [day_dataset(stored, int(START // 86400)), decoded.load()]
+        days = [day_dataset(short, int(START // 86400)), decoded.load()]
     texts = [
         page_of(tmp_path, source, title="t").text
-        for source in (stored, stored.path, paths, paths[0].parent, tmp_path / "out", days)
+        for source in (short, short.path, paths, paths[0].parent, tmp_path / "out", days)
     ]
     assert len({re.sub(r"Written .*? UTC", "", text) for text in texts}) == 1
 
