@@ -66,7 +66,7 @@ def take_detect(state: Any, i: int) -> tuple[Any, Any]:
 
 def take_damage(state: Any, i: int) -> tuple[Any, Any]:
     reading = tracker.DamageInput(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
-    state, *outputs = tracker.step(state, reading, tracker.DamageGate(), settings_of(METHODS[1], MAP, toy_library()))
+    state, *outputs = tracker.step(state, reading, tracker.DamageGate(), settings_of(METHODS[1], MAP, toy_library(40)))
     return state, outputs
 
 
@@ -78,7 +78,7 @@ def take_filter(state: Any, i: int) -> tuple[Any, Any]:
 
 def take_library(state: Any, i: int) -> tuple[Any, Any]:
     given = forecaster.LibraryInput(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
-    return forecaster.step(state, given, toy_library(), thresholds=(THRESHOLD,))
+    return forecaster.step(state, given, toy_library(40), thresholds=(THRESHOLD,))
 
 
 def take_waterfall(state: Any, i: int) -> tuple[Any, Any]:

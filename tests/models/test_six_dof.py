@@ -53,7 +53,8 @@ def oracle_of(scene: Scene) -> OracleResponse:
 
     rough = roughness if path.profile is not None else None
     case = Case(scene.speed, scene.load, defect.dphi_d, defect.h_d, scene.clearance, defect.rows, rough)
-    return simulate_oracle(case, periods=24 if scene.clearance == 0.0 else 40)
+    settled = effort_count(quick=16, full=24)
+    return simulate_oracle(case, periods=settled if scene.clearance == 0.0 else 40)
 
 
 @pytest.mark.parametrize("scene", random_scenes(effort_count(quick=1, full=30)))

@@ -115,6 +115,7 @@ def test_a_large_drawing_becomes_dots_and_one_that_stays_large_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("benchmarks.gallery_plate.MOST_BYTES", 60_000)
+    monkeypatch.setattr("benchmarks.gallery_plate._DPI", (120, 75))
 
     def many(made: FigureBase) -> None:
         made.subplots(1, 1).plot(*np.random.default_rng(0).normal(size=(2, 5000)), ".", ms=1)

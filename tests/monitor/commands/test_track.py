@@ -215,7 +215,7 @@ def test_without_a_map_only_the_library_tracks(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def library() -> Library:
-    return toy_library()
+    return toy_library(40)
 
 
 @pytest.fixture(scope="module")

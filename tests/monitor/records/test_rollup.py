@@ -105,7 +105,7 @@ def test_a_large_store_catches_up_with_each_commit(folder: Path) -> None:
     filled(folder, [block(number, 5.0 * number) for number in range(1, 2001)]).close()
     as_version_2(folder)
     with (
-        patch.multiple(rollup, _COMMIT_BUDGET_S=0.0),
+        patch.object(rollup.roll_up, "__defaults__", (0.0,)),
         patch("monitor.records.store.OPEN_BUDGET_S", 0.0),
         Store.open(folder / "state.db", machine="m") as store,
     ):

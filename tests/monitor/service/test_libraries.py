@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from unittest import mock
 
+import pytest
+
 from models.lives.population import Population
+from monitor.health.damage.library.fit import FitSettings
 from monitor.service import libraries
 from monitor.service.libraries import cached_library, library_path
 
-POPULATION = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0))
+POPULATION = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0), durations=(3600.0, 7200.0))
 THRESHOLDS = (0.05e-6,)
 
 
-def test_a_library_is_built_once_and_read_afterwards(tmp_path: Path) -> None:
+def test_a_library_is_built_once_and_read_afterwards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(libraries, "FitSettings", partial(FitSettings, columns=60))
     counted: list[tuple[int, int]] = []
     built = cached_library(
         POPULATION, 20, THRESHOLDS, tmp_path, progress=lambda done, total: counted.append((done, total))

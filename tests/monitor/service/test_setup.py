@@ -14,6 +14,7 @@ from models.maps.file import save_map
 from models.maps.plan import MapPlan
 from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError, validate
+from monitor.health.damage.library.fit import FitSettings
 from monitor.health.damage.thesis.edv import EdvStatus
 from monitor.service.libraries import build_library
 from monitor.service.setup import source_settings, source_spec
@@ -112,7 +113,8 @@ def test_a_map_that_is_not_there_says_how_to_make_one(tmp_path, small_map):
 
 @pytest.fixture(scope="module")
 def library():
-    return build_library(Population(load=(3900.0, 4100.0), speed=(39.0, 41.0)), runs=20, thresholds=(0.05e-6,))
+    population = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0), durations=(3600.0, 7200.0))
+    return build_library(population, runs=20, thresholds=(0.05e-6,), settings=FitSettings(columns=60))
 
 
 def damage_of(c, **given):
