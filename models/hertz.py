@@ -24,8 +24,8 @@ Method = Literal["simplified", "elliptic"]
 BALL_EXPONENT = 1.5
 ROLLER_EXPONENT = 10.0 / 9.0
 
-# Palmgren's 8.06e4 N/mm^(10/9) per mm^(8/9) of contact length (Eq. 15); with both in metres the factors 1000^(10/9)
-# and 1000^(8/9) make 1000^2.
+# Stiffness of a line contact of steel: Palmgren's 8.06e4 N/mm^(10/9) per mm^(8/9) of length (Eq. 15); with both in
+# metres the factors 1000^(10/9) and 1000^(8/9) make 1000^2.
 _PALMGREN = 8.06e10
 # E' = 2 E_eq of two bodies of bearing steel (210 GPa, 0.3), Pa: twice Eq. 3, as Eq. 17 needs it.
 _EFFECTIVE_MODULUS = 210e9 / (1.0 - 0.3**2)
@@ -110,11 +110,6 @@ def line_contact_half_width(r_eq: float, effective_length: float, force: float) 
     return math.sqrt(8.0 * r_eq * force / (math.pi * effective_length * _EFFECTIVE_MODULUS))
 
 
-def line_contact_stiffness(effective_length: float) -> float:
-    """Return the stiffness of one steel line contact of the given length (m), N/m^(10/9) (Palmgren, Eq. 15)."""
-    return _PALMGREN * effective_length ** (8.0 / 9.0)
-
-
 def in_series(k_inner: float, k_outer: float, exponent: float) -> float:
     """Return the stiffness of two contacts in series that share the law f = k delta**n (Eq. 16)."""
     return (k_inner ** (-1.0 / exponent) + k_outer ** (-1.0 / exponent)) ** -exponent
@@ -127,7 +122,7 @@ def contact_stiffness(bearing: Bearing, method: Method = "simplified") -> float:
         ValueError: if a radius that the contact needs is unknown or does not conform; the message names it.
     """
     if bearing.element == "roller":
-        single = line_contact_stiffness(_known(bearing, "effective_length"))
+        single = _PALMGREN * _known(bearing, "effective_length") ** (8.0 / 9.0)
         return in_series(single, single, ROLLER_EXPONENT)
     inner, outer = (point_contact_stiffness(*radii, method) for radii in relative_radii(bearing))
     return in_series(inner, outer, BALL_EXPONENT)
@@ -220,13 +215,12 @@ def static_equilibrium(
     A damped Newton iteration on the convex elastic energy: the loaded ring settles where the contacts carry the load.
 
     Args:
-        angles: angles of all elements from the load direction, rad, shape (elements,).
+        angles: of all elements from the load direction, rad, shape (elements,).
         clearance: radial clearance h of Eq. 20, m, not negative (preload is not modelled); of each element, shape
             (elements,), where a defect lets some sink deeper.
-        exponent: n of the contact law.
 
     Returns:
-        array of shape (2,): along the load, across it.
+        Shape (2,): along the load, across it.
 
     Raises:
         ValueError: if the load or the clearance is negative or not finite.

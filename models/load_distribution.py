@@ -1,8 +1,7 @@
 """How the elements of a bearing share a radial load, and how stiff the bearing is while they roll, healthy or damaged.
 
-Two descriptions stand side by side: the sum over the elements where they really are (Eqs. 19-25 and 61), and the
-integral that smears them over the ring (Eqs. 13, 26, 27, 30 and 31), which is what catalogues and the thesis' contact
-areas use. SI units and radians; angles are measured from the load direction.
+Two descriptions: the sum over the elements at their places (Eqs. 19-25 and 61), and the integral that smears them over
+the ring (Eqs. 13, 26, 27, 30 and 31), as catalogues and the thesis do. SI units; angles from the load direction.
 """
 
 from __future__ import annotations
@@ -73,8 +72,7 @@ def load_integral(extent: float, exponent: float) -> float:
 
     J_r = 1/(2 pi) * integral over the loaded zone of (1 - (1 - cos psi) / (2 extent))**exponent cos psi.
 
-    Args:
-        extent: load factor (1 - h/delta_r) / 2: 0.5 without clearance, less with it; between 0 and 0.5.
+    ``extent`` is the load factor (1 - h/delta_r) / 2: 0.5 without clearance, less with it.
 
     Raises:
         ValueError: if the extent is not within (0, 0.5].
@@ -151,21 +149,13 @@ def load_distribution(
 
 
 def stiffness_over_passage(
-    bearing: Bearing,
-    load: float,
-    k_c: float,
-    *,
-    clearance: float = 0.0,
-    defect: Defect | None = None,
-    points: int = 96,
+    bearing: Bearing, load: float, k_c: float, *, clearance: float = 0.0, defect: Defect | None = None, points: int = 96
 ) -> StiffnessPassage:
     """Return the stiffness while one element of a row follows the other (Eq. 61; Figs. 36 and 37).
 
     An element over a defect sinks by d(phi), by which its contact loosens: the clearance there is h + d.
 
-    Args:
-        defect: damage of the outer race, or None; of ball bearings only.
-        points: cage angles, evenly over one spacing of the elements of a row.
+    The defect is one of the outer race of a ball bearing; ``points`` cage angles lie evenly over one spacing of a row.
 
     Raises:
         ValueError: if load or clearance is negative, or the defect does not fit the bearing.

@@ -32,8 +32,7 @@ class Response:
             ``rms_band``, m/s2; ``rms_resonator`` and ``peak_resonator`` the same of a_r.
         bpfo: ball-pass frequency over the outer race, Hz, with which the motion repeats.
         harmonics: single-sided amplitudes of the first six lines k * bpfo of a_o, m/s2, shape (6,).
-        periods: ball periods that were simulated.
-        period_change: relative change of the full-bandwidth RMS between the last two of them.
+        period_change: relative change of the full-bandwidth RMS between the last two of ``periods`` ball periods.
         spread: standard deviation of that RMS from period to period, m/s2; zero if the motion repeats, NaN if it
             diverged (then the status is "not_converged").
         status: "converged", "not_periodic" (a mean and a spread are given) or "not_converged" (unusable).
@@ -87,10 +86,7 @@ class Response:
         """Return the signal as a recorder would sample it, m/s2, shape (round(rate * duration),).
 
         Lines above 0.9 of the Nyquist frequency are left out, as by an ideal anti-alias filter; the others are exact
-        at every sample, whatever the ratio of the rate to the ball period.
-
-        Args:
-            phase: shift of the ball passages, rad: 2 pi is one ball period.
+        at every sample. ``phase`` shifts the ball passages, rad: 2 pi is one ball period.
 
         Raises:
             ValueError: if rate or duration is not positive and finite, or the band is empty.
@@ -123,11 +119,7 @@ def _series(coefficients: NDArray[np.complex128], unit: NDArray[np.complex128]) 
 
 
 def check_band(band: tuple[float, float]) -> tuple[float, float]:
-    """Return a valid band.
-
-    Raises:
-        ValueError: unless 0 <= lo < hi.
-    """
+    """Return a band; raise a ValueError unless 0 <= lo < hi."""
     low, high = band
     if not 0.0 <= low < high:
         raise ValueError(f"a band needs 0 <= lo < hi, got {low!r} to {high!r} Hz")

@@ -24,15 +24,11 @@ class Rig:
     """Lumped parameters of the six-degree-of-freedom model (thesis, Table 18 and section 4.2.1).
 
     Attributes:
-        m_i: mass of inner ring and shaft, kg.
-        m_o: mass of outer ring and casing, kg.
-        m_r: mass of the fictitious high-frequency resonator, kg.
-        m_b: mass of one rolling element, kg.
-        k_i: stiffness of the shaft to ground, N/m.
-        k_r: stiffness between resonator and casing, N/m.
+        m_i, m_o, m_r, m_b: masses of inner ring and shaft, of outer ring and casing, of the fictitious high-frequency
+            resonator, and of one rolling element, kg.
+        k_i, c_i: stiffness, N/m, and damping, N s/m, of the shaft to ground.
+        k_r, c_r: the same between resonator and casing.
         k_c: contact stiffness of one rolling element between both rings, N/m^1.5 (Eq. 35).
-        c_i: damping of the shaft to ground, N s/m.
-        c_r: damping between resonator and casing, N s/m.
         alpha_c: mass coefficient of the contact damping, 1/s (Eq. 39).
         beta_c: stiffness coefficient of the contact damping, s (Eq. 39).
         calibrated: whether the parameters were identified on the machine itself.
@@ -55,9 +51,7 @@ class Rig:
 def natural_frequencies(rig: Rig, k_xx: float, k_yy: float) -> NDArray[np.float64]:
     """Return the six natural frequencies of the undamped linearised rig, Hz, ascending (Eqs. 59 and 60).
 
-    Args:
-        k_xx: bearing stiffness across the load, N/m.
-        k_yy: bearing stiffness along the load, N/m.
+    ``k_xx`` and ``k_yy`` are the stiffness of the bearing across and along the load, N/m.
     """
     from models.numerics import generalised_eigenvalues
 
@@ -76,10 +70,7 @@ def resonator_stiffness(rig: Rig, k_b: float, frequency: float) -> float:
 
     Source: Eqs. 62-65. Eq. 63 as printed misses k_b m_i in its bracket, which is Lambda of Eq. 65.
 
-    Args:
-        rig: masses and k_i; its own k_r is not used.
-        k_b: bearing stiffness in the direction of the mode, N/m.
-        frequency: the natural frequency, Hz.
+    Masses and k_i are the rig's; ``k_b`` is the bearing stiffness in the direction of the mode, N/m; frequency in Hz.
     """
     lam = (2.0 * math.pi * frequency) ** 2
     constant = lam**2 * rig.m_i * rig.m_o - lam * (rig.k_i * rig.m_o + k_b * rig.m_i + k_b * rig.m_o) + rig.k_i * k_b
@@ -92,9 +83,7 @@ def stiffness_damping(zeta: float, frequency: float, stiffness: float) -> float:
 
 
 def contact_damping(zeta_1: float, zeta_2: float, f_1: float, f_2: float) -> tuple[float, float]:
-    """Return alpha_c (1/s) and beta_c (s) that give two damping ratios at two frequencies (Eqs. 70, 73 and 74).
-
-    ``zeta_1`` and ``zeta_2`` are the damping ratios at ``f_1`` < ``f_2``, Hz.
+    """Return alpha_c (1/s) and beta_c (s) that give two damping ratios at two frequencies, Hz (Eqs. 70, 73 and 74).
 
     Raises:
         ValueError: if the frequencies are not positive and ascending.
@@ -187,11 +176,7 @@ class Slip:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            ValueError: naming the field.
-        """
+        """Raise a ValueError that names the field of an unusable value."""
         if not 0.0 <= self.phi_slip < 0.5:
             raise ValueError(f"slip.phi_slip must lie between 0 and 0.5 rad, got {self.phi_slip!r}")
         if self.rule not in ("per_passage", "mean_force"):

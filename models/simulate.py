@@ -100,11 +100,7 @@ def steps_to_resolve(frequency: float, duration: float) -> int:
 
 
 def check_resolved(band: tuple[float, float], steps: int, duration: float) -> None:
-    """Refuse a band that the steps do not resolve.
-
-    Raises:
-        ValueError: naming the end of the band and what ``steps`` in ``duration`` s resolve.
-    """
+    """Raise a ValueError that names what ``steps`` in ``duration`` s resolve, if the band ends beyond it."""
     resolved = _resolved(steps, duration)
     if band[1] > resolved:
         raise ValueError(f"the band ends at {band[1]!r} Hz, {steps} steps resolve up to {resolved:.0f} Hz")

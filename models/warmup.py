@@ -1,7 +1,7 @@
 """Compile in advance the kernels of each model (``spallwatch warmup``).
 
-Each part runs a model for a moment. That compiles its kernels, or loads them where an earlier run has left them on
-disk. Parts go to two processes where there are two cores, because numba compiles one function at a time in a process.
+Each part runs a model for a moment, which compiles its kernels or loads them from disk. Parts go to two processes where
+there are two cores, because numba compiles one function at a time in a process.
 """
 
 from __future__ import annotations
@@ -22,10 +22,8 @@ _SCENE = Scene(40.0, 4000.0, defect=Defect(dphi_d=0.1, h_d=1e-5))
 class CompiledPart:
     """Time to prepare one part.
 
-    Attributes:
-        elapsed: wall time, imports and loading included, s.
-        kernels: processor seconds of the compiler by function, without those of the functions that it calls; empty
-            if all were loaded.
+    ``elapsed`` is wall time, imports and loading included, s; ``kernels`` are the processor seconds of the compiler by
+    function, as of ``models.kernels.jit.compiling``, empty if all were loaded.
     """
 
     name: str
@@ -53,9 +51,9 @@ def _many_scenes() -> None:
 
 
 def _over_time() -> None:
-    from models.dynamics.time_domain import compile_kernels
+    from models.dynamics.time_domain import simulate_time
 
-    compile_kernels()
+    simulate_time(Scene(40.0, 1000.0), 0.005, 25600.0, settle=0.0)
 
 
 # The last part reuses the kernels of the first.

@@ -25,10 +25,7 @@ def in_threads(function: Callable[[_T], _R], tasks: Sequence[_T], workers: int) 
 
 
 def in_processes(function: Callable[[_T], _R], tasks: Sequence[_T], workers: int) -> Iterator[_R]:
-    """Yield ``function`` of each task in order, from this process or several; it must be picklable.
-
-    Workers and errors are those of ``in_threads``.
-    """
+    """Yield ``function``, picklable, of each task, from this process or several; otherwise as ``in_threads``."""
     processes = partial(ProcessPoolExecutor, mp_context=multiprocessing.get_context("spawn"))
     return _in_order(processes, function, tasks, workers)
 

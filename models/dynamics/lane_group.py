@@ -172,15 +172,11 @@ def _path_rows(scenes: Sequence[Scene], grid: Grid) -> tuple[NDArray[np.float64]
 class Group:
     """LANES scenes ready to run; ``run_block`` carries all of them over PERIODS ball periods.
 
-    Attributes:
-        wave: accelerations of the last block, shape (steps, 2, LANES), m/s2: outer ring and resonator.
+    ``wave`` is the acceleration of outer ring and resonator in the last block, shape (steps, 2, LANES), m/s2.
     """
 
     def __init__(self, grid: Grid, scenes: Sequence[Scene], slip: Slip | None, workspace: Workspace) -> None:
-        """Begin at the static equilibrium at rest, every ball in its place.
-
-        Args:
-            workspace: where the large arrays live; it belongs to one group at a time.
+        """Begin at the static equilibrium at rest, every ball in its place; one group at a time uses the workspace.
 
         Raises:
             ValueError: if the scenes damage different numbers of rows or their rough floors differ in pitch.

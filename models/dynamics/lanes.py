@@ -4,11 +4,7 @@ Scenes of one bearing, rig, clearance and speed that differ in load and damage a
 of LANES (models/kernels/lanes.py). Time is cut into blocks of PERIODS ball periods, each of the same number of equal
 steps, which is no multiple of PERIODS: so every kink of the path is met at PERIODS places within a step and the errors
 of the steps average out. Without slip, blocks are simulated until the RMS no longer changes from block to block; with
-slip, whose motion never repeats, a fixed number of blocks is simulated and the scatter of their means gives a standard
-error.
-
-Slip per passage (``models.scene.Slip``): every ball keeps one sigma from the moment it passes the point opposite to the
-load until it is there again.
+slip, a fixed number of blocks, whose scatter gives a standard error.
 """
 
 from __future__ import annotations
@@ -57,11 +53,7 @@ class LaneOptions:
     band: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            ValueError: naming the field.
-        """
+        """Raise a ValueError that names the field of an unusable value."""
         if self.steps_per_period is not None and self.steps_per_period < 8:
             raise ValueError(f"steps_per_period must be at least 8, got {self.steps_per_period!r}")
         if not self.tolerance > 0.0:
@@ -79,9 +71,8 @@ class LaneResponse:
     """The vibration of n scenes along the load, SI units.
 
     Attributes:
-        rms: RMS of a_o in the band of the options, m/s2, shape (n,).
-        rms_se: standard error of it, m/s2: zero where the motion repeats, otherwise from the scatter of the blocks.
-        rms_resonator: the same of a_r, m/s2, shape (n,).
+        rms, rms_resonator: RMS of a_o and of a_r in the band of the options, m/s2, shape (n,).
+        rms_se: standard error of ``rms``, m/s2: zero where the motion repeats, else from the scatter of the blocks.
         harmonics: single-sided amplitudes of the lines 1..6 of BPFO in spectra of PERIODS periods of a_o, m/s2, shape
             (n, 6); of several blocks the powers are averaged.
         block_change: relative change of the full-bandwidth RMS between the last two blocks, shape (n,).
@@ -252,8 +243,7 @@ def simulate_lanes(scenes: Sequence[Scene], options: LaneOptions | None = None, 
     Args:
         scenes: at least one; they may differ in load and defect. Scenes of similar extent beside each other are
             fastest, because the kernel's tables span the widest defect of a group.
-        workers: processes for the groups of LANES scenes; 0 is one per core. The result is the same
-            bit for bit.
+        workers: processes for the groups of LANES scenes; 0 is one per core. The result does not depend on it.
 
     Raises:
         ValueError: if a scene is outside the model or differs in a field that must be equal; the message names it.

@@ -1,9 +1,8 @@
 """The settled motion of a periodically driven model: a fixed point of its map over one period.
 
-Plain iteration (simulating on) settles with the slowest mode of the contact, quickly without clearance and slowly with
-clearance and a light load. Anderson acceleration of depth 5, applied to the residual preconditioned with the Jacobian
-of the healthy bearing where one is given, needs several times fewer periods. Where it does not settle the motion is
-simulated plainly, and if that does not repeat either, a status says so and the spread is measured.
+Plain iteration (simulating on) settles with the slowest mode of the contact, slowly with clearance and a light load.
+Anderson acceleration of depth 5, with the residual preconditioned by the Jacobian of the healthy bearing, needs several
+times fewer periods. Where it does not settle the motion is simulated plainly; a status says if it does not repeat.
 """
 
 from __future__ import annotations
@@ -63,9 +62,8 @@ class Orbit:
     Attributes:
         waves: accelerations over the last period, or over WINDOW periods where it does not repeat, shape
             (periods kept, values, sensors), m/s2.
-        state: state at the start of the last period, shape (2, 6).
-        periods: periods that were simulated.
-        period_change: relative change of the RMS of sensor 0 between the last two of them.
+        state: at the start of the last period, shape (2, 6).
+        period_change: relative change of the RMS of sensor 0 between the last two of ``periods`` that were simulated.
         spread: standard deviation of that RMS from period to period, m/s2; zero where the motion repeats.
         status: "converged", "not_periodic" (bounded and stationary, but it does not repeat), "not_converged".
     """
@@ -117,8 +115,8 @@ def find_orbit(
     Args:
         tolerance: relative change of the RMS that counts as none; it must stay below it twice in succession.
         max_periods: periods to simulate at most, at least 2 (fewer than 4 cannot settle).
-        steering: approximation of what a small residual of the scaled period map is multiplied by to find the settled
-            motion, (identity minus Jacobian)^-1, shape (12, 12); None is the identity.
+        steering: approximation of (identity minus Jacobian)^-1 of the scaled period map, by which residuals are
+            multiplied, shape (12, 12); None is the identity.
 
     Raises:
         ValueError: if tolerance is not positive or max_periods is less than 2.
@@ -166,8 +164,7 @@ def _simulate_on(watch: _Watch, wave: NDArray[np.float64], state: NDArray[np.flo
 def period_jacobian(period: PeriodMap, size: float = 1e-2) -> NDArray[np.float64]:
     """Return the Jacobian of the scaled period map minus identity at the equilibrium, by differences, (12, 12).
 
-    Args:
-        size: size of the differences in scaled coordinates; small against the static approach of the contacts.
+    ``size`` of the differences in scaled coordinates must be small against the static approach of the contacts.
     """
     scale, wave = SCALE, period.new_wave()
     base = period.run(np.zeros((2, 6)), wave)[0].ravel() / scale

@@ -40,7 +40,6 @@ class Row:
         rms: RMS in the band, m/s2, shape (extents,).
         change: relative change of the full-bandwidth RMS between the last two periods, shape (extents,).
         settled: where the search for the settled motion ended; elsewhere the other fields mean nothing.
-        periods: ball periods simulated, shape (extents,).
         harmonics: single-sided amplitudes of the first six lines k * bpfo, m/s2, shape (extents, 6).
     """
 
@@ -65,8 +64,7 @@ def simulate_row(
     lock is free meanwhile, so that rows can share the cores of a machine as threads.
 
     Args:
-        scene: bearing, rig, operating point, and the defect but for its extent.
-        extents: angular extents, rad, shape (extents,).
+        extents: angular extents, rad, shape (extents,); that of the scene's own defect is not used.
         tolerance: relative change of the RMS from period to period that counts as none.
         band: frequencies (lo, hi), Hz, in which the RMS is taken; None is the full bandwidth.
 
@@ -134,11 +132,8 @@ def settled_levels(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the RMS in a band (n,) and the amplitudes of BPFO lines 1..6 (n, 6) of scenes, m/s2.
 
-    NaN for scenes that diverged.
-
-    Args:
-        scenes: without slip any; with slip those of one bearing, rig, clearance, speed and slip.
-        band: Hz, or None for the full bandwidth.
+    Scenes with slip must share bearing, rig, clearance, speed and slip. Those that diverge give NaN. The band is in Hz,
+    None for the full bandwidth.
     """
     slip = scenes[0].slip if scenes else None
     if slip is not None and slip.redraws:

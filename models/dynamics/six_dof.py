@@ -1,7 +1,6 @@
 """The six-degree-of-freedom model of a bearing on its rig (thesis, Eqs. 32-52 and 83-89), set up for its kernel.
 
-Without slip the settled motion repeats exactly with every passage of a ball of one row, T = 1 / BPFO. A ``BallPeriod``
-holds everything that one such period needs; ``models.dynamics.orbit`` finds the motion that repeats.
+Without slip the settled motion repeats exactly with every passage of a ball of one row, T = 1 / BPFO.
 
 Scheme: Lawson-RK4. The linear part (Eqs. 40-42, static contact force included) is carried by exact propagators, so the
 7.4 kHz resonator costs no accuracy; the contact force is integrated with four evaluations a step. The force jumps where
@@ -52,7 +51,6 @@ class BallPeriod:
 
     Attributes:
         duration: T = 1 / BPFO, s.
-        steps: number of steps.
         time: time of each recorded value since the start of the period, s, shape (steps + segments,); the ends of
             neighbouring segments are recorded twice, once from either side.
         weight: quadrature weights of the recorded values divided by the period, so that ``weight @ x`` is a mean.
@@ -92,15 +90,7 @@ class BallPeriod:
         tolerance: float,
         cap: int,
     ) -> tuple[NDArray[np.float64], int, float, float, bool]:
-        """Search for the motion that repeats (models.kernels.orbit.settle).
-
-        Args:
-            state: where to begin, shape (2, 6).
-            wave: as in ``run``; written with the last period.
-            scale: sizes of the state that count as one, shape (12,).
-            steering: what scaled residuals are multiplied by, shape (12, 12).
-            tolerance: relative change of the RMS that counts as none.
-            cap: periods to simulate at most.
+        """Search from ``state`` for the motion that repeats, in at most ``cap`` periods (models.kernels.orbit.settle).
 
         Returns:
             State at the start of the last period, periods, relative change and value of the RMS, whether it settled.
@@ -131,11 +121,7 @@ class BallPeriod:
 
 
 def check_scene(scene: Scene) -> None:
-    """Check that the model describes a scene.
-
-    Raises:
-        ValueError: naming the field, its value and the expected one.
-    """
+    """Raise a ValueError that names a field which the model does not describe, its value and the expected one."""
     if scene.effects:
         raise ValueError(f"{', '.join(scene.effects)}: only models.dynamics.time_domain.simulate_time models this")
     if scene.bearing.element != "ball":
@@ -158,11 +144,7 @@ def check_scene(scene: Scene) -> None:
 
 
 def check_steps(steps_per_period: int) -> None:
-    """Refuse numbers of steps with which nothing can be integrated.
-
-    Raises:
-        ValueError: if there are fewer than 8.
-    """
+    """Raise a ValueError for fewer than 8 steps, with which nothing can be integrated."""
     if steps_per_period < 8:
         raise ValueError(f"steps_per_period must be at least 8, got {steps_per_period!r}")
 
@@ -170,8 +152,7 @@ def check_steps(steps_per_period: int) -> None:
 def steps_for(scene: Scene, accuracy: float | None = None) -> int:
     """Return the default number of steps per ball period of a scene.
 
-    Args:
-        accuracy: target of the relative error of the RMS (rms over scenes), at least 2e-4, the default.
+    ``accuracy`` is the target of the relative error of the RMS (rms over scenes), at least 2e-4, the default.
 
     Raises:
         ValueError: if accuracy is finer than the finest grade, or not a number.
@@ -186,9 +167,7 @@ def steps_for(scene: Scene, accuracy: float | None = None) -> int:
 def prepare(scene: Scene, steps_per_period: int | None = None, accuracy: float | None = None) -> BallPeriod:
     """Return one ball period of a scene.
 
-    Args:
-        steps_per_period: minimum number of steps in a ball period (a few more are taken, because steps end on
-            kinks); by default that of ``accuracy``.
+    ``steps_per_period`` is a minimum (steps end on kinks, so a few more are taken), by default that of ``accuracy``.
 
     Raises:
         ValueError: if the scene is outside the model, steps_per_period is less than 8, or accuracy too fine.

@@ -2,9 +2,7 @@
 
 Defects that turn (inner race, ball), a force that turns (unbalance) and balls that slip have no common period; they are
 simulated from rest at the static equilibrium, the beginning is dropped, and what remains is averaged with its standard
-error. Waviness and gravity are modelled here too. Everything that the geometry decides, which ball meets which piece of
-which path from when to when, is listed before the run (``models/dynamics/time_plan.py``);
-``models/kernels/time_domain.py`` says how it is integrated.
+error. Waviness and gravity are modelled here too. ``models/kernels/time_domain.py`` describes the integration.
 
 Readings: the path coordinate is an angle on the damaged part, kinematics those of pure rolling (``Kinematics``). Slip
 shifts when a ball meets the defect, not where it presses: the angle is small. Gravity changes the static equilibrium
@@ -25,13 +23,13 @@ from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.numerics import filter_valid, kaiser_order
 from models.response import PASSBAND, SENSORS, Status, check_band
-from models.scene import Scene
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.bearing import Kinematics
     from models.response import Sensor
+    from models.scene import Scene
 
 # Default step, s: benchmarks/effects.py prints the error that it leaves.
 DEFAULT_STEP = 10e-6
@@ -229,11 +227,6 @@ def _status(scene: Scene, levels: _Levels, *, finite: bool) -> Status:
     return "converged" if _repeats(scene) and levels.spread <= _SAME_PERIOD * levels.rms else "not_periodic"
 
 
-def compile_kernels() -> None:
-    """Compile the kernel, or load it, by running it for a few milliseconds."""
-    simulate_time(Scene(40.0, 1000.0), 0.005, 25600.0, settle=0.0)
-
-
 def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:
     """Return the taps (an odd number) of the filter before every ``oversampling``-th sample is kept."""
     width = (1.0 - PASSBAND) / oversampling
@@ -245,11 +238,7 @@ def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:
 
 
 def _check(scene: Scene) -> None:
-    """Check that the model describes a scene.
-
-    Raises:
-        ValueError: naming the field, its value and the expected one.
-    """
+    """Raise a ValueError that names a field which the model does not describe, its value and the expected one."""
     if scene.model != "six_dof":
         raise ValueError(f"unknown model {scene.model!r}; known are: six_dof")
     check_scene(replace(scene, defect=None, waviness=(), unbalance=0.0, gravity=0.0, slip=None))

@@ -1,8 +1,7 @@
 """How kernels are compiled: cached on disk where that is possible, compiled anew in each process where it is not.
 
-Numba's cache looks at the file of a kernel alone. A kernel that was compiled with constants or parts of another file
-would go on using them after that file has changed, and files that are installed with a fixed date look unchanged
-forever. So what is cached here is stamped with the text of all files of kernels that a kernel's own imports.
+Numba's cache looks at the date and size of a kernel's own file: it misses changes of constants and parts that are
+imported, and of files that are installed with a fixed date. What is cached here carries a stamp of all their texts.
 """
 
 from __future__ import annotations
@@ -55,8 +54,7 @@ def inlined(function: _F) -> _F:
     """Compile a function that LLVM pastes into every kernel that calls it.
 
     A call with arrays costs more than a small kernel's body: ball_period is three times as fast with its parts inlined.
-    Numba's own pasting (inline="always") gives the same code but types and lowers every copy anew, which is most of
-    what compiling costs.
+    Numba's own pasting (inline="always") gives the same code but types and lowers every copy anew, which costs most.
     """
     return cast("_F", numba.njit(forceinline=True, **_OPTIONS)(function))
 
@@ -65,8 +63,7 @@ def inlined(function: _F) -> _F:
 def compiling() -> Generator[dict[str, float]]:
     """Give a dictionary that is filled with what is compiled meanwhile: seconds (of the core) by name of function.
 
-    Seconds of a function do not contain those of the functions that it calls. What is loaded from the cache is not
-    compiled. Only this thread's calls may compile meanwhile.
+    They leave out the functions that one calls, and what the cache holds. Only this thread's calls may compile.
     """
     listener = _Stopwatch()
     with cast("Any", events).install_listener("numba:compile", listener):

@@ -1,10 +1,9 @@
 """Kernels of the six-degree-of-freedom model for many scenes at once: one scene a lane, Lawson-RK4 with equal steps.
 
-Coordinates, equations and signs are those of models/kernels/six_dof.py. What differs is the layout, so that the
-compiler makes vector instructions of it: LANES scenes of one bearing, rig, clearance and speed stand side by side in
-the last, contiguous axis of every array, their number is a constant, and the innermost loops hold no branch, no
-trigonometry and no evaluation of a path. All lanes share the cage angle; displacements are turned into the frame of the
-cage, in which the direction of a ball is constant.
+Coordinates, equations and signs are those of models/kernels/six_dof.py. The layout is made for vector instructions:
+LANES scenes of one bearing, rig, clearance and speed stand side by side in the last, contiguous axis of every array,
+and the innermost loops hold no branch, no trigonometry and no evaluation of a path. All lanes share the cage angle;
+displacements are turned into the frame of the cage, in which the direction of a ball is constant.
 
 Slots. A slot is a ball position at the start of a period, an arc of one ball pitch that some ball passes in each
 period. Slots that the defect of any lane can touch are ``damaged`` and read depth and rate from a table; the others are

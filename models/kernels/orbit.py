@@ -112,9 +112,7 @@ def settle(
 
     ``state`` (2, 6) is written: the state at the start of the last period, whose accelerations ``wave`` holds.
     ``scale`` (12) are the sizes of the state that count as one, ``steering`` (12, 12) what residuals are multiplied by.
-
-    Returns:
-        Periods simulated, relative change and value of the RMS of the last, and whether it has settled.
+    Return the periods simulated, relative change and value of the RMS of the last, and whether it has settled.
     """
     x, after = np.zeros(12), np.empty((2, 6))
     xs, fs = np.empty((DEPTH + 1, 12)), np.empty((DEPTH + 1, 12))
@@ -236,15 +234,10 @@ def fourier_coefficients(
     duration: float,
     count: int,
 ) -> NDArray[np.complex128]:
-    """Return the Fourier coefficients of periods given on a grid of equal steps within segments, (sensors, count + 1).
+    """Return the Fourier coefficients 0..count of a period of ``duration`` s, shape (sensors, count + 1).
 
-    Args:
-        waves: shape (periods, values, 2); of several periods the powers are averaged, the last gives the phases.
-        time: time of the values within the period, s; the ends of neighbouring segments are both there.
-        weight: quadrature weights of a mean over the period.
-        first: first step of each segment, and the number of steps, shape (segments + 1,).
-        duration: the period, s.
-        count: highest multiple of 1 / duration.
+    ``waves`` (periods, values, 2): of several periods the powers are averaged, the last gives the phases. ``time``,
+    ``weight`` and ``first`` are those of ``models.dynamics.six_dof.BallPeriod``.
     """
     parts = lines(waves[-1], weight, time, first, duration, count)
     coefficients = parts[:, 0] + 1j * parts[:, 1]

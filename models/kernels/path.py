@@ -1,8 +1,7 @@
 """Kernels of the path of the balls over a defect: its kinks and its tables (rule: models.path.defect).
 
 ``path`` (float64) describes the defect by the D_ constants. ``profile`` (4, pieces) holds the cubic pieces of a rough
-floor, highest power first; it has no pieces where the floor is smooth. ``models.path.defect.BallPath`` is the slow
-oracle of these kernels.
+floor, highest power first; it has no pieces where the floor is smooth. ``models.path.defect.BallPath`` is the oracle.
 """
 
 from __future__ import annotations

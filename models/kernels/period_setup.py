@@ -36,12 +36,7 @@ def split_positions(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]:
     """Return the start of the balls that the defect can touch, rad, the kernel's ``damaged``, ``plain`` and ``near``.
 
-    Args:
-        path: the defect (models.kernels.path).
-        positions: of all balls at the start of the period, rad, sorted by their distance from the load direction.
-        rows: the row of each.
-        damaged_rows: how many rows have the defect.
-        pitch: angle between neighbours of a row, rad.
+    Arguments are those of ``set_up``; ``damaged_rows`` is how many rows have the defect.
     """
     count = positions.shape[0]
     touches = np.zeros(count, dtype=np.bool_)
@@ -200,8 +195,7 @@ def set_up(
     """Return all tables of one ball period.
 
     Args:
-        path: the defect, and ``profile`` its floor (models.kernels.path).
-        profile: see there.
+        path, profile: the defect and its floor (models.kernels.path).
         positions: of all balls at the start of the period, rad, sorted by their distance from the load direction.
         rows: the row of each.
         offsets: stagger of the rows that have the defect, the first of all rows, rad; none where nothing is damaged.

@@ -9,7 +9,7 @@ Coordinates, scheme (Lawson-RK4) and contact law are those of ``models.kernels.s
   which piece is listed beforehand, so that the loop over time decides nothing.
 * A step in which a ball meets or leaves its contact is taken again in SUBSTEPS parts.
 
-What a scene does not have is left out: whether it has a path and a push is decided outside of the loops over balls.
+Whether a scene has a path and a push is decided outside of the loops over balls.
 
 Arguments, float64 and C-contiguous unless said, S slots, I intervals between events:
 

@@ -1,9 +1,8 @@
 """Growth laws of damage: the volume per width V_eq over the time since the onset, as drawn for simulated lives.
 
-A law is a curve W(u) of the share u = t / T of the nominal life T, with W(0) = 0 at the onset and W(1) = 1 where V_eq
-would reach the population's threshold if the growth were smooth; V_eq = V_0 + (V_th - V_0) W. It is rough instead: the
-increments of V_eq are those of the law times gamma-distributed factors of mean one, independent of each other, so that
-V_eq never falls and the crossing of the threshold comes a little before or after T.
+A law is a curve W(u) of the share u = t / T of the nominal life T, with W(0) = 0 at the onset and W(1) = 1 at the
+population's threshold; V_eq = V_0 + (V_th - V_0) W. Growth is rough: the increments are those of the law times
+independent gamma-distributed factors of mean one, so that V_eq never falls and crosses the threshold near T.
 
 Laws: "quadratic" as in the thesis (Table 22: the quadratic term takes 0.56 to 0.98 of the growth); "exponential" (the
 rate is in proportion to V_eq); "power" (u to the power of 1.2 to 4); "linear_then_fast" (a line that bends up once);
@@ -86,10 +85,7 @@ LAWS = tuple(_LAWS)
 
 
 def draw_law(law: str, rng: np.random.Generator, ratio: float) -> Curve:
-    """Return a curve W(u) of a law, continued beyond u = 1, with parameters drawn.
-
-    Args:
-        ratio: V_th / V_0, more than one.
+    """Return a curve W(u) of a law, continued beyond u = 1, with parameters drawn; ``ratio`` is V_th / V_0 > 1.
 
     Raises:
         ValueError: if there is no such law.
@@ -101,12 +97,7 @@ def draw_law(law: str, rng: np.random.Generator, ratio: float) -> Curve:
 
 @dataclass(frozen=True, eq=False)
 class GrowthPath:
-    """V_eq over time, straight between its points.
-
-    Attributes:
-        t: s since the onset, ascending from zero, shape (m,).
-        v_eq: m2, never falling, shape (m,).
-    """
+    """V_eq, m2, never falling, at times ``t``, s since the onset, ascending from zero; straight between its points."""
 
     t: NDArray[np.float64]
     v_eq: NDArray[np.float64]

@@ -1,9 +1,7 @@
 """Simulated lives of bearings: growth of damage, and the features of each block.
 
-A life is one bearing from the onset of its damage to beyond the largest V_eq of interest. Drawn for each are growth
-law, depth at the threshold, floor, rig parameters, gains of the sensor against the model, load and speed. Each block is
-simulated directly at its own extent and depth of the defect, without a map. The features are defined as in
-``monitor.health.spectrum.features``.
+A life is one bearing from the onset of its damage to beyond the largest V_eq of interest. Each block is simulated at
+its own extent and depth of the defect, without a map. Features are those of ``monitor.health.spectrum.features``.
 
 A life depends on the population and its number alone, so lives can be simulated in any order by any number of workers.
 """
@@ -43,8 +41,7 @@ class LifePlan:
         h_threshold: depth where V_eq is the population's threshold, m.
         depth_share: share of ln V_eq that ln h_d takes.
         harmonic_gain: further factor on each harmonic, shape (6,).
-        background_rms: RMS of background vibration, m/s2.
-        background_harmonic: the same at each harmonic, as an amplitude, m/s2.
+        background_rms, background_harmonic: RMS of background vibration, and its amplitude at each harmonic, m/s2.
     """
 
     number: int
@@ -75,13 +72,10 @@ class LifeHistory:
 
     Attributes:
         t: time of each block since the onset, s, shape (n,).
-        load: radial load known to the monitor, N, shape (n,).
-        speed: shaft speed known to the monitor, Hz, shape (n,).
+        load, speed: radial load, N, and shaft speed, Hz, known to the monitor, shape (n,).
         rms: measured RMS in the population's band, m/s2, shape (n,).
         harmonics: measured amplitudes of BPFO harmonics 1..6, m/s2, shape (n, 6); 0 where one is outside the band.
-        v_eq: true volume per width, m2, shape (n,).
-        dphi_d: true extent, rad, shape (n,).
-        h_d: true depth, m, shape (n,).
+        v_eq, dphi_d, h_d: true volume per width, m2, extent, rad, and depth, m, shape (n,).
         path: true V_eq between the blocks and beyond the last.
     """
 
@@ -200,16 +194,12 @@ def _shown(population: Population, speed: NDArray[np.float64]) -> NDArray[np.boo
 
 
 def simulate_lives(
-    population: Population,
-    numbers: Sequence[int],
-    workers: int = 1,
-    progress: Progress | None = None,
+    population: Population, numbers: Sequence[int], workers: int = 1, progress: Progress | None = None
 ) -> Iterator[LifeHistory]:
     """Yield lives of a population in the order of their numbers as given.
 
-    Args:
-        workers: threads to share them between; 0 means one a core. The lives do not depend on it.
-        progress: called with the lives done and their total.
+    ``workers`` is the number of threads, 0 one per core; the lives do not depend on it. ``progress`` is called with the
+    lives done and their total.
 
     Raises:
         ValueError: if workers is negative, or a scene is outside the model.

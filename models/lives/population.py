@@ -18,15 +18,7 @@ Range = tuple[float, float]
 # Increment when the same population would give other lives.
 LIVES_VERSION = 1
 _GRAVITY = 9.80665
-_RIG_SPREAD = (
-    ("m_r", 0.035),
-    ("k_c", 0.035),
-    ("c_i", 0.035),
-    ("c_r", 0.035),
-    ("alpha_c", 0.035),
-    ("beta_c", 0.035),
-    ("k_r", 0.014),
-)
+_RIG_SPREAD = (*((name, 0.035) for name in ("m_r", "k_c", "c_i", "c_r", "alpha_c", "beta_c")), ("k_r", 0.014))
 _RANGES = (
     "load",
     "speed",
@@ -61,8 +53,7 @@ class Population:
     Attributes:
         rig_spread: (parameter, standard deviation of its factor) of each rig parameter that differs from life to life.
         clearance: radial clearance, m.
-        load: range of radial loads, N; one per life.
-        speed: range of shaft speeds, Hz; one per life.
+        load, speed: ranges of radial loads, N, and shaft speeds, Hz; one of each per life.
         load_variation, speed_variation: known change from block to block: each has a factor of 1 +- this.
         load_jitter: standard deviation of the factor on the load of a block, unknown to the monitor.
         speed_jitter: the same of the speed. (A few tenths of a per cent move the RMS by some per cent.) Blocks of
@@ -81,9 +72,8 @@ class Population:
         gain_sd: standard deviation of the gain of the sensor, one per life.
         harmonic_gain_sd: standard deviation of a further factor on each harmonic, constant over a life.
         scatter: standard deviation of the factor on each figure of each block.
-        background_rms: range of the RMS of background vibration, m/s2, drawn in the logarithm, one per life; it adds
-            as power.
-        background_harmonic: the same at each harmonic, as an amplitude, m/s2.
+        background_rms, background_harmonic: ranges of the RMS of background vibration and of its amplitude at each
+            harmonic, m/s2, drawn in the logarithm, one per life; they add as power.
         missing: probability that a block is lost.
         interval: time from block to block, s.
     """
@@ -119,11 +109,7 @@ class Population:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            ValueError: naming the field, its value and the expected one.
-        """
+        """Raise a ValueError that names the field of an unusable value, the value and the expected one."""
         for name in _RANGES:
             low, high = getattr(self, name)
             if not (

@@ -1,19 +1,28 @@
-"""Build RMS maps; the simulation, and numba with it, is imported when points are computed."""
+"""Build RMS maps, with the axes of their plan or refined to a given interpolation error.
+
+RMS has stripes along dphi_d that belong to the model (about 4 degrees and 0.8 degrees apart for the 1205 ETN9 at 40 Hz:
+the resonator swings a whole number of times while a ball crosses the defect), so that a coarse axis aliases them. An
+axis is refined by halving the intervals whose middle, simulated, is off the line between its ends.
+
+The simulation, and numba with it, is imported when points are computed.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from itertools import product
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
 from models.maps.check import condition_errors, interpolation_errors, rms_and_most, step_error
 from models.maps.data import Nodes, RmsMap
 from models.maps.nodes import Progress, rig_rows, rig_scenes, simulate_node_row
-from models.maps.plan import MODEL_VERSION, SCHEMA_VERSION, MapPlan
+from models.maps.plan import MODEL_VERSION, SCHEMA_VERSION, MapError, MapPlan
 from models.response import HARMONICS
 from models.workers import in_threads
 
@@ -30,6 +39,22 @@ _POINT_SEED = 1205
 # Numbers per node.
 _COLUMNS = 5 + 2 * HARMONICS
 
+# Default limit of the nodes of a refined map.
+MAX_NODES = 200_000
+# How the tolerance is shared between the axes; their squares add up to one.
+_SHARE_DPHI_D, _SHARE_H_D = 0.9, 0.43
+# RMS over an interval of the error of a chord of a parabola, over its error in the middle.
+_PARABOLA = (8.0 / 15.0) ** 0.5
+# The mean over more floors is no rougher than over these.
+_FLOORS = 8
+_CONDITIONS, _DEPTHS, _EXTENTS = 4, 9, 24
+_ROUNDS = 3
+# Smallest RMS that an error is divided by, m/s2.
+_SILENCE = 1e-12
+
+Sample = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
+_T = TypeVar("_T")
+
 
 def solver_of(plan: MapPlan) -> Solver:
     """Return the solver of a plan: rows that settle, or with slip lanes in time.
@@ -40,9 +65,7 @@ def solver_of(plan: MapPlan) -> Solver:
 
 
 def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = None) -> RmsMap:
-    """Return the map of a plan.
-
-    Floors are solved row by row, scenes with slip by the lane kernels (``models.maps.ensemble``).
+    """Return the map of a plan, by the solver of ``solver_of``.
 
     Args:
         workers: threads (rows) or processes (lanes); 0 is one per core. The result does not depend on it.
@@ -148,7 +171,7 @@ def _rig_nodes(plan: MapPlan, workers: int, progress: Progress) -> tuple[NDArray
     return rms, harmonics
 
 
-def software_version() -> str:
+def _software_version() -> str:
     """Return the version of the installed distribution, or "unknown" without one."""
     try:
         return version("spallwatch")
@@ -162,7 +185,7 @@ def map_attributes(plan: MapPlan) -> dict[str, Any]:
         "title": "RMS and BPFO lines of a bearing over the extent and depth of an outer-race defect",
         "Conventions": "CF-1.11",
         "schema_version": SCHEMA_VERSION,
-        "software_version": f"spallwatch {software_version()}",
+        "software_version": f"spallwatch {_software_version()}",
         "model": plan.model,
         "model_version": MODEL_VERSION,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -189,3 +212,110 @@ def map_attributes(plan: MapPlan) -> dict[str, Any]:
             if value is not None:
                 flat[f"{prefix}_{name}"] = value
     return flat
+
+
+def build_refined_map(
+    plan: MapPlan, tolerance: float, *, most_nodes: int = MAX_NODES, workers: int = 1, progress: Progress | None = None
+) -> RmsMap:
+    """Return the map of a plan with its axes of extent and depth refined until the error between nodes is small enough.
+
+    The axes are refined at some of the plan's depths, loads and speeds, without slip and on its first floors; the error
+    is then measured on the whole map (attribute ``interpolation_error``). It exceeds ``tolerance``, which is relative
+    to the largest RMS of the map at that load and speed, only if the limit of nodes is reached.
+
+    Raises:
+        MapError: if the tolerance is not positive or the plan has too many nodes to begin with.
+        ValueError: if the plan is outside the model.
+    """
+    aim, rounds = tolerance, 1
+    plan = refine_plan(plan, aim, most_nodes=most_nodes)
+    built = build_map(plan, workers=workers, progress=progress)
+    while (reached := float(built.attributes["interpolation_error"])) > tolerance and rounds < _ROUNDS:
+        aim *= 0.8 * tolerance / reached
+        rounds += 1
+        finer = refine_plan(plan, aim, most_nodes=most_nodes)
+        if finer == plan:
+            break
+        plan, built = finer, build_map(finer, workers=workers, progress=progress)
+    built.attributes["interpolation_tolerance"] = tolerance
+    return built
+
+
+def refine_plan(plan: MapPlan, tolerance: float, *, most_nodes: int = MAX_NODES) -> MapPlan:
+    """Return a plan with its axes of extent and depth refined to a tolerance, or to the limit of nodes.
+
+    Raises:
+        MapError: if the tolerance is not positive or the plan has too many nodes to begin with.
+    """
+    if not tolerance > 0.0:
+        raise MapError(f"interpolation tolerance must be positive, got {tolerance!r}")
+    total = int(np.prod(plan.shape))
+    if total > most_nodes:
+        raise MapError(f"the map has {total} nodes before it is refined, more than the {most_nodes} that it may have")
+    conditions = _spread_over(list(product(plan.load, plan.speed)), _CONDITIONS)
+    still = replace(plan, slip=None, floors=min(plan.floors, _FLOORS) if plan.floor.kind == "rough" else 1)
+    depths = _spread_over([h for h in plan.h_d if h > 0.0], _DEPTHS)
+    extents = np.array(_spread_over([x for x in plan.dphi_d if x > 0.0], _EXTENTS))
+    if not depths or len(extents) == 0:
+        return plan
+
+    def along_dphi_d(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.array([[_mean_row(still, *c, h, values) for h in depths] for c in conditions])
+
+    def along_h_d(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        rows = [[_mean_row(still, *c, float(h), extents) for h in values] for c in conditions]
+        return np.swapaxes(np.array(rows), 1, 2)
+
+    fixed = len(plan.load) * len(plan.speed)
+    depth = _refined(plan.h_d, along_h_d, _SHARE_H_D * tolerance, most_nodes // (fixed * len(plan.dphi_d)))
+    extent = _refined(plan.dphi_d, along_dphi_d, _SHARE_DPHI_D * tolerance, most_nodes // (fixed * len(depth)))
+    return replace(plan, h_d=depth, dphi_d=extent)
+
+
+def _spread_over(values: list[_T], count: int) -> list[_T]:
+    """Return up to ``count`` of the values, evenly among them, the last included."""
+    if len(values) <= count:
+        return values
+    return [values[round((n + 1) * len(values) / count) - 1] for n in range(count)]
+
+
+def _refined(axis: tuple[float, ...], sample: Sample, target: float, most: int) -> tuple[float, ...]:
+    """Return an axis with intervals halved until the chords are off by less than the target (RMS along the axis).
+
+    ``sample`` returns the RMS at places of the axis, shape (conditions, rows, places); the target is relative to the
+    largest RMS of a condition; ``most`` is the limit of nodes.
+    """
+    places = np.array(axis)
+    if len(places) < 2:
+        return axis
+    values = sample(places)
+    scale = np.maximum(np.max(values, axis=(1, 2), keepdims=True), _SILENCE)
+    errors = np.full(len(places) - 1, np.nan)
+    middle = np.empty((*values.shape[:2], len(errors)))
+    while True:
+        untried = np.isnan(errors)
+        middle[..., untried] = sample(0.5 * (places[:-1] + places[1:])[untried])
+        off = (middle - 0.5 * (values[..., :-1] + values[..., 1:])) / scale
+        errors = _PARABOLA * np.sqrt(np.mean(off**2, axis=(0, 1)))
+        width = np.diff(places)
+        if np.sqrt(np.average(errors**2, weights=width)) <= target:
+            break
+        # The worst first; those within the target are left as they are.
+        worst = np.argsort(-errors)[: most - len(places)]
+        split = np.sort(worst[errors[worst] > target])
+        if len(split) == 0:
+            break
+        places = np.insert(places, split + 1, 0.5 * (places[split] + places[split + 1]))
+        values = np.insert(values, split + 1, middle[..., split], axis=2)
+        halves = np.zeros(len(errors), dtype=bool)
+        halves[split] = True
+        errors = np.repeat(np.where(halves, np.nan, errors), 1 + halves)
+        middle = np.repeat(middle, 1 + halves, axis=2)
+    return tuple(places.tolist())
+
+
+def _mean_row(
+    plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    rows = [simulate_node_row(plan, load, speed, h_d, extents, seed).rms for seed in range(plan.floors)]
+    return np.mean(rows, axis=0)

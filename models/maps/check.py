@@ -132,10 +132,7 @@ def check_map(rms_map: RmsMap, points: int, *, seed: int = 0, progress: Progress
     """Measure the error of a map at random nodes, against finer steps, and at random points between the nodes.
 
     Maps averaged over several floors are checked on the mean of the same floors; where slip is redrawn, both means
-    contain the scatter of their records.
-
-    Args:
-        progress: called with the points done and their total.
+    contain the scatter of their records. ``progress`` is called with the points done and their total.
 
     Raises:
         ValueError: if points is not positive.

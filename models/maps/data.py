@@ -24,16 +24,10 @@ class OutsideMapError(MapError):
 
 @dataclass(frozen=True, eq=False)
 class MapSlice:
-    """A map at one load (N) and speed (Hz).
+    """A map at one load (N) and speed (Hz): fields of ``RmsMap`` without its first two dimensions.
 
     Attributes:
-        h_d: depths, m, shape (H,).
-        dphi_d: extents, rad, shape (D,).
-        rms: m/s2, shape (H, D).
-        harmonic_amplitude: lines 1..6 of BPFO, m/s2, shape (H, D, 6).
         rms_band: band of the RMS, Hz, or None for the full bandwidth.
-
-    Errors and standard deviations are those of ``RmsMap``, of the shape of their quantity.
     """
 
     load: float
@@ -62,12 +56,7 @@ class MapSlice:
         """Return the six amplitudes between the nodes, m/s2, shape (..., 6); NaN where ``inside`` is False."""
         return self._bilinear(self.harmonic_amplitude, dphi_d, h_d)
 
-    def _bilinear(
-        self,
-        values: NDArray[np.float64],
-        dphi_d: ArrayLike,
-        h_d: ArrayLike,
-    ) -> NDArray[np.float64]:
+    def _bilinear(self, values: NDArray[np.float64], dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.float64]:
         x, y = np.broadcast_arrays(np.asarray(dphi_d, dtype=float), np.asarray(h_d, dtype=float))
         i, u = _cell(self.dphi_d, x)
         j, v = _cell(self.h_d, y)

@@ -1,9 +1,7 @@
 """Nodes of RMS maps averaged over many floors, with or without slip of the balls, computed by the lane kernels.
 
-A map of one rough floor depends on that floor. The ensemble map holds the mean over floors at every node,
-their standard deviation, and the standard error of the mean, for the RMS and for the lines of BPFO. Floors are common
-to all nodes (floor n has the seed ``plan.floor.seed + n``), so that neighbouring nodes differ by what the defect does
-and not by the draw.
+Floors are common to all nodes (floor n has the seed ``plan.floor.seed + n``), so that neighbouring nodes differ by what
+the defect does and not by the draw.
 
 With slip per passage every floor of every node is simulated for a few blocks only: the scatter of the RMS of so short
 a record is part of the spread over floors, and so of the standard error of the map.

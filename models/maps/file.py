@@ -1,7 +1,6 @@
 """RMS maps as files: load and save, or build on first use and keep.
 
-A map file is netCDF-4 with dimensions load, speed, h_d, dphi_d and bpfo_harmonic, SI units. Reading and interpolating
-maps needs no numba; the simulation is imported to build one.
+A map file is netCDF-4 with dimensions load, speed, h_d, dphi_d and bpfo_harmonic, SI units. Reading one needs no numba.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Nodes of RMS maps, one row along dphi_d at a time, and their spread over uncertain parameters of the rig.
 
-Rigs are drawn around the plan's, and each is compared with the plan's own rig on the same floor, which separates the
-spread over parameters (``rms_rig_std``) from that over floors (``rms_std``). Draws are simulated without slip, whose
-random error would hide the spread. The simulation, and numba with it, is imported when it is run.
+Rigs are drawn around the plan's and compared with it on the same floor, which separates the spread over parameters
+(``rms_rig_std``) from that over floors (``rms_std``), and without slip, whose random error would hide the spread. The
+simulation, and numba with it, is imported when it is run.
 """
 
 from __future__ import annotations
@@ -55,8 +55,7 @@ class NodeRow:
     """One floor at one load, speed and depth, for several extents.
 
     Attributes:
-        rms: m/s2, shape (D,).
-        harmonics: lines 1..6 of BPFO, m/s2, shape (D, 6).
+        rms, harmonics: RMS, shape (D,), and lines 1..6 of BPFO, shape (D, 6), m/s2.
         settling: relative error of the RMS due to the search for the settled motion, shape (D,).
         spread: standard deviation of the RMS from period to period where it does not settle, m/s2, shape (D,).
         status: index into STATUSES, shape (D,).

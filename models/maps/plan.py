@@ -29,12 +29,11 @@ class MapPlan:
 
     Attributes:
         load, speed, h_d, dphi_d: axes, N, Hz, m and rad, ascending.
-        clearance: radial clearance, m.
+        clearance: radial, m.
         floor: the bottom of the defect; of several floors, the first.
         floors: number of floors averaged (seeds floor.seed, floor.seed + 1, ...); with slip that is redrawn, each has
             its own draws, so that a smooth floor can have several.
-        rows: number of rows that the defect spans.
-        position: angle of the defect's centre from the load direction, rad.
+        rows, position: of the defect, as in ``models.scene.Defect``.
         rms_band: band in which RMS is taken, Hz, or None for the full bandwidth.
         steps_per_period: steps of the integration per ball period, or None for the model's choice.
         rig_draws: number of rigs drawn around ``rig`` for the spread over its uncertain parameters, or 0.
@@ -63,11 +62,7 @@ class MapPlan:
     rig_seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            MapError: naming the field and the problem.
-        """
+        """Raise a MapError that names the field of an unusable value."""
         for name in AXES:
             values = getattr(self, name)
             if len(values) == 0 or not all(math.isfinite(v) and v >= 0.0 for v in values):

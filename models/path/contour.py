@@ -10,7 +10,6 @@ shallower.
   its running track faces the outer race and, half a spin later, the inner race. While it does, the ball rests on the
   edge of the spot, which is the angle b (about the ball's own axis) short of the contact normal: it has sunk by
   r_b (1 - cos b) -+ (R - sqrt(R^2 - r_b^2 sin^2 b)), minus at the outer race (R = r_o), plus at the inner (R = r_i).
-  (Seed 001 opens a window about both contacts likewise, in which the ball is smaller by a constant depth.)
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.path.defect import BallPath, ball_path, profile_cutoff, race_profile, race_radius
+from models.path.defect import BallPath, ball_path, profile_cutoff, race_profile, race_radius, shallower
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -63,14 +62,8 @@ class PartPath:
     def __call__(self, angle: Values) -> tuple[Values, Values]:
         """Return d (m) and its derivative (m/rad) at angles within the half width of the centre, any shape."""
         x = angle - self.centre
-        delta = self.half_width - np.abs(x)
-        edge, edge_slope = self.edge(np.maximum(delta, 0.0))
-        floor, floor_slope = self._floor(x)
-        on_edge = edge <= floor
-        depth = np.where(on_edge, edge, floor)
-        slope = np.where(on_edge, -np.sign(x) * edge_slope, floor_slope)
-        inside = delta > 0.0
-        return np.where(inside, self.cos_alpha * depth, 0.0), np.where(inside, self.cos_alpha * slope, 0.0)
+        edge = self.edge(np.maximum(self.half_width - np.abs(x), 0.0))
+        return shallower(x, self.half_width, self.cos_alpha, edge, self._floor(x))
 
     def _floor(self, x: Values) -> tuple[Values, Values]:
         if self.floor is None:
@@ -94,7 +87,7 @@ class PartPath:
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Return a root between two angles at which the function has opposite signs, by bisection."""
+    """Return a root between two angles of opposite signs, by bisection."""
     sign = function(low) > 0.0
     while high - low > 1e-14:
         middle = 0.5 * (low + high)
@@ -183,8 +176,7 @@ class Pieces:
     """Smooth pieces of all paths as cubics in equal cells, ready for a kernel.
 
     Attributes:
-        start: where each piece begins, rad, shape (pieces,).
-        end: where it ends, rad.
+        start, end: where each piece begins and ends, rad, shape (pieces,).
         first: first cell of each piece, int64, shape (pieces + 1,).
         cells: d in powers of the place in a cell (0 to 1), lowest power first, m, shape (cells, 4).
     """

@@ -78,7 +78,7 @@ def race_profile(sd: float, pitch: float, cutoff: float, seed: int, race_radius:
     """Return the rough profile of a race: white Gaussian noise, low-passed around the circle, cubic between samples.
 
     The filter is the squared magnitude of a Butterworth filter of order 4 (as a forward and backward pass has), without
-    the mean; the result is scaled to the standard deviation ``sd``.
+    the mean.
 
     Args:
         sd: standard deviation after filtering, m.
@@ -112,11 +112,7 @@ def race_profile(sd: float, pitch: float, cutoff: float, seed: int, race_radius:
 def edge_path(delta: NDArray[np.float64], r_o: float, r_b: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how far a ball has sunk over an edge, m, and its slope, m/rad (Eq. 51, free of cancellation).
 
-    Args:
-        delta: angle beyond the edge, rad, not negative; beyond asin(r_b / r_o) the ball has passed the edge and the
-            path stays at its end.
-        r_o: radius of the outer race, m.
-        r_b: radius of the ball, m.
+    ``delta`` is the angle beyond the edge, rad, not negative; beyond asin(r_b / r_o) the path stays at its end.
     """
     reach = math.asin(r_b / r_o) * _REACH
     clamped = np.minimum(delta, reach)
@@ -128,17 +124,29 @@ def edge_path(delta: NDArray[np.float64], r_o: float, r_b: float) -> tuple[NDArr
     return depth, slope
 
 
+def shallower(
+    x: NDArray[np.float64],
+    half_width: float,
+    cos_alpha: float,
+    edge: tuple[NDArray[np.float64], NDArray[np.float64]],
+    floor: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return d (m) and its derivative (m/rad) at angles x from the centre, from depth and slope of edge and floor."""
+    on_edge, inside = edge[0] <= floor[0], half_width - np.abs(x) > 0.0
+    depth = np.where(on_edge, edge[0], floor[0])
+    slope = np.where(on_edge, -np.sign(x) * edge[1], floor[1])
+    return np.where(inside, cos_alpha * depth, 0.0), np.where(inside, cos_alpha * slope, 0.0)
+
+
 @dataclass(frozen=True, eq=False)
 class BallPath:
     """Radial path d(phi) of a ball over one defect.
 
     Attributes:
-        r_o: radius of the outer race, m.
-        r_b: radius of the ball, m.
+        r_o, r_b: radii of the outer race and of the ball, m.
         half_width: half the extent of the defect, rad.
         h_d: depth of the floor, m (infinite: no floor).
         position: angle of the centre from the load direction, rad.
-        profile: the rough profile, or None for a smooth floor.
         roughness: factor on the profile, 0 to 1 (see the module's text).
     """
 
@@ -162,14 +170,8 @@ class BallPath:
         At a kink the derivative is one of the two one-sided ones; a small offset of the angle selects it.
         """
         x = wrap(angle - self.position)
-        delta = self.half_width - np.abs(x)
-        inside = delta > 0.0
-        edge, edge_slope = edge_path(np.where(inside, delta, 0.0), self.r_o, self.r_b)
-        floor, floor_slope = self._floor(angle)
-        on_edge = edge <= floor
-        depth = np.where(on_edge, edge, floor)
-        slope = np.where(on_edge, -np.sign(x) * edge_slope, floor_slope)
-        return np.where(inside, self.cos_alpha * depth, 0.0), np.where(inside, self.cos_alpha * slope, 0.0)
+        edge = edge_path(np.maximum(self.half_width - np.abs(x), 0.0), self.r_o, self.r_b)
+        return shallower(x, self.half_width, self.cos_alpha, edge, self._floor(angle))
 
     def _floor(self, angle: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         if self.profile is None or self.roughness == 0.0:
@@ -181,8 +183,7 @@ class BallPath:
         """Return the angles at which the path is not smooth, rad, ascending, around ``position``.
 
         These are both edges (where only the curvature jumps), the switches between edge and floor (where the slope
-        jumps), the middle of a defect whose floor the ball does not reach, and the ends of the edges' reach. For a
-        smooth floor they have a closed form, for a rough one they are found by scan and bisection.
+        jumps), the middle of a defect whose floor the ball does not reach, and the ends of the edges' reach.
         """
         if self.half_width <= 0.0 or self.h_d <= 0.0:
             return np.empty(0)

@@ -12,12 +12,11 @@ from typing import Any
 import click
 import numpy as np
 
-from models.maps.build import build_map
+from models.maps.build import MAX_NODES, build_map, build_refined_map
 from models.maps.check import check_map
 from models.maps.data import RmsMap
 from models.maps.file import load_map, save_map
 from models.maps.plan import MapPlan
-from models.maps.refine import MAX_NODES, build_refined_map
 from models.response import STATUSES
 from models.scene import Floor, Slip
 from monitor.commands import option

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from models.bearing import from_catalogue, kinematics
-from models.dynamics.time_domain import SILENCE, anti_alias_filter, compile_kernels, simulate_time
+from models.dynamics.time_domain import SILENCE, anti_alias_filter, simulate_time
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.kernels.jit import compiling
@@ -276,7 +276,7 @@ def test_the_periodic_solver_refuses_what_it_would_leave_out(change: dict[str, A
 
 
 def test_one_machine_code_serves_every_scene() -> None:
-    compile_kernels()
+    simulate_time(Scene(40.0, 1000.0), 0.005, 25600.0, settle=0.0)
     every = replace(SCENE, defect=replace(PIT, part="inner"), unbalance=1e-3, waviness=(Waviness(1e-6, 7),))
     with compiling() as seconds:
         simulate_time(every, 0.01, 25600.0, settle=0.0)
