@@ -16,7 +16,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from monitor.config.load import load_config
-from monitor.config.web import WebSection
+from monitor.config.outputs import WebSection
 from monitor.web.machines import Machines
 from monitor.web.server import serve
 from tests.faults.daemons import make_machine

@@ -14,6 +14,7 @@ from monitor.commands import option
 from monitor.commands.common import emit, read_config
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import ChannelSection
+from monitor.config.stages import method_or_best
 
 
 @click.command("check")
@@ -131,8 +132,7 @@ def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
 
 def _missing_files(config: Config, channel: ChannelSection) -> Iterator[str]:
     name = f"channel {channel.name!r}"
-    best = "thesis" if channel.library is None else "library"
-    track, forecast = config.track.method or best, config.forecast.method or best
+    track, forecast = _methods(config, channel)
     if channel.map is None and track in ("thesis", "filter"):
         yield f"{name}: track = true, but no map is given: V_eq will answer no_map"
     if channel.library is None and "library" in (track, forecast):
@@ -140,6 +140,12 @@ def _missing_files(config: Config, channel: ChannelSection) -> Iterator[str]:
     for kind, path in (("map", channel.map), ("library", channel.library)):
         if path is not None and not path.exists():
             yield f"{name}: {kind} {path.name} does not exist (yet); make it with: spallwatch {kind} build"
+
+
+def _methods(config: Config, channel: ChannelSection) -> tuple[str, str]:
+    """Return the methods for V_eq and TT."""
+    library = channel.library
+    return method_or_best(config.track.method, library), method_or_best(config.forecast.method, library)
 
 
 def _lines(config: Config, problems: list[str]) -> Iterator[str]:
@@ -192,6 +198,6 @@ def _channel_lines(config: Config, channel: ChannelSection, speed: float | None)
         lines = kinematics(bearing, speed)
         yield (f"    outer {lines.bpfo:.2f}, inner {lines.bpfi:.2f}, ball {2 * lines.bsf:.2f}, cage {lines.ftf:.2f} Hz")
     if channel.track:
-        best = "thesis" if channel.library is None else "library"
-        methods = f"V_eq by {config.track.method or best}, TT by {config.forecast.method or best}"
-        yield f"    tracked: {methods}, to {', '.join(f'{v * 1e6:g}' for v in config.forecast.thresholds)} mm3/mm"
+        track, forecast = _methods(config, channel)
+        thresholds = ", ".join(f"{v * 1e6:g}" for v in config.forecast.thresholds)
+        yield f"    tracked: V_eq by {track}, TT by {forecast}, to {thresholds} mm3/mm"

@@ -21,6 +21,7 @@ from monitor.commands.history_files import (
     read_volumes,
     write_out,
 )
+from monitor.config.stages import method_or_best
 from monitor.health.damage import tracker as damage
 from monitor.health.damage.library.forecaster import LibraryInput, LibraryState
 from monitor.health.damage.library.forecaster import step as ask_library
@@ -59,7 +60,7 @@ def command(
     """
     if out is not None:
         check_suffix("--out", out, SUFFIXES)
-    method = method or ("thesis" if library_path is None else "library")
+    method = method_or_best(method, library_path)
     thresholds = tuple(value * 1e-6 for value in threshold_mm2)
     window = None if window_hours is None else window_hours * 3600.0
     if method == "library":

@@ -16,6 +16,7 @@ from models.maps.file import load_map
 from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
 from monitor.commands.history_files import SUFFIXES, library_settings, prior_of, read_readings, write_out
+from monitor.config.stages import method_or_best
 from monitor.health.damage import tracker as damage
 from monitor.health.damage.thesis import edv
 from monitor.health.damage.thesis.prognosis import rms_from_map, rms_from_model, rms_history
@@ -81,7 +82,7 @@ def command(
     """
     if out is not None:
         check_suffix("--out", out, SUFFIXES)
-    method = method or ("thesis" if library_path is None else "library")
+    method = method_or_best(method, library_path)
     other = _Other(other_load_newton, other_speed_hz, direct)
     if not input_path.exists():
         raise InputError(f"{input_path}: no such file or folder")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from monitor.config.load import Config, ConfigError, load_config
-from monitor.config.web import WebSection
+from monitor.config.outputs import WebSection
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,9 @@ from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import BearingSection, RigSection
 from monitor.config.fields import Section
 from monitor.config.machine import MachineSection, OperatingSection
-from monitor.config.notify import NotifySection
-from monitor.config.publish import PublishSection
+from monitor.config.outputs import NotifySection, PublishSection, WebSection
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import DetectSection, ForecastSection, TrackSection
-from monitor.config.web import WebSection
 
 
 class ConfigError(WrongInputError):

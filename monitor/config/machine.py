@@ -8,10 +8,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from monitor.config.fields import ColumnName, Name, NotNegative, Positive, Scale, Section
+from monitor.config.fields import Name, NotNegative, Positive, Scale, Section
 from monitor.health.condition import ConditionSettings
 from monitor.health.waterfall import WaterfallSettings
 from streams.spec import ChannelSpec
+
+ColumnName = str | int
 
 _SPEED_RANGE = (5.0, 100.0)
 _SPEED_FACTOR = 1.25

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Blocks, Positive, Section
 from monitor.health.detect import DetectSettings
 from streams.block import STANDARD_GRAVITY
+
+Method = TypeVar("Method", bound=str)
+
+
+def method_or_best(method: Method | None, library: object) -> Method | Literal["thesis", "library"]:
+    """Return the chosen method; without one, the library, or the method of the thesis if ``library`` is None."""
+    return method or ("thesis" if library is None else "library")
 
 
 class DetectSection(Section):

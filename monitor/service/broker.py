@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import SpallwatchError
-from monitor.config.publish import BrokerSection
+from monitor.config.outputs import BrokerSection
 
 TIMEOUT_S = 10.0
 """Seconds that a connection may take."""

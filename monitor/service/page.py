@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from monitor.config.web import WebSection
+from monitor.config.outputs import WebSection
 from monitor.service.child_process import Child
 
 _LOG = logging.getLogger(__name__)

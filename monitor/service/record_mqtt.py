@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from monitor.config.load import Config
-from monitor.config.publish import RecordMqttSection
+from monitor.config.outputs import RecordMqttSection
 from monitor.records.database import SharedConnection, StoreError, replace_durably
 from monitor.records.packing import unpack
 from monitor.service.broker import BrokerError, BrokerLink

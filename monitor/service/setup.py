@@ -17,6 +17,7 @@ from models.maps.plan import MapError
 from models.scene import Rig
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import ChannelSection, SourceSection
+from monitor.config.stages import method_or_best
 from monitor.health.damage.filter.particle_filter import FilterSettings
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
@@ -200,11 +201,10 @@ def _channel_settings(
 
 def _damage_settings(config: Config, rms_map: RmsMap | None, library: Library | None) -> DamageSettings:
     """Return how damage is tracked; without a configured method, by the library where there is one."""
-    best = "thesis" if library is None else "library"
     window = config.forecast.window_hours
     return DamageSettings(
-        track_method=config.track.method or best,
-        forecast_method=config.forecast.method or best,
+        track_method=method_or_best(config.track.method, library),
+        forecast_method=method_or_best(config.forecast.method, library),
         map_at=None if rms_map is None else map_lookup(rms_map),
         spread_at=None if rms_map is None else spread_lookup(rms_map),
         edv=EdvSettings(smoothing_blocks=config.track.smoothing_blocks),

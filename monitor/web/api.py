@@ -10,6 +10,7 @@ import numpy as np
 
 from models.bearing import Bearing, kinematics
 from monitor import __version__
+from monitor.config.stages import method_or_best
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.spectrum.features import fundamentals
 from monitor.health.waterfall import SpectrumRow
@@ -63,7 +64,7 @@ def channel(machine: Machine, name: str) -> dict[str, Any]:
     bearing = config.bearing_of(section)
     state = machine.status().values.get("channels", {}).get(name, {})
     marks = latest_values(machine, section.source, name)
-    method = config.track.method or ("thesis" if section.library is None else "library")
+    method = method_or_best(config.track.method, section.library)
     absolute = section.unit != "unknown"
     return {
         "machine": machine.name,

@@ -33,7 +33,7 @@ from monitor.web.machines import Machine, Machines
 from monitor.web.metrics import METRICS_TYPE, Measures, metrics
 from monitor.web.security import MAX_BODY_BYTES, Doors, Guard, login_routes
 from monitor.web.stream import Hub
-from monitor.words.page import page_words
+from monitor.words.statuses import page_words
 
 _LOG = logging.getLogger(__name__)
 _THREADS = 4

@@ -16,7 +16,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from monitor.config.web import WebSection
+from monitor.config.outputs import WebSection
 from monitor.web.auth import Doorkeeper
 
 MAX_BODY_BYTES = 8192

@@ -22,7 +22,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from models.errors import WrongInputError
 from monitor.config.load import Config, ConfigError, load_config
-from monitor.config.web import WebSection
+from monitor.config.outputs import WebSection
 from monitor.service.systemd import ServiceManager
 from monitor.web.app import Site, application
 from monitor.web.auth import Doorkeeper, TokenError, load_token

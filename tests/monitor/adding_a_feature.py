@@ -36,7 +36,7 @@ def appearances(folder: Path) -> dict[str, Any]:
     from monitor.records.trends import SeriesKey, read_trends
     from monitor.web.api import columns
     from monitor.words.events import event_text
-    from monitor.words.page import page_words
+    from monitor.words.statuses import page_words
     from tests.monitor.health.test_pipeline import base, life, record_of, run
 
     FUNCTIONS["margin"] = lambda x, found: float(np.max(x)) - found.indicators.mean

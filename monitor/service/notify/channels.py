@@ -18,7 +18,7 @@ from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from models.errors import SpallwatchError
-from monitor.config.notify import MqttSection, NotifySection, SmtpSection, WebhookSection
+from monitor.config.outputs import MqttSection, NotifySection, SmtpSection, WebhookSection
 from monitor.service.broker import BrokerError, BrokerLink
 
 _TIMEOUT_S = 10.0

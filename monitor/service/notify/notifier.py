@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from monitor.config.load import Config
-from monitor.config.notify import NotifySection
+from monitor.config.outputs import NotifySection
 from monitor.records.database import StoreError
 from monitor.records.events import Delivered, Deliveries, EventLog, LoggedEvent
 from monitor.records.store import Store

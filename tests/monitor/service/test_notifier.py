@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.config.notify import MqttSection, NotifySection, SmtpSection, WebhookSection
+from monitor.config.outputs import MqttSection, NotifySection, SmtpSection, WebhookSection
 from monitor.health.record import Record
 from monitor.records.events import Delivered, Deliveries, EventLog
 from monitor.records.store import Store

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from monitor.config.notify import NotifySection
+from monitor.config.outputs import NotifySection
 from monitor.records.events import Delivered, Deliveries
 from monitor.service.notify.channels import Message
 from monitor.service.notify.notifier import Notifier

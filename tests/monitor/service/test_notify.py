@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from monitor.config.notify import MqttSection, NotifySection, SmtpSection, WebhookSection
-from monitor.config.publish import RecordMqttSection
+from monitor.config.outputs import MqttSection, NotifySection, RecordMqttSection, SmtpSection, WebhookSection
 from monitor.service.notify.channels import (
     Message,
     MqttChannel,

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.config.load import Config
-from monitor.config.notify import SmtpSection
+from monitor.config.outputs import SmtpSection
 from monitor.records.events import LoggedEvent
 from monitor.service.notify.channels import SmtpChannel
 from monitor.service.notify.message import Item, Sender, clean, compose

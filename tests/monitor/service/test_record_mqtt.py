@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from monitor.config.publish import RecordMqttSection
+from monitor.config.outputs import RecordMqttSection
 from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.service.record_message import StoredRecord, channel_message, state_message

@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from monitor.config.load import load_config
-from monitor.config.web import WebSection
+from monitor.config.outputs import WebSection
 from monitor.service.page import PageProcess
 from tests.faults.daemons import ROOT, free_port, make_machine
 from tests.waiting import PATIENCE_S, wait_until
@@ -29,7 +29,7 @@ _PARENT = """
 import sys, time
 from pathlib import Path
 from monitor.service.page import PageProcess
-from monitor.config.web import WebSection
+from monitor.config.outputs import WebSection
 page = PageProcess(Path(sys.argv[1]), WebSection(port=0), Path(sys.argv[2]))
 while page.url is None:
     page.tick()

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.config.load import ConfigError, load_config
-from monitor.config.web import WebSection
+from monitor.config.outputs import WebSection
 from monitor.records.events import EventLog
 from monitor.records.store import Store
 from monitor.web.auth import Doorkeeper, TokenError, load_token

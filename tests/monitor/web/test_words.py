@@ -10,7 +10,7 @@ import monitor.web.app as app
 from monitor.health.alarms import machine_state
 from monitor.health.schema import EDV_STATUSES, STATUSES, TT_STATUSES
 from monitor.words import statuses
-from monitor.words.page import page_words
+from monitor.words.statuses import page_words
 
 STATIC = Path(app.__file__).parent / "static"
 

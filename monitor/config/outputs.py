@@ -1,0 +1,224 @@
+"""``[publish]``, ``[notify]``, ``[web]``: to whom records, events and the page go, and with which secrets."""
+
+from __future__ import annotations
+
+import ipaddress
+from pathlib import Path
+from typing import Annotated, Literal, Self
+from urllib.parse import unquote, urlsplit
+
+from pydantic import Field, model_validator
+
+from monitor.config.fields import Count, Positive, Section
+
+HttpUrl = Annotated[str, Field(pattern=r"^https?://[^\s/]+")]
+MailAddress = Annotated[str, Field(pattern=r"^[^@\s]+@[^@\s]+$")]
+HostName = Annotated[
+    str, Field(pattern=r"^(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?)(:\d{1,5})?$")
+]
+
+
+def check_address(url: str) -> None:
+    """Refuse a URL that holds a name or password, no host, or an invalid port; the message does not repeat it.
+
+    Raises:
+        ValueError: saying what to do instead.
+    """
+    try:
+        parts = urlsplit(url)
+        _ = parts.port
+    except ValueError as error:
+        raise ValueError(f"url: {error}") from None
+    if parts.username is not None or parts.password is not None:
+        raise ValueError("url: a name or password does not belong here; give a file that holds it")
+    if not parts.hostname:
+        raise ValueError("url: names no host")
+
+
+def refuse_clear(url: str, scheme: str, key: str) -> None:
+    """Refuse to send the secret of ``key`` to another computer under any scheme but the encrypted ``scheme``.
+
+    Raises:
+        ValueError: naming the key.
+    """
+    parts = urlsplit(url)
+    if parts.scheme != scheme and not is_loopback(parts.hostname or ""):
+        raise ValueError(f"{key} needs {scheme}://, for {parts.scheme}:// would send the secret in the clear")
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether a host is this computer."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+class BrokerSection(Section):
+    """An MQTT broker, ``mqtt://HOST[:PORT]/TOPIC`` or ``mqtts://...``, and the credentials of this machine."""
+
+    url: Annotated[str, Field(pattern=r"^mqtts?://[^\s/]+/.+")]
+    username_file: Path | None = None
+    password_file: Path | None = None
+    ca_file: Path | None = None
+
+    @model_validator(mode="after")
+    def _safe(self) -> Self:
+        check_address(self.url)
+        if self.password_file is not None and self.username_file is None:
+            raise ValueError("password_file needs username_file")
+        if self.password_file is not None:
+            refuse_clear(self.url, "mqtts", "password_file")
+        if self.ca_file is not None and not self.url.startswith("mqtts"):
+            raise ValueError("ca_file belongs to mqtts://")
+        topic = self.topic
+        if any(character in topic for character in "+#\0") or topic.startswith("$") or len(topic.encode()) > 1024:
+            raise ValueError("url: a topic to publish under has no + # and does not begin with $")
+        return self
+
+    @property
+    def host(self) -> str:
+        """Name or address of the broker."""
+        return urlsplit(self.url).hostname or ""
+
+    @property
+    def encrypted(self) -> bool:
+        """Whether the connection is encrypted."""
+        return self.url.startswith("mqtts")
+
+    @property
+    def port(self) -> int:
+        """Port of the broker."""
+        return urlsplit(self.url).port or (8883 if self.encrypted else 1883)
+
+    @property
+    def topic(self) -> str:
+        """Path of the URL without slashes at its ends: the prefix of all topics."""
+        return unquote(self.url.split("/", 3)[3]).strip("/")
+
+
+class RecordMqttSection(BrokerSection):
+    """Each record as JSON under ``TOPIC/MACHINE/SOURCE/CHANNEL``, with QoS 1."""
+
+    retain: bool = True
+    """Whether the broker keeps the newest record of each channel for later subscribers."""
+    most_per_s: Count = 1000
+    """Limit of messages a second while records of an outage are sent."""
+
+
+class PublishSection(Section):
+    """How often the daemon writes the files of records, and the broker that records are published to."""
+
+    interval_s: Annotated[float, Field(ge=0.1, le=86400.0)] = 60.0
+    mqtt: RecordMqttSection | None = None
+
+
+class SmtpSection(Section):
+    """E-mail; with ``security = "none"`` nothing is encrypted and no password is sent."""
+
+    host: Annotated[str, Field(min_length=1)]
+    port: Annotated[int, Field(ge=1, le=65535)] = 587
+    security: Literal["none", "starttls", "tls"] = "starttls"
+    sender: MailAddress
+    to: Annotated[tuple[MailAddress, ...], Field(min_length=1)]
+    username_file: Path | None = None
+    password_file: Path | None = None
+    ca_file: Path | None = None
+
+    @model_validator(mode="after")
+    def _safe(self) -> Self:
+        if (self.username_file is None) != (self.password_file is None):
+            raise ValueError("username_file and password_file come together")
+        if self.security == "none" and (self.password_file is not None or self.ca_file is not None):
+            raise ValueError('a password or a ca_file needs security = "starttls" or "tls"')
+        return self
+
+
+class WebhookSection(Section):
+    """A JSON object is posted; the content of ``token_file`` is sent as ``Authorization: Bearer``."""
+
+    url: HttpUrl
+    token_file: Path | None = None
+    ca_file: Path | None = None
+
+    @model_validator(mode="after")
+    def _safe(self) -> Self:
+        check_address(self.url)
+        if self.token_file is not None:
+            refuse_clear(self.url, "https", "token_file")
+        if self.ca_file is not None and not self.url.startswith("https"):
+            raise ValueError("ca_file belongs to https://")
+        return self
+
+
+class MqttSection(BrokerSection):
+    """The same JSON object is published with QoS 1."""
+
+
+class NotifySection(Section):
+    """Notification channels, and the limit of messages; events beyond it go into one summary."""
+
+    smtp: SmtpSection | None = None
+    webhook: WebhookSection | None = None
+    mqtt: MqttSection | None = None
+    most_per_hour: Annotated[int, Field(ge=1, le=3600)] = 20
+    give_up_hours: Positive = 24.0
+    queue_events: Count = 1000
+    """Limit of events in one message."""
+    page_url: HttpUrl | None = None
+    """Address of the page in messages, if it differs from the one under ``[web]``."""
+
+    @model_validator(mode="after")
+    def _no_secret(self) -> Self:
+        if self.page_url is not None:
+            check_address(self.page_url)
+        return self
+
+
+class WebSection(Section):
+    """The page of a machine; without ``allow_remote`` only this computer reaches it."""
+
+    enabled: bool = True
+    host: Annotated[str, Field(min_length=1, max_length=253)] = "127.0.0.1"
+    port: Annotated[int, Field(ge=0, le=65535)] = 8710
+    """0: any free port."""
+    token_file: Path | None = None
+    """File whose first line is the token; by default ``web.token`` in the state folder, created when missing."""
+    allow_remote: bool = False
+    allowed_hosts: tuple[HostName, ...] = ()
+    """Further names under which browsers reach the page, such as bearings.plant.example or the same with :443."""
+    max_streams: Annotated[int, Field(ge=1, le=1000)] = 32
+    cert_file: Path | None = None
+    key_file: Path | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if not self.loopback and not self.allow_remote:
+            raise ValueError(
+                f"host = {self.host!r} lets other computers in, which needs allow_remote = true; a token is then asked "
+                "for everything"
+            )
+        if (self.cert_file is None) != (self.key_file is None):
+            raise ValueError("cert_file and key_file come together")
+        return self
+
+    @property
+    def loopback(self) -> bool:
+        """Whether only this computer can reach the page."""
+        return is_loopback(self.host)
+
+    @property
+    def url_host(self) -> str:
+        """The host as addresses have it: IPv6 in brackets."""
+        return f"[{self.host}]" if ":" in self.host else self.host
+
+    def url(self, port: int) -> str:
+        """Return the address of the page on a port."""
+        return f"http{'' if self.cert_file is None else 's'}://{self.url_host}:{port}/"
+
+    @property
+    def reading_needs_token(self) -> bool:
+        """Whether reading needs a token too, not acknowledgements alone."""
+        return self.allow_remote or bool(self.allowed_hosts)
