@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from monitor.commands.demo import command
+from monitor.commands.replay import demo
 
 ROOT = Path(__file__).resolve().parents[1]
 WIDTH, HEIGHT = 1000, 900
@@ -29,7 +29,7 @@ def main() -> None:
         sys.exit("needs Chromium on the path")
     with tempfile.TemporaryDirectory() as name, sync_playwright() as playwright:
         folder = Path(name) / "demo"
-        outcome = CliRunner().invoke(command, ["--seed", SEED, "--method", "filter", "--out", str(folder), "--quiet"])
+        outcome = CliRunner().invoke(demo, ["--seed", SEED, "--method", "filter", "--out", str(folder), "--quiet"])
         if outcome.exception is not None:
             raise outcome.exception
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])

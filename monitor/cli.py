@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 import os
+import pkgutil
 import sys
 from pathlib import Path
 
@@ -15,22 +15,22 @@ from monitor import __version__
 DONE, FAILED, WRONG = 0, 1, 2
 
 _COMMANDS = {
-    "demo": ("monitor.commands.demo", "Monitor a simulated bearing that wears out, and write a report."),
-    "run": ("monitor.commands.run", "The daemon: follows the configured sources until it is stopped."),
-    "page": ("monitor.commands.page", "One page over all machines of a folder."),
-    "status": ("monitor.commands.status", "What the daemon of a machine is doing now."),
-    "replay": ("monitor.commands.replay", "Run the pipeline over a recording, as fast as possible or at a pace."),
-    "report": ("monitor.commands.report", "One self-contained HTML report of records, or one per run."),
-    "check": ("monitor.commands.check", "Validate a configuration and list what would be monitored."),
-    "bearing": ("monitor.commands.bearing", "Fault frequencies, stiffness, natural frequencies and life."),
-    "simulate": ("monitor.commands.simulate", "One scene of the bearing model."),
-    "map": ("monitor.commands.maps", "RMS maps: build, show, check."),
-    "library": ("monitor.commands.library", "Libraries of simulated lives: build."),
-    "track": ("monitor.commands.track", "V_eq from an RMS history and a map."),
-    "warmup": ("monitor.commands.warmup", "Compile the bearing model and plan transforms in advance."),
-    "forecast": ("monitor.commands.forecast", "Time to threshold from a V_eq history."),
-    "score": ("monitor.commands.score", "Scores of the forecasts as issued, once the end is known."),
-    "send": ("monitor.commands.send", "Send a recording to a receiver over TCP or MQTT."),
+    "demo": ("replay:demo", "Monitor a simulated bearing that wears out, and write a report."),
+    "run": ("run:command", "The daemon: follows the configured sources until it is stopped."),
+    "page": ("run:page", "One page over all machines of a folder."),
+    "status": ("run:status", "What the daemon of a machine is doing now."),
+    "replay": ("replay:command", "Run the pipeline over a recording, as fast as possible or at a pace."),
+    "report": ("report:command", "One self-contained HTML report of records, or one per run."),
+    "check": ("check:command", "Validate a configuration and list what would be monitored."),
+    "bearing": ("bearing:command", "Fault frequencies, stiffness, natural frequencies and life."),
+    "simulate": ("simulate:command", "One scene of the bearing model."),
+    "map": ("maps:command", "RMS maps: build, show, check."),
+    "library": ("library:command", "Libraries of simulated lives: build."),
+    "track": ("track:command", "V_eq from an RMS history and a map."),
+    "warmup": ("warmup:command", "Compile the bearing model and plan transforms in advance."),
+    "forecast": ("forecast:command", "Time to threshold from a V_eq history."),
+    "score": ("score:command", "Scores of the forecasts as issued, once the end is known."),
+    "send": ("send:command", "Send a recording to a receiver over TCP or MQTT."),
 }
 
 
@@ -43,7 +43,7 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _COMMANDS:
             return None
-        command: click.Command = importlib.import_module(_COMMANDS[cmd_name][0]).command
+        command: click.Command = pkgutil.resolve_name(f"monitor.commands.{_COMMANDS[cmd_name][0]}")
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -15,7 +15,6 @@ from monitor.words.numbers import duration
 
 if TYPE_CHECKING:
     from monitor.commands.report_batch import BatchSettings, Outcome
-    from monitor.service.replay import Replay
 
 
 @click.command("report")
@@ -136,17 +135,3 @@ def _lines(outcomes: Sequence[Outcome], out: Path, seconds: float) -> Iterator[s
     for outcome in failed:
         yield f"failed: {outcome.run.name}: {outcome.error}"
     yield f"index: {out / 'index.html'}"
-
-
-def write_report(result: Replay, out: Path, title: str, notes: tuple[str, ...] = ()) -> Path:
-    """Write the page of a replay that has just ended, with its envelope spectra that are not in the store."""
-    from monitor.report.report import build_report
-
-    return build_report(
-        result.store_path,
-        out,
-        title=title,
-        spectra=result.spectra,
-        pending=result.summary["pending"],
-        notes=notes,
-    )

@@ -1,4 +1,4 @@
-"""``spallwatch run``: the daemon."""
+"""``spallwatch run``, ``page`` and ``status``: the daemon, the page of several machines, what a daemon is doing now."""
 
 from __future__ import annotations
 
@@ -6,16 +6,31 @@ import logging
 import signal
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import click
 
 from monitor.commands import option
-from monitor.commands.common import read_config
+from monitor.commands.common import emit, read_config
+from monitor.config.fleet import load_fleet
 from monitor.config.load import ConfigError
+from monitor.health.alarms import FAILURE, NO_DATA
+from monitor.service.status_file import read_status
 from monitor.service.systemd import set_up_log
+from monitor.words.numbers import duration
+from monitor.words.statuses import STATES
+
+_COLUMNS = ("machine", "state", "daemon", "blocks", "last block", "alarms", "remark")
+_MAX_STATUS_AGE_S = 60.0
+_SAID = {
+    "never_ran": "has never run",
+    "died": "is not running: it died",
+    "stopped": "is not running: it was stopped",
+}
 
 
 @click.command("run")
@@ -68,3 +83,170 @@ def _stop_on_signal() -> Iterator[threading.Event]:
         theirs.close()
         thread.join()
         ours.close()
+
+
+@click.command("page")
+@option.config
+@click.option("--port", type=click.IntRange(0, 65535), help="In place of the configured one; 0: any free port.")
+@click.option("--quiet", is_flag=True, help="Log errors only.")
+def page(config_path: Path | None, port: int | None, quiet: bool) -> None:
+    """Serve one page over all machines of a folder until SIGTERM or Ctrl-C; its address is printed first.
+
+    The page reads what the daemons write; it starts none. FILE may be a folder, whose *.toml are the machines, or one
+    file. A file that is not valid is left out and logged; machines that share a name, a folder or a listening address
+    are refused.
+    """
+    set_up_log(logging.ERROR if quiet else logging.INFO)
+    from monitor.web.server import serve_until_signal
+
+    if config_path is None or not config_path.is_dir():
+        config = read_config(config_path)
+        serve_until_signal([config], config.web, config.machine.state_dir, port)
+        return
+    fleet = load_fleet(config_path, strict=False)
+    for problem in fleet.problems:
+        logging.getLogger(__name__).error("left out: %s", problem)
+    serve_until_signal([machine.config for machine in fleet.machines], fleet.web, fleet.page_dir, port)
+
+
+@click.command("status")
+@option.config
+@option.output
+def status(config_path: Path | None, as_json: bool, quiet: bool) -> None:
+    """Say what the daemon of this machine is doing now; exit code 0 also where none is running.
+
+    Where FILE is a folder, all its machines are listed, the worst first.
+    """
+    if config_path is not None and config_path.is_dir():
+        _print_fleet(config_path, as_json=as_json)
+        return
+    config = read_config(config_path)
+    status = {"machine": config.machine.name, **read_status(config.machine.state_dir)}
+    emit(status, _lines(status), as_json=as_json)
+
+
+def _lines(status: Mapping[str, Any]) -> Iterator[str]:
+    said = _SAID.get(status["status"], f"is {status['status']}")
+    if "pid" not in status:
+        yield f"{status['machine']}: the daemon {said}"
+        return
+    since = f"since {status['since_utc']}, " if status["running"] else ""
+    yield f"{status['machine']}: the daemon {said} ({since}process {status['pid']}, spallwatch {status['version']})"
+    yield f"state at {status['updated_utc']}: {_words(status['state'])}; {status['blocks']} blocks since its start"
+    if status["running"] and status.get("page"):
+        yield f"page: {status['page']}"
+    # A file that an older version wrote lacks some keys.
+    if waiting := status.get("unacknowledged", 0):
+        yield f"{waiting} {'event waits' if waiting == 1 else 'events wait'} to be acknowledged"
+    for name, problem in status["problems"].items():
+        yield f"problem, {name}: {problem}"
+    for name, source in status["sources"].items():
+        age = f", the oldest for {duration(source['oldest_age_s'])}" if source["pending"] else ""
+        yield (
+            f"source {name}: {source['offered']} offered, {source['accepted']} accepted, "
+            f"{source['rejected']} rejected, {source['pending']} pending{age}"
+        )
+    for name, channel in status["channels"].items():
+        yield f"channel {name}: {', '.join(_channel(channel))}"
+
+
+def _channel(channel: Mapping[str, Any]) -> Iterator[str]:
+    yield f"{_words(channel['state'])} ({channel['reason']})"
+    yield f"stage {_words(channel['stage'])}"
+    for alarm in channel.get("alarms", ()):
+        over = "" if alarm["active"] else ", over but not acknowledged"
+        yield f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{over}"
+    if channel["fault"] is not None:
+        yield f"{channel['fault'].replace('|', ' or ')} damaged"
+    if channel["v_eq_mm2"] is not None:
+        yield f"V_eq {channel['v_eq_mm2']:.3g} mm3/mm"
+    if channel["tt_s"] is not None:
+        yield f"TT {duration(channel['tt_s'])}"
+    if channel["last_block"] is not None:
+        when = channel["last_block_utc"] or "undated"
+        yield f"last block {channel['last_block']} ({when}, {channel['last_block_status']})"
+
+
+def _words(state: str) -> str:
+    return state.replace("_", " ")
+
+
+def _print_fleet(folder: Path, *, as_json: bool) -> None:
+    """Print the status of all machines of a folder, the worst first.
+
+    Raises:
+        ConfigError: the folder holds no usable set of configurations; all problems are named.
+    """
+    machines = [
+        {
+            "machine": machine.config.machine.name,
+            "file": machine.path.name,
+            **read_status(machine.config.machine.state_dir),
+        }
+        for machine in load_fleet(folder).machines
+    ]
+    machines.sort(key=lambda status: (_rank(status), status["machine"]))
+    emit({"machines": machines}, _table([_row(status) for status in machines]), as_json=as_json)
+
+
+def present_state(status: Mapping[str, Any]) -> str:
+    """Return the state of a machine from ``read_status``; without a running daemon it has no data."""
+    state = str(status.get("state", NO_DATA))
+    if state in STATES and (status["running"] or state == FAILURE):
+        return state
+    return NO_DATA
+
+
+def _rank(status: Mapping[str, Any]) -> tuple[int, bool, bool]:
+    """Return the sort key: the worst state first, then machines without a daemon, then those with problems."""
+    return list(STATES).index(present_state(status)), bool(status["running"]), not status.get("problems")
+
+
+def _row(status: Mapping[str, Any]) -> tuple[str, ...]:
+    channels = status.get("channels", {}).values()
+    ages = [channel["last_block_age_s"] for channel in channels if channel.get("last_block_age_s") is not None]
+    alarms = status.get("alarms", sum(len(channel.get("alarms", ())) for channel in channels))
+    return (
+        status["machine"],
+        _words(present_state(status)),
+        _words(status["status"]),
+        str(status.get("blocks", "")),
+        f"{duration(round(min(ages)))} ago" if ages and status["running"] else "",
+        str(alarms) if alarms else "",
+        _remark(status),
+    )
+
+
+def _remark(status: Mapping[str, Any]) -> str:
+    """Return the best explanation of the state, in one sentence."""
+    state = status.get("state")
+    if not status["running"]:
+        return f"no daemon since {status['updated_utc']}" if "updated_utc" in status else "no daemon has run"
+    age = _age(status.get("updated_utc"))
+    if age is not None and age > _MAX_STATUS_AGE_S:
+        return f"the daemon has not renewed its status for {duration(age)}"
+    problems = [f"{name}: {problem}" for name, problem in status.get("problems", {}).items()]
+    if problems:
+        return problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")
+    worst = [
+        f"{name}: {channel['reason']}"
+        for name, channel in status.get("channels", {}).items()
+        if channel["state"] == state and state != "normal"
+    ]
+    return worst[0] + (f" (and {len(worst) - 1} more)" if len(worst) > 1 else "") if worst else ""
+
+
+def _age(when: str | None) -> float | None:
+    """Return the age of a time stamp of the status file, s."""
+    if when is None:
+        return None
+    try:
+        return (datetime.now(UTC) - datetime.fromisoformat(when)).total_seconds()
+    except (TypeError, ValueError):
+        return None
+
+
+def _table(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    widths = [max(len(line[k]) for line in (_COLUMNS, *rows)) for k in range(len(_COLUMNS))]
+    for line in (_COLUMNS, *rows):
+        yield "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()

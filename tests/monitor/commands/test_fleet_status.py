@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from monitor.commands.status import present_state
+from monitor.commands.run import present_state
 from monitor.service.status_file import StatusFile
 from tests.faults.daemons import call
 from tests.fleet import add_machine

@@ -23,7 +23,7 @@ from models.maps.file import cached_map, save_map
 from models.maps.plan import MapPlan
 from monitor.commands import forecast as forecast_command
 from monitor.commands import track as track_command
-from monitor.commands.demo import demo_config
+from monitor.commands.replay import demo_config
 from monitor.config.load import Config
 from monitor.health.damage.library.fit import FitSettings
 from monitor.health.damage.library.model import Library
