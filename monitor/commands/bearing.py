@@ -20,7 +20,6 @@ from models.load_distribution import (
     stiffness_against_load,
     stiffness_over_passage,
 )
-from models.published.figure import Figure
 from models.published.thesis import published_figures
 from models.scene import Defect, Rig, natural_frequencies
 from monitor.commands import option
@@ -29,6 +28,7 @@ from monitor.config.load import Config
 
 LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Multiples of the load at which the radial stiffness is printed."""
+_PRINTED = ("place", "quantity", "condition", "unit", "relation", "printed", "obtained")
 
 
 @click.command("bearing")
@@ -36,9 +36,9 @@ LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
 @option.bearing
 @click.option("--load-newton", type=option.POSITIVE, help="Radial load.")
 @click.option("--speed-hz", type=option.POSITIVE, help="Shaft speed.")
-@click.option("--clearance-um", type=click.FloatRange(min=0), help="Radial clearance.")
+@click.option("--clearance-um", type=option.NOT_NEGATIVE, help="Radial clearance.")
 @click.option("--dphi-deg", type=click.FloatRange(min=0, max=360), help="Extent of a defect of the outer race.")
-@click.option("--h-d-um", type=click.FloatRange(min=0), default=500.0, help="Depth of the defect.")
+@click.option("--h-d-um", type=option.NOT_NEGATIVE, default=500.0, help="Depth of the defect.")
 @option.output
 def command(
     config_path: Path | None,
@@ -97,9 +97,17 @@ def describe(
         f"k_c_geometry_newton_per_{_power(bearing)}": geometry,
         "k_c_elliptic_newton_per_m15": elliptic,
         **statics(bearing, rig, load, used, clearance, defect),
-        "contact_areas_um": None if geometry is None else _contact_areas(bearing, load, used, clearance),
+        "contact_areas_um": None if geometry is None or used is None else _areas(bearing, load, used, clearance),
         "l10h_days": life,
-        "published": [_published(figure) for figure in published_figures(bearing.designation)],
+        "published": [
+            {
+                **{key: getattr(figure, key) for key in _PRINTED},
+                "difference_percent": 100.0 * figure.difference,
+                "verdict": figure.verdict,
+                "note": figure.note,
+            }
+            for figure in published_figures(bearing.designation)
+        ],
     }
 
 
@@ -175,31 +183,12 @@ def _passage(passage: StiffnessPassage) -> dict[str, float]:
     }
 
 
-def _contact_areas(
-    bearing: Bearing, load: float, k_c: float | None, clearance: float
-) -> dict[str, dict[str, float]] | None:
-    """Return half length and half width of the most loaded contacts, um, or None where the stiffness is unknown."""
-    if k_c is None:
-        return None
+def _areas(bearing: Bearing, load: float, k_c: float, clearance: float) -> dict[str, dict[str, float]]:
+    """Return half length and half width of the most loaded contacts, um."""
     patches = contact_patches(bearing, float(load_distribution(bearing, load, k_c, clearance=clearance).loads.max()))
     return {
         race: {"half_length": 1e6 * half_length, "half_width": 1e6 * half_width}
         for race, (half_length, half_width) in zip(("inner", "outer"), patches, strict=True)
-    }
-
-
-def _published(figure: Figure) -> dict[str, Any]:
-    return {
-        "place": figure.place,
-        "quantity": figure.quantity,
-        "condition": figure.condition,
-        "unit": figure.unit,
-        "relation": figure.relation,
-        "printed": figure.printed,
-        "obtained": figure.obtained,
-        "difference_percent": 100.0 * figure.difference,
-        "verdict": figure.verdict,
-        "note": figure.note,
     }
 
 

@@ -39,12 +39,13 @@ def command(config_path: Path | None, schema: bool, as_json: bool, quiet: bool) 
 def find_problems(config: Config) -> Iterator[str]:
     """Yield the problems that keep parts of the configuration from working."""
     for channel in config.channel:
+        name = f"channel {channel.name!r}"
         if channel.track:
             yield from _track_problems(config, channel)
-        if channel.track and channel.unit == "unknown":
-            yield f"channel {channel.name!r}: track = true, but its unit is unknown: V_eq will answer no_absolute_level"
         if channel.unit == "unknown":
-            yield f"channel {channel.name!r}: its unit is unknown: no end of life by peak acceleration"
+            if channel.track:
+                yield f"{name}: track = true, but its unit is unknown: V_eq will answer no_absolute_level"
+            yield f"{name}: its unit is unknown: no end of life by peak acceleration"
     if config.operating.speed_hz is None:
         yield "operating.speed_hz is not given: only recordings that state their speed can be monitored"
     yield from _unlearned_levels(config)

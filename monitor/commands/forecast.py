@@ -44,7 +44,7 @@ Issued = list[tuple[damage.Remaining, ...]]
 def command(
     input_path: Path,
     threshold_mm2: tuple[float, ...],
-    method: str | None,
+    method: damage.ForecastMethod | None,
     library_path: Path | None,
     interval: float,
     window_hours: float | None,

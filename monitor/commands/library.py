@@ -35,6 +35,13 @@ _AROUND = 0.1
 """Relative width, either way, of the default range around a configured load or speed."""
 
 
+def _variation(quantity: str, words: str) -> Any:
+    """Add the option of a known variation, %."""
+    return click.option(
+        f"--{quantity}-variation-percent", type=click.FloatRange(min=0, max=50), default=0.0, help=words
+    )
+
+
 @click.group("library")
 def command() -> None:
     """Libraries of simulated lives, from which V_eq and the time to threshold are estimated with intervals."""
@@ -44,22 +51,12 @@ def command() -> None:
 @option.config
 @option.bearing
 @click.option("--runs", type=click.IntRange(min=20), default=1000, help="Lives to simulate.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of all random draws.")
+@click.option("--seed", type=option.WHOLE, default=0, help="Seed of all random draws.")
 @option.thresholds(click.FloatRange(min=0.01, max=1.0))
 @click.option("--load-newton", type=option.Range(positive=True), help="Default: 10 % around the configured load.")
 @click.option("--speed-hz", type=option.Range(positive=True), help="Default: 10 % around the configured speed.")
-@click.option(
-    "--load-variation-percent",
-    type=click.FloatRange(min=0, max=50),
-    default=0.0,
-    help="Known change of the load from block to block, either way.",
-)
-@click.option(
-    "--speed-variation-percent",
-    type=click.FloatRange(min=0, max=50),
-    default=0.0,
-    help="Known change of the speed from block to block, either way; needed from 1 %.",
-)
+@_variation("load", "Known change of the load from block to block, either way.")
+@_variation("speed", "Known change of the speed from block to block, either way; needed from 1 %.")
 @click.option("--duration-min", type=option.Range(positive=True), default="150:900", help="Onset to threshold.")
 @click.option("--interval-s", type=option.POSITIVE, default=300.0, help="Time between blocks.")
 @click.option("--rms-band-hz", type=option.Range(positive=True), help="Band of the RMS. Default: 0 to 9500 Hz.")

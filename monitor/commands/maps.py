@@ -37,7 +37,6 @@ from streams.block import STANDARD_GRAVITY
 
 _COARSE = 0.02
 """Error between nodes above which a finer grid is advised."""
-_MEASURED = ("interpolation_error", "interpolation_error_max", "condition_error", "condition_error_max")
 
 
 @click.group("map")
@@ -48,22 +47,22 @@ def command() -> None:
 @command.command("build")
 @option.config
 @option.bearing
-@click.option("--load-newton", type=click.FloatRange(min=0), multiple=True, help="One or several loads.")
+@click.option("--load-newton", type=option.NOT_NEGATIVE, multiple=True, help="One or several loads.")
 @click.option("--speed-hz", type=option.POSITIVE, multiple=True, help="One or several speeds.")
 @click.option("--dphi-deg", type=option.Axis(), default="0:50:51", help="Extents.")
 @click.option("--h-d-um", type=option.Axis(), default="0:32:33", help="Depths.")
 @click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth")
 @click.option("--floors", type=click.IntRange(min=1), default=1, help="Floors to average.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the first rough floor.")
+@click.option("--seed", type=option.WHOLE, default=0, help="Seed of the first rough floor.")
 @click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip angle of the balls.")
 @click.option(
     "--slip-rule", type=click.Choice(["per_passage", "mean_force"]), default="per_passage", help="How slip is drawn."
 )
-@click.option("--slip-seed", type=click.IntRange(min=0), default=0, help="Seed of the slip.")
-@click.option("--rig-draws", type=click.IntRange(min=0), default=0, help="Rigs drawn for the spread over parameters.")
+@click.option("--slip-seed", type=option.WHOLE, default=0, help="Seed of the slip.")
+@click.option("--rig-draws", type=option.WHOLE, default=0, help="Rigs drawn for the spread over parameters.")
 @click.option("--rig-spread", type=click.FloatRange(0, 0.5), default=0.035, help="Relative sd of parameters.")
 @click.option("--rig-spread-k-r", type=click.FloatRange(0, 0.5), default=0.014, help="Relative sd of k_r.")
-@click.option("--rig-seed", type=click.IntRange(min=0), default=0, help="Seed of the rigs.")
+@click.option("--rig-seed", type=option.WHOLE, default=0, help="Seed of the rigs.")
 @click.option(
     "--interpolation-tolerance",
     type=click.FloatRange(0, 1, min_open=True),
@@ -103,9 +102,12 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
 
 def _quality(rms_map: RmsMap) -> dict[str, Any]:
     """Return errors, spreads and statuses of a map."""
+    # NaN where there is no vibration.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        relative_error = np.where(rms_map.rms > 0.0, rms_map.rms_error / rms_map.rms, np.nan)
     return {
-        "error_rms": finite(np.sqrt(np.nanmean(np.square(_relative_error(rms_map))))),
-        "error_max": finite(np.nanmax(_relative_error(rms_map))),
+        "error_rms": finite(np.sqrt(np.nanmean(np.square(relative_error)))),
+        "error_max": finite(np.nanmax(relative_error)),
         "interpolation_error": rms_map.attributes["interpolation_error"],
         "interpolation_error_max": rms_map.attributes["interpolation_error_max"],
         "shape": list(rms_map.plan.shape),
@@ -117,7 +119,7 @@ def _quality(rms_map: RmsMap) -> dict[str, Any]:
         "standard_error": _relative(rms_map, rms_map.rms_se),
         "not_monotone_h_d": int(np.count_nonzero(rms_map.falling("h_d"))),
         "not_monotone_dphi_d": int(np.count_nonzero(rms_map.falling("dphi_d"))),
-        "status": _status_counts(rms_map),
+        "status": {name: int(np.count_nonzero(rms_map.status == code)) for code, name in enumerate(STATUSES)},
     }
 
 
@@ -132,15 +134,11 @@ def _plan(config_path: Path | None, name: str | None, options: Mapping[str, Any]
     bearing, clearance = find_bearing(config, name)
     loads = options["load_newton"] or _configured(config.operating.load_newton, "--load-newton")
     speeds = options["speed_hz"] or _configured(config.operating.speed_hz, "--speed-hz")
-    low, high, count = options["dphi_deg"]
-    extents = np.radians(np.linspace(low, high, count))
-    low, high, count = options["h_d_um"]
-    depths = np.linspace(low, high, count) * 1e-6
     return MapPlan(
         load=tuple(sorted(float(v) for v in loads)),
         speed=tuple(sorted(float(v) for v in speeds)),
-        h_d=tuple(float(v) for v in depths),
-        dphi_d=tuple(float(v) for v in extents),
+        h_d=tuple((np.linspace(*options["h_d_um"]) * 1e-6).tolist()),
+        dphi_d=tuple(np.radians(np.linspace(*options["dphi_deg"])).tolist()),
         bearing=bearing,
         rig=config.rig.to_rig(),
         clearance=clearance,
@@ -167,22 +165,12 @@ def _configured(value: float | None, option: str) -> tuple[float, ...]:
     return (value,)
 
 
-def _relative_error(rms_map: RmsMap) -> np.ndarray:
-    """Return the estimated error of each node over its RMS; NaN where there is no vibration."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(rms_map.rms > 0.0, rms_map.rms_error / rms_map.rms, np.nan)
-
-
 def _relative(rms_map: RmsMap, spread: np.ndarray) -> float | None:
     """Return the median of a spread over the RMS where there is damage, or None where there is no spread."""
     damaged = (rms_map.rms > 0.0) & (rms_map.h_d[:, None] > 0.0) & (rms_map.dphi_d > 0.0)
     if not np.any(damaged) or not np.any(spread):
         return None
     return float(np.median(spread[damaged] / rms_map.rms[damaged]))
-
-
-def _status_counts(rms_map: RmsMap) -> dict[str, int]:
-    return {name: int(np.count_nonzero(rms_map.status == code)) for code, name in enumerate(STATUSES)}
 
 
 def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
@@ -238,7 +226,7 @@ def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
 @command.command("check")
 @click.argument("path", metavar="FILE", type=option.FILE)
 @click.option("--points", type=click.IntRange(min=1), default=50, help="Random nodes.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of their choice.")
+@click.option("--seed", type=option.WHOLE, default=0, help="Seed of their choice.")
 @option.output
 def check(path: Path, points: int, seed: int, as_json: bool, quiet: bool) -> None:
     """Estimate the error of a map: nodes against finer steps, points between nodes against the model."""

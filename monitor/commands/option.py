@@ -12,8 +12,11 @@ import click
 F = TypeVar("F", bound=Callable[..., Any])
 
 POSITIVE = click.FloatRange(min=0, min_open=True)
+NOT_NEGATIVE = click.FloatRange(min=0)
+WHOLE = click.IntRange(min=0)
 FILE = click.Path(path_type=Path)
 OUT_FILE = click.Path(path_type=Path, dir_okay=False)
+FOLDER = click.Path(path_type=Path, file_okay=False)
 
 config = click.option("--config", "config_path", type=FILE, help="Configuration of the machine (TOML).")
 bearing = click.option("--bearing", "name", help="A bearing of the configuration or of the catalogue.")
@@ -50,7 +53,7 @@ def thresholds(kind: click.ParamType = POSITIVE) -> Callable[[F], F]:
 
 def workers(words: str) -> Callable[[F], F]:
     """Add ``--workers``; ``words`` say what they are."""
-    return click.option("--workers", type=click.IntRange(min=0), default=0, help=f"{words}; 0: one per core.")
+    return click.option("--workers", type=WHOLE, default=0, help=f"{words}; 0: one per core.")
 
 
 class Axis(click.ParamType):

@@ -57,10 +57,7 @@ _NOTES = {
 @click.argument("path", required=False)
 @option.config
 @click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("replay-out"),
-    help="Folder for the store, the records and the report.",
+    "--out", type=option.FOLDER, default="replay-out", help="Folder for the store, the records and the report."
 )
 @click.option("--pace", type=option.POSITIVE, help="Multiple of real time. Default: as fast as possible.")
 @click.option("--limit", type=click.IntRange(min=1), help="Maximum number of blocks.")
@@ -180,11 +177,11 @@ def demo_config(method: str = "library") -> Config:
 @click.command("demo")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("demo-out"),
+    type=option.FOLDER,
+    default="demo-out",
     help="Folder for records and report; an earlier demo in it is replaced.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=1, help="Number of the simulated life.")
+@click.option("--seed", type=option.WHOLE, default=1, help="Number of the simulated life.")
 @click.option(
     "--method",
     type=click.Choice(["library", "filter", "thesis"]),

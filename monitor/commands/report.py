@@ -29,14 +29,12 @@ if TYPE_CHECKING:
     metavar="FILE|CHANNEL=FILE",
     help="RMS map under the path of the tracker; repeatable.",
 )
-@click.option(
-    "--include", type=click.Path(path_type=Path, dir_okay=False), help="TOML file whose [report] selects the content."
-)
+@click.option("--include", type=option.OUT_FILE, help="TOML file whose [report] selects the content.")
 @click.option("--tables/--no-tables", default=None, help="Write every table as CSV and netCDF. [with --batch]")
-@click.option("--batch", type=click.Path(path_type=Path, file_okay=False), help="Report every run under this folder.")
+@click.option("--batch", type=option.FOLDER, help="Report every run under this folder.")
 @click.option("--config", "config_path", type=option.FILE, help="With --batch: replay recordings.")
 @click.option("--pdf", is_flag=True, help="Write every page as PDF too (needs the extra pdf and Pango).")
-@click.option("--workers", type=click.IntRange(min=0), default=0, help="With --batch: processes; 0: one per core.")
+@option.workers("With --batch: processes")
 @option.output
 def command(
     records: tuple[Path, ...],
@@ -94,6 +92,7 @@ def command(
 
 def _batch(folder: Path, out: Path, settings: BatchSettings, workers: int, *, as_json: bool, quiet: bool) -> None:
     from monitor.commands.report_batch import find_runs, run_batch
+    from monitor.report.comparison import grade_of
 
     began = time.perf_counter()
     runs = find_runs(folder, recordings=settings.config_path is not None, leave_out=out)
@@ -102,7 +101,17 @@ def _batch(folder: Path, out: Path, settings: BatchSettings, workers: int, *, as
     failed = sum(bool(outcome.error) for outcome in outcomes)
     values = {
         "index": str(out / "index.html"),
-        "runs": [_run_values(outcome, out) for outcome in outcomes],
+        "runs": [
+            {
+                "name": outcome.run.name,
+                "path": str(outcome.run.path),
+                "report": None if outcome.error else str(out / outcome.run.name / "report.html"),
+                "states": [grade_of(summary) for summary in outcome.summaries],
+                "reused": outcome.reused,
+                "error": outcome.error or None,
+            }
+            for outcome in outcomes
+        ],
         "failed": failed,
         "reused": sum(outcome.reused for outcome in outcomes),
         "seconds": seconds,
@@ -110,19 +119,6 @@ def _batch(folder: Path, out: Path, settings: BatchSettings, workers: int, *, as
     emit(values, _lines(outcomes, out, seconds), as_json=as_json)
     if failed:
         click.get_current_context().exit(1)
-
-
-def _run_values(outcome: Outcome, out: Path) -> dict[str, Any]:
-    from monitor.report.comparison import grade_of
-
-    return {
-        "name": outcome.run.name,
-        "path": str(outcome.run.path),
-        "report": None if outcome.error else str(out / outcome.run.name / "report.html"),
-        "states": [grade_of(summary) for summary in outcome.summaries],
-        "reused": outcome.reused,
-        "error": outcome.error or None,
-    }
 
 
 def _lines(outcomes: Sequence[Outcome], out: Path, seconds: float) -> Iterator[str]:

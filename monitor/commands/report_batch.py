@@ -14,7 +14,6 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from models.workers import in_processes
 from monitor import __version__
@@ -32,10 +31,7 @@ _NOT_A_NAME = re.compile(r"[^\w.+-]+")
 
 @dataclass(frozen=True)
 class BatchRun:
-    """One run of a batch: a store, a file or folder of records, or a recording, which is replayed first.
-
-    ``name`` is that of its folder under the output, unique in the batch.
-    """
+    """A store, a file or folder of records, or a recording to replay; ``name`` is its folder, unique in the batch."""
 
     path: Path
     name: str
@@ -44,14 +40,9 @@ class BatchRun:
 
 @dataclass(frozen=True)
 class BatchSettings:
-    """How the pages of a batch are made.
+    """How the pages of a batch are made; ``config_path`` is the configuration with which recordings are replayed.
 
-    Attributes:
-        options: of the pages; maps must stand in ``options_path``, because processes read that file themselves.
-        options_path: TOML file with ``[report]``.
-        config_path: configuration with which recordings are replayed.
-        tables: write every table as CSV and netCDF too.
-        pdf: write every page, and the index, as PDF too.
+    Maps must stand in ``options_path``, a TOML file with ``[report]``, because processes read that file themselves.
     """
 
     options: Options
@@ -72,14 +63,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a run.
-
-    Attributes:
-        run: the run.
-        summaries: of the runs on its page; empty after a failure.
-        error: one sentence, "" without a failure.
-        reused: whether the page of an earlier batch is kept.
-    """
+    """Summaries of the runs on a page, or one sentence of why it failed; ``reused``: an earlier page is kept."""
 
     run: BatchRun
     summaries: tuple[RunSummary, ...]
@@ -91,12 +75,8 @@ def find_runs(folder: Path, *, recordings: bool, leave_out: Path | None = None) 
     """Return the runs under a folder, at any depth, in the order of their paths.
 
     A folder with a ``state.db`` is a run, as is one with ``.nc`` files of records (or a folder ``records`` of them) and
-    any other ``.db`` file. Folders inside a run are not searched.
-
-    Args:
-        folder: to search.
-        recordings: take every other entry of ``folder`` itself as a recording.
-        leave_out: a folder in it that is not searched, such as that of the pages.
+    any other ``.db`` file. Folders inside a run are not searched, nor is ``leave_out``. With ``recordings``, every
+    other entry of ``folder`` itself is a recording.
 
     Raises:
         ReportError: the folder does not exist, or holds no runs.
@@ -130,10 +110,7 @@ def find_runs(folder: Path, *, recordings: bool, leave_out: Path | None = None) 
 def _stores(folder: Path, apart: Path | None) -> Iterator[Path]:
     if folder.resolve() == apart:
         return
-    if (folder / "state.db").is_file():
-        yield folder
-        return
-    if any(folder.glob("*.nc")) or any((folder / "records").glob("*.nc")):
+    if (folder / "state.db").is_file() or any(folder.glob("*.nc")) or any((folder / "records").glob("*.nc")):
         yield folder
         return
     yield from sorted(folder.glob("*.db"))
@@ -230,24 +207,20 @@ def _report(task: Task, folder: Path, print_of: str) -> tuple[RunSummary, ...]:
     from monitor.report.tables import write_whole
 
     settings = task.settings
-    options = replace(read_options(settings.options_path, settings.options), title=None)
+    options = read_options(settings.options_path, settings.options)
+    options = replace(options, title=f"Bearing health: {task.run.name}")
     source = _replayed(task, folder) if task.run.recording else task.run.path
     runs = read_runs(source)
     if len(runs) == 1:
         runs = [replace(runs[0], label=f"{runs[0].machine}, {task.run.name}")]
-    options = replace(options, title=f"Bearing health: {task.run.name}")
     place = folder / "tables" if settings.tables else None
     page, summaries = report_runs(runs, folder / "report.html", options=options, tables=place, pdf=settings.pdf)
     link = f"{task.run.name}/{page.name}"
     linked = tuple(replace(item, link=link if len(runs) == 1 else f"{link}{item.link}") for item in summaries)
     stored = {"fingerprint": print_of, "runs": [item.to_dict() for item in linked]}
     # Written last: its presence means that the page is complete.
-    write_whole(folder / _SUMMARY, json.dumps(stored, allow_nan=False, default=_no_nan))
+    write_whole(folder / _SUMMARY, json.dumps(stored, allow_nan=False))
     return linked
-
-
-def _no_nan(value: Any) -> Any:
-    raise TypeError(f"a summary holds {type(value).__name__}")
 
 
 def _replayed(task: Task, folder: Path) -> Path:

@@ -226,14 +226,13 @@ def _remark(status: Mapping[str, Any]) -> str:
     if age is not None and age > _MAX_STATUS_AGE_S:
         return f"the daemon has not renewed its status for {duration(age)}"
     problems = [f"{name}: {problem}" for name, problem in status.get("problems", {}).items()]
-    if problems:
-        return problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")
-    worst = [
+    reasons = problems or [
         f"{name}: {channel['reason']}"
         for name, channel in status.get("channels", {}).items()
         if channel["state"] == state and state != "normal"
     ]
-    return worst[0] + (f" (and {len(worst) - 1} more)" if len(worst) > 1 else "") if worst else ""
+    more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
+    return reasons[0] + more if reasons else ""
 
 
 def _age(when: str | None) -> float | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,9 +43,7 @@ class _Seconds(click.ParamType):
 @click.option("--block-s", type=_Seconds(), default=5.0, help="Without --config: block length.")
 @click.option("--pace", type=option.POSITIVE, help="Multiple of real time. Default: as fast as possible.")
 @click.option("--limit", type=click.IntRange(min=1), help="Number of the last block to send.")
-@click.option(
-    "--patience-s", type=click.FloatRange(min=0), default=300.0, help="Give up after this time without progress."
-)
+@click.option("--patience-s", type=option.NOT_NEGATIVE, default=300.0, help="Give up after this time without progress.")
 @click.option("--username-file", type=_FILE, help="User name for the broker: the first line of this file.")
 @click.option("--password-file", type=_FILE, help="Password for the broker: the first line of this file.")
 @click.option("--ca-file", type=_FILE, help="Certificates (PEM) that sign the broker's; enables TLS.")
@@ -91,14 +90,7 @@ def command(
     total = len(source) if limit is None else min(len(source), limit)
     advance = _bar(total, quiet)
     result = Sender(source, link, pace=pace, limit=limit, patience=patience_s, progress=advance).run()
-    values = {
-        "sent": result.sent,
-        "acknowledged": result.acknowledged,
-        "skipped": result.skipped,
-        "rejected": result.rejected,
-        "reconnects": result.reconnects,
-        "stream": address.topic or name,
-    }
+    values = {**asdict(result), "stream": address.topic or name}
     emit(values, _lines(values), as_json=as_json)
 
 

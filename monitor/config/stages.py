@@ -7,13 +7,14 @@ from typing import Annotated, Literal, Self, TypeVar
 from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Blocks, Positive, Section
+from monitor.health.damage.tracker import ForecastMethod, TrackMethod
 from monitor.health.detect import DetectSettings
 from streams.block import STANDARD_GRAVITY
 
-Method = TypeVar("Method", bound=str)
+Method = TypeVar("Method", TrackMethod, ForecastMethod)
 
 
-def method_or_best(method: Method | None, library: object) -> Method | Literal["thesis", "library"]:
+def method_or_best(method: Method | None, library: object) -> Method:
     """Return the chosen method; without one, the library, or the method of the thesis if ``library`` is None."""
     return method or ("thesis" if library is None else "library")
 
@@ -61,7 +62,7 @@ class TrackSection(Section):
     The default method is the library where the channel has one, else the method of the thesis.
     """
 
-    method: Literal["thesis", "filter", "library"] | None = None
+    method: TrackMethod | None = None
     features: tuple[Literal["rms", "harmonics"], ...] = ("rms", "harmonics")
     smoothing_blocks: Blocks = 6
 
@@ -79,7 +80,7 @@ class ForecastSection(Section):
     The default method is the library where the channel has one, else the method of the thesis.
     """
 
-    method: Literal["thesis", "library"] | None = None
+    method: ForecastMethod | None = None
     threshold_mm2: Positive | tuple[Positive, ...] = 0.05
     interval: Annotated[float, Field(ge=0.5, le=0.98)] = 0.8
     window_hours: Positive | None = None
