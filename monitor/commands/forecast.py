@@ -29,6 +29,8 @@ from monitor.health.damage.thesis import forecast
 from monitor.words.numbers import duration
 
 Issued = list[tuple[damage.Remaining, ...]]
+Forecasts = tuple[list[float], list[float], Issued]
+"""Times on the axis of the input, s; damage times, s; the forecasts at each of them."""
 
 
 @click.command("forecast")
@@ -67,12 +69,17 @@ def command(
         features = "rms+harmonics" if is_records(input_path) else "v_eq"
         asked = library_settings(method, library_path, features, interval, window)
         issue = _library_on_records if is_records(input_path) else _library_on_volumes
-        times, issued = issue(input_path, channel, thresholds, asked)
+        times, running, issued = issue(input_path, channel, thresholds, asked)
         prior = prior_of(asked["library"])
     else:
         library_settings(method, library_path, "v_eq", interval)
-        times, issued = _thesis(input_path, channel, thresholds)
+        times, running, issued = _thesis(input_path, channel, thresholds)
         prior = None
+    # On the axis of the input, not in damage time.
+    issued = [
+        tuple(replace(one, t_threshold=one.t_threshold + time - t) for one in results)
+        for results, time, t in zip(issued, times, running, strict=True)
+    ]
     rows = [
         _row(time, mm2, result)
         for time, results in zip(times, issued, strict=True)
@@ -90,7 +97,7 @@ def command(
     emit(values, _lines(values), as_json=as_json)
 
 
-def _thesis(path: Path, channel: str | None, thresholds: Sequence[float]) -> tuple[list[float], Issued]:
+def _thesis(path: Path, channel: str | None, thresholds: Sequence[float]) -> Forecasts:
     """Forecast by the quadratic through the first V_eq."""
     times, running, volumes = read_volumes(path, channel)
     state, issued = forecast.ForecastState(), []
@@ -98,12 +105,12 @@ def _thesis(path: Path, channel: str | None, thresholds: Sequence[float]) -> tup
         with input_errors(f"{path}: row {row}"):
             state, results = forecast.step(state, t, v_eq, thresholds=thresholds)
         issued.append(tuple(damage.Remaining.of_thesis(result) for result in results))
-    return times, _on_axis(issued, times, running)
+    return times, running, issued
 
 
 def _library_on_volumes(
     path: Path, channel: str | None, thresholds: Sequence[float], asked: Mapping[str, Any]
-) -> tuple[list[float], Issued]:
+) -> Forecasts:
     """Forecast from a V_eq history alone, by the remaining time of simulated lives with a similar history."""
     times, running, volumes = read_volumes(path, channel)
     state, issued = LibraryState(), []
@@ -114,12 +121,12 @@ def _library_on_volumes(
         with input_errors("--library"):
             state, found = ask_library(state, block, asked["library"], asked["library_settings"], thresholds=thresholds)
         issued.append(tuple(damage.Remaining.of_library(result) for result in found.forecasts))
-    return times, _on_axis(issued, times, running)
+    return times, running, issued
 
 
 def _library_on_records(
     path: Path, channel: str | None, thresholds: Sequence[float], asked: Mapping[str, Any]
-) -> tuple[list[float], Issued]:
+) -> Forecasts:
     """Forecast from the RMS and the BPFO lines of records."""
     times, readings = read_readings(path, channel, load=None, speed=None)
     settings = damage.DamageSettings(
@@ -130,15 +137,7 @@ def _library_on_records(
         with input_errors("--library"):
             state, _, forecasts = damage.step(state, reading, damage.DamageGate(), settings)
         issued.append(forecasts)
-    return times, _on_axis(issued, times, [reading.time for reading in readings])
-
-
-def _on_axis(issued: Issued, times: Sequence[float], running: Sequence[float]) -> Issued:
-    """Return the forecasts with the moment of the threshold on the axis of the input, not in damage time."""
-    return [
-        tuple(replace(one, t_threshold=one.t_threshold + time - t) for one in results)
-        for results, time, t in zip(issued, times, running, strict=True)
-    ]
+    return times, [reading.time for reading in readings], issued
 
 
 def _row(time: float, threshold_mm2: float, result: damage.Remaining) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ipaddress
-from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -112,17 +111,18 @@ class ChannelSection(Section):
             raise ValueError("give column or key, not both")
         if self.band_hz == ():
             raise ValueError('band_hz is empty; give [[lo, hi]] or "auto"')
-        for key, (low, high) in self._bands():
+        bands = [("band_hz", band) for band in self._bands]
+        if self.rms_band_hz is not None:
+            bands.append(("rms_band_hz", self.rms_band_hz))
+        for key, (low, high) in bands:
             if low >= high:
                 raise ValueError(f"{key}: the lower edge {low:g} Hz must be below the upper edge {high:g} Hz")
         return self
 
-    def _bands(self) -> Iterator[tuple[str, Band]]:
-        """Yield key and band of each band that is given as numbers."""
-        if self.band_hz != "auto":
-            yield from (("band_hz", band) for band in self.band_hz)
-        if self.rms_band_hz is not None:
-            yield "rms_band_hz", self.rms_band_hz
+    @property
+    def _bands(self) -> tuple[Band, ...]:
+        """Bands of the envelope that are given as numbers."""
+        return () if self.band_hz == "auto" else self.band_hz
 
     def check_rate(self, rate: float) -> None:
         """Refuse bands that a sampling rate (Hz) cannot hold.
@@ -130,7 +130,6 @@ class ChannelSection(Section):
         Raises:
             ValueError: naming the key, the band and the Nyquist frequency.
         """
-        bands = () if self.band_hz == "auto" else self.band_hz
-        reason = bands_above_nyquist(self.name, bands, self.rms_band_hz, rate)
+        reason = bands_above_nyquist(self.name, self._bands, self.rms_band_hz, rate)
         if reason is not None:
             raise ValueError(reason)
