@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from streams.folder.listing import list_files
-from tests.faults.daemons import call, make_machine, start, status
+from tests.faults.daemons import ROOT, make_machine, start, status
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import finish, stop, wait_until
 
@@ -30,18 +33,34 @@ def folder(tmp_path: Path) -> Iterator[Path]:
             path.chmod(0o755)
 
 
-@pytest.mark.parametrize("mode", [0o000, 0o300, 0o600], ids=["nothing", "no list", "no look"])
-def test_it_is_named_at_the_start(folder: Path, mode: int) -> None:
+# One process without these permissions for all modes and commands.
+_COMMANDS_BY_MODE = """
+import json, sys
+from pathlib import Path
+from tests.commands import run_command
+
+folder, commands = Path(sys.argv[1]), json.loads(sys.argv[2])
+for mode in (0o000, 0o300, 0o600):  # nothing, no list, no look
     folder.chmod(mode)
-    daemon = start(folder.parent / "m.toml", prefix=BOUND)
-    said = finish(daemon)
-    assert daemon.returncode == 2
-    assert f"[[source]] s0: url: '{folder}' may not be read (Permission denied)" in said
-    assert "Traceback" not in said
-    again = ("replay", str(folder), "--config", str(folder.parent / "m.toml"), "--out", str(folder.parent / "out"))
-    made = call(*again, prefix=BOUND)
-    assert made.returncode == 2
-    assert f"[[source]] s0: url: '{folder}' may not be read (Permission denied)" in made.stderr
+    for command in commands:
+        done = run_command(*command)
+        print(json.dumps([mode, command[0], done.returncode, done.stderr]))
+"""
+
+
+def test_it_is_named_at_the_start(folder: Path) -> None:
+    config = ("--config", str(folder.parent / "m.toml"))
+    commands = [("run", *config), ("replay", str(folder), *config, "--out", str(folder.parent / "out"))]
+    child = [*BOUND, sys.executable, "-c", _COMMANDS_BY_MODE, str(folder), json.dumps(commands)]
+    made = subprocess.run(child, cwd=ROOT, capture_output=True, text=True, check=True)
+    found = [json.loads(line) for line in made.stdout.splitlines()]
+    assert [(mode, name) for mode, name, *_ in found] == [
+        (mode, name) for mode in (0o000, 0o300, 0o600) for name in ("run", "replay")
+    ]
+    for mode, name, code, said in found:
+        assert code == 2, (mode, name)
+        assert f"[[source]] s0: url: '{folder}' may not be read (Permission denied)" in said
+        assert "Traceback" not in said
 
 
 def test_so_is_one_below_a_folder_that_may_not_be_searched(folder: Path, tmp_path: Path) -> None:

@@ -6,15 +6,17 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from models.warmup import PARTS
+from models.warmup import PARTS, compile_parts
 from monitor.commands.warmup import command
 from tests.monitor.commands.test_cli import CONFIG
 
-pytestmark = pytest.mark.process
-
 
 @pytest.mark.parametrize(("block", "transforms"), [("1", 1), ('"file"', 0)])
-def test_says_how_long_compiling_and_planning_took(tmp_path: Path, block: str, transforms: int) -> None:
+def test_says_how_long_compiling_and_planning_took(
+    tmp_path: Path, block: str, transforms: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # In this process, where they are loaded once.
+    monkeypatch.setattr("models.warmup.compile_parts", lambda workers: compile_parts(1))
     path = tmp_path / "machine.toml"
     path.write_text(CONFIG.replace("block_s = 1", f"block_s = {block}"))
     result = CliRunner().invoke(command, ["--config", str(path), "--json"], catch_exceptions=False)
@@ -27,6 +29,7 @@ def test_says_how_long_compiling_and_planning_took(tmp_path: Path, block: str, t
     assert values["plan_seconds"] >= 0.0
 
 
+@pytest.mark.process
 def test_without_a_configuration_the_model_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(command, [], catch_exceptions=False)

@@ -164,7 +164,7 @@ with Store.open(Path(sys.argv[1]) / "state.db", machine="m") as store:
 def test_kills_lose_nothing_and_count_nothing_twice(folder: Path) -> None:
     draw, count = random.Random(5), effort_count(quick=300, full=20_000)
     moments = [30.0 * number if draw.random() < 0.9 else 15.0 * number for number in range(1, count + 1)]
-    for _ in range(effort_count(quick=5, full=60)):
+    for _ in range(effort_count(quick=3, full=60)):
         child = subprocess.Popen(
             [sys.executable, "-c", _COMMITTING, str(folder)],
             cwd=ROOT,
