@@ -88,7 +88,7 @@ def draw(result: Replay, rows: np.ndarray, path: Path) -> None:
     bottom.title.set_fontsize(10)
     bottom.grid(alpha=0.25)
     figure.suptitle("PRONOSTIA Bearing2_4, vertical accelerometer, replayed by spallwatch", fontsize=12)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=110, pil_kwargs={"optimize": True})
 
 
 if __name__ == "__main__":
