@@ -29,12 +29,13 @@ from benchmarks.common import (
     print_table,
     write_json,
 )
+from monitor.health.damage import EdvStatus, Remaining, TtStatus
 from monitor.health.damage.thesis import edv, forecast
-from monitor.health.damage.thesis.edv import EdvState, EdvStatus
-from monitor.health.damage.thesis.forecast import ForecastState, TtStatus
+from monitor.health.damage.thesis.edv import EdvState
+from monitor.health.damage.thesis.forecast import ForecastState
 from monitor.health.damage.thesis.level_set import LevelMap, least_volume
-from monitor.health.damage.thesis.quadratic import fit_quadratic
 from tests.oracles.edv_oracle import scan_least_volume
+from tests.oracles.quadratic_oracle import fit_quadratic
 
 Floats = NDArray[np.float64]
 
@@ -181,7 +182,7 @@ def time_forecasts(points: int) -> Row:
     }
 
 
-def follow(life: Life, map_slice: LevelMap, rng: np.random.Generator) -> tuple[Floats, list[forecast.ForecastResult]]:
+def follow(life: Life, map_slice: LevelMap, rng: np.random.Generator) -> tuple[Floats, list[Remaining]]:
     """V_eq tracked over one life, shape (blocks,), and the forecast after each block."""
     tracker, state = EdvState(), ForecastState()
     tracked, issued = [], []

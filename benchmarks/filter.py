@@ -36,7 +36,8 @@ from models.maps.data import MapSlice, RmsMap
 from models.maps.file import cached_map
 from models.maps.plan import MapPlan
 from models.scene import Floor
-from monitor.health.damage.filter.particle_filter import FilterInput, FilterSettings, FilterState, step
+from monitor.health.damage import DamageInput
+from monitor.health.damage.filter.particle_filter import FilterSettings, FilterState, step
 
 Floats = NDArray[np.float64]
 Slices = Callable[[LifeHistory], MapSlice]
@@ -70,7 +71,7 @@ def follow(lives: Sequence[LifeHistory], slices: Slices, settings: FilterSetting
         blocks = np.maximum(np.searchsorted(life.t, moments, side="right") - 1, 0)
         state, map_slice = FilterState(), slices(life)
         for k in range(int(blocks[-1]) + 1):
-            heard = FilterInput(float(life.t[k]), float(life.rms[k]), tuple(life.harmonics[k].tolist()))
+            heard = DamageInput(float(life.t[k]), float(life.rms[k]), tuple(life.harmonics[k].tolist()))
             state, result = step(state, heard, map_slice=map_slice, settings=settings)
             row = (life.v_eq[k], result.v_eq, result.v_eq_lower, result.v_eq_upper, result.status == "ambiguous")
             found[:, n, blocks == k] = np.array(row, dtype=float)[:, None]
@@ -143,10 +144,10 @@ def _block_ms(life: LifeHistory, map_slice: MapSlice, settings: FilterSettings, 
     """Return the mean over blocks of the median time of each, some of which resample, and the size of the state."""
     state, times = FilterState(), []
     for k in range(12):
-        heard = FilterInput(float(life.t[k]), float(life.rms[k]), tuple(life.harmonics[k].tolist()))
+        heard = DamageInput(float(life.t[k]), float(life.rms[k]), tuple(life.harmonics[k].tolist()))
         before = state
 
-        def block(before: FilterState = before, heard: FilterInput = heard) -> tuple[FilterState, object]:
+        def block(before: FilterState = before, heard: DamageInput = heard) -> tuple[FilterState, object]:
             return step(before, heard, map_slice=map_slice, settings=settings)
 
         if k > 1:

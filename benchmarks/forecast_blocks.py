@@ -21,6 +21,7 @@ from benchmarks.forecast_thesis import map_plan
 from models.lives.life import LifeHistory
 from models.maps.data import RmsMap
 from models.maps.file import cached_map
+from monitor.health.damage import DamageInput
 from monitor.health.damage.filter import particle_filter as physical
 from monitor.health.damage.library import forecaster as stage
 from monitor.health.damage.library.model import Library
@@ -48,8 +49,8 @@ def by_library(library: Library, features: str) -> Method:
 
         def answer(k: int) -> Answer:
             nonlocal state
-            state, found = stage.step(state, block_of(life, k), library, settings, thresholds=[THRESHOLD])
-            return found.v_eq, found.v_eq_lower, found.v_eq_upper, found.forecasts[0].quantiles
+            state, found, (result,) = stage.step(state, block_of(life, k), library, settings, thresholds=[THRESHOLD])
+            return found.v_eq, found.v_eq_lower, found.v_eq_upper, tuple(value for _, value in result.quantiles)
 
         return answer
 
@@ -66,7 +67,7 @@ def by_filter(rms_map: RmsMap, features: str) -> Method:
 
         def answer(k: int) -> Answer:
             nonlocal state
-            heard = physical.FilterInput(float(life.t[k]), float(life.rms[k]), tuple(life.harmonics[k].tolist()))
+            heard = DamageInput(float(life.t[k]), float(life.rms[k]), tuple(life.harmonics[k].tolist()))
             state, found = physical.step(state, heard, map_slice=map_slice, settings=settings)
             return found.v_eq, found.v_eq_lower, found.v_eq_upper, ()
 

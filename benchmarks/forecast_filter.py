@@ -17,7 +17,8 @@ from models.lives.life import LifeHistory
 from models.maps.data import MapSlice, RmsMap
 from models.maps.file import cached_map
 from models.scene import Floor
-from monitor.health.damage.filter.particle_filter import FilterInput, FilterResult, FilterSettings, FilterState, step
+from monitor.health.damage import Damage, DamageInput
+from monitor.health.damage.filter.particle_filter import FilterSettings, FilterState, step
 
 FEATURES = {"rms": 0, "rms+harmonics": 3}
 """Lines of BPFO that are read with a set of features."""
@@ -53,11 +54,11 @@ def slice_of(rms_map: RmsMap, life: LifeHistory) -> MapSlice:
     return rms_map.slice_at(float(life.load[0]), float(life.speed[0]))
 
 
-def _followed(life: LifeHistory, map_slice: MapSlice, settings: FilterSettings, blocks: int) -> list[FilterResult]:
+def _followed(life: LifeHistory, map_slice: MapSlice, settings: FilterSettings, blocks: int) -> list[Damage]:
     """Return the result of each of the first blocks of a life."""
     state, found = FilterState(), []
     for k in range(blocks):
-        heard = FilterInput(float(life.t[k]), float(life.rms[k]), tuple(life.harmonics[k].tolist()))
+        heard = DamageInput(float(life.t[k]), float(life.rms[k]), tuple(life.harmonics[k].tolist()))
         state, result = step(state, heard, map_slice=map_slice, settings=settings)
         found.append(result)
     return found

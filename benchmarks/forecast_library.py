@@ -9,8 +9,9 @@ import numpy as np
 from benchmarks.forecast_cases import LEVEL, LEVELS, Answers, Cases
 from benchmarks.forecast_population import LIBRARY, THRESHOLD
 from models.lives.life import LifeHistory
+from monitor.health.damage import DamageInput
 from monitor.health.damage.library.fit import fit_library
-from monitor.health.damage.library.forecaster import Conditions, LibraryInput, LibrarySettings, LibraryState, step
+from monitor.health.damage.library.forecaster import Conditions, LibrarySettings, LibraryState, step
 from monitor.health.damage.library.model import Library, levels_of
 from monitor.health.damage.library.summaries import LevelHistory
 
@@ -45,19 +46,19 @@ def ask(library: Library, cases: Cases, features: str) -> Answers:
     settings = LibrarySettings(features=features, interval=LEVEL)
     for r, life in enumerate(cases.runs):
         for m, state in enumerate(_states(library, life, features, cases.blocks[r].tolist())):
-            _, result = step(
+            _, damage, (result,) = step(
                 state, block_of(life, int(cases.blocks[r, m]) - 1), library, settings, thresholds=[THRESHOLD]
             )
-            v_eq[r, m], v_lower[r, m], v_upper[r, m] = result.v_eq, result.v_eq_lower, result.v_eq_upper
-            if result.forecasts[0].quantiles:
-                tt[r, m] = result.forecasts[0].quantiles
+            v_eq[r, m], v_lower[r, m], v_upper[r, m] = damage.v_eq, damage.v_eq_lower, damage.v_eq_upper
+            if result.quantiles:
+                tt[r, m] = [value for _, value in result.quantiles]
     return Answers(v_eq, v_lower, v_upper, tt)
 
 
-def block_of(life: LifeHistory, k: int) -> LibraryInput:
+def block_of(life: LifeHistory, k: int) -> DamageInput:
     """Return what one block of a life says; its true V_eq stands for a tracked one."""
-    return LibraryInput(
-        t=float(life.t[k]),
+    return DamageInput(
+        time=float(life.t[k]),
         rms=float(life.rms[k]),
         harmonics=tuple(life.harmonics[k].tolist()),
         load=float(life.load[k]),

@@ -19,9 +19,10 @@ from models.maps.data import RmsMap
 from models.maps.file import cached_map
 from models.maps.plan import MapPlan
 from models.scene import Floor
+from monitor.health.damage import Remaining, TtStatus
 from monitor.health.damage.thesis import edv, forecast
 from monitor.health.damage.thesis.edv import EdvState
-from monitor.health.damage.thesis.forecast import ForecastState, TtStatus
+from monitor.health.damage.thesis.forecast import ForecastState
 from monitor.health.damage.thesis.level_set import LevelMap
 
 _ANSWERED = (TtStatus.OK, TtStatus.ALREADY_CROSSED)
@@ -71,7 +72,7 @@ def exact_maps(life: LifeHistory) -> LevelMap:
     return on_map(build_map(plan))(life)
 
 
-def tracked(life: LifeHistory, map_slice: LevelMap, blocks: int) -> tuple[Floats, list[forecast.ForecastResult]]:
+def tracked(life: LifeHistory, map_slice: LevelMap, blocks: int) -> tuple[Floats, list[Remaining]]:
     """Return V_eq (NaN where none) and forecast after each of the first blocks of a life."""
     state, forecasts = EdvState(), ForecastState()
     v_eq, issued = np.empty(blocks), []

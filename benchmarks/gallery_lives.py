@@ -24,13 +24,14 @@ from models.maps.plan import MapPlan
 from models.path.defect import race_radius
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
-from monitor.health.damage.thesis.edv import EdvSettings, EdvState, EdvStatus
+from monitor.health.damage import EdvStatus, Remaining
+from monitor.health.damage.thesis.edv import EdvSettings, EdvState
 from monitor.health.damage.thesis.edv import step as track
-from monitor.health.damage.thesis.forecast import ForecastResult, ForecastState
+from monitor.health.damage.thesis.forecast import ForecastState, QuadraticFit
 from monitor.health.damage.thesis.forecast import step as forecast
-from monitor.health.damage.thesis.quadratic import QuadraticFit, fit_quadratic
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.service.setup import to_slice
+from tests.oracles.quadratic_oracle import fit_quadratic
 
 Values = NDArray[np.float64]
 
@@ -161,7 +162,7 @@ class Twin:
         """The quadratic through the first point and the others up to the threshold."""
         return fit_quadratic(*self.below)
 
-    def forecasts(self, threshold: float) -> list[ForecastResult]:
+    def forecasts(self, threshold: float) -> list[Remaining]:
         """Return what the second model of the thesis says after every block."""
         state, found = ForecastState(), []
         for t, v in zip(self.t, self.v_eq, strict=True):

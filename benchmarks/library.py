@@ -35,8 +35,9 @@ from benchmarks.common import (
 from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_population import LIBRARY, LIBRARY_RUNS, THRESHOLD
 from models.lives.life import LifeHistory
+from monitor.health.damage import DamageInput
 from monitor.health.damage.library.fit import fit_library
-from monitor.health.damage.library.forecaster import LibraryInput, LibrarySettings, LibraryState, step
+from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
 from monitor.health.damage.library.model import LINES, Library
 
 THRESHOLDS = (0.03e-6, 0.04e-6, 0.05e-6)
@@ -52,10 +53,10 @@ def fitted(lives: Sequence[LifeHistory], thresholds: Sequence[float] = (THRESHOL
     return fit_library(lives, thresholds=thresholds, interval=LIBRARY.interval, prior="benchmark", made_of={})
 
 
-def block_of(life: LifeHistory, index: int, t: float) -> LibraryInput:
+def block_of(life: LifeHistory, index: int, t: float) -> DamageInput:
     """Return a block of a life, said to be at another time."""
-    return LibraryInput(
-        t=t,
+    return DamageInput(
+        time=t,
         rms=float(life.rms[index]),
         harmonics=tuple(life.harmonics[index].tolist()),
         load=float(life.load[index]),
@@ -77,7 +78,7 @@ def cost(library: Library, life: LifeHistory, features: str, blocks: int, thresh
     for number in range(blocks):
         block = block_of(life, number % life.t.size, number * LIBRARY.interval)
         begun = time.thread_time()
-        state, _ = step(state, block, library, settings, thresholds=thresholds)
+        state, _, _ = step(state, block, library, settings, thresholds=thresholds)
         spent.append(1e3 * (time.thread_time() - begun))
     return {
         "features": features,

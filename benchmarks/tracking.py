@@ -31,9 +31,10 @@ from models.maps.file import cached_map
 from models.maps.plan import MapPlan
 from models.scene import Floor
 from models.simulate import simulate
+from monitor.health.damage import EdvStatus, Remaining, TtStatus
 from monitor.health.damage.thesis import edv, forecast
-from monitor.health.damage.thesis.edv import EdvState, EdvStatus
-from monitor.health.damage.thesis.forecast import ForecastState, TtStatus
+from monitor.health.damage.thesis.edv import EdvState
+from monitor.health.damage.thesis.forecast import ForecastState
 from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from monitor.service.setup import to_slice
@@ -243,7 +244,7 @@ def score_whole(name: str, lives: Sequence[Heard], tracked: Sequence[Tracked]) -
     }
 
 
-def issue(t: Floats, v_eq: Floats) -> list[forecast.ForecastResult]:
+def issue(t: Floats, v_eq: Floats) -> list[Remaining]:
     """The forecast of the thesis after each block."""
     state, issued = ForecastState(), []
     for now, volume in zip(t.tolist(), v_eq.tolist(), strict=True):

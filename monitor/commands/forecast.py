@@ -22,13 +22,14 @@ from monitor.commands.history_files import (
     write_out,
 )
 from monitor.config.stages import method_or_best
+from monitor.health.damage import DamageInput, Remaining
 from monitor.health.damage import tracker as damage
-from monitor.health.damage.library.forecaster import LibraryInput, LibraryState
+from monitor.health.damage.library.forecaster import LibraryState
 from monitor.health.damage.library.forecaster import step as ask_library
 from monitor.health.damage.thesis import forecast
 from monitor.words.numbers import duration
 
-Issued = list[tuple[damage.Remaining, ...]]
+Issued = list[tuple[Remaining, ...]]
 Forecasts = tuple[list[float], list[float], Issued]
 """Times on the axis of the input, s; damage times, s; the forecasts at each of them."""
 
@@ -104,7 +105,7 @@ def _thesis(path: Path, channel: str | None, thresholds: Sequence[float]) -> For
     for row, (t, v_eq) in enumerate(zip(running, volumes, strict=True), 1):
         with input_errors(f"{path}: row {row}"):
             state, results = forecast.step(state, t, v_eq, thresholds=thresholds)
-        issued.append(tuple(damage.Remaining.of_thesis(result) for result in results))
+        issued.append(results)
     return times, running, issued
 
 
@@ -117,10 +118,12 @@ def _library_on_volumes(
     for row, (t, v_eq) in enumerate(zip(running, volumes, strict=True), 1):
         if v_eq < 0:
             raise InputError(f"{path}: row {row}: v_eq must be a volume, got {v_eq * 1e6:g} mm3/mm")
-        block = LibraryInput(t=t, v_eq=v_eq)
+        block = DamageInput(t, v_eq=v_eq)
         with input_errors("--library"):
-            state, found = ask_library(state, block, asked["library"], asked["library_settings"], thresholds=thresholds)
-        issued.append(tuple(damage.Remaining.of_library(result) for result in found.forecasts))
+            state, _, forecasts = ask_library(
+                state, block, asked["library"], asked["library_settings"], thresholds=thresholds
+            )
+        issued.append(forecasts)
     return times, running, issued
 
 
@@ -140,7 +143,7 @@ def _library_on_records(
     return times, [reading.time for reading in readings], issued
 
 
-def _row(time: float, threshold_mm2: float, result: damage.Remaining) -> dict[str, Any]:
+def _row(time: float, threshold_mm2: float, result: Remaining) -> dict[str, Any]:
     return {
         "t_issue_s": time,
         "threshold_mm2": threshold_mm2,

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from monitor.commands.common import InputError, output_errors
+from monitor.health.damage import DamageInput
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
-from monitor.health.damage.tracker import DamageInput
 from monitor.records.library_file import load_library
 from streams.block import STANDARD_GRAVITY
 

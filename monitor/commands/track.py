@@ -17,9 +17,10 @@ from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
 from monitor.commands.history_files import SUFFIXES, library_settings, prior_of, read_readings, write_out
 from monitor.config.stages import method_or_best
+from monitor.health.damage import Damage, DamageInput
 from monitor.health.damage import tracker as damage
 from monitor.health.damage.thesis import edv
-from monitor.health.damage.thesis.prognosis import rms_from_map, rms_from_model, rms_history
+from monitor.health.damage.thesis.edv import rms_from_map, rms_from_model, rms_history
 from monitor.service.setup import filter_settings, map_lookup, spread_lookup
 from streams.block import STANDARD_GRAVITY
 
@@ -136,7 +137,7 @@ def _only(rms_map: RmsMap | None, name: str) -> float | None:
     return axis[0] if len(axis) == 1 else None
 
 
-def _track(readings: Sequence[damage.DamageInput], settings: damage.DamageSettings) -> list[damage.Damage]:
+def _track(readings: Sequence[DamageInput], settings: damage.DamageSettings) -> list[Damage]:
     state, found = damage.DamageState(), []
     for reading in readings:
         state, one, _ = damage.step(state, reading, damage.DamageGate(), settings)
@@ -144,9 +145,7 @@ def _track(readings: Sequence[damage.DamageInput], settings: damage.DamageSettin
     return found
 
 
-def _others(
-    rms_map: RmsMap, found: Sequence[damage.Damage], readings: Sequence[damage.DamageInput], other: _Other
-) -> dict[str, Any]:
+def _others(rms_map: RmsMap, found: Sequence[Damage], readings: Sequence[DamageInput], other: _Other) -> dict[str, Any]:
     """Return the histories of the RMS under the other condition, m/s2, by the name of their column."""
     load = other.load if other.load is not None else readings[0].load
     speed = other.speed if other.speed is not None else readings[0].speed
@@ -161,7 +160,7 @@ def _others(
     return histories
 
 
-def _columns(found: Sequence[damage.Damage], others: dict[str, Any]) -> dict[str, Any]:
+def _columns(found: Sequence[Damage], others: dict[str, Any]) -> dict[str, Any]:
     """Return the columns of the netCDF file, SI."""
     named = ("v_eq", "v_eq_lower", "v_eq_upper", "dphi_d", "h_d", "rms_smoothed")
     columns: dict[str, Any] = {name: [getattr(one, name) for one in found] for name in named}

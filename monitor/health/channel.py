@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from models.bearing import Kinematics, kinematics
 from monitor.health import detect
 from monitor.health.condition import Quantity
+from monitor.health.damage import Damage, DamageInput, Remaining
 from monitor.health.damage import tracker as damage
 from monitor.health.naming import Naming, name_fault
 from monitor.health.output import ChannelOutput
@@ -158,14 +159,7 @@ def _name(
 
 
 def detect_input(features: BlockFeatures, block: ChannelBlock, *, absolute: bool, usable: bool) -> detect.DetectInput:
-    """Return what the detector takes from a block.
-
-    Args:
-        features: of the block.
-        block: its number and time.
-        absolute: whether the unit is known; without it there is no peak in m/s2.
-        usable: whether the block may move the detector.
-    """
+    """Return what the detector takes from a block; without a known unit (``absolute``) there is no peak in m/s2."""
     outer = features.lines[0]["outer"]
     floor = float(outer.floor.sum())
     return detect.DetectInput(
@@ -191,12 +185,12 @@ def _detect(
 
 def _damage(
     state: ChannelState, features: BlockFeatures, block: ChannelBlock, settings: ChannelSettings
-) -> tuple[ChannelState, damage.Damage | None, tuple[damage.Remaining, ...]]:
+) -> tuple[ChannelState, Damage | None, tuple[Remaining, ...]]:
     """Track and forecast, where the channel is tracked."""
     if settings.damage is None:
         return state, None, ()
     resolved = bool(np.all(features.bpfo_resolved))
-    damage_input = damage.DamageInput(
+    damage_input = DamageInput(
         time=state.running_time,
         rms=features.rms,
         harmonics=tuple(float(value) for value in features.bpfo_amplitude) if resolved else None,

@@ -11,7 +11,7 @@ import numpy as np
 
 from models.bearing import Bearing, kinematics
 from monitor.health.condition import Quantity
-from monitor.health.damage.tracker import Damage, Remaining
+from monitor.health.damage import Damage, Remaining
 from monitor.health.detect import DetectOutput, DetectState
 from monitor.health.naming import Naming
 from monitor.health.quality import Verdict
@@ -66,8 +66,7 @@ def record_values(
     """Return the values of one channel by variable (``monitor.health.schema``), None where there is no value.
 
     Args:
-        detector: state of the onset detector after the block.
-        output: of the channel.
+        detector: its state after the block.
         truth: ``v_eq_true`` and ``tt_true`` of a simulated rig, for a channel that is tracked.
     """
     values: dict[str, Any] = {
@@ -149,7 +148,7 @@ def issued_forecasts(channel: str, output: ChannelOutput, method: str) -> list[d
             "channel": channel,
             "method": method,
             "threshold_mm2": result.threshold * 1e6,
-            "status": result.status,
+            "status": str(result.status),
             **{f"{name}_s": plain(getattr(result, name)) for name in ("tt", "tt_lower", "tt_upper")},
             "p_threshold": plain(result.p_threshold),
             "quantiles_s": {str(level): value for level, value in result.quantiles} or None,

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from monitor.health.condition import SOURCES as CONDITION_SOURCES
+from monitor.health.damage import EdvStatus, TtStatus
 from monitor.health.detect import STAGES
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.words.features import ACCELERATION, FEATURES, GABRIELLI
@@ -20,33 +21,8 @@ SCHEMA_VERSION = 1
 FAULTS = ("outer", "inner", "ball", "cage")
 BAND_SOURCES = ("configured", "learning", "recording", "provisional")
 STATUSES = ("ok", *FLAGS, *REJECTIONS)
-EDV_STATUSES = (
-    "ok",
-    "widened",
-    "below_map",
-    "above_map",
-    "no_map",
-    "no_library",
-    "not_final_stage",
-    "bad_block",
-    "ambiguous",
-    "outside_conditions",
-    "outside_library",
-    "no_absolute_level",
-)
-TT_STATUSES = (
-    "ok",
-    "not_final_stage",
-    "too_few_points",
-    "no_crossing",
-    "concave",
-    "crossing_in_past",
-    "already_crossed",
-    "beyond_horizon",
-    "no_library",
-    "outside_library",
-    "cannot_tell",
-)
+EDV_STATUSES = tuple(map(str, EdvStatus))
+TT_STATUSES = tuple(map(str, TtStatus))
 
 DIMENSION_SIZES = {"fault": len(FAULTS), "harmonic": 5, "bpfo_harmonic": 6, "coefficient": 3}
 """Sizes of the dimensions that are the same everywhere; ``band`` and ``threshold`` have as many as are configured."""

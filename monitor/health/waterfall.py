@@ -126,9 +126,7 @@ def step(
     """Return the state after a block with a spectrum, how long to keep it, and whether to drop every other kept one.
 
     Args:
-        state: the waterfall so far.
         time: of the block, s, or None where blocks have none: then each counts as an interval after the one before.
-        settings: of the channel.
         clock_valid: whether the time is used; if not, the spectrum is at most the newest.
         onset, end: whether the final stage, the end of life became known with the block.
     """

@@ -18,10 +18,11 @@ from models.scene import Rig
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
+from monitor.health.damage import EdvStatus
 from monitor.health.damage.filter.particle_filter import FilterSettings
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
-from monitor.health.damage.thesis.edv import EdvSettings, EdvStatus
+from monitor.health.damage.thesis.edv import EdvSettings
 from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.damage.tracker import DamageSettings, MapAt, SpreadAt
 from monitor.health.settings import ChannelSettings, SourceSettings

@@ -20,7 +20,7 @@ import pytest
 
 import monitor.health
 from monitor.health import alarms, channel, detect, waterfall
-from monitor.health.damage import tracker
+from monitor.health.damage import DamageInput, tracker
 from monitor.health.damage.filter import particle_filter
 from monitor.health.damage.library import forecaster
 from monitor.health.damage.thesis import edv, forecast
@@ -65,20 +65,21 @@ def take_detect(state: Any, i: int) -> tuple[Any, Any]:
 
 
 def take_damage(state: Any, i: int) -> tuple[Any, Any]:
-    reading = tracker.DamageInput(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
+    reading = DamageInput(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
     state, *outputs = tracker.step(state, reading, tracker.DamageGate(), settings_of(METHODS[1], MAP, toy_library(40)))
     return state, outputs
 
 
 def take_filter(state: Any, i: int) -> tuple[Any, Any]:
     settings = particle_filter.FilterSettings(outer_race_radius=RADIUS, particles=100)
-    heard = particle_filter.FilterInput(TIMES[i], RMS[i], tuple(LINES[i]))
+    heard = DamageInput(TIMES[i], RMS[i], tuple(LINES[i]))
     return particle_filter.step(state, heard, map_slice=MAP.wide(), settings=settings)
 
 
 def take_library(state: Any, i: int) -> tuple[Any, Any]:
-    given = forecaster.LibraryInput(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
-    return forecaster.step(state, given, toy_library(40), thresholds=(THRESHOLD,))
+    given = DamageInput(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
+    state, *outputs = forecaster.step(state, given, toy_library(40), thresholds=(THRESHOLD,))
+    return state, outputs
 
 
 def take_waterfall(state: Any, i: int) -> tuple[Any, Any]:

@@ -13,19 +13,16 @@ import pytest
 from numpy.typing import NDArray
 
 from models.maps import data as map_data
+from monitor.health.damage import Damage, DamageInput, EdvStatus, Remaining
 from monitor.health.damage.filter.particle_filter import FilterSettings
 from monitor.health.damage.library.fit import fit_library
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
-from monitor.health.damage.thesis.edv import EdvStatus
 from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.damage.tracker import (
-    Damage,
     DamageGate,
-    DamageInput,
     DamageSettings,
     DamageState,
-    Remaining,
     TrackMethod,
     step,
 )

@@ -1,1 +1,125 @@
-"""V_eq and TT by the thesis, by a particle filter or by a library of simulated lives."""
+"""V_eq and the time to threshold (TT): what the methods take of a block, what they give, and the statuses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class EdvStatus(StrEnum):
+    """Outcome of one block for V_eq. Append only: the integers of published files follow the order.
+
+    Values come with ``ok``, ``widened`` (the search went back, so V_eq may be lower than before) and ``ambiguous`` (the
+    volumes are of two kinds, or far apart). Without values: ``below_map`` and ``above_map``: no defect of the map has
+    this RMS, or the damage has grown beyond the map; ``no_map``: there is none, or a hole of it covers the level;
+    ``bad_block``: no usable features; ``outside_conditions``: a load or speed outside the map or the library, or that
+    changes more between blocks than in the library's lives; ``outside_library``: levels, elapsed time or block interval
+    outside its lives.
+    """
+
+    OK = "ok"
+    WIDENED = "widened"
+    BELOW_MAP = "below_map"
+    ABOVE_MAP = "above_map"
+    NO_MAP = "no_map"
+    NO_LIBRARY = "no_library"
+    NOT_FINAL_STAGE = "not_final_stage"
+    BAD_BLOCK = "bad_block"
+    AMBIGUOUS = "ambiguous"
+    OUTSIDE_CONDITIONS = "outside_conditions"
+    OUTSIDE_LIBRARY = "outside_library"
+    NO_ABSOLUTE_LEVEL = "no_absolute_level"
+
+
+class TtStatus(StrEnum):
+    """Outcome of one forecast. Append only: the integers of published files follow the order.
+
+    Values come with ``ok`` (also where the curve bends down but reaches the threshold first), ``already_crossed`` (TT
+    is zero; by the library, judged anew at each block: at least half of the similar lives had reached the threshold)
+    and ``beyond_horizon``. Without values: ``too_few_points``: too few for a fit; ``no_crossing``: the curve is flat or
+    falls in a straight line; ``concave``: it turns back below the threshold; ``crossing_in_past``: it reached the
+    threshold before now, though V_eq has not; ``cannot_tell``: no usable features; ``outside_library``: load, speed,
+    levels, elapsed time or block interval outside the library's lives.
+    """
+
+    OK = "ok"
+    NOT_FINAL_STAGE = "not_final_stage"
+    TOO_FEW_POINTS = "too_few_points"
+    NO_CROSSING = "no_crossing"
+    CONCAVE = "concave"
+    CROSSING_IN_PAST = "crossing_in_past"
+    ALREADY_CROSSED = "already_crossed"
+    BEYOND_HORIZON = "beyond_horizon"
+    NO_LIBRARY = "no_library"
+    OUTSIDE_LIBRARY = "outside_library"
+    CANNOT_TELL = "cannot_tell"
+
+
+@dataclass(frozen=True)
+class DamageInput:
+    """What the methods use of one block.
+
+    Attributes:
+        time: damage time, s; may repeat, may not go back.
+        rms: in the band of the map or the library, m/s2.
+        harmonics: amplitudes of the BPFO lines from the first on, m/s2, or None where unresolved.
+        load: N, or None.
+        speed: Hz, or None.
+        v_eq: m2; of a history of V_eq itself, which only the library takes.
+    """
+
+    time: float
+    rms: float = math.nan
+    harmonics: tuple[float, ...] | None = None
+    load: float | None = None
+    speed: float | None = None
+    v_eq: float = math.nan
+
+
+@dataclass(frozen=True)
+class Damage:
+    """V_eq after one block; NaN wherever ``status`` says that there is no value.
+
+    Attributes:
+        v_eq: volume per width, m2 (1 mm3/mm is 1e-6 m2); the median where there is an interval.
+        v_eq_lower: lower end of its interval, m2.
+        dphi_d: extent of the equivalent defect, rad.
+        h_d: its depth, m.
+        rms_smoothed: trailing mean of the RMS (thesis only), m/s2.
+    """
+
+    status: EdvStatus
+    v_eq: float = math.nan
+    v_eq_lower: float = math.nan
+    v_eq_upper: float = math.nan
+    dphi_d: float = math.nan
+    h_d: float = math.nan
+    rms_smoothed: float = math.nan
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """One forecast for one threshold; NaN wherever ``status`` says that there is no value.
+
+    Attributes:
+        threshold: V_th, m2.
+        tt: s of damage time, zero once crossed; the median where there is an interval.
+        tt_lower: lower end of its interval, s.
+        t_threshold: when the threshold is reached, s on the blocks' clock; also given with ``crossing_in_past``.
+        p_threshold: probability of that within the maintenance window; NaN without a window.
+        coefficients: of the thesis' quadratic: a in m2/s2, b in m2/s, c in m2, time from the first point.
+        r_squared: coefficient of determination of its fit.
+        quantiles: (probability, TT in s) pairs; () without an interval.
+    """
+
+    threshold: float
+    status: TtStatus
+    tt: float = math.nan
+    tt_lower: float = math.nan
+    tt_upper: float = math.nan
+    t_threshold: float = math.nan
+    p_threshold: float = math.nan
+    coefficients: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    r_squared: float = math.nan
+    quantiles: tuple[tuple[float, float], ...] = ()

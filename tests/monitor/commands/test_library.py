@@ -13,7 +13,8 @@ from models.lives.life import LifeHistory, simulate_life
 from models.lives.population import Population
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
-from monitor.health.damage.library.forecaster import LibraryInput, LibraryState, step
+from monitor.health.damage import DamageInput, EdvStatus
+from monitor.health.damage.library.forecaster import LibraryState, step
 from monitor.records.histories import History
 from monitor.records.library_file import load_library
 from monitor.service.libraries import build_library, prior_words
@@ -35,9 +36,9 @@ def test_a_small_library_is_built_said_and_usable(tmp_path: Path) -> None:
     assert library.load == pytest.approx((3600.0, 4400.0), rel=0.1)
     assert library.made_of["population"]["seed"] == 5
     assert "24 simulated lives" in library.prior
-    block = LibraryInput(0.0, 5.0, (1.0, 1.0, 1.0), 4000.0, 40.0)
-    _, result = step(LibraryState(), block, library, thresholds=[5e-8])
-    assert result.prior == library.prior
+    block = DamageInput(0.0, 5.0, (1.0, 1.0, 1.0), 4000.0, 40.0)
+    _, damage, _ = step(LibraryState(), block, library, thresholds=[5e-8])
+    assert damage.status != EdvStatus.NO_LIBRARY
     # Other workers, and a table for people.
     again = ["library", "build", *options, "2", "--out", str(tmp_path / "again.npz")]
     table = CliRunner().invoke(spallwatch, again, catch_exceptions=False).stdout

@@ -21,11 +21,12 @@ from models.maps.plan import MapPlan
 from monitor.commands import forecast as forecast_command
 from monitor.commands import track as track_command
 from monitor.commands.common import InputError
-from monitor.health.damage.library.forecaster import LibraryInput, LibrarySettings, LibraryState
+from monitor.health.damage import DamageInput
+from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState
 from monitor.health.damage.library.forecaster import step as ask_library
 from monitor.health.damage.library.model import Library
 from monitor.health.damage.thesis import edv, forecast
-from monitor.health.damage.thesis.prognosis import rms_from_map, rms_from_model, rms_history
+from monitor.health.damage.thesis.edv import rms_from_map, rms_from_model, rms_history
 from monitor.records.dataset import words
 from monitor.records.library_file import save_library
 from monitor.service.setup import to_slice
@@ -247,9 +248,9 @@ def test_the_library_tracks_what_the_input_has(
     asking = LibrarySettings(features="rms+harmonics" if lines else "rms", interval=0.9)
     state = LibraryState()
     for i, row in enumerate(told["rows"]):
-        block = LibraryInput(life.t[i], life.rms[i], life.harmonics[i], life.load[i], life.speed[i])
-        state, result = ask_library(state, block, library, asking, thresholds=(THRESHOLD,))
-        assert row["status"] == str(result.edv_status)
+        block = DamageInput(life.t[i], life.rms[i], tuple(life.harmonics[i]), life.load[i], life.speed[i])
+        state, result, _ = ask_library(state, block, library, asking, thresholds=(THRESHOLD,))
+        assert row["status"] == str(result.status)
         if row["status"] == "ok":
             found = [row["v_eq_lower_mm2"], row["v_eq_mm2"], row["v_eq_upper_mm2"]]
             assert found == pytest.approx(
@@ -279,11 +280,11 @@ def test_the_library_forecasts_from_volumes_alone(tmp_path: Path, library: Libra
     )
     state, asking = LibraryState(), LibrarySettings(features="v_eq", window=7200.0)
     for row, t, v_eq in zip(told["rows"], life.t, life.v_eq, strict=True):
-        block = LibraryInput(t=t, v_eq=v_eq)
-        state, result = ask_library(state, block, library, asking, thresholds=(THRESHOLD,))
-        assert row["status"] == str(result.forecasts[0].status)
+        block = DamageInput(t, v_eq=v_eq)
+        state, _, (result,) = ask_library(state, block, library, asking, thresholds=(THRESHOLD,))
+        assert row["status"] == str(result.status)
         if row["status"] == "ok":
-            assert row["tt_s"] == pytest.approx(result.forecasts[0].tt, rel=1e-6)
+            assert row["tt_s"] == pytest.approx(result.tt, rel=1e-6)
             assert row["tt_lower_s"] <= row["tt_s"] <= row["tt_upper_s"]
             assert 0.0 <= row["p_threshold"] <= 1.0
     assert sum(row["status"] == "ok" for row in told["rows"]) > 10

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from monitor.health.damage import EdvStatus
 from monitor.health.damage.thesis import level_set
-from monitor.health.damage.thesis.edv import EdvSettings, EdvState, EdvStatus, step
+from monitor.health.damage.thesis.edv import EdvSettings, EdvState, step
 from monitor.health.damage.thesis.level_set import LevelMap, least_volume, step_back
 from tests.effort import effort_count
 from tests.oracles.edv_oracle import scan_least_volume
@@ -232,19 +233,6 @@ def test_stop_rule_of_the_thesis_ends_the_tracking_for_good() -> None:
     assert EdvState.from_dict(json.loads(json.dumps(state.to_dict()))) == state
 
 
-@pytest.mark.parametrize(
-    "gate",
-    ["no_map", "not_final_stage", "bad_block", "no_absolute_level", "outside_conditions"],
-)
-def test_a_gated_block_leaves_the_state_alone(gate: str) -> None:
-    before, _ = step(EdvState(), 2.0, map_slice=rising_map())
-    after, result = step(before, 2.5, map_slice=rising_map(), gate=EdvStatus(gate))
-    assert after is before
-    assert result.status == gate
-    assert math.isnan(result.rms_smoothed)
-    assert math.isnan(result.v_eq)
-
-
 @pytest.mark.parametrize("rms", [math.nan, math.inf, -1.0])
 def test_an_impossible_rms_is_a_bad_block(rms: float) -> None:
     state, result = step(EdvState(), rms, map_slice=rising_map())
@@ -264,11 +252,6 @@ def test_a_level_swallowed_by_a_hole_is_no_map() -> None:
     map_slice = LevelMap(dphi_d, h_d, np.array([row, row]), RADIUS)
     _, result = step(EdvState(), 3.5, map_slice=map_slice)
     assert result.status is EdvStatus.NO_MAP
-
-
-def test_a_gate_that_is_a_result_is_refused() -> None:
-    with pytest.raises(ValueError, match="gate"):
-        step(EdvState(), 1.0, map_slice=rising_map(), gate=EdvStatus.OK)
 
 
 def test_a_map_that_is_not_zero_at_no_depth_answers_with_no_volume_at_the_least_advance() -> None:

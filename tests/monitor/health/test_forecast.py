@@ -11,15 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from monitor.health.damage import Remaining, TtStatus
 from monitor.health.damage.thesis.forecast import (
-    ForecastResult,
     ForecastSettings,
     ForecastState,
-    TtStatus,
+    QuadraticFit,
+    RunningFit,
     step,
 )
-from monitor.health.damage.thesis.quadratic import QuadraticFit, RunningFit, fit_quadratic
 from tests.effort import effort_count
+from tests.oracles.quadratic_oracle import fit_quadratic
 
 MM2 = 1e-6
 THRESHOLD = 0.05 * MM2
@@ -28,7 +29,7 @@ Floats = NDArray[np.float64]
 
 def run(
     times: Iterable[float], volumes: Iterable[float], thresholds: tuple[float, ...] = (THRESHOLD,)
-) -> tuple[ForecastState, list[tuple[ForecastResult, ...]]]:
+) -> tuple[ForecastState, list[tuple[Remaining, ...]]]:
     state, issued = ForecastState(), []
     for t, v in zip(times, volumes, strict=True):
         state, results = step(state, float(t), float(v), thresholds=thresholds)

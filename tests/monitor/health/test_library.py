@@ -6,21 +6,19 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from monitor.health.damage import Damage, DamageInput, EdvStatus, Remaining, TtStatus
 from monitor.health.damage.library.fit import SHARES, FitSettings, crps, fit_library, fit_regression
 from monitor.health.damage.library.forecaster import (
     QUANTILES,
-    LibraryInput,
-    LibraryResult,
     LibrarySettings,
     LibraryState,
-    LibraryStatus,
     step,
 )
 from monitor.health.damage.library.model import LINES, Library, quantiles_of
@@ -31,10 +29,10 @@ from tests.oracles.toy_lives import INTERVAL, THRESHOLD, ToyLife, toy_library, t
 QUICK = FitSettings(columns=100, moments=12)
 
 
-def blocks_of(life: ToyLife) -> list[LibraryInput]:
+def blocks_of(life: ToyLife) -> list[DamageInput]:
     return [
-        LibraryInput(
-            t=float(life.t[i]),
+        DamageInput(
+            time=float(life.t[i]),
             rms=float(life.rms[i]),
             harmonics=tuple(life.harmonics[i]),
             load=float(life.load[i]),
@@ -45,13 +43,18 @@ def blocks_of(life: ToyLife) -> list[LibraryInput]:
     ]
 
 
+class Answer(NamedTuple):
+    damage: Damage
+    forecasts: tuple[Remaining, ...]
+
+
 def follow(
-    blocks: list[LibraryInput], known: Library, settings: LibrarySettings | None = None
-) -> tuple[LibraryState, list[LibraryResult]]:
+    blocks: list[DamageInput], known: Library, settings: LibrarySettings | None = None
+) -> tuple[LibraryState, list[Answer]]:
     state, results = LibraryState(), []
     for block in blocks:
-        state, result = step(state, block, known, settings, thresholds=[THRESHOLD])
-        results.append(result)
+        state, *result = step(state, block, known, settings, thresholds=[THRESHOLD])
+        results.append(Answer(*result))
     return state, results
 
 
@@ -63,15 +66,15 @@ def test_unseen_lives_are_covered_and_better_known_than_by_their_age(features: s
     for number in range(1000, 1000 + effort_count(quick=50, full=400)):
         life = toy_life(number)
         crossing = life.crossing(THRESHOLD)
-        _, results = follow([b for b in blocks_of(life) if b.t <= 0.75 * crossing], toy_library(), asked)
+        _, results = follow([b for b in blocks_of(life) if b.time <= 0.75 * crossing], toy_library(), asked)
         for share in SHARES:
             index = int(share * crossing // INTERVAL)
             result, left = results[index], crossing - life.t[index]
             forecast = result.forecasts[0]
             covered.append(forecast.tt_lower <= left <= forecast.tt_upper)
-            covered_v.append(result.v_eq_lower <= life.v_eq[index] <= result.v_eq_upper)
-            errors.append(math.log(result.v_eq / life.v_eq[index]))
-            scores.append(crps(np.interp(np.linspace(0, 1, 99), QUANTILES, forecast.quantiles), left))
+            covered_v.append(result.damage.v_eq_lower <= life.v_eq[index] <= result.damage.v_eq_upper)
+            errors.append(math.log(result.damage.v_eq / life.v_eq[index]))
+            scores.append(crps(np.interp(np.linspace(0, 1, 99), *zip(*forecast.quantiles, strict=True)), left))
             older = np.sort(lifetimes[lifetimes > life.t[index]] - life.t[index])
             ages.append(crps(older, left))
     assert 0.65 <= np.mean(covered) <= 0.93
@@ -140,8 +143,8 @@ def test_state_goes_through_json_after_each_block_with_the_same_results() -> Non
     state = LibraryState()
     for block, result in zip(blocks, expected, strict=True):
         state = LibraryState.from_dict(json.loads(json.dumps(state.to_dict(), allow_nan=False)))
-        state, again = step(state, block, toy_library(), thresholds=[THRESHOLD])
-        assert repr(again) == repr(result)
+        state, *again = step(state, block, toy_library(), thresholds=[THRESHOLD])
+        assert repr(Answer(*again)) == repr(result)
 
 
 def test_history_of_another_library_is_refused() -> None:
@@ -157,16 +160,19 @@ def test_quantiles_rise_and_agree_with_the_interval_and_the_window() -> None:
     asked = LibrarySettings(window=3600.0)
     _, results = follow(blocks_of(toy_life(2001)), toy_library(), asked)
     for result in results:
-        assert list(result.v_eq_quantiles) == sorted(result.v_eq_quantiles)
-        assert result.v_eq_lower == pytest.approx(result.v_eq_quantiles[QUANTILES.index(0.1)])
+        if result.damage.status == EdvStatus.OK:
+            assert result.damage.v_eq_lower <= result.damage.v_eq <= result.damage.v_eq_upper
         forecast = result.forecasts[0]
         if forecast.quantiles:
-            assert list(forecast.quantiles) == sorted(forecast.quantiles)
-            assert forecast.tt_upper == pytest.approx(forecast.quantiles[QUANTILES.index(0.9)])
-            assert 0.0 <= forecast.p_crossed <= forecast.p_threshold <= 1.0
+            levels, quantiles = zip(*forecast.quantiles, strict=True)
+            assert levels == QUANTILES
+            assert list(quantiles) == sorted(quantiles)
+            assert forecast.tt_upper == pytest.approx(quantiles[QUANTILES.index(0.9)])
+            assert 0.0 <= forecast.p_threshold <= 1.0
             assert forecast.tt <= 3600.0 or forecast.p_threshold <= 0.5
             assert forecast.tt > 3600.0 or forecast.p_threshold >= 0.5
-            assert (forecast.status == LibraryStatus.ALREADY_CROSSED) == (forecast.p_crossed >= 0.5)
+            assert (forecast.status == TtStatus.ALREADY_CROSSED) == (forecast.tt == 0.0)
+            assert (forecast.status == TtStatus.ALREADY_CROSSED) <= (quantiles[QUANTILES.index(0.4)] == 0.0)
     statuses = [str(result.forecasts[0].status) for result in results]
     assert statuses[:4] == ["too_few_points"] * 4
     assert statuses[4] == "ok"
@@ -178,7 +184,7 @@ def test_a_rig_that_lives_thirty_times_faster_is_the_same_to_its_library() -> No
     _, fast = follow(blocks_of(toy_life(2002, interval=INTERVAL / 30.0)), toy_library(40, interval=INTERVAL / 30.0))
     assert len(slow) == len(fast)
     for a, b in zip(slow, fast, strict=True):
-        assert b.v_eq == pytest.approx(a.v_eq, rel=1e-4)
+        assert b.damage.v_eq == pytest.approx(a.damage.v_eq, rel=1e-4)
         assert 30.0 * b.forecasts[0].tt == pytest.approx(a.forecasts[0].tt, rel=1e-3, abs=1.0, nan_ok=True)
 
 
@@ -188,21 +194,21 @@ def test_load_and_speed_may_change_from_block_to_block_as_in_the_lives_of_the_li
         life = toy_life(number, varying=True)
         _, results = follow(blocks_of(life), toy_library(75, varying=True))
         half = len(results) // 2
-        assert results[half].edv_status == LibraryStatus.OK
-        errors.append(math.log(results[half].v_eq / life.v_eq[half]))
+        assert results[half].damage.status == EdvStatus.OK
+        errors.append(math.log(results[half].damage.v_eq / life.v_eq[half]))
     assert np.sqrt(np.mean(np.square(errors))) < 0.4
 
 
 def test_load_and_speed_that_change_more_than_in_any_life_are_outside() -> None:
     blocks = blocks_of(toy_life(3000, varying=True))
     state, results = follow(blocks, toy_library())
-    assert {str(result.edv_status) for result in results[5:]} == {"outside_conditions"}
+    assert {str(result.damage.status) for result in results[5:]} == {"outside_conditions"}
     assert {str(result.forecasts[0].status) for result in results[5:]} == {"outside_library"}
     spreads = [float(np.log([getattr(block, name) for block in blocks]).std()) for name in ("load", "speed")]
     assert list(state.conditions.spreads) == pytest.approx(spreads)
     steady = blocks_of(toy_life(3001))
     wavering = [replace(b, speed=b.speed * (1.0 + 0.005 * (-1) ** i)) for i, b in enumerate(steady)]
-    assert {str(result.edv_status) for result in follow(wavering, toy_library())[1]} == {"ok"}
+    assert {str(result.damage.status) for result in follow(wavering, toy_library())[1]} == {"ok"}
 
 
 @pytest.mark.parametrize(
@@ -216,17 +222,17 @@ def test_load_and_speed_that_change_more_than_in_any_life_are_outside() -> None:
         ({"load": 7000.0}, "outside_conditions", "outside_library"),
         ({"speed": 10.0}, "outside_conditions", "outside_library"),
         ({"rms": 1e5}, "outside_library", "outside_library"),
-        ({"t": 1e7}, "outside_library", "outside_library"),
+        ({"time": 1e7}, "outside_library", "outside_library"),
     ],
 )
 def test_what_the_library_cannot_tell_is_a_status(change: dict[str, Any], edv_status: str, tt_status: str) -> None:
     blocks = blocks_of(toy_life(2003))
     state, _ = follow(blocks[:10], toy_library())
-    after, result = step(state, replace(blocks[10], **change), toy_library(), thresholds=[THRESHOLD])
-    assert (result.edv_status, result.forecasts[0].status) == (edv_status, tt_status)
-    assert math.isnan(result.v_eq)
-    assert math.isnan(result.forecasts[0].tt)
-    assert result.forecasts[0].quantiles == ()
+    after, damage, (forecast,) = step(state, replace(blocks[10], **change), toy_library(), thresholds=[THRESHOLD])
+    assert (damage.status, forecast.status) == (edv_status, tt_status)
+    assert math.isnan(damage.v_eq)
+    assert math.isnan(forecast.tt)
+    assert forecast.quantiles == ()
     if edv_status != "outside_library":
         assert after == state
 
@@ -236,34 +242,37 @@ def test_one_loud_block_does_not_spoil_what_follows() -> None:
     _, expected = follow(blocks, toy_library())
     spoiled = [replace(b, rms=30.0 * b.rms) if i == 20 else b for i, b in enumerate(blocks)]
     _, found = follow(spoiled, toy_library())
-    assert found[20].edv_status == LibraryStatus.OUTSIDE_LIBRARY
-    later = [(a.v_eq, b.v_eq) for a, b in zip(expected[27:], found[27:], strict=True) if b.edv_status == "ok"]
+    assert found[20].damage.status == EdvStatus.OUTSIDE_LIBRARY
+    later = [
+        (a.damage.v_eq, b.damage.v_eq)
+        for a, b in zip(expected[27:], found[27:], strict=True)
+        if b.damage.status == "ok"
+    ]
     assert len(later) > 10
     assert np.median([abs(math.log(a / b)) for a, b in later]) < 0.4
 
 
 def test_blocks_at_another_pace_are_outside() -> None:
     blocks = blocks_of(toy_life(2005))
-    _, results = follow([replace(block, t=block.t / 10.0) for block in blocks[:20]], toy_library())
-    assert results[-1].edv_status == LibraryStatus.OUTSIDE_LIBRARY
+    _, results = follow([replace(block, time=block.time / 10.0) for block in blocks[:20]], toy_library())
+    assert results[-1].damage.status == EdvStatus.OUTSIDE_LIBRARY
     _, results = follow(blocks[:40:2], toy_library())
-    assert results[-1].edv_status == LibraryStatus.OK
+    assert results[-1].damage.status == EdvStatus.OK
 
 
 def test_without_library_or_final_stage_nothing_is_said() -> None:
     block = blocks_of(toy_life(2006))[0]
-    state, result = step(LibraryState(), block, None, thresholds=[THRESHOLD])
-    assert (result.edv_status, result.forecasts[0].status, result.library) == ("no_library", "no_library", "")
+    state, damage, (forecast,) = step(LibraryState(), block, None, thresholds=[THRESHOLD])
+    assert (damage.status, forecast.status) == ("no_library", "no_library")
     assert state == LibraryState()
-    state, result = step(LibraryState(), block, toy_library(), thresholds=[THRESHOLD], final_stage=False)
-    assert (result.edv_status, result.forecasts[0].status) == ("not_final_stage", "not_final_stage")
-    assert (result.library, result.prior) == (toy_library().hash, "toy lives")
+    state, damage, (forecast,) = step(LibraryState(), block, toy_library(), thresholds=[THRESHOLD], final_stage=False)
+    assert (damage.status, forecast.status) == ("not_final_stage", "not_final_stage")
     assert state == LibraryState()
 
 
 def test_a_horizon_is_said_with_the_values() -> None:
     _, results = follow(blocks_of(toy_life(2007))[:8], toy_library(), LibrarySettings(horizon=60.0))
-    assert results[-1].forecasts[0].status == LibraryStatus.BEYOND_HORIZON
+    assert results[-1].forecasts[0].status == TtStatus.BEYOND_HORIZON
     assert results[-1].forecasts[0].tt > 60.0
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from monitor.health.damage import DamageInput
 from monitor.health.damage.library.calibrate import RecordedRun, calibrate
 from monitor.health.damage.library.fit import crps
-from monitor.health.damage.library.forecaster import QUANTILES, LibraryInput, LibrarySettings, LibraryState, step
+from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
 from monitor.health.damage.library.model import Library
 from monitor.records.library_file import load_library, save_library
 from tests.effort import effort_count
@@ -33,15 +34,15 @@ def errors(known: Library, numbers: range, left: float, features: str) -> tuple[
     scores, covered = [], []
     for number in numbers:
         run = recorded(number, left=left)
-        state, result = step(LibraryState(), LibraryInput(0.0), None, thresholds=[THRESHOLD])
+        state, _, forecasts = step(LibraryState(), DamageInput(0.0), None, thresholds=[THRESHOLD])
         for i in np.flatnonzero(run.t <= 0.5 * run.end):
-            block = LibraryInput(
+            block = DamageInput(
                 float(run.t[i]), float(run.rms[i]), tuple(run.harmonics[i]), float(run.load[i]), float(run.speed[i])
             )
-            state, result = step(state, block, known, LibrarySettings(features=features), thresholds=[THRESHOLD])
-        forecast = result.forecasts[0]
+            state, _, forecasts = step(state, block, known, LibrarySettings(features=features), thresholds=[THRESHOLD])
+        (forecast,) = forecasts
         remains = run.end - state.history.t_first - state.history.elapsed if state.history else 0.0
-        scores.append(crps(np.interp(np.linspace(0, 1, 99), QUANTILES, forecast.quantiles), remains))
+        scores.append(crps(np.interp(np.linspace(0, 1, 99), *zip(*forecast.quantiles, strict=True)), remains))
         covered.append(forecast.tt_lower <= remains <= forecast.tt_upper)
     return float(np.mean(scores)), float(np.mean(covered))
 

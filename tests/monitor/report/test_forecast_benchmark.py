@@ -26,7 +26,8 @@ from benchmarks.forecast_naive import constant, lifetimes, of_elapsed_time, of_t
 from benchmarks.forecast_page import by_moment, renewed
 from benchmarks.forecast_population import FRACTIONS, LIBRARY, TEST, THRESHOLD
 from models.lives.life import LifeHistory, simulate_lives
-from monitor.health.damage.library.forecaster import LibraryInput, LibrarySettings, LibraryState, step
+from monitor.health.damage import DamageInput
+from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
 from monitor.health.damage.library.model import Library
 
 SHORT = replace(LIBRARY, durations=(9000.0, 12000.0), interval=600.0, slip=(0.0, 0.0), seed=3)
@@ -64,18 +65,18 @@ def test_an_answer_is_what_block_by_block_steps_give(features: str) -> None:
     for r, life in enumerate(cases().runs[:2]):
         state = LibraryState()
         for k in range(int(cases().blocks[r, -1])):
-            block = LibraryInput(
-                t=float(life.t[k]),
+            block = DamageInput(
+                time=float(life.t[k]),
                 rms=float(life.rms[k]),
                 harmonics=tuple(life.harmonics[k].tolist()),
                 load=float(life.load[k]),
                 speed=float(life.speed[k]),
                 v_eq=float(life.v_eq[k]),
             )
-            state, result = step(state, block, library(), settings, thresholds=[THRESHOLD])
+            state, damage, (result,) = step(state, block, library(), settings, thresholds=[THRESHOLD])
             for m in np.flatnonzero(cases().blocks[r] == k + 1):
-                assert found.v_eq[r, m] == pytest.approx(result.v_eq, rel=1e-9, nan_ok=True)
-                said = result.forecasts[0].quantiles or np.full(LEVELS.size, np.nan)
+                assert found.v_eq[r, m] == pytest.approx(damage.v_eq, rel=1e-9, nan_ok=True)
+                said = [value for _, value in result.quantiles] or np.full(LEVELS.size, np.nan)
                 assert found.tt[r, m] == pytest.approx(np.array(said), rel=1e-9, abs=1e-3, nan_ok=True)
 
 

@@ -10,17 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from monitor.health.damage import Damage, DamageInput, EdvStatus
 from monitor.health.damage.filter.particles import (
-    GROWTH_NOISE,
     LN_H,
-    LN_R,
     LN_V,
-    POWER,
     Particles,
     assimilate,
     decorrelate,
@@ -44,36 +41,7 @@ WIDENING_RMS = 1.0
 """Factor on the half widths of ln V_eq with RMS alone (``benchmarks/filter.py``, "widening")."""
 WIDENING_HARMONICS = 1.27
 """The same with lines of BPFO."""
-_BINS = 24
 _OUTSIDE_SD = 3.0
-
-
-class FilterStatus(StrEnum):
-    """Outcome of one block.
-
-    Only ``ok`` and ``ambiguous`` carry values; with ``ambiguous`` the volumes are of two kinds, or far apart.
-    ``below_map`` and ``above_map``: no defect of the map has this RMS, or the damage has grown beyond the map. The
-    others are verdicts of earlier stages, except ``no_map``, also given for a map without values.
-    """
-
-    OK = "ok"
-    AMBIGUOUS = "ambiguous"
-    BELOW_MAP = "below_map"
-    ABOVE_MAP = "above_map"
-    NO_MAP = "no_map"
-    NOT_FINAL_STAGE = "not_final_stage"
-    BAD_BLOCK = "bad_block"
-    NO_ABSOLUTE_LEVEL = "no_absolute_level"
-    OUTSIDE_CONDITIONS = "outside_conditions"
-
-
-GATES = frozenset(FilterStatus) - {
-    FilterStatus.OK,
-    FilterStatus.AMBIGUOUS,
-    FilterStatus.BELOW_MAP,
-    FilterStatus.ABOVE_MAP,
-}
-"""Verdicts of earlier stages that keep a block from the tracker."""
 
 
 @dataclass(frozen=True)
@@ -113,21 +81,6 @@ class FilterSettings:
             raise ValueError(f"interval must lie between 0 and 1, got {self.interval!r}")
 
 
-@dataclass(frozen=True)
-class FilterInput:
-    """Features of one sensor in one block.
-
-    Attributes:
-        t: damage time, s.
-        rms: RMS in the band of the map, m/s2.
-        harmonics: amplitudes of BPFO lines 1, 2, ..., m/s2, or None; values that are not positive count as missing.
-    """
-
-    t: float
-    rms: float
-    harmonics: Sequence[float] | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class FilterState:
     """State of the tracker.
@@ -135,8 +88,8 @@ class FilterState:
     Attributes:
         count: blocks used.
         t: time of the latest, s.
-        load: of the map at the latest, N.
-        speed: of the map at the latest, Hz.
+        load: at the latest, N.
+        speed: at the latest, Hz.
         sensors: number of sensors that gave each feature at the latest block that had it.
         particles: None before the first block.
     """
@@ -182,103 +135,56 @@ class FilterState:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Posterior:
-    """Posterior of the defect's sizes, for drawing.
-
-    Attributes:
-        dphi_d: edges of the bins of the extent, rad, shape (25,).
-        h_d: edges of the bins of the depth, m, shape (25,).
-        probability: shape (24, 24), depth first; excludes what lies beyond the map.
-    """
-
-    dphi_d: Floats
-    h_d: Floats
-    probability: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class FilterResult:
-    """Damage after one block; NaN and None wherever ``status`` says that there is no value.
-
-    Attributes:
-        v_eq: median of the volume per width, m2.
-        v_eq_lower: lower bound of the interval, m2.
-        dphi_d: median of the extent, rad.
-        h_d: median of the depth, m.
-        rate: median of dV_eq/dt now, m2/s.
-        effective: effective number of particles.
-    """
-
-    status: FilterStatus
-    v_eq: float = math.nan
-    v_eq_lower: float = math.nan
-    v_eq_upper: float = math.nan
-    dphi_d: float = math.nan
-    h_d: float = math.nan
-    rate: float = math.nan
-    effective: float = math.nan
-    posterior: Posterior | None = None
-
-
 def step(
     state: FilterState,
-    inputs: FilterInput | Sequence[FilterInput],
+    inputs: DamageInput | Sequence[DamageInput],
     *,
     map_slice: MapSlice | None,
     settings: FilterSettings,
-    gate: FilterStatus | None = None,
-) -> tuple[FilterState, FilterResult]:
+) -> tuple[FilterState, Damage]:
     """Track one block.
 
     Several sensors in the same direction on the bearing are averaged in the logarithm: that reduces their scatter, not
-    the error of the map. A block that is gated, or that no defect of the map explains, leaves the state unchanged.
+    the error of the map. A block that no defect of the map explains leaves the state unchanged.
 
     Args:
         state: ``FilterState()`` at t_fs.
-        inputs: features of one sensor, or of each sensor in the same block.
+        inputs: of one sensor, or of each sensor in the same block; without a positive, finite RMS it is ``bad_block``.
+            BPFO lines that are not positive count as missing.
         map_slice: the map at the block's load and speed, or None.
-        gate: verdict of an earlier stage that keeps this block out (one of ``GATES``), or None.
-
-    Returns:
-        The next state and the block's result. A block without a positive, finite RMS is ``bad_block``.
 
     Raises:
-        ValueError: ``gate`` is not one of ``GATES``, or the time is not finite, goes back or differs between sensors.
+        ValueError: the time is not finite, goes back or differs between sensors.
     """
-    inputs = [inputs] if isinstance(inputs, FilterInput) else list(inputs)
-    if gate is not None and gate not in GATES:
-        raise ValueError(f"gate must be one of {sorted(GATES)} or None, got {gate!r}")
-    if gate is not None:
-        return state, FilterResult(gate)
+    inputs = [inputs] if isinstance(inputs, DamageInput) else inputs
     usable = [sensor for sensor in inputs if math.isfinite(sensor.rms) and sensor.rms > 0.0]
     if not usable:
-        return state, FilterResult(FilterStatus.BAD_BLOCK)
+        return state, Damage(EdvStatus.BAD_BLOCK)
     t = _time(state, usable)
     lookup = None if map_slice is None else build_lookup(map_slice, settings.errors, settings.lines)
     if lookup is None:
-        return state, FilterResult(FilterStatus.NO_MAP)
+        return state, Damage(EdvStatus.NO_MAP)
     ln_x, sensors = _features(usable, settings.lines)
     outside = _outside(lookup, ln_x[0], settings.errors)
     if outside is not None:
-        return state, FilterResult(outside)
+        return state, Damage(outside)
     particles = _advance(state, t, lookup, ln_x, sensors, settings)
     remembered = tuple(
         int(n) if n else old for n, old in zip(sensors, state.sensors or (0,) * len(sensors), strict=True)
     )
     following = FilterState(state.count + 1, t, lookup.load, lookup.speed, remembered, particles)
-    return following, _result(particles, lookup, settings, with_lines=bool(np.any(sensors[1:] > 0)))
+    return following, _damage(particles, lookup, settings, with_lines=bool(np.any(sensors[1:] > 0)))
 
 
-def _time(state: FilterState, inputs: Sequence[FilterInput]) -> float:
-    times = {sensor.t for sensor in inputs}
-    t = inputs[0].t
+def _time(state: FilterState, inputs: Sequence[DamageInput]) -> float:
+    times = {sensor.time for sensor in inputs}
+    t = inputs[0].time
     if len(times) > 1 or not math.isfinite(t) or (state.t is not None and t < state.t):
         raise ValueError(f"t must be one finite time, not before the latest block ({state.t} s), got {sorted(times)}")
     return float(t)
 
 
-def _features(inputs: Sequence[FilterInput], lines: int) -> tuple[Floats, NDArray[np.int64]]:
+def _features(inputs: Sequence[DamageInput], lines: int) -> tuple[Floats, NDArray[np.int64]]:
     """Return the mean logarithm of each feature over sensors, NaN where missing, and the numbers of sensors."""
     values = np.full((len(inputs), 1 + lines), np.nan)
     for row, sensor in zip(values, inputs, strict=True):
@@ -291,13 +197,13 @@ def _features(inputs: Sequence[FilterInput], lines: int) -> tuple[Floats, NDArra
     return np.where(sensors > 0, sums / np.maximum(sensors, 1), np.nan), sensors
 
 
-def _outside(lookup: MapLookup, ln_rms: float, errors: ErrorModel) -> FilterStatus | None:
+def _outside(lookup: MapLookup, ln_rms: float, errors: ErrorModel) -> EdvStatus | None:
     """Return the status of an RMS more than three standard deviations beyond the map, or None."""
     value, w, s = (a[:, 0] for a in lookup.log_features(lookup.table))
     sd = np.sqrt(w**2 * (errors.gain_sd**2 + errors.rms_gain_sd**2 + s**2) + errors.scatter**2)
     if ln_rms < np.min(value - _OUTSIDE_SD * sd):
-        return FilterStatus.BELOW_MAP
-    return FilterStatus.ABOVE_MAP if ln_rms > np.max(value + _OUTSIDE_SD * sd) else None
+        return EdvStatus.BELOW_MAP
+    return EdvStatus.ABOVE_MAP if ln_rms > np.max(value + _OUTSIDE_SD * sd) else None
 
 
 def _advance(
@@ -345,35 +251,23 @@ def _other_sensors(
     return replace(particles, cov=cov)
 
 
-def _result(particles: Particles, lookup: MapLookup, settings: FilterSettings, *, with_lines: bool) -> FilterResult:
+def _damage(particles: Particles, lookup: MapLookup, settings: FilterSettings, *, with_lines: bool) -> Damage:
     dphi_d, h_d = particles.sizes(settings.outer_race_radius)
     weight = particles.weight / np.sum(particles.weight)
     beyond = float(np.sum(weight[(dphi_d > lookup.dphi_d[-1]) | (h_d > lookup.h_d[-1])]))
     if beyond > 0.5:
-        return FilterResult(FilterStatus.ABOVE_MAP, effective=particles.effective)
+        return Damage(EdvStatus.ABOVE_MAP)
     ln_v = particles.core[:, LN_V]
     tail = 0.5 * (1.0 - settings.interval)
     low, middle, high = quantiles(ln_v, weight, (tail, 0.5, 1.0 - tail))
     widening = settings.widening_harmonics if with_lines else settings.widening_rms
     lower, upper = middle - widening * (middle - low), middle + widening * (high - middle)
     ambiguous = upper - lower > math.log(settings.ambiguous_ratio) or two_peaks(ln_v, weight)
-    power = particles.core[:, POWER] * (ln_v - math.log(settings.growth.threshold))
-    rate = quantiles(particles.core[:, LN_R] + particles.core[:, GROWTH_NOISE] + power, weight, (0.5,))[0]
-    h_edges, dphi_edges = (_bin_edges(axis) for axis in (lookup.h_d, lookup.dphi_d))
-    return FilterResult(
-        status=FilterStatus.AMBIGUOUS if ambiguous else FilterStatus.OK,
+    return Damage(
+        status=EdvStatus.AMBIGUOUS if ambiguous else EdvStatus.OK,
         v_eq=math.exp(middle),
         v_eq_lower=math.exp(lower),
         v_eq_upper=math.exp(upper),
         dphi_d=quantiles(dphi_d, weight, (0.5,))[0],
         h_d=math.exp(quantiles(particles.core[:, LN_H], weight, (0.5,))[0]),
-        rate=math.exp(rate),
-        effective=particles.effective,
-        posterior=Posterior(
-            dphi_edges, h_edges, np.histogram2d(h_d, dphi_d, bins=(h_edges, dphi_edges), weights=weight)[0]
-        ),
     )
-
-
-def _bin_edges(axis: Floats) -> Floats:
-    return np.linspace(float(axis[0]), float(axis[-1]), _BINS + 1)

@@ -43,36 +43,29 @@ class TrainingLife(Protocol):
     @property
     def t(self) -> Array:
         """Times from the onset, s, shape (n,)."""
-        ...
 
     @property
     def load(self) -> Array:
         """Radial load, N, shape (n,)."""
-        ...
 
     @property
     def speed(self) -> Array:
         """Shaft speed, Hz, shape (n,)."""
-        ...
 
     @property
     def rms(self) -> Array:
         """Measured RMS, m/s2, shape (n,)."""
-        ...
 
     @property
     def harmonics(self) -> Array:
         """Measured lines of BPFO, m/s2, shape (n, 6)."""
-        ...
 
     @property
     def v_eq(self) -> Array:
         """True V_eq, m2, shape (n,)."""
-        ...
 
     def crossing(self, threshold: float) -> float:
         """Return the time at which V_eq reaches a threshold (m2), s; inf where it never does."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -130,7 +123,6 @@ def fit_library(
         prior: assumptions of the library, as text.
         made_of: all inputs of the lives, as plain values for JSON; kept with the library.
 
-
     Raises:
         ValueError: no thresholds, or too few lives that reach them.
     """
@@ -148,8 +140,8 @@ def fit_library(
     fits: dict[str, FeatureFit] = {}
     scores: dict[str, Any] = {}
     for features in LINES:
-        fits[features], table, said = _fit_features(features, used, thresholds, interval, settings)
-        scores[features] = _score(fits[features], table, said, thresholds)
+        fits[features], table, predicted = _fit_features(features, used, thresholds, interval, settings)
+        scores[features] = _score(fits[features], table, predicted, thresholds)
     scores["climatology"] = _climatology(thresholds, crossings)
     return Library(
         thresholds=thresholds,
@@ -210,18 +202,18 @@ def _fit_features(
     table = _table(blank, lives, parts, thresholds, settings)
     draw = np.random.default_rng([settings.seed, 1])
     fold = draw.permutation(len(lives))[table.life] % settings.folds
-    regression, said = fit_regression(table.x, table.y, fold, table.trial < 0, settings)
+    regression, predicted = fit_regression(table.x, table.y, fold, table.trial < 0, settings)
     fitted = table.trial < 0
     fit = replace(
         blank,
         regression=regression,
-        said=said[fitted],
-        error=(table.y - said)[fitted],
+        said=predicted[fitted],
+        error=(table.y - predicted)[fitted],
         crossed=table.crossed[fitted],
         ln_elapsed=table.x[fitted, 0],
         life=table.life[fitted],
     )
-    return fit, table, said
+    return fit, table, predicted
 
 
 def _table(
@@ -269,12 +261,9 @@ def fit_regression(
 
     Args:
         x: inputs, shape (n, d).
-        y: targets, shape (n, k).
+        y: targets, shape (n, k), as the predictions.
         fold: fold of each row, from 0, shape (n,).
         fitted: rows used in the fits; the others are only predicted, shape (n,).
-
-    Returns:
-        The fit on all fitted rows, and the predictions out of fold, shape (n, k).
     """
     draw = np.random.default_rng([settings.seed, 3])
     inputs = x.shape[1]
@@ -293,11 +282,11 @@ def fit_regression(
     grams = [design[part].T @ design[part] for part in parts]
     moments = [design[part].T @ y[part] for part in parts]
     gram, moment = np.sum(grams, axis=0) + np.diag(penalty), np.sum(moments, axis=0)
-    said = np.empty(y.shape)
+    predicted = np.empty(y.shape)
     for number, (own_gram, own_moment) in enumerate(zip(grams, moments, strict=True)):
         own = fold == number
-        said[own] = design[own] @ np.linalg.solve(gram - own_gram, moment - own_moment)
-    return replace(regression, coefficients=np.linalg.solve(gram, moment)), said
+        predicted[own] = design[own] @ np.linalg.solve(gram - own_gram, moment - own_moment)
+    return replace(regression, coefficients=np.linalg.solve(gram, moment)), predicted
 
 
 def crps(sample: Array, truth: float) -> float:
@@ -307,7 +296,7 @@ def crps(sample: Array, truth: float) -> float:
     return float(np.abs(sample - truth).mean() - weights @ sample / (n * n))
 
 
-def _score(fit: FeatureFit, table: _Table, said: Array, thresholds: tuple[float, ...]) -> dict[str, Any]:
+def _score(fit: FeatureFit, table: _Table, predicted: Array, thresholds: tuple[float, ...]) -> dict[str, Any]:
     """Score the predictions for unseen lives at shares of their time to each threshold."""
     ends = [(1.0 - SCORED_LEVEL) / 2.0, 0.5, (1.0 + SCORED_LEVEL) / 2.0]
     scores: dict[str, Any] = {}
@@ -316,8 +305,8 @@ def _score(fit: FeatureFit, table: _Table, said: Array, thresholds: tuple[float,
         for row in np.flatnonzero(table.trial == trial):
             life, ln_elapsed = int(table.life[row]), float(table.x[row, 0])
             count, target = _SCORED_NEIGHBOURS, index + 1
-            v_eq = fit.sample_v_eq(float(said[row, 0]), ln_elapsed, count, life)
-            tt = fit.sample_tt(target, float(said[row, target]), ln_elapsed, count, life)
+            v_eq = fit.sample_v_eq(float(predicted[row, 0]), ln_elapsed, count, life)
+            tt = fit.sample_tt(target, float(predicted[row, target]), ln_elapsed, count, life)
             true_v, true_tt = math.exp(table.y[row, 0]), (math.exp(table.y[row, target]) - OFFSET) * fit.interval
             low_v, median_v, high_v = quantiles_of(v_eq, ends)
             low, _, high = quantiles_of(tt, ends)

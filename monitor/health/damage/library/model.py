@@ -167,7 +167,7 @@ class FeatureFit:
             if without is not None:
                 distance[life[low:high] == without] = np.inf
             nearest = np.argpartition(distance, count - 1)[:count] if len(distance) >= count else None
-            # Whatever is not looked at differs in the prediction alone by as much as the ends of what is.
+            # Moments outside the window differ in the prediction alone by at least as much as its ends.
             beyond = min(said - column[low - 1] if low else np.inf, column[high] - said if high < total else np.inf)
             if nearest is not None and distance[nearest].max() <= beyond:
                 return order[low + nearest]

@@ -6,50 +6,31 @@ unless no point is left; the search then goes back by one grid step at a time.
 
 RMS depends weakly on the extent of a defect: the result is the least volume that explains the RMS, kept by a ratchet,
 not a measurement. See ``docs/explanation/tracking.md``.
+
+:func:`rms_history` is the first prognostic model (section 5.2.3.1): how high the RMS would be with the tracked defect
+under another load or speed, if the damage grows the same under both; it does not say when the bearing would fail.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from enum import StrEnum
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from monitor.health.damage import Damage, EdvStatus
 from monitor.health.damage.thesis.level_set import LevelMap, LevelPoint, least_volume, step_back, widened_steps
 
+if TYPE_CHECKING:
+    from models.maps.data import RmsMap
+    from models.maps.plan import MapPlan
+
 STATE_VERSION = 1
-
-
-class EdvStatus(StrEnum):
-    """Outcome of one block.
-
-    Only ``ok`` and ``widened`` carry a V_eq; with ``widened`` the search went back, so V_eq may be lower than before.
-    ``below_map`` and ``above_map``: no defect of the map has this RMS. The others are verdicts of earlier stages,
-    except ``no_map``, which is also given where a hole of the map covers the level.
-    """
-
-    OK = "ok"
-    WIDENED = "widened"
-    BELOW_MAP = "below_map"
-    ABOVE_MAP = "above_map"
-    NO_MAP = "no_map"
-    NOT_FINAL_STAGE = "not_final_stage"
-    BAD_BLOCK = "bad_block"
-    NO_ABSOLUTE_LEVEL = "no_absolute_level"
-    OUTSIDE_CONDITIONS = "outside_conditions"
-
-
-GATES = frozenset(
-    {
-        EdvStatus.NO_MAP,
-        EdvStatus.NOT_FINAL_STAGE,
-        EdvStatus.BAD_BLOCK,
-        EdvStatus.NO_ABSOLUTE_LEVEL,
-        EdvStatus.OUTSIDE_CONDITIONS,
-    }
-)
-"""Verdicts of earlier stages that keep a block from the tracker."""
+RmsAt = Callable[[float, float], float]
+"""RMS (m/s2) of a defect by its extent (rad) and depth (m); NaN where there is none."""
 
 
 @dataclass(frozen=True)
@@ -110,69 +91,34 @@ class EdvState:
         )
 
 
-@dataclass(frozen=True)
-class EdvResult:
-    """Damage after one block; NaN wherever ``status`` says that there is no value.
-
-    Attributes:
-        rms_smoothed: trailing mean of the RMS, m/s2.
-        dphi_d: extent of the equivalent defect, rad.
-        h_d: its depth, m.
-        v_eq: equivalent damaged volume per width, m2 (1 mm3/mm is 1e-6 m2).
-    """
-
-    rms_smoothed: float
-    dphi_d: float
-    h_d: float
-    v_eq: float
-    status: EdvStatus
-
-
 def step(
-    state: EdvState,
-    rms: float,
-    *,
-    map_slice: LevelMap | None,
-    settings: EdvSettings | None = None,
-    gate: EdvStatus | None = None,
-) -> tuple[EdvState, EdvResult]:
+    state: EdvState, rms: float, *, map_slice: LevelMap | None, settings: EdvSettings | None = None
+) -> tuple[EdvState, Damage]:
     """Track one block (steps 2 to 8 of section 5.2.2).
 
-    The mean is over the blocks that reached the tracker since t_fs, the present one included. A gated block leaves the
-    state unchanged; one outside the map enters the mean only.
+    The mean is over the blocks that reached the tracker since t_fs, the present one included; a block outside the map
+    enters the mean only.
 
     Args:
         state: ``EdvState()`` at t_fs.
-        rms: RMS of the block, m/s2, in the band of the map.
+        rms: RMS of the block, m/s2, in the band of the map; negative or not finite it is ``bad_block``.
         map_slice: the map at the block's load and speed, or None where there is none.
-        gate: verdict of an earlier stage that keeps this block out (one of ``GATES``), or None.
-
-    Returns:
-        The next state and the block's result. An ``rms`` that is negative or not finite is ``bad_block``.
-
-    Raises:
-        ValueError: ``gate`` is not one of ``GATES``.
     """
     settings = settings or EdvSettings()
-    if gate is not None and gate not in GATES:
-        raise ValueError(f"gate must be one of {sorted(GATES)} or None, got {gate!r}")
-    if gate is None and not (math.isfinite(rms) and rms >= 0):
-        gate = EdvStatus.BAD_BLOCK
-    if gate is None and map_slice is None:
-        gate = EdvStatus.NO_MAP
-    if gate is not None or map_slice is None:
-        return state, _without_point(math.nan, gate or EdvStatus.NO_MAP)
-
+    if not (math.isfinite(rms) and rms >= 0):
+        return state, Damage(EdvStatus.BAD_BLOCK)
+    if map_slice is None:
+        return state, Damage(EdvStatus.NO_MAP)
     window = (*state.window, float(rms))[-settings.smoothing_blocks :]
     smoothed = math.fsum(window) / len(window)
     if state.stopped is not None:
-        return _remember(state, window), _without_point(smoothed, state.stopped)
+        return replace(state, window=window), Damage(state.stopped, rms_smoothed=smoothed)
     point, status = _find(map_slice, smoothed, state)
     if point is None:
         stopped = status if settings.stop_outside_map else None
-        return _remember(state, window, stopped), _without_point(smoothed, status)
-    advanced = EdvState(window=window, dphi_d=point.dphi_d, h_d=point.h_d)
-    return advanced, EdvResult(smoothed, point.dphi_d, point.h_d, point.v_eq, status)
+        return replace(state, window=window, stopped=stopped), Damage(status, rms_smoothed=smoothed)
+    advanced = replace(state, window=window, dphi_d=point.dphi_d, h_d=point.h_d)
+    return advanced, Damage(status, v_eq=point.v_eq, dphi_d=point.dphi_d, h_d=point.h_d, rms_smoothed=smoothed)
 
 
 def _find(map_slice: LevelMap, level: float, state: EdvState) -> tuple[LevelPoint | None, EdvStatus]:
@@ -198,10 +144,40 @@ def _find(map_slice: LevelMap, level: float, state: EdvState) -> tuple[LevelPoin
     return None, EdvStatus.NO_MAP
 
 
-def _remember(state: EdvState, window: tuple[float, ...], stopped: EdvStatus | None = None) -> EdvState:
-    """Return the state with a new window, stopped where ``stopped`` says so."""
-    return EdvState(window=window, dphi_d=state.dphi_d, h_d=state.h_d, stopped=state.stopped or stopped)
+def rms_from_map(rms_map: RmsMap, load: float, speed: float) -> RmsAt:
+    """Return the RMS by a map, bilinear in the sizes, linear in load (N) and speed (Hz).
+
+    Raises:
+        OutsideMapError: the map does not cover the load or the speed.
+    """
+    at = rms_map.slice_at(load, speed)
+    return lambda dphi_d, h_d: float(at.interpolate(dphi_d, h_d))
 
 
-def _without_point(smoothed: float, status: EdvStatus) -> EdvResult:
-    return EdvResult(smoothed, math.nan, math.nan, math.nan, status)
+def rms_from_model(plan: MapPlan, load: float, speed: float) -> RmsAt:
+    """Return the RMS by simulation of a map's plan, mean over its floors; needs numba.
+
+    It is slower than a map, and more exact between its nodes.
+    """
+    from models.maps.nodes import scene_at, simulate_point
+
+    def at(dphi_d: float, h_d: float) -> float:
+        scenes = (scene_at(plan, load, speed, h_d, dphi_d, seed) for seed in range(plan.floors))
+        responses = [simulate_point(plan, scene) for scene in scenes]
+        usable = [response.rms for response in responses if response.status != "not_converged"]
+        return float(np.mean(usable)) if len(usable) == len(responses) else float("nan")
+
+    return at
+
+
+def rms_history(dphi_d: ArrayLike, h_d: ArrayLike, rms_at: RmsAt) -> NDArray[np.float64]:
+    """Return the RMS under the other condition, shape (n,), m/s2; NaN where there is no size or no RMS.
+
+    Args:
+        dphi_d: tracked extents, shape (n,), rad; NaN where the tracker had none.
+        h_d: tracked depths, shape (n,), m.
+    """
+    x, y = np.broadcast_arrays(np.asarray(dphi_d, dtype=np.float64), np.asarray(h_d, dtype=np.float64))
+    sizes = list(zip(x.tolist(), y.tolist(), strict=True))
+    known = {size: rms_at(*size) for size in dict.fromkeys(sizes) if np.isfinite(size[0] + size[1])}
+    return np.array([known.get(size, np.nan) for size in sizes], dtype=np.float64)

@@ -2,9 +2,10 @@
 
 After each block the curve v = a tau^2 + b tau + c, fixed at the first point of the final stage, is refitted to all V_eq
 up to now; the time at which it reaches the threshold is the forecast: TT = t_th - t_c (Eq. 92). It has no interval and
-varies strongly while the points are few; see ``docs/explanation/tracking.md``.
+varies strongly while the points are few; see ``docs/explanation/tracking.md``. Times are damage time.
 
-Times are damage time: standstill does not count.
+The fit keeps the triangular factor of its least-squares problem and adds each row by Givens rotations (Golub and Van
+Loan, Matrix Computations, section 5.1.8), which does not square the condition of the problem as sums of powers do.
 """
 
 from __future__ import annotations
@@ -12,33 +13,106 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from enum import StrEnum
 from typing import Any
 
-from monitor.health.damage.thesis.quadratic import QuadraticFit, RunningFit
+from monitor.health.damage import Remaining, TtStatus
 
 STATE_VERSION = 1
+DISTINCT = 1e-12
+"""The curve is undetermined where the second column adds less than this share of its size to the first."""
 
 
-class TtStatus(StrEnum):
-    """Outcome of one forecast; where several apply, the first in this order is given.
+@dataclass(frozen=True)
+class QuadraticFit:
+    """v = a tau^2 + b tau + c with tau = t - t_first, the time since the first point, s.
 
-    ``not_final_stage``: the bearing is not in the final stage. ``already_crossed``: V_eq has reached the threshold; TT
-    is zero from then on, whatever V_eq does later. ``too_few_points``: fewer points than ``min_points``, or fewer than
-    two distinct times after the first. ``crossing_in_past``: the curve reached the threshold before now, though V_eq
-    has not. ``beyond_horizon``: it will, but later than the horizon. ``ok``: it will; also where the curve bends down
-    but reaches the threshold first. ``concave``: it bends down and turns back below the threshold. ``no_crossing``: it
-    is flat or falls in a straight line.
+    Attributes:
+        r_squared: coefficient of determination over all points; NaN where all values are equal, negative where the mean
+            fits better.
     """
 
-    NOT_FINAL_STAGE = "not_final_stage"
-    ALREADY_CROSSED = "already_crossed"
-    TOO_FEW_POINTS = "too_few_points"
-    CROSSING_IN_PAST = "crossing_in_past"
-    BEYOND_HORIZON = "beyond_horizon"
-    OK = "ok"
-    CONCAVE = "concave"
-    NO_CROSSING = "no_crossing"
+    t_first: float
+    a: float
+    b: float
+    c: float
+    r_squared: float
+
+    def value_at(self, t: float) -> float:
+        """Return the curve at time ``t``, s."""
+        tau = t - self.t_first
+        return (self.a * tau + self.b) * tau + self.c
+
+    def first_crossing(self, threshold: float) -> float | None:
+        """Return the time (s) at which the curve first reaches a threshold above c, or None; may be inf."""
+        gap = threshold - self.c
+        bend = 2.0 * math.sqrt(abs(self.a)) * math.sqrt(gap)
+        if self.a <= 0.0 and (self.b <= 0.0 or self.b < bend):
+            return None
+        # sqrt(b^2 + 4 a gap) without squares that cancel or vanish, and then the root that does not cancel.
+        root = math.hypot(self.b, bend) if self.a > 0.0 else math.sqrt((self.b - bend) * (self.b + bend))
+        return self.t_first + (2.0 * gap / (self.b + root) if self.b > 0.0 else (root - self.b) / (2.0 * self.a))
+
+
+@dataclass(frozen=True)
+class RunningFit:
+    """The running fit of a history of any length.
+
+    Attributes:
+        r11: triangular factor of the columns tau and tau^2, with r12 and r22.
+        z1: right-hand side turned with it, with z2.
+        residual: sum of squares of the residuals.
+        mean: mean of all values.
+        scatter: sum of squares about the mean (Welford's recurrence).
+    """
+
+    points: int
+    t_first: float
+    v_first: float
+    r11: float = 0.0
+    r12: float = 0.0
+    r22: float = 0.0
+    z1: float = 0.0
+    z2: float = 0.0
+    residual: float = 0.0
+    mean: float = 0.0
+    scatter: float = 0.0
+
+    @classmethod
+    def start(cls, t: float, v: float) -> RunningFit:
+        """Return the fit of the first point alone, at ``t``, s."""
+        return cls(points=1, t_first=t, v_first=v, mean=v)
+
+    def add(self, t: float, v: float) -> RunningFit:
+        """Return the fit with one more point, in constant time."""
+        tau, y = t - self.t_first, v - self.v_first
+        r11, cos, sin = _rotation(self.r11, tau)
+        r12, x = cos * self.r12 + sin * tau * tau, cos * tau * tau - sin * self.r12
+        z1, y = cos * self.z1 + sin * y, cos * y - sin * self.z1
+        r22, cos, sin = _rotation(self.r22, x)
+        z2, y = cos * self.z2 + sin * y, cos * y - sin * self.z2
+        points = self.points + 1
+        mean = self.mean + (v - self.mean) / points
+        return replace(
+            self,
+            points=points,
+            r11=r11,
+            r12=r12,
+            r22=r22,
+            z1=z1,
+            z2=z2,
+            residual=self.residual + y * y,
+            mean=mean,
+            scatter=self.scatter + (v - self.mean) * (v - mean),
+        )
+
+    def solve(self) -> QuadraticFit | None:
+        """Return the curve, or None where fewer than two distinct times follow the first."""
+        if abs(self.r22) <= DISTINCT * math.hypot(self.r12, self.r22):
+            return None
+        a = self.z2 / self.r22
+        b = (self.z1 - self.r12 * a) / self.r11
+        r_squared = 1.0 - self.residual / self.scatter if self.scatter > 0.0 else math.nan
+        return QuadraticFit(self.t_first, a, b, self.v_first, r_squared)
 
 
 @dataclass(frozen=True)
@@ -63,10 +137,9 @@ class ForecastSettings:
 
 @dataclass(frozen=True)
 class Crossing:
-    """The crossing of a threshold by V_eq, with the fit at that time.
+    """The crossing of a threshold (m2) by V_eq, with the fit at that time.
 
     Attributes:
-        threshold: m2.
         t: interpolated between the points on either side, s; None where the threshold was first given after the
             crossing.
         fit: its last point interpolated onto the threshold; None where it is not determined.
@@ -119,27 +192,6 @@ class ForecastState:
         )
 
 
-@dataclass(frozen=True)
-class ForecastResult:
-    """One forecast for one threshold; NaN wherever ``status`` says that there is no value.
-
-    Attributes:
-        threshold: V_th, m2.
-        tt: s of damage time; zero once crossed. Given with ``ok``, ``already_crossed`` and, where finite,
-            ``beyond_horizon``.
-        t_threshold: when the curve or V_eq reaches the threshold, s; also given with ``crossing_in_past``.
-        coefficients: a in m2/s2, b in m2/s and c in m2 of a tau^2 + b tau + c, tau counted from the first point.
-        r_squared: coefficient of determination of the fit.
-    """
-
-    threshold: float
-    tt: float
-    t_threshold: float
-    coefficients: tuple[float, float, float]
-    r_squared: float
-    status: TtStatus
-
-
 def step(
     state: ForecastState,
     t: float,
@@ -148,8 +200,11 @@ def step(
     thresholds: Sequence[float],
     settings: ForecastSettings | None = None,
     final_stage: bool = True,
-) -> tuple[ForecastState, tuple[ForecastResult, ...]]:
-    """Add one V_eq to the fit and forecast each threshold.
+) -> tuple[ForecastState, tuple[Remaining, ...]]:
+    """Add one V_eq to the fit and forecast each threshold, in their order.
+
+    Where several statuses apply, the first is given of: not in the final stage, already crossed, too few points (than
+    ``min_points``, or two distinct times after the first), and what the curve gives.
 
     Args:
         state: ``ForecastState()`` at t_fs.
@@ -157,9 +212,6 @@ def step(
         v_eq: m2; NaN where the tracker had none: the fit is unchanged and read at ``t``.
         thresholds: one or more V_th, m2.
         final_stage: where False, the state is returned unchanged.
-
-    Returns:
-        The next state, and one result per threshold, in their order.
 
     Raises:
         ValueError: a time that is not finite or goes back, a V_eq that is negative or infinite, or thresholds that are
@@ -207,12 +259,12 @@ def _cross(state: ForecastState, t: float, v_eq: float, threshold: float) -> Cro
     return Crossing(threshold, t_cross, state.fit.add(t_cross, threshold).solve())
 
 
-def _crossed(crossing: Crossing) -> ForecastResult:
+def _crossed(crossing: Crossing) -> Remaining:
     t_cross = math.nan if crossing.t is None else crossing.t
     return _result(crossing.threshold, TtStatus.ALREADY_CROSSED, crossing.fit, 0.0, t_cross)
 
 
-def _forecast(fit: QuadraticFit | None, t: float, threshold: float, horizon: float) -> ForecastResult:
+def _forecast(fit: QuadraticFit | None, t: float, threshold: float, horizon: float) -> Remaining:
     """Return the root nearest ahead; for a curve that begins below the threshold, its first."""
     if fit is None:
         return _result(threshold, TtStatus.TOO_FEW_POINTS)
@@ -233,7 +285,14 @@ def _result(
     fit: QuadraticFit | None = None,
     tt: float = math.nan,
     t_threshold: float = math.nan,
-) -> ForecastResult:
-    coefficients = (math.nan, math.nan, math.nan) if fit is None else (fit.a, fit.b, fit.c)
-    r_squared = math.nan if fit is None else fit.r_squared
-    return ForecastResult(float(threshold), tt, t_threshold, coefficients, r_squared, status)
+) -> Remaining:
+    result = Remaining(float(threshold), status, tt=tt, t_threshold=t_threshold)
+    return result if fit is None else replace(result, coefficients=(fit.a, fit.b, fit.c), r_squared=fit.r_squared)
+
+
+def _rotation(f: float, g: float) -> tuple[float, float, float]:
+    """Return length, cosine and sine of the Givens rotation that takes (f, g) to (length, 0)."""
+    length = math.hypot(f, g)
+    if length == 0.0:
+        return 0.0, 1.0, 0.0
+    return length, f / length, g / length

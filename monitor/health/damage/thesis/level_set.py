@@ -135,8 +135,7 @@ class LevelPoint:
 def locate(axis: Array, value: float) -> tuple[int, float]:
     """Return the cell of an ascending axis that holds a value (clamped), and the fraction in it.
 
-    Returns:
-        Index i and u in [0, 1]: the value is axis[i] + u (axis[i+1] - axis[i]).
+    With index i and u in [0, 1] the value is axis[i] + u (axis[i+1] - axis[i]).
     """
     i = min(max(int(axis.searchsorted(value, "right")) - 1, 0), axis.size - 2)
     low, high = float(axis[i]), float(axis[i + 1])
@@ -230,8 +229,7 @@ def _shortlist(x: Array, y: Array, s: Array, row: NDArray[np.intp], column: NDAr
         x: extents, shape (n,).
         y: depths, shape (m,).
         s: RMS less the level, shape (m, n).
-        row: index of each cell in depth, shape (cells,).
-        column: index of each cell in extent, shape (cells,).
+        row, column: index of each cell in depth and in extent, shape (cells,).
     """
     f00, f10, f01, f11 = s[row, column], s[row, column + 1], s[row + 1, column], s[row + 1, column + 1]
     start, end = np.stack([f00, f01, f00, f10]), np.stack([f10, f11, f01, f11])
@@ -253,11 +251,7 @@ def _shortlist(x: Array, y: Array, s: Array, row: NDArray[np.intp], column: NDAr
 def _candidates(x: list[float], y: list[float], f: list[list[float]]) -> Iterator[tuple[float, float]]:
     """Yield the points (extent, depth) of a cell at which the volume can be least on the level set.
 
-    Args:
-        f: RMS less the level at the corners, by depth and then by extent.
-
-    Yields:
-        alone speaks for a plateau.
+    ``f`` is the RMS less the level at the corners, by depth and then by extent. The near corner stands for a plateau.
     """
     (f00, f10), (f01, f11) = f
     dx, dy = x[1] - x[0], y[1] - y[0]
