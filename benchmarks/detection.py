@@ -31,9 +31,8 @@ from monitor.health.channel import ChannelBlock, check_channel, step
 from monitor.health.condition import Quantity
 from monitor.health.naming import name_fault
 from monitor.health.quality import check_samples
-from monitor.health.settings import ChannelSettings
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
-from monitor.health.state import ChannelState
+from monitor.health.state import ChannelSettings, ChannelState
 from tests.conftest import recordings_folder
 from tests.recordings import RUNS, History, Run, histories
 from tests.signals import HealthyMachine, bearing_lines, impacts

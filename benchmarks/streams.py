@@ -29,7 +29,7 @@ from google_crc32c import value as crc32c
 
 from benchmarks.common import arguments, interleaved_ms, print_table, write_json
 from monitor.config.load import Config, validate
-from monitor.health.settings import SourceSettings
+from monitor.health.state import SourceSettings
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest

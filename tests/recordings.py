@@ -16,7 +16,7 @@ from monitor.health.channel import ChannelBlock, detect_input
 from monitor.health.naming import Naming
 from monitor.health.output import ChannelOutput
 from monitor.health.record import Record
-from monitor.health.settings import ChannelSettings
+from monitor.health.state import ChannelSettings
 from monitor.service.setup import open_configured, source_settings
 from streams.block import Block, Rejected
 from tests.steps import Steps

@@ -7,8 +7,7 @@ from typing import Any
 
 from monitor.health.output import ChannelOutput
 from monitor.health.record import Record
-from monitor.health.settings import SourceSettings
-from monitor.health.state import SourceState, Stored
+from monitor.health.state import SourceSettings, SourceState, Stored
 from monitor.health.step import SourceOutput, step
 from monitor.health.waterfall import SpectrumChange
 from streams.block import Block, Rejected

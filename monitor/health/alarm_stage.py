@@ -20,8 +20,7 @@ from monitor.health.alarms import (
 from monitor.health.detect import DetectState
 from monitor.health.quality import Verdict
 from monitor.health.record import Record
-from monitor.health.settings import SourceSettings
-from monitor.health.state import SourceState
+from monitor.health.state import SourceSettings, SourceState
 
 _BAD_FLAGS = {"flat", "clipped", "clock"}
 _REPORTED = (BAD_DATA, OUT_OF_SPECIFICATION)
@@ -32,7 +31,7 @@ Events = list[dict[str, Any]]
 
 @dataclass(frozen=True)
 class AlarmAcknowledgement:
-    """AlarmAcknowledgement of an alarm; ``sequence`` is the block that raised it, ``utc`` s since 1970."""
+    """Acknowledgement of an alarm: ``sequence`` is the block that raised it, ``utc`` in s since 1970."""
 
     channel: str
     rule: str
@@ -63,10 +62,9 @@ def alarm_step(
     acknowledgements before them give the same records.
 
     Args:
-        state: of the source, its channels as they are after the block.
+        state: its channels as they are after the block.
         record: without alarm events.
         verdicts: by channel, none where the block was rejected as a whole.
-        acknowledgements: since the block before.
     """
     states, events = dict(state.alarms), Events()
     for given in acknowledgements:
@@ -82,27 +80,14 @@ def alarm_step(
     return states, events
 
 
-def life_stage(detector: DetectState) -> dict[str, bool]:
-    """Return the parts of the stage of life that count for the status of a channel."""
-    return {
-        "learning": detector.stage == "learning",
-        "final": detector.t_fs is not None,
-        "ended": detector.t_eol is not None,
-    }
-
-
 def _input(record: Record, channel: str, detector: DetectState, verdict: Verdict | None) -> AlarmInput:
-    values = record.channels.get(channel, {})
     learned = detector.baseline
     return AlarmInput(
         sequence=record.sequence,
         usable=verdict is not None and verdict.for_baseline,
         bad=verdict is None or not verdict.accepted or bool(_BAD_FLAGS & set(verdict.flags)),
-        values=values,
-        speed=values.get("speed"),
-        load=values.get("load"),
-        **life_stage(detector),
-        edv_status=values.get("edv_status"),
+        stage=detector.stage,
+        values=record.channels.get(channel, {}),
         baselines={} if learned is None else {"rms": (learned.ln_rms, learned.ln_rms_sd)},
     )
 

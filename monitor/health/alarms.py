@@ -13,6 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, cast
 
+from monitor.health.detect import END_OF_LIFE, FINAL, HEALTHY, LEARNING
+
 NORMAL, MAINTENANCE, OUT_OF_SPECIFICATION = "normal", "maintenance_required", "out_of_specification"
 CHECK, FAILURE, NO_DATA, BAD_DATA = "check_function", "failure", "no_data", "bad_data"
 SEVERITIES = ("alert", "danger")
@@ -51,7 +53,6 @@ class Rule:
         hysteresis: share of the level by which a value must return.
         on_delay: consecutive usable blocks at or beyond the level that raise it.
         off_delay: consecutive usable blocks back beyond the hysteresis that clear it.
-        latch: stay until acknowledged.
         speed: range of shaft speeds, Hz, or None for all.
         load: range of loads, N, or None for all.
         drift: standard deviation of the healthy drift of the logarithm; part of ``deviations``.
@@ -94,21 +95,16 @@ class AlarmInput:
     Attributes:
         usable: its values count: neither rejected nor of a stopped machine.
         bad: it counts as bad data; standstill does not.
+        stage: of life, one of ``monitor.health.detect.STAGES``.
         values: of the record, SI; of several (thresholds, bands) the worst counts.
-        edv_status: status of V_eq, or None.
         baselines: median and robust SD of the logarithm, by feature, from the detector.
     """
 
     sequence: int
     usable: bool
     bad: bool
-    learning: bool = False
-    values: Mapping[str, object] = field(default_factory=dict[str, object])
-    speed: float | None = None
-    load: float | None = None
-    final: bool = False
-    ended: bool = False
-    edv_status: str | None = None
+    stage: str = HEALTHY
+    values: Mapping[str, Any] = field(default_factory=dict[str, Any])
     baselines: Mapping[str, Span] = field(default_factory=dict[str, Span])
 
 
@@ -208,18 +204,18 @@ def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple
     for rule in settings.rules:
         known = state.rules.get(rule.name, RuleState())
         value = _worst(block.values.get(rule.feature), rule.side)
-        if block.usable and value is not None and _within(block.speed, rule.speed) and _within(block.load, rule.load):
+        if block.usable and value is not None and _applies(rule, block.values):
             given = block.baselines.get(rule.feature)
-            known = _learn(known, value, given, learning=block.learning, settled=seen > settings.run_in_blocks)
+            learning = block.stage == LEARNING
+            known = _learn(known, value, given, learning=learning, settled=seen > settings.run_in_blocks)
             known, changed = _check(known, rule, value, block.sequence)
             changes += changed
         rules[rule.name] = known
     # A block without a verdict of the tracker leaves its refusal in place.
-    refusing = block.edv_status in _REFUSALS if block.usable else state.refusing
+    refusing = block.values.get("edv_status") in _REFUSALS if block.usable else state.refusing
     after = AlarmState(seen=seen, recent_bad=recent, rules=rules, refusing=refusing)
-    condition = condition_of(after, settings, learning=block.learning, final=block.final, ended=block.ended)
-    after = replace(after, condition=condition)
-    return after, AlarmOutput(tuple(changes), condition, state.condition)
+    condition = condition_of(after, settings, block.stage)
+    return replace(after, condition=condition), AlarmOutput(tuple(changes), condition, state.condition)
 
 
 def acknowledge(state: AlarmState, rule: str, sequence: int, severity: str = "danger") -> AlarmState:
@@ -242,20 +238,19 @@ def acknowledge(state: AlarmState, rule: str, sequence: int, severity: str = "da
     return replace(state, rules={**state.rules, rule: released})
 
 
-def condition_of(state: AlarmState, settings: AlarmSettings, *, learning: bool, final: bool, ended: bool) -> str:
+def condition_of(state: AlarmState, settings: AlarmSettings, stage: str) -> str:
     """Return the worst status of a channel that applies, in the order of :func:`machine_state`.
 
-    Args:
-        state: rules that are no longer configured do not count.
+    Rules that are no longer configured do not count; ``stage`` is that of life.
     """
     rules = [state.rules.get(rule.name, RuleState()) for rule in settings.rules]
     recent = state.recent_bad
     holds = {
-        FAILURE: ended or any(rule.danger.shown for rule in rules),
+        FAILURE: stage == END_OF_LIFE or any(rule.danger.shown for rule in rules),
         BAD_DATA: len(recent) == settings.window and sum(recent) >= settings.bad_share * settings.window,
         OUT_OF_SPECIFICATION: state.refusing,
-        MAINTENANCE: final or any(rule.alert.shown for rule in rules),
-        CHECK: learning,
+        MAINTENANCE: stage == FINAL or any(rule.alert.shown for rule in rules),
+        CHECK: stage == LEARNING,
         NORMAL: True,
     }
     return machine_state(*(condition for condition, true in holds.items() if true))
@@ -294,8 +289,13 @@ def _worst(value: object, side: str) -> float | None:
     return max(found) if side == "above" else min(found)
 
 
-def _within(value: float | None, span: Span | None) -> bool:
-    return span is None or (value is not None and span[0] <= value <= span[1])
+def _applies(rule: Rule, values: Mapping[str, Any]) -> bool:
+    """Return whether speed and load are in the ranges of a rule; an unknown one is in no range."""
+
+    def within(value: float | None, span: Span | None) -> bool:
+        return span is None or (value is not None and span[0] <= value <= span[1])
+
+    return within(values.get("speed"), rule.speed) and within(values.get("load"), rule.load)
 
 
 def _learn(known: RuleState, value: float, given: Span | None, *, learning: bool, settled: bool) -> RuleState:

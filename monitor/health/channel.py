@@ -18,12 +18,11 @@ from monitor.health.damage import tracker as damage
 from monitor.health.naming import Naming, name_fault
 from monitor.health.output import ChannelOutput
 from monitor.health.quality import Verdict, check_samples
-from monitor.health.settings import ChannelSettings
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes, candidate_bands
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.transform import Band
-from monitor.health.state import ChannelState, Named
+from monitor.health.state import ChannelSettings, ChannelState, Named
 
 
 @dataclass(frozen=True, eq=False)

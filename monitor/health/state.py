@@ -1,7 +1,7 @@
-"""Everything that is carried from block to block: frozen, versioned, writable as JSON.
+"""A source and its channels: what is configured, SI, and what is carried from block to block.
 
-A store keeps the parts of a source's state under names of their own (``source:S``, ``channel:S:C``, ``alarms:S:C``,
-``waterfall:S:C``), each with its version.
+The state is frozen, versioned and writable as JSON. A store keeps its parts under names of their own (``source:S``,
+``channel:S:C``, ``alarms:S:C``, ``waterfall:S:C``), each with its version.
 """
 
 from __future__ import annotations
@@ -10,23 +10,79 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
-from monitor.health.alarms import AlarmState
+from models.bearing import Bearing
+from monitor.health.alarms import AlarmSettings, AlarmState
+from monitor.health.condition import ConditionSettings
 from monitor.health.damage.filter.particle_filter import FilterState
 from monitor.health.damage.library.forecaster import LibraryState
-from monitor.health.damage.tracker import DamageState
-from monitor.health.detect import DetectState
+from monitor.health.damage.tracker import DamageSettings, DamageState
+from monitor.health.detect import DetectSettings, DetectState
 from monitor.health.quality import OrderState
 from monitor.health.record import Record
-from monitor.health.settings import SourceSettings
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes
 from monitor.health.spectrum.transform import Band
-from monitor.health.waterfall import WaterfallState
+from monitor.health.waterfall import WaterfallSettings, WaterfallState
 
 STATE_VERSION = 2
 """Of a channel's state; the other parts have theirs."""
 
 Stored = dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class ChannelSettings:
+    """One channel.
+
+    Attributes:
+        unit: of the samples: "g", "m/s2", "V" or "unknown".
+        scale: factor from the stored numbers to ``unit``.
+        sensitivity_mv_per_g: of the sensor, for "V".
+        signal_range: full scale, m/s2, or None where unknown.
+        samples: nominal samples of a block, or None where blocks have no nominal length.
+        bands: bands to demodulate, Hz, or None: chosen on the learning window.
+        rms_band: band of RMS and A*, Hz, or None for the full bandwidth.
+        average_blocks: envelope spectra averaged to name the damaged part.
+        damage: how V_eq and TT are found, or None where they are not.
+        map_hash: of the RMS map, or None.
+    """
+
+    name: str
+    bearing: Bearing
+    unit: str = "m/s2"
+    scale: float = 1.0
+    sensitivity_mv_per_g: float | None = None
+    signal_range: float | None = None
+    samples: int | None = None
+    bands: tuple[Band, ...] | None = None
+    rms_band: Band | None = None
+    average_blocks: int = 1
+    condition: ConditionSettings = field(default_factory=ConditionSettings)
+    detect: DetectSettings = field(default_factory=DetectSettings)
+    damage: DamageSettings | None = None
+    map_hash: str | None = None
+    alarms: AlarmSettings = field(default_factory=AlarmSettings)
+    waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)
+
+    @property
+    def absolute(self) -> bool:
+        """Whether the unit is known, so that levels in m/s2 have a meaning."""
+        return self.unit != "unknown"
+
+
+@dataclass(frozen=True)
+class SourceSettings:
+    """One source: its channels by name, and its sampling rate, Hz, or None where the recording states it."""
+
+    name: str
+    channels: Mapping[str, ChannelSettings]
+    rate: float | None = None
+
+    @property
+    def thresholds(self) -> tuple[float, ...]:
+        """Thresholds of V_eq that the tracked channels are forecast to, m2; () where none is tracked."""
+        tracked = (channel.damage for channel in self.channels.values())
+        return next((damage.thresholds for damage in tracked if damage is not None), ())
 
 
 @dataclass(frozen=True)
@@ -138,7 +194,6 @@ class SourceState:
     """One source between two blocks. To roll a block back is to go on with the state before it.
 
     Attributes:
-        source: its name.
         order: the place of the latest block in the stream.
         channels: stages up to the forecast, by channel.
         alarms: by channel.
@@ -164,7 +219,6 @@ class SourceState:
         """Return the state before the next block.
 
         Args:
-            settings: of the source.
             stored: parts by name as :meth:`to_stored` gave them; a part that is missing begins afresh.
             latest: the record that was committed with them.
 

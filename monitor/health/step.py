@@ -26,8 +26,7 @@ from monitor.health.quality import (
     with_flags,
 )
 from monitor.health.record import Record, storable
-from monitor.health.settings import ChannelSettings, SourceSettings
-from monitor.health.state import ChannelState, SourceState
+from monitor.health.state import ChannelSettings, ChannelState, SourceSettings, SourceState
 from monitor.health.waterfall import SpectrumChange, WaterfallState
 from monitor.health.waterfall import step as waterfall_step
 from streams.block import Block, Rejected, to_si
@@ -44,11 +43,13 @@ class SourceOutput:
         record: to be committed with the state after the block.
         spectra: changes of the kept spectra, to be committed with them.
         channels: by channel, what the stages found; {} where the block was rejected as a whole.
+        misfit: why the block does not fit the configuration; in a recording, no later block will fit better.
     """
 
     record: Record
     spectra: tuple[SpectrumChange, ...] = ()
     channels: Mapping[str, ChannelOutput] = field(default_factory=dict[str, ChannelOutput])
+    misfit: str | None = None
 
 
 def step(
@@ -62,22 +63,21 @@ def step(
 ) -> tuple[SourceState, SourceOutput]:
     """Take one block of a source into its state.
 
-    A block that does not fit the configuration is rejected, see :func:`misfit`. A ``machine.step`` that weighs the
-    records of several sources has its place above this function and needs nothing but its outputs.
+    A block that does not fit the configuration is rejected. A ``machine.step`` that weighs the records of several
+    sources has its place above this function and needs nothing but its outputs.
 
     Args:
-        state: before the block.
         item: the block, or the rejection that takes its place.
-        settings: of the source.
         now: present UTC where the stream is live, None in a replay.
         acknowledgements: of alarms, since the block before.
         truth: true values of the block, of a simulated rig.
     """
-    if isinstance(item, Block) and (unfit := misfit(item, settings)) is not None:
-        item = rejection_of(item, unfit.status, unfit.reason)
+    misfit: str | None = None
+    if isinstance(item, Block) and (unfit := _misfit(item, settings)) is not None:
+        item, misfit = rejection_of(item, unfit.status, unfit.reason), unfit.reason
     if isinstance(item, Rejected):
         order, _ = check_order(state.order, item.sequence, None, dated=False)
-        state, output = replace(state, order=order), SourceOutput(rejected_record(item))
+        state, output = replace(state, order=order), SourceOutput(rejected_record(item), misfit=misfit)
     else:
         order, flags = check_order(state.order, item.sequence, _time_of(item), dated=item.start is not None, now=now)
         state, output = _analyse(replace(state, order=order), item, flags, settings, truth)
@@ -90,11 +90,11 @@ def step(
     return replace(state, alarms=alarms, latest=latest), replace(output, record=record)
 
 
-def misfit(block: Block, settings: SourceSettings) -> Verdict | None:
+def _misfit(block: Block, settings: SourceSettings) -> Verdict | None:
     """Return why a block does not fit the configuration, or None.
 
-    A channel is missing, the speed is unknown, or a band reaches above the Nyquist frequency: in a recording, no later
-    block will be better. A wrong sampling rate is a matter of the block and not reported here.
+    A channel is missing, the speed is unknown, or a band reaches above the Nyquist frequency. A wrong sampling rate is
+    a matter of the block and not reported here.
     """
     if not check_rate(block.rate, settings.rate).accepted:
         return None

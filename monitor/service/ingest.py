@@ -13,8 +13,7 @@ from typing import Any, Self
 from monitor.config.load import Config, ConfigError
 from monitor.health.alarm_stage import AlarmAcknowledgement, acknowledged
 from monitor.health.record import Record
-from monitor.health.settings import SourceSettings
-from monitor.health.state import SourceState
+from monitor.health.state import SourceSettings, SourceState
 from monitor.health.step import SourceOutput, rejected_record, rejection_of, step
 from monitor.records.database import Closing, StoreError, UnstorableError
 from monitor.records.ledger import StoreLedger, write_progress

@@ -8,7 +8,6 @@ from typing import Any
 
 from monitor import __version__
 from monitor.config.load import Config
-from monitor.health.alarm_stage import life_stage
 from monitor.health.alarms import (
     BAD_DATA,
     FAILURE,
@@ -178,7 +177,7 @@ def alarm_levels(state: AlarmState, settings: AlarmSettings) -> list[dict[str, A
 
 def channel_condition(state: SourceState, channel: str, settings: AlarmSettings) -> str:
     """Return the status of a channel by its blocks alone, acknowledgements since the latest one included."""
-    return condition_of(state.alarms[channel], settings, **life_stage(state.channels[channel].detect))
+    return condition_of(state.alarms[channel], settings, state.channels[channel].detect.stage)
 
 
 def channel_state(

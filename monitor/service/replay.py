@@ -18,11 +18,10 @@ from monitor.config.load import Config, ConfigError
 from monitor.health.damage.library.model import Library
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.record import Record
-from monitor.health.settings import SourceSettings
 from monitor.health.spectrum.bands import VOTES_NEEDED, find_band
 from monitor.health.spectrum.features import fundamentals
-from monitor.health.state import SourceState
-from monitor.health.step import SourceOutput, misfit, step
+from monitor.health.state import SourceSettings, SourceState
+from monitor.health.step import SourceOutput, step
 from monitor.health.waterfall import SpectrumChange
 from monitor.records.database import StoreError
 from monitor.records.publish import publish
@@ -174,12 +173,11 @@ class _Run:
         self._commit()
 
     def _take(self, item: Block | Rejected) -> None:
-        unfit = misfit(item, self.settings) if isinstance(item, Block) else None
-        if unfit is not None:
-            raise ConfigError(unfit.reason)
         truth_of = getattr(self.source, "truth", None)
         truth = None if truth_of is None else truth_of(item.sequence, self.settings.thresholds)
         self.state, output = step(self.state, item, self.settings, truth=truth)
+        if output.misfit is not None:
+            raise ConfigError(output.misfit)
         record = output.record
         self._records.append(record)
         self._changes += output.spectra

@@ -25,7 +25,7 @@ from monitor.health.damage.library.model import Library
 from monitor.health.damage.thesis.edv import EdvSettings
 from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.damage.tracker import DamageSettings, MapAt, SpreadAt
-from monitor.health.settings import ChannelSettings, SourceSettings
+from monitor.health.state import ChannelSettings, SourceSettings
 from monitor.records.library_file import LibraryError, load_library
 from streams.block import STANDARD_GRAVITY
 from streams.open import open_source

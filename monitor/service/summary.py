@@ -9,8 +9,7 @@ from typing import Any
 from monitor import __version__
 from monitor.config.load import Config
 from monitor.health.detect import Mark
-from monitor.health.settings import ChannelSettings
-from monitor.health.state import SourceState
+from monitor.health.state import ChannelSettings, SourceState
 
 
 def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> dict[str, Any]:

@@ -31,7 +31,8 @@ EXAMPLES = effort_count(quick=40, full=2000)
 
 
 def block(sequence: int, value: Any, *, usable: bool = True, bad: bool = False, **fields: Any) -> AlarmInput:
-    return AlarmInput(sequence, usable, bad, values={"rms": value}, **fields)
+    given = {name: fields.pop(name) for name in ("stage", "baselines") if name in fields}
+    return AlarmInput(sequence, usable, bad, values={"rms": value, **fields}, **given)
 
 
 def run(
@@ -67,7 +68,7 @@ def test_levels_from_the_learning_stage() -> None:
     state = AlarmState()
     chosen = AlarmSettings((rule,), run_in_blocks=2)
     for sequence, value in enumerate([90.0, 90.0, 0.9, 0.95, 1.0, 1.05, 1.1], 1):
-        state, output = step(state, block(sequence, value, learning=True), chosen)
+        state, output = step(state, block(sequence, value, stage="learning"), chosen)
         assert not output.changes
         assert output.condition == "check_function"
     state, output = step(state, block(8, 1.9), chosen)
@@ -117,8 +118,8 @@ def test_what_is_not_known_is_never_normal() -> None:
     assert conditions == ["normal"] * 3 + ["bad_data"] * 3 + ["normal"]
     _, outputs = run([1.0], edv_status="outside_conditions")
     assert outputs[-1].condition == "out_of_specification"
-    assert run([1.0], final=True)[1][-1].condition == "maintenance_required"
-    assert run([1.0], final=True, ended=True)[1][-1].condition == "failure"
+    assert run([1.0], stage="final")[1][-1].condition == "maintenance_required"
+    assert run([1.0], stage="end_of_life")[1][-1].condition == "failure"
 
 
 def test_the_worst_channel_speaks_for_the_machine() -> None:
@@ -151,7 +152,7 @@ def test_a_restart_changes_nothing(blocks: list[Any], rule: Rule, cut: int) -> N
     chosen = AlarmSettings((rule,), window=5)
     one = other = AlarmState()
     for sequence, (value, usable, bad, learning) in enumerate(blocks, 1):
-        item = block(sequence, value, usable=usable, bad=bad, learning=learning)
+        item = block(sequence, value, usable=usable, bad=bad, stage="learning" if learning else "healthy")
         one, said_one = step(one, item, chosen)
         if sequence == cut:
             other = AlarmState.from_dict(json.loads(json.dumps(other.to_dict())))

@@ -21,10 +21,9 @@ from monitor.health.detect import DetectSettings
 from monitor.health.output import ChannelOutput, record_values
 from monitor.health.quality import Verdict, with_flags
 from monitor.health.record import Record
-from monitor.health.settings import ChannelSettings
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import VOTES_NEEDED
-from monitor.health.state import ChannelState
+from monitor.health.state import ChannelSettings, ChannelState
 from tests.effort import effort_count
 from tests.signals import HealthyMachine, bearing_lines, impacts
 
@@ -142,7 +141,7 @@ def test_the_tracker_begins_at_t_fs_though_it_is_known_later() -> None:
     for i in range(begin - 1, len(outputs)):
         features = outputs[i].features
         assert features is not None
-        tracker, result = edv.step(tracker, features.rms, map_slice=map_slice(), settings=DAMAGE.edv, gate=None)
+        tracker, result = edv.step(tracker, features.rms, map_slice=map_slice(), settings=DAMAGE.edv)
         forecaster, forecasts = forecast.step(
             forecaster,
             10.0 * i,

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from monitor.config.alarms import AlarmLevel, AlarmsSection
 from monitor.health.alarm_stage import AlarmAcknowledgement
 from monitor.health.record import Record
-from monitor.health.settings import SourceSettings
+from monitor.health.state import SourceSettings
 from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store

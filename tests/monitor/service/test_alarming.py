@@ -13,7 +13,7 @@ from monitor.config.alarms import AlarmLevel, AlarmsSection
 from monitor.config.load import Config
 from monitor.health.alarm_stage import AlarmAcknowledgement, acknowledged
 from monitor.health.alarms import AlarmSettings, Level, Rule
-from monitor.health.settings import SourceSettings
+from monitor.health.state import SourceSettings
 from monitor.records.store import Store
 from monitor.service.setup import source_settings
 from streams.block import Block, Rejected

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from monitor.config.load import ConfigError
-from monitor.health.settings import SourceSettings
+from monitor.health.state import SourceSettings
 from monitor.records.database import StoreError
 from monitor.records.ledger import SALVAGED_UP_TO, StoreLedger
 from monitor.records.store import Store

@@ -15,6 +15,7 @@ from models.maps.plan import MapPlan
 from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError, validate
 from monitor.health.damage import EdvStatus
+from monitor.health.damage.library.fit import FitSettings
 from monitor.service.libraries import build_library
 from monitor.service.setup import source_settings, source_spec
 
