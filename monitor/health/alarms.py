@@ -7,13 +7,12 @@ given, or follow from the learning stage: median and robust standard deviation o
 from __future__ import annotations
 
 import math
-import statistics
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, cast
 
-from monitor.health.detect import END_OF_LIFE, FINAL, HEALTHY, LEARNING
+from monitor.health.detect import END_OF_LIFE, FINAL, HEALTHY, LEARNING, median_and_sd
 
 NORMAL, MAINTENANCE, OUT_OF_SPECIFICATION = "normal", "maintenance_required", "out_of_specification"
 CHECK, FAILURE, NO_DATA, BAD_DATA = "check_function", "failure", "no_data", "bad_data"
@@ -106,6 +105,17 @@ class AlarmInput:
     stage: str = HEALTHY
     values: Mapping[str, Any] = field(default_factory=dict[str, Any])
     baselines: Mapping[str, Span] = field(default_factory=dict[str, Span])
+
+
+@dataclass(frozen=True)
+class AlarmAcknowledgement:
+    """Acknowledgement of an alarm: ``sequence`` is the block that raised it, ``utc`` in s since 1970."""
+
+    channel: str
+    rule: str
+    severity: str
+    sequence: int
+    utc: float
 
 
 @dataclass(frozen=True)
@@ -238,6 +248,15 @@ def acknowledge(state: AlarmState, rule: str, sequence: int, severity: str = "da
     return replace(state, rules={**state.rules, rule: released})
 
 
+def acknowledged(states: Mapping[str, AlarmState], given: Sequence[AlarmAcknowledgement]) -> dict[str, AlarmState]:
+    """Return the alarm states by channel with all latches released that acknowledgements are for."""
+    after = dict(states)
+    for item in given:
+        if item.channel in after:
+            after[item.channel] = acknowledge(after[item.channel], item.rule, item.sequence, item.severity)
+    return after
+
+
 def condition_of(state: AlarmState, settings: AlarmSettings, stage: str) -> str:
     """Return the worst status of a channel that applies, in the order of :func:`machine_state`.
 
@@ -310,9 +329,7 @@ def _learn(known: RuleState, value: float, given: Span | None, *, learning: bool
         return replace(known, learned=(), baseline=given)
     if not known.learned:
         return known
-    middle = statistics.median(known.learned)
-    spread = 1.4826 * statistics.median(abs(item - middle) for item in known.learned)
-    return replace(known, learned=(), baseline=(middle, spread))
+    return replace(known, learned=(), baseline=median_and_sd(known.learned))
 
 
 def _check(known: RuleState, rule: Rule, value: float, sequence: int) -> tuple[RuleState, list[Change]]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any
@@ -265,17 +265,15 @@ def _enough(state: DetectState, settings: DetectSettings) -> bool:
 
 
 def _freeze(learned: tuple[BaselinePoint, ...]) -> Baseline:
-    """Return medians and robust standard deviations (1.4826 times the median absolute deviation)."""
+    rms = median_and_sd([r for _, r, _ in learned])
+    prominences = [p for _, _, p in learned if p is not None]
+    return Baseline(*rms, *(median_and_sd(prominences) if prominences else (0.0, 0.0)))
 
-    def robust(values: list[float]) -> tuple[float, float]:
-        if not values:
-            return 0.0, 0.0
-        middle = statistics.median(values)
-        return middle, 1.4826 * statistics.median(abs(value - middle) for value in values)
 
-    rms, rms_sd = robust([r for _, r, _ in learned])
-    prominence, prominence_sd = robust([p for _, _, p in learned if p is not None])
-    return Baseline(rms, rms_sd, prominence, prominence_sd)
+def median_and_sd(values: Sequence[float]) -> tuple[float, float]:
+    """Return the median and the robust standard deviation, 1.4826 times the median absolute deviation."""
+    middle = statistics.median(values)
+    return middle, 1.4826 * statistics.median(abs(value - middle) for value in values)
 
 
 def _score(baseline: Baseline, block: DetectInput, settings: DetectSettings) -> float:

@@ -10,6 +10,15 @@ from typing import Any
 import numpy as np
 
 from models.bearing import Bearing, kinematics
+from monitor.health.alarms import (
+    BAD_DATA,
+    OUT_OF_SPECIFICATION,
+    SEVERITIES,
+    AlarmAcknowledgement,
+    AlarmOutput,
+    AlarmSettings,
+    AlarmState,
+)
 from monitor.health.condition import Quantity
 from monitor.health.damage import Damage, Remaining
 from monitor.health.detect import DetectOutput, DetectState
@@ -22,6 +31,10 @@ from monitor.health.spectrum.transform import Band
 from monitor.health.waterfall import SpectrumRow
 from streams.block import Block
 
+Events = list[dict[str, Any]]
+
+_REPORTED = (BAD_DATA, OUT_OF_SPECIFICATION)
+"""An event says when a channel enters or leaves one of these."""
 _DAMAGE = ("rms_smoothed", "dphi_d", "h_d", "v_eq", "v_eq_lower", "v_eq_upper")
 _REMAINING = ("tt", "tt_lower", "tt_upper", "p_threshold")
 _SPECTRUM_LINES = 6.5
@@ -158,9 +171,9 @@ def issued_forecasts(channel: str, output: ChannelOutput, method: str) -> list[d
     ]
 
 
-def stage_events(channel: str, detector: DetectState, output: ChannelOutput) -> list[dict[str, Any]]:
+def stage_events(channel: str, detector: DetectState, output: ChannelOutput) -> Events:
     """Return the events of the stages of life that became known with the block."""
-    events: list[dict[str, Any]] = []
+    events: Events = []
     detection = output.detection
     if detection is None:
         return events
@@ -176,6 +189,48 @@ def stage_events(channel: str, detector: DetectState, output: ChannelOutput) -> 
         )
     if detection.end and detector.t_eol is not None:
         events.append({"kind": "end_of_life", "channel": channel, "block": detector.t_eol.sequence})
+    return events
+
+
+def release_events(
+    given: AlarmAcknowledgement, sequence: int, before: AlarmState, after: AlarmState, settings: AlarmSettings
+) -> Events:
+    """Return the events of the latches that an acknowledgement released."""
+    feature = next((rule.feature for rule in settings.rules if rule.name == given.rule), None)
+    return [
+        {
+            "kind": "alarm_released",
+            "channel": given.channel,
+            "block": sequence,
+            "rule": given.rule,
+            "feature": feature,
+            "severity": severity,
+            "since_block": held.since,
+            "acknowledged_utc_s": given.utc,
+        }
+        for severity in SEVERITIES
+        if (held := before.level(given.rule, severity)).held and not after.level(given.rule, severity).held
+    ]
+
+
+def alarm_events(channel: str, sequence: int, output: AlarmOutput) -> Events:
+    """Return the events of what a block changed in the alarms and the status of a channel."""
+    events: Events = [
+        {
+            "kind": f"alarm_{change.kind}",
+            "channel": channel,
+            "block": sequence,
+            "rule": change.rule,
+            "feature": change.feature,
+            "severity": change.severity,
+            "value_si": change.value,
+            "level_si": change.level,
+        }
+        for change in output.changes
+    ]
+    before, now = output.condition_before, output.condition
+    if before != now and (before in _REPORTED or now in _REPORTED):
+        events.append({"kind": "condition", "channel": channel, "block": sequence, "from": before, "to": now})
     return events
 
 

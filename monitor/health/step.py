@@ -11,11 +11,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from monitor.health.alarm_stage import AlarmAcknowledgement, alarm_step
+from monitor.health.alarms import AlarmAcknowledgement, AlarmInput, AlarmState, acknowledged
+from monitor.health.alarms import step as alarms_step
 from monitor.health.channel import ChannelBlock, check_channel
 from monitor.health.channel import step as channel_step
 from monitor.health.condition import load_of, speed_of
-from monitor.health.output import ChannelOutput, issued_forecasts, record_values, spectrum_row, stage_events
+from monitor.health.detect import DetectState
+from monitor.health.output import (
+    ChannelOutput,
+    Events,
+    alarm_events,
+    issued_forecasts,
+    record_values,
+    release_events,
+    spectrum_row,
+    stage_events,
+)
 from monitor.health.quality import (
     FLAGS,
     Verdict,
@@ -33,6 +44,7 @@ from streams.block import Block, Rejected, to_si
 
 _MAX_REASON = 500
 """Characters of a reason that comes from outside."""
+_BAD_FLAGS = {"flat", "clipped", "clock"}
 
 
 @dataclass(frozen=True)
@@ -250,3 +262,46 @@ def _spectra(
         began = states[name].detect.t_fs if onset else None
         changes.append(SpectrumChange(row, kind, thin, None if began is None else began.sequence))
     return after, tuple(changes)
+
+
+def alarm_step(
+    state: SourceState,
+    record: Record,
+    verdicts: Mapping[str, Verdict],
+    settings: SourceSettings,
+    acknowledgements: Sequence[AlarmAcknowledgement] = (),
+) -> tuple[dict[str, AlarmState], Events]:
+    """Take a record into the alarm states of all channels.
+
+    An acknowledgement takes effect before the block, whose record says so: the same blocks and the same
+    acknowledgements before them give the same records.
+
+    Args:
+        state: its channels as they are after the block.
+        record: without alarm events.
+        verdicts: by channel, none where the block was rejected as a whole.
+    """
+    states, events = dict(state.alarms), Events()
+    for given in acknowledgements:
+        if given.channel in states:
+            before = states[given.channel]
+            states |= acknowledged({given.channel: before}, (given,))
+            rules = settings.channels[given.channel].alarms
+            events += release_events(given, record.sequence, before, states[given.channel], rules)
+    for name, channel in settings.channels.items():
+        block = _alarm_input(record, name, state.channels[name].detect, verdicts.get(name))
+        states[name], output = alarms_step(states[name], block, channel.alarms)
+        events += alarm_events(name, record.sequence, output)
+    return states, events
+
+
+def _alarm_input(record: Record, channel: str, detector: DetectState, verdict: Verdict | None) -> AlarmInput:
+    learned = detector.baseline
+    return AlarmInput(
+        sequence=record.sequence,
+        usable=verdict is not None and verdict.for_baseline,
+        bad=verdict is None or not verdict.accepted or bool(_BAD_FLAGS & set(verdict.flags)),
+        stage=detector.stage,
+        values=record.channels.get(channel, {}),
+        baselines={} if learned is None else {"rms": (learned.ln_rms, learned.ln_rms_sd)},
+    )

@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from monitor.config.load import Config
-from monitor.health.alarm_stage import AlarmAcknowledgement
+from monitor.health.alarms import AlarmAcknowledgement
 from monitor.health.record import Record
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog

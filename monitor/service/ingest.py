@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any, Self
 
 from monitor.config.load import Config, ConfigError
-from monitor.health.alarm_stage import AlarmAcknowledgement, acknowledged
+from monitor.health.alarms import AlarmAcknowledgement, acknowledged
 from monitor.health.record import Record
 from monitor.health.state import SourceSettings, SourceState
 from monitor.health.step import SourceOutput, rejected_record, rejection_of, step

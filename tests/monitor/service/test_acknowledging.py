@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.config.alarms import AlarmLevel, AlarmsSection
-from monitor.health.alarm_stage import AlarmAcknowledgement
+from monitor.health.alarms import AlarmAcknowledgement
 from monitor.health.record import Record
 from monitor.health.state import SourceSettings
 from monitor.records.events import EventLog

@@ -11,8 +11,7 @@ import numpy as np
 from monitor.commands.check import find_problems
 from monitor.config.alarms import AlarmLevel, AlarmsSection
 from monitor.config.load import Config
-from monitor.health.alarm_stage import AlarmAcknowledgement, acknowledged
-from monitor.health.alarms import AlarmSettings, Level, Rule
+from monitor.health.alarms import AlarmAcknowledgement, AlarmSettings, Level, Rule, acknowledged
 from monitor.health.state import SourceSettings
 from monitor.records.store import Store
 from monitor.service.setup import source_settings
