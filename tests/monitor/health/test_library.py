@@ -53,8 +53,8 @@ def follow(
 ) -> tuple[LibraryState, list[Answer]]:
     state, results = LibraryState(), []
     for block in blocks:
-        state, *result = step(state, block, known, settings, thresholds=[THRESHOLD])
-        results.append(Answer(*result))
+        state, damage, forecasts = step(state, block, known, settings, thresholds=[THRESHOLD])
+        results.append(Answer(damage, forecasts))
     return state, results
 
 
@@ -74,7 +74,8 @@ def test_unseen_lives_are_covered_and_better_known_than_by_their_age(features: s
             covered.append(forecast.tt_lower <= left <= forecast.tt_upper)
             covered_v.append(result.damage.v_eq_lower <= life.v_eq[index] <= result.damage.v_eq_upper)
             errors.append(math.log(result.damage.v_eq / life.v_eq[index]))
-            scores.append(crps(np.interp(np.linspace(0, 1, 99), *zip(*forecast.quantiles, strict=True)), left))
+            levels, quantiles = zip(*forecast.quantiles, strict=True)
+            scores.append(crps(np.interp(np.linspace(0, 1, 99), levels, quantiles), left))
             older = np.sort(lifetimes[lifetimes > life.t[index]] - life.t[index])
             ages.append(crps(older, left))
     assert 0.65 <= np.mean(covered) <= 0.93
@@ -143,8 +144,8 @@ def test_state_goes_through_json_after_each_block_with_the_same_results() -> Non
     state = LibraryState()
     for block, result in zip(blocks, expected, strict=True):
         state = LibraryState.from_dict(json.loads(json.dumps(state.to_dict(), allow_nan=False)))
-        state, *again = step(state, block, toy_library(), thresholds=[THRESHOLD])
-        assert repr(Answer(*again)) == repr(result)
+        state, damage, forecasts = step(state, block, toy_library(), thresholds=[THRESHOLD])
+        assert repr(Answer(damage, forecasts)) == repr(result)
 
 
 def test_history_of_another_library_is_refused() -> None:

@@ -42,7 +42,8 @@ def errors(known: Library, numbers: range, left: float, features: str) -> tuple[
             state, _, forecasts = step(state, block, known, LibrarySettings(features=features), thresholds=[THRESHOLD])
         (forecast,) = forecasts
         remains = run.end - state.history.t_first - state.history.elapsed if state.history else 0.0
-        scores.append(crps(np.interp(np.linspace(0, 1, 99), *zip(*forecast.quantiles, strict=True)), remains))
+        levels, quantiles = zip(*forecast.quantiles, strict=True)
+        scores.append(crps(np.interp(np.linspace(0, 1, 99), levels, quantiles), remains))
         covered.append(forecast.tt_lower <= remains <= forecast.tt_upper)
     return float(np.mean(scores)), float(np.mean(covered))
 

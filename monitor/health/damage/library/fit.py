@@ -43,29 +43,36 @@ class TrainingLife(Protocol):
     @property
     def t(self) -> Array:
         """Times from the onset, s, shape (n,)."""
+        ...
 
     @property
     def load(self) -> Array:
         """Radial load, N, shape (n,)."""
+        ...
 
     @property
     def speed(self) -> Array:
         """Shaft speed, Hz, shape (n,)."""
+        ...
 
     @property
     def rms(self) -> Array:
         """Measured RMS, m/s2, shape (n,)."""
+        ...
 
     @property
     def harmonics(self) -> Array:
         """Measured lines of BPFO, m/s2, shape (n, 6)."""
+        ...
 
     @property
     def v_eq(self) -> Array:
         """True V_eq, m2, shape (n,)."""
+        ...
 
     def crossing(self, threshold: float) -> float:
         """Return the time at which V_eq reaches a threshold (m2), s; inf where it never does."""
+        ...
 
 
 @dataclass(frozen=True)
