@@ -95,7 +95,8 @@ def make_store(path: Path, blocks: int, spectra: int, seed: int = 1) -> None:
     made = made_up(blocks, seed)
     rng = np.random.default_rng(seed)
     attributes = {"calibrated": "no", "interval_level": 0.8, "track_method": "library", "forecast_method": "library"}
-    with Store.open(path, machine=f"machine {seed}", attributes=attributes) as store:
+    with Store.open(path, machine=f"machine {seed}") as store:
+        store.describe(attributes)
         for at in range(0, blocks, 500):
             store.commit_many([(record, {}) for record in made[at : at + 500]])
         # Spectra are found by the channels whose states are stored.

@@ -188,7 +188,8 @@ def issued_in(records: Sequence[Record], made_with: Mapping[str, Any]) -> list[I
     """Return the forecasts as they stand in the archive of a store."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "state.db"
-        with Store.open(path, machine="pronostia", attributes=made_with) as store:
+        with Store.open(path, machine="pronostia") as store:
+            store.describe(made_with)
             store.commit_many([(record, {}) for record in records])
         return read_issued(path)
 

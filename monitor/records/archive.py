@@ -35,20 +35,17 @@ _CHUNK = 500
 
 @dataclass(frozen=True)
 class Archived:
-    """One forecast as it was issued.
+    """One forecast as it was issued, with the block that it came with.
 
     Attributes:
-        source, block: of the block that it came with.
         dated: whether ``data_until`` is UTC seconds since 1970 rather than seconds from the first block.
         threshold_mm2: V_th, mm3 per mm.
         status: as in ``monitor.health.schema.TT_STATUSES``.
-        issued_utc: when it was committed, UTC seconds since 1970, which for a replay is when it was replayed; None
-            where a store of an older version did not keep it.
+        issued_utc: when it was committed or replayed, UTC seconds since 1970; None in a store of an older version.
         data_until: time of its latest block, s.
         tt_s: time to threshold (the median where there is a distribution), s, or None.
         interval_level: probability of its interval, or None for a single number.
         quantiles: seconds by level, rising; empty without a value.
-        library_hash, map_hash, config_hash: of its inputs, or None.
     """
 
     source: str
@@ -71,14 +68,11 @@ class Archived:
 def forecast_values(
     body: Mapping[str, Any], run: Mapping[str, Any], data_until: float, issued_utc: float | None
 ) -> tuple[Any, ...]:
-    """Return the values of the ``COLUMNS`` for one forecast.
+    """Return the values of the ``COLUMNS`` for one forecast; times as in :class:`Archived`.
 
     Args:
         body: as in :class:`monitor.health.record.Record`; ``quantiles_s`` is an object of seconds by level.
-        run: attributes of the run (:meth:`monitor.records.store.Store.describe`), for what the body lacks; each one
-            value, or values by channel as "NAME: VALUE; NAME: VALUE".
-        data_until: time of its latest block, s.
-        issued_utc: when it was committed, UTC seconds since 1970, or None where unknown.
+        run: attributes of the run (:meth:`monitor.records.store.Store.describe`), for what the body lacks.
     """
     channel = body.get("channel")
     level = _level(body.get("interval"), of_channel(run.get("interval_level"), channel))
@@ -115,10 +109,7 @@ def insert_forecasts(
 
 
 def complete_archive(connection: sqlite3.Connection) -> None:
-    """Add the ``COLUMNS`` to a table of forecasts without them, within a transaction.
-
-    The time of the commit stays unknown; the inputs are those of the run of the block.
-    """
+    """Add the ``COLUMNS`` to a table of forecasts without them, within a transaction; inputs are those of the run."""
     for name, kind in COLUMNS.items():
         connection.execute(f"ALTER TABLE forecasts ADD COLUMN {name} {kind}")
     runs = {row[0]: json.loads(row[1]) for row in connection.execute("SELECT id, attributes FROM runs")}

@@ -114,7 +114,7 @@ class Presence:
     """Detects that an open database was removed or replaced: SQLite would go on in the removed file."""
 
     def __init__(self, path: Path) -> None:
-        """Take the path of the database; the first :meth:`check` sets the reference."""
+        """Keep the path of the database; the first :meth:`check` sets the reference."""
         self._paths = (path, path.with_name(f"{path.name}-wal"))
         self._files: list[tuple[int, int] | None] = [None, None]
 
@@ -139,16 +139,10 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 
 def refuse_unsuitable(path: Path, *, create: bool, look_inside: bool = True) -> bool:
-    """Refuse files and file systems that cannot hold a store; return whether the store has to be made.
+    """Raise StoreError where a file cannot be a store; return whether the store has to be made.
 
-    Args:
-        path: database file.
-        create: whether a missing store is made.
-        look_inside: whether to check the first bytes of the file. False where this process may have it open: closing a
-            file releases all POSIX locks of the process on it, also those of SQLite.
-
-    Raises:
-        StoreError: naming the file and the cause.
+    ``look_inside`` checks the first bytes of the file. It must be False where this process may have it open: closing a
+    file releases all POSIX locks of the process on it, also those of SQLite.
     """
     if path.is_dir():
         raise StoreError(f"{path}: is a folder; expected a file such as state.db")
@@ -278,7 +272,7 @@ class SharedConnection(Closing):
             path: the database file.
             write: whether statements write; each is then a transaction of its own.
             synchronous: FULL: what was written survives a power cut; NORMAL: the latest of it may be lost.
-            tables: statements that make missing tables; they need ``write``.
+            tables: statements that make missing tables, of a connection that writes.
         """
         self._path = path
         self._lock = threading.Lock()

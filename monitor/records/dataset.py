@@ -41,11 +41,10 @@ _LEDGER_TEXTS = {
 
 
 def to_dataset(items: Iterable[Stored], *, dated: bool, attributes: Mapping[str, Any]) -> xr.Dataset:
-    """Build the dataset of records in any order, with global attributes.
+    """Build the dataset of records in any order, with global attributes; SI, NaN where there is no value.
 
-    Its time axis is UTC where ``dated``, else seconds from the first block. Dimensions are ``time``, ``channel``,
-    ``fault``, ``harmonic``, ``bpfo_harmonic``, ``coefficient``, and ``band`` and ``threshold`` where there are several.
-    Values are SI, NaN where there is none.
+    Its time axis is UTC where ``dated``, else seconds from the first block. Dimensions are ``time``, ``channel`` and
+    those of the schema, ``band`` and ``threshold`` where there are several.
     """
     rows = sorted(items, key=lambda item: (item.filing.time, item.source, item.sequence))
     groups = _groups(rows)

@@ -1,8 +1,7 @@
-"""The event log: events of blocks, notices without a block, and acknowledgements.
+"""The event log: events of blocks, notices without a block, acknowledgements, and progress of notification channels.
 
-Events of a block are rows of ``events``, part of its record. Notices (a silence, a failed notification) are rows of
-``notices``, so that records do not depend on how they were made. Rows are never changed or deleted: an acknowledgement
-is a row of its own.
+Events of a block are part of its record. Notices (a silence, a failed notification) are no part of any, so that records
+do not depend on how they were made. Rows are never changed or deleted: an acknowledgement is a row of its own.
 """
 
 from __future__ import annotations
@@ -59,11 +58,10 @@ class Acknowledgement:
 
 @dataclass(frozen=True)
 class LoggedEvent:
-    """An event of a block, or a notice.
+    """An event of a block, or a notice, which has no source and block.
 
     Attributes:
         id: a number, or "n" and a number for a notice.
-        source, block: of the event, or None.
         utc: seconds since 1970 of the block (None if undated) or of the notice.
         body: ``kind``, ``channel`` and further keys of the kind.
         acknowledgements: in the order of time.
@@ -102,10 +100,7 @@ def count_unacknowledged(connection: sqlite3.Connection) -> int:
 
 
 class EventLog(SharedConnection):
-    """The log of a store, on a connection of its own; its methods may be called from any thread.
-
-    All raise :class:`StoreError` where the database cannot be read or written.
-    """
+    """The log of a store, on a connection of its own."""
 
     def __init__(self, path: Path) -> None:
         """Open the log of the store at ``path``, and make the tables that it lacks."""
@@ -147,11 +142,7 @@ class EventLog(SharedConnection):
             return f"n{connection.execute('INSERT INTO notices (utc, body) VALUES (?, ?)', (utc, text)).lastrowid}"
 
     def acknowledge(self, name: str, who: str, note: str, utc: float) -> LoggedEvent:
-        """Add an acknowledgement to the event ``name`` and return the event with it; ``utc`` is now.
-
-        Raises:
-            ValueError: there is no such event, ``who`` is empty, or a text is too long.
-        """
+        """Add an acknowledgement and return its event; ValueError for no event, no name, or too long a text."""
         who = who.strip()
         if not 0 < len(who) <= _MAX_NAME_CHARACTERS or len(note) > _MAX_NOTE_CHARACTERS:
             raise ValueError(
@@ -188,7 +179,7 @@ class Delivered:
     Attributes:
         event: number of the last event that was delivered or passed over.
         notice: the same of the notices.
-        left_out: events that were given up and not yet counted in a message.
+        left_out: number of events that were given up and not yet counted in a message.
         sent: UTC seconds of the messages of the last hour.
     """
 
@@ -199,10 +190,10 @@ class Delivered:
 
 
 class Deliveries(SharedConnection):
-    """The progress of all notification channels; its methods may be called from any thread.
+    """The progress of all notification channels in the log.
 
-    All raise :class:`monitor.records.database.StoreError` where the database cannot be read or written. A write is one
-    statement that does not wait for the disk: after a power cut the latest messages may be delivered again.
+    A channel that was killed between sending a message and writing its progress sends that message again; none is lost.
+    A write does not wait for the disk: after a power cut the latest messages may be delivered again.
     """
 
     def __init__(self, path: Path) -> None:

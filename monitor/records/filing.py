@@ -1,7 +1,6 @@
 """The place of a record on the time axis, a record as the tables hold it, and its digests.
 
-SQLite detects malformed pages, not changed values. The table ``digests`` has one row a block, written in its
-transaction: digests of its ledger entry, of its record with forecasts and events, and of the states after it.
+SQLite detects malformed pages, not changed values: the table ``digests`` has one row a block, written with it.
 """
 
 from __future__ import annotations
@@ -36,13 +35,7 @@ class Filing(NamedTuple):
 
 
 class Stored(NamedTuple):
-    """A record as it is stored.
-
-    Attributes:
-        layout: which place of ``row`` holds what, see :mod:`monitor.records.packing`.
-        flags: the flags, separated by blanks.
-        forecasts, events: JSON arrays.
-    """
+    """A record as it is stored: values packed, flags separated by blanks, forecasts and events as JSON arrays."""
 
     filing: Filing
     layout: str
@@ -73,7 +66,6 @@ class Stored(NamedTuple):
         )
 
 
-# What Stored is made of, after a ledger number and for a condition over the columns of ``blocks``.
 # The inner selects keep the order in which a block's forecasts and events were given.
 STORED_QUERY = """
 SELECT id, layout, day, axis_time, time_status, row, source, sequence, name, content_hash, status, flags, reason,
@@ -84,6 +76,7 @@ SELECT id, layout, day, axis_time, time_status, row, source, sequence, name, con
         ORDER BY events.id))
 FROM blocks JOIN records ON records.block = blocks.id WHERE blocks.id > ? AND ({condition}) ORDER BY blocks.id LIMIT ?
 """
+"""Selects number, layout and values of :class:`Stored` after a ledger number, for a condition on ``blocks``."""
 
 
 def file_record(connection: sqlite3.Connection, record: Record) -> Filing:

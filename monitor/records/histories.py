@@ -56,12 +56,8 @@ class History:
 def read_history(path: Path, channel: str | None = None) -> History:
     """Read the final stage of a channel from a published file, or a folder of them (or one above ``records``).
 
-    Args:
-        path: the file or folder.
-        channel: needed where several channels have a final stage.
-
-    Raises:
-        HistoryError: unreadable, no records, no such channel, no final stage.
+    The channel is needed where several have a final stage. HistoryError for an unreadable file, no records, no such
+    channel, no final stage.
     """
     datasets = [_open(file) for file in _files(path)]
     names = list(dict.fromkeys(str(name) for dataset in datasets for name in dataset.channel.values))
@@ -142,10 +138,8 @@ def _history(datasets: Sequence[xr.Dataset], channel: str) -> History | None:
 def damage_time(time: Array, stopped: NDArray[np.bool_], in_clock: NDArray[np.bool_]) -> Array:
     """Return damage time from the first block, s: the time between running blocks, as the health step counts it.
 
-    Args:
-        time: of each block, s, shape (n,).
-        stopped: whether the machine is stopped, shape (n,).
-        in_clock: whether the time of the block counts (accepted, in order), shape (n,).
+    All of shape (n,): time of each block, s; whether the machine is stopped; whether the time of the block counts
+    (accepted, in order).
     """
     gained = np.zeros(time.size)
     places = np.flatnonzero(in_clock)
@@ -165,15 +159,12 @@ def write_history(
     """Write tracked or forecast quantities as netCDF, SI, with the attributes that they have in the records.
 
     Args:
-        path: the file, put in its place when it is complete.
+        path: replaced atomically; HistoryError where it cannot be written.
         time: of each row, s on the axis of the input, shape (n,).
         columns: by the name of a record's variable, values of shape (n,) or (n, thresholds); None is no value, words
             are words of the schema. Other names are RMS under another condition, m/s2.
         thresholds: of V_eq, m2, where columns have that dimension.
         attributes: global attributes.
-
-    Raises:
-        HistoryError: the file cannot be written.
     """
     data: dict[str, Any] = {}
     if thresholds:

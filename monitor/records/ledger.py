@@ -72,11 +72,10 @@ class StoreLedger(Closing):
         return self._reader.rows(query, source, content_hash)[0][0]
 
     def number_of(self, source: str, name: str, content_hash: str) -> int | None:
-        """Return the number of a salvaged block with this name and content, or None.
+        """Return the number of a salvaged block, of the latest ones, with this name and content, or None.
 
         Only a salvage may lose the progress of files, so that their blocks are offered again. Blocks committed later
-        are not compared: a new file may have the content of an older one. Only the latest blocks of one content are
-        searched.
+        are not compared: a new file may have the content of an older one.
         """
         found = self._reader.rows(
             "SELECT sequence FROM (SELECT sequence, name FROM blocks WHERE source = ? AND content_hash = ?"

@@ -22,12 +22,7 @@ from monitor.health.schema import VARIABLES, Variable
 
 
 class Entry(NamedTuple):
-    """The place of one value in a row.
-
-    Attributes:
-        shape: () for a single number; None where a value of several numbers is absent as a whole.
-        start: place of its first number.
-    """
+    """The first place of one value in a row; the shape is None where one of several numbers is absent as a whole."""
 
     channel: str
     variable: str

@@ -18,7 +18,7 @@ import xarray as xr
 
 from models.errors import SpallwatchError
 from monitor.health.schema import SCHEMA_VERSION, VARIABLES
-from monitor.records.database import StoreError, replace_durably
+from monitor.records.database import replace_durably
 from monitor.records.dataset import INT_FILL, to_dataset
 from monitor.records.filing import SECONDS_PER_DAY
 from monitor.records.store import Published, Store
@@ -37,8 +37,6 @@ class PublishError(SpallwatchError):
 def publish(
     store: Store,
     records_dir: Path,
-    machine: str | None = None,
-    attributes: Mapping[str, Any] | None = None,
     *,
     rebuild: bool = False,
     note: Callable[[Published], None] | None = None,
@@ -48,8 +46,6 @@ def publish(
     Args:
         store: open for reading or writing.
         records_dir: folder of the files, made where it is missing.
-        machine: if given, it must be the store's.
-        attributes: global attributes, which override those of the runs (:meth:`Store.describe`).
         rebuild: write all days again.
         note: called with each written file; by default a store that is open for writing notes it.
 
@@ -57,18 +53,14 @@ def publish(
         The files written, by day, the undated one first.
 
     Raises:
-        PublishError: a file cannot be written.
-        StoreError: the store cannot be read, or belongs to another machine.
+        PublishError, StoreError: a file cannot be written, the store cannot be read.
     """
-    name = store.machine
-    if machine is not None and machine != name:
-        raise StoreError(f"{store.path}: belongs to machine {name!r}, not to {machine!r}")
-    written = []
+    written: list[Path] = []
     for day, last_block in _days(store):
-        path = Path(records_dir) / file_name(name, day)
+        path = Path(records_dir) / file_name(store.machine, day)
         if not rebuild and _is_fresh(store, path, last_block):
             continue
-        size = _write(day_dataset(store, day, attributes or {}), path)
+        size = _write(day_dataset(store, day), path)
         done = Published(path.name, day, last_block, size)
         if note is not None:
             note(done)
@@ -89,10 +81,10 @@ def file_name(machine: str, day: int | None) -> str:
     return f"{machine}-{label}.nc"
 
 
-def day_dataset(store: Store, day: int | None, attributes: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Build the dataset of a UTC day (days since 1970) or of the undated records, with further attributes."""
+def day_dataset(store: Store, day: int | None) -> xr.Dataset:
+    """Build the dataset of a UTC day (days since 1970) or of the undated records."""
     rows = store.stored("day IS ?", day)
-    return to_dataset(rows, dated=day is not None, attributes=_globals(store, day, attributes or {}))
+    return to_dataset(rows, dated=day is not None, attributes=_globals(store, day))
 
 
 def days(store: Store) -> list[int | None]:
@@ -156,13 +148,13 @@ def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
     return encoding
 
 
-def _globals(store: Store, day: int | None, attributes: Mapping[str, Any]) -> dict[str, Any]:
+def _globals(store: Store, day: int | None) -> dict[str, Any]:
     """Return the global attributes of a day: CF, ACDD, and those of its runs."""
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     runs = store.rows(
         "SELECT attributes FROM runs WHERE id IN (SELECT DISTINCT run FROM blocks WHERE day IS ?) ORDER BY id", day
     )
-    made_with = {**_merged(json.loads(row[0]) for row in runs), **attributes}
+    made_with = _merged(json.loads(row[0]) for row in runs)
     when = "without a date" if day is None else f"on {_midnight(day):%Y-%m-%d} UTC"
     result: dict[str, Any] = {
         "Conventions": "CF-1.11, ACDD-1.3",

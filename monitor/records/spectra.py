@@ -107,8 +107,7 @@ def read_spectra(
     Args:
         place: the store, or its file.
         channel, source: of the spectra; None for any source.
-        at: only the spectrum of the block of this number.
-        before: only those of blocks before this number.
+        at, before: only the spectrum of the block of this number, only those of blocks before it.
         newest: greatest number of spectra, counted from the newest, or None for all.
     """
     conditions, values = _conditions(channel, source, at, before)

@@ -83,22 +83,17 @@ class Store(Closing):
         machine: str | None = None,
         create: bool = True,
         read_only: bool = False,
-        attributes: Mapping[str, Any] | None = None,
     ) -> Self:
-        """Open a store, or make one where it is missing and ``create``.
+        """Open a store on a local disk, or make one where it is missing and ``create``.
 
         Args:
-            path: the database file, on a local disk.
-            machine: name of the machine, which must be that of the store; needed to make one.
-            create: make a missing store.
+            machine: must be that of the store; needed to make one.
             read_only: open for reading beside the writer.
-            attributes: of the run that will write, see :meth:`describe`; by default the software version alone.
 
         Raises:
             StoreError: no database, another program's, a newer schema version, another machine's, a network file
                 system, or a second writer.
         """
-        path = Path(path)
         new = refuse_unsuitable(path, create=create and not read_only, look_inside=not read_only)
         if new and not machine:
             raise StoreError(f"{path}: a new store needs the name of its machine")
@@ -116,8 +111,6 @@ class Store(Closing):
                 with store.transaction() as connection:
                     check_features(connection)
                     roll_up(connection, OPEN_BUDGET_S)
-            if attributes is not None and not read_only:
-                store.describe(attributes)
         except BaseException:
             store.close()
             raise
@@ -132,12 +125,11 @@ class Store(Closing):
             raise StoreError(f"{self.path}: belongs to machine {found!r}, not to {machine!r}")
 
     def describe(self, attributes: Mapping[str, Any]) -> None:
-        """Set the attributes of the run that commits from now on; published files carry them.
+        """Set the attributes of the run that commits from now on, by default none; published files carry them.
 
-        Args:
-            attributes: plain values by name: ``config_hash``, ``map_hash``, ``library_hash``, ``rms_band_hz``,
-                ``interval_level``, ``calibrated`` ("yes", "no"), ... Where channels differ, "NAME: VALUE; NAME: VALUE".
-                The software version is added.
+        They are plain values by name: ``config_hash``, ``map_hash``, ``library_hash``, ``rms_band_hz``,
+        ``interval_level``, ``calibrated`` ("yes", "no"), ... Where channels differ, "NAME: VALUE; NAME: VALUE".
+        The software version is added.
         """
         full = {"software_version": __version__, **attributes}
         self._made_with = full
@@ -173,11 +165,7 @@ class Store(Closing):
         beside: Callable[[sqlite3.Connection], None] | None = None,
         spectra: Iterable[SpectrumChange] = (),
     ) -> Commit:
-        """Commit one block, as :meth:`commit_many` does; return the outcome.
-
-        It is "duplicate" where the block is in the ledger already and "changed" where a block of another content has
-        its number; then nothing is overwritten and the offer is counted.
-        """
+        """Commit one block, see :meth:`commit_many`."""
         return self.commit_many([(record, states)], beside, spectra)[0]
 
     def commit_many(
@@ -195,7 +183,8 @@ class Store(Closing):
             spectra: changes of the kept spectra, in order; written for the blocks that are committed.
 
         Returns:
-            The outcome of each, as :meth:`commit` gives it.
+            The outcome of each: "duplicate" where the block is in the ledger already, "changed" where a block of
+            another content has its number; then nothing is overwritten and the offer is counted.
 
         Raises:
             UnstorableError: a record or a state does not fit the tables; nothing is committed.
@@ -219,9 +208,8 @@ class Store(Closing):
             if committed:
                 _write_states(connection, latest)
                 roll_up(connection)
-            write_changes(
-                connection, [change for change in spectra if (change.row.source, change.row.sequence) in committed]
-            )
+            kept = [change for change in spectra if (change.row.source, change.row.sequence) in committed]
+            write_changes(connection, kept)
             if beside is not None:
                 beside(connection)
         return outcomes

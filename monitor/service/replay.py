@@ -91,7 +91,7 @@ def replay(
         began = time.perf_counter()
         run.take_all(items, pace)
         seconds = time.perf_counter() - began
-        files = publish(store, out / "records", config.machine.name)
+        files = publish(store, out / "records")
         summary = run.summary(seconds, files)
     return Replay(summary, out / "state.db", {name: found.spectrum for name, found in run.drawn.items()})
 

@@ -22,7 +22,8 @@ EVIL = "</script><b onclick=x>"
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
-    with Store.open(folder / "state.db", machine="press 4", attributes={"config_hash": "c1"}) as store:
+    with Store.open(folder / "state.db", machine="press 4") as store:
+        store.describe({"config_hash": "c1"})
         store.commit_many([(record, {}) for record in life(start=START)])
     return build_report(folder, folder / "report.html", title=EVIL)
 

@@ -30,7 +30,8 @@ def test_a_forecast_is_archived_with_all_that_it_leaned_on(tmp_path: Path) -> No
     began = time.time()
     first, other = {**BODY, **INTERVAL, "library_hash": "l1"}, {**BODY, "channel": "y", "method": "thesis"}
     records = [block(1, first, other, at=86400.0), block(2, {**BODY, "tt_s": None, "status": "concave"})]
-    with Store.open(tmp_path / "state.db", machine="m", attributes=RUN) as store:
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        store.describe(RUN)
         store.commit_many([(record, {}) for record in records])
         store.describe({"config_hash": "c2"})
         store.commit(block(3, BODY), {})
@@ -82,7 +83,8 @@ def test_a_duplicate_block_archives_nothing_twice(tmp_path: Path) -> None:
 def old_store(path: Path, count: int) -> list[Record]:
     """A store as version 1 left it: forecasts with nothing beside their bodies."""
     records = [block(number, {**BODY, **INTERVAL, "tt_s": float(number)}) for number in range(1, count + 1)]
-    with Store.open(path, machine="m", attributes=RUN) as store:
+    with Store.open(path, machine="m") as store:
+        store.describe(RUN)
         store.commit_many([(record, {}) for record in records])
     with closing(sqlite3.connect(path)) as connection, connection:
         for name in COLUMNS:

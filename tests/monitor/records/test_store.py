@@ -33,7 +33,8 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def store(path: Path) -> Iterator[Store]:
-    with Store.open(path, machine="m", attributes={"config_hash": "c1"}) as opened:
+    with Store.open(path, machine="m") as opened:
+        opened.describe({"config_hash": "c1"})
         yield opened
 
 

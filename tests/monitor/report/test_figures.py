@@ -33,7 +33,8 @@ CLOCK = Clock(True)
 
 
 def run_of(tmp_path: Path, made: list[Record], **attributes: Any) -> Run:
-    with Store.open(tmp_path / "state.db", machine="m", attributes=attributes) as store:
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        store.describe(attributes)
         store.commit_many([(record, {}) for record in made])
         (run,) = read_runs(store)
     return run

@@ -40,7 +40,8 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def stored_life(folder: Path, made: list[Record], machine: str = "press <4>") -> Path:
-    with Store.open(folder / "state.db", machine=machine, attributes={"config_hash": "c1"}) as store:
+    with Store.open(folder / "state.db", machine=machine) as store:
+        store.describe({"config_hash": "c1"})
         store.commit_many([(record, {}) for record in made])
     return folder
 

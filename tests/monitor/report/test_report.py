@@ -35,7 +35,8 @@ START = 1_700_000_000.0
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
     path = tmp_path_factory.mktemp("life") / "state.db"
-    with Store.open(path, machine="press 4", attributes={"config_hash": "c1", "calibrated": "no"}) as store:
+    with Store.open(path, machine="press 4") as store:
+        store.describe({"config_hash": "c1", "calibrated": "no"})
         store.commit_many([(record, {}) for record in life(start=START)])
         yield store
 

@@ -66,7 +66,8 @@ def run(
 
 
 def stored(folder: Path, records: Sequence[Record], machine: str = "m", **attributes: Any) -> Path:
-    with Store.open(folder / "state.db", machine=machine, attributes=attributes) as store:
+    with Store.open(folder / "state.db", machine=machine) as store:
+        store.describe(attributes)
         store.commit_many([(record, {}) for record in records])
         publish(store, folder / "records")
     return folder

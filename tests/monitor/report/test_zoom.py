@@ -42,7 +42,8 @@ def numbers_of(data: dict[str, Any], column: int) -> np.ndarray:
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("life") / "state.db"
-    with Store.open(path, machine="press 4", attributes={"config_hash": "c1"}) as store:
+    with Store.open(path, machine="press 4") as store:
+        store.describe({"config_hash": "c1"})
         store.commit_many([(record, {}) for record in life(start=START)])
     return path
 
