@@ -94,7 +94,7 @@ def publishing(folder: Path, blocks: int) -> list[Row]:
     records = made_up(blocks)
     with Store.open(folder / "day.db", machine="rig") as store:
         store.commit_many([(record, {}) for record in records])
-        (day,) = days(store)
+        ((day, _),) = days(store)
         stored: list[Any] = []
         steps: dict[str, Callable[[], object]] = {
             "read the day": lambda: stored.extend(store.stored("day IS ?", day)),

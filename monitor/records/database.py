@@ -7,7 +7,7 @@ import os
 import sqlite3
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -345,8 +345,19 @@ def sync_file(path: Path) -> None:
         os.close(descriptor)
 
 
-def replace_durably(temporary: Path, target: Path) -> None:
-    """Replace a file by a finished one: readers see the old one or the new one, never a part."""
-    sync_file(temporary)
-    temporary.replace(target)
+@contextmanager
+def replacing(target: Path, label: str = "") -> Iterator[Path]:
+    """Lend a path for the new content of a file: readers see the old one or the new one, never a part.
+
+    The replacement is durable; after an exception the old file stays. Two that write at once need labels.
+    """
+    temporary = target.with_name(f".{target.name}{label}.tmp")
+    try:
+        yield temporary
+        sync_file(temporary)
+        temporary.replace(target)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink()
+        raise
     sync_folder(target.parent)

@@ -29,15 +29,18 @@ TIME_STATUSES = ("given", "carried", "unknown")
 
 _FLAG_DTYPE = np.int8
 _INT_DTYPE = np.int32
-_LEDGER_TEXTS = {
-    "source": "name of the source of the block",
-    "name": "where the block came from: a file name or a part of one",
-    "content_hash": "digest of the content of the block",
-    "status": "status of the block",
-    "flags": "all flags of the block, separated by blanks",
-    "reason": "why the block was rejected or flagged",
-    "events": "events of the block, a JSON array",
+_LEDGER: dict[str, tuple[type, dict[str, Any]]] = {
+    "source": (object, {"long_name": "name of the source of the block"}),
+    "name": (object, {"long_name": "where the block came from: a file name or a part of one"}),
+    "content_hash": (object, {"long_name": "digest of the content of the block"}),
+    "status": (object, {"long_name": "status of the block"}),
+    "flags": (object, {"long_name": "all flags of the block, separated by blanks"}),
+    "reason": (object, {"long_name": "why the block was rejected or flagged"}),
+    "events": (object, {"long_name": "events of the block, a JSON array"}),
+    "sequence": (np.int64, {"long_name": "number of the block in its source, from 1", "units": "1"}),
+    "elapsed": (np.float64, {"long_name": "time since the first sample of the source", "units": "s"}),
 }
+"""Type and attributes of the entries of the ledger."""
 
 
 def to_dataset(items: Iterable[Stored], *, dated: bool, attributes: Mapping[str, Any]) -> xr.Dataset:
@@ -51,10 +54,9 @@ def to_dataset(items: Iterable[Stored], *, dated: bool, attributes: Mapping[str,
     channels = list(dict.fromkeys(channel for row in rows for channel in channels_of(row.layout)))
     time_units = UTC_UNITS if dated else UNDATED_UNITS
     variables: dict[str, Any] = dict(_ledger(rows))
+    present = {entry.variable for group in groups for entry in group.entries}
     for variable in VARIABLES.values():
-        if variable.optional and not any(
-            entry.variable == variable.name for group in groups for entry in group.entries
-        ):
+        if variable.optional and variable.name not in present:
             continue
         dims, values = _column(variable, groups, len(rows), channels)
         variables[variable.name] = (("time", "channel", *dims), values, attributes_of(variable, time_units))
@@ -82,24 +84,17 @@ def words(array: xr.DataArray) -> NDArray[np.object_]:
 
 
 def _coordinates(times: list[float], channels: list[str], *, dated: bool) -> dict[str, Any]:
+    moment = f"time of the first sample of the block, {'UTC' if dated else 'from the first block'}"
+    attributes = {"units": UTC_UNITS if dated else UNDATED_UNITS, "long_name": moment}
     if dated:
-        attributes = {"units": UTC_UNITS, "calendar": "standard", "standard_name": "time", "axis": "T"}
-        attributes["long_name"] = "time of the first sample of the block, UTC"
-    else:
-        attributes = {
-            "units": UNDATED_UNITS,
-            "long_name": "time of the first sample of the block, from the first block",
-        }
+        attributes |= {"calendar": "standard", "standard_name": "time", "axis": "T"}
+    bpfo = {"long_name": "order of the line of the raw spectrum"}
     return {
         "time": ("time", np.array(times, dtype=np.float64), attributes),
         "channel": ("channel", np.array(channels, dtype=object), {"long_name": "name of the channel"}),
         "fault_name": ("fault", np.array(FAULTS, dtype=object), {"long_name": "part of the bearing"}),
         "harmonic": ("harmonic", np.arange(1, 6, dtype=_INT_DTYPE), {"long_name": "order of the envelope line"}),
-        "bpfo_harmonic": (
-            "bpfo_harmonic",
-            np.arange(1, 7, dtype=_INT_DTYPE),
-            {"long_name": "order of the line of the raw spectrum"},
-        ),
+        "bpfo_harmonic": ("bpfo_harmonic", np.arange(1, 7, dtype=_INT_DTYPE), bpfo),
         "coefficient_name": ("coefficient", np.array(["a", "b", "c"], dtype=object), {"long_name": "coefficient"}),
     }
 
@@ -127,21 +122,9 @@ def _groups(rows: Sequence[Stored]) -> list[_Group]:
 def _ledger(rows: Sequence[Stored]) -> dict[str, xr.Variable]:
     """Build the variables over time alone: the ledger entries."""
     variables = {
-        name: xr.Variable(
-            "time", np.array([getattr(row, name) for row in rows], dtype=object), {"long_name": long_name}
-        )
-        for name, long_name in _LEDGER_TEXTS.items()
+        name: xr.Variable("time", np.array([getattr(row, name) for row in rows], dtype=dtype), attributes)
+        for name, (dtype, attributes) in _LEDGER.items()
     }
-    variables["sequence"] = xr.Variable(
-        "time",
-        np.array([row.sequence for row in rows], dtype=np.int64),
-        {"long_name": "number of the block in its source, from 1", "units": "1"},
-    )
-    variables["elapsed"] = xr.Variable(
-        "time",
-        np.array([row.elapsed for row in rows], dtype=np.float64),
-        {"long_name": "time since the first sample of the source", "units": "s"},
-    )
     variables["time_status"] = xr.Variable(
         "time",
         np.array([TIME_STATUSES.index(row.filing.time_status) for row in rows], dtype=_FLAG_DTYPE),

@@ -106,24 +106,14 @@ class EventLog(SharedConnection):
         """Open the log of the store at ``path``, and make the tables that it lacks."""
         super().__init__(path, write=True, tables=_TABLES)
 
-    def events(self, *, limit: int = 200, before: int | None = None) -> list[LoggedEvent]:
-        """Return the newest events of blocks, newest first, with numbers below ``before`` where it is given."""
-        condition, values = ("", ()) if before is None else ("WHERE events.id < ?", (before,))
-        query = f"{_EVENTS} {condition} ORDER BY events.id DESC LIMIT ?"
-        return [self._logged(row[1:]) for row in self.rows(query, *values, limit)]
-
-    def after(self, number: int, *, limit: int = 500) -> list[tuple[int, LoggedEvent]]:
-        """Return the oldest events after a number, with their numbers."""
-        rows = self.rows(f"{_EVENTS} WHERE events.id > ? ORDER BY events.id LIMIT ?", number, limit)
+    def events(self, after: int = 0, limit: int = 500) -> list[tuple[int, LoggedEvent]]:
+        """Return the oldest events of blocks after a number, with their numbers."""
+        rows = self.rows(f"{_EVENTS} WHERE events.id > ? ORDER BY events.id LIMIT ?", after, limit)
         return [(row[0], self._logged(row[1:])) for row in rows]
 
-    def notices(self, *, limit: int = 200) -> list[LoggedEvent]:
-        """Return the newest notices, newest first."""
-        return [self._logged(row[1:]) for row in self.rows(f"{_NOTICES} ORDER BY id DESC LIMIT ?", limit)]
-
-    def notices_after(self, number: int, *, limit: int = 500) -> list[tuple[int, LoggedEvent]]:
+    def notices(self, after: int = 0, limit: int = 500) -> list[tuple[int, LoggedEvent]]:
         """Return the oldest notices after a number, with their numbers."""
-        rows = self.rows(f"{_NOTICES} WHERE id > ? ORDER BY id LIMIT ?", number, limit)
+        rows = self.rows(f"{_NOTICES} WHERE id > ? ORDER BY id LIMIT ?", after, limit)
         return [(row[0], self._logged(row[1:])) for row in rows]
 
     def event(self, name: str) -> LoggedEvent | None:

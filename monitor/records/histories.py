@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from models.errors import WrongInputError
 from monitor.health.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
-from monitor.records.database import replace_durably
+from monitor.records.database import replacing
 from monitor.records.dataset import NO_VALUE, attributes_of, words
 
 Array = NDArray[np.float64]
@@ -127,11 +127,8 @@ def _history(datasets: Sequence[xr.Dataset], channel: str) -> History | None:
         channel=channel,
         time=time[rows],
         running=running[rows] - running[rows[0]] if rows.size else running[rows],
-        rms=columns["rms"][rows],
         harmonics=columns["bpfo_amplitude"][rows],
-        load=columns["load"][rows],
-        speed=columns["speed"][rows],
-        v_eq=columns["v_eq"][rows],
+        **{name: columns[name][rows] for name in ("rms", "load", "speed", "v_eq")},
     )
 
 
@@ -178,12 +175,10 @@ def write_history(
     axis = {"units": "s", "long_name": "time on the axis of the input"}
     dataset = xr.Dataset(data, coords={"time": ("time", np.asarray(time, dtype=np.float64), axis)})
     dataset.attrs = {"schema_version": SCHEMA_VERSION, **(attributes or {})}
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
-        replace_durably(temporary, path)
+        with replacing(path, f".{os.getpid()}") as temporary:
+            dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
     except (OSError, RuntimeError) as error:
-        temporary.unlink(missing_ok=True)
         raise HistoryError(f"{path}: cannot be written: {error}") from None
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterable
+from dataclasses import astuple, fields
+from typing import Any
 
 from monitor.health.record import storable
 from monitor.records.database import Closing, SharedConnection
@@ -25,7 +27,7 @@ _TABLES = (
     "CREATE INDEX IF NOT EXISTS files_by_verdict ON files (source, verdict)",
     "CREATE INDEX IF NOT EXISTS blocks_by_content ON blocks (source, content_hash)",
 )
-_COLUMNS = "path, size, mtime_ns, inode, head_hash, content_hash, read_bytes, samples, verdict"
+_COLUMNS = ", ".join(field.name for field in fields(FileProgress))
 _MAX_ALIKE = 8
 SALVAGED_UP_TO = "salvaged_up_to"
 """Key in the table ``meta`` of the id of the last block that a salvage left in the store."""
@@ -53,23 +55,21 @@ class StoreLedger(Closing):
 
     def committed(self, source: str) -> int:
         """Return the highest committed sequence number of a source, 0 where there is none."""
-        return self._reader.rows("SELECT coalesce(max(sequence), 0) FROM blocks WHERE source = ?", source)[0][0]
+        return self._first("SELECT coalesce(max(sequence), 0) FROM blocks WHERE source = ?", source)
 
     def began(self, source: str) -> float | None:
         """Return the start of the first dated block of a source, seconds since 1970 UTC, or None."""
         query = "SELECT time FROM blocks WHERE source = ? AND time IS NOT NULL ORDER BY id LIMIT 1"
-        found = self._reader.rows(query, source)
-        return found[0][0] if found else None
+        return self._first(query, source)
 
     def content_of(self, source: str, sequence: int) -> str | None:
         """Return the content hash of the block committed under a number, or None."""
-        found = self._reader.rows("SELECT content_hash FROM blocks WHERE source = ? AND sequence = ?", source, sequence)
-        return found[0][0] if found else None
+        return self._first("SELECT content_hash FROM blocks WHERE source = ? AND sequence = ?", source, sequence)
 
     def known(self, source: str, content_hash: str) -> int | None:
         """Return the number of a committed block with this content, or None."""
         query = "SELECT min(sequence) FROM blocks WHERE source = ? AND content_hash = ?"
-        return self._reader.rows(query, source, content_hash)[0][0]
+        return self._first(query, source, content_hash)
 
     def number_of(self, source: str, name: str, content_hash: str) -> int | None:
         """Return the number of a salvaged block, of the latest ones, with this name and content, or None.
@@ -77,13 +77,12 @@ class StoreLedger(Closing):
         Only a salvage may lose the progress of files, so that their blocks are offered again. Blocks committed later
         are not compared: a new file may have the content of an older one.
         """
-        found = self._reader.rows(
+        return self._first(
             "SELECT sequence FROM (SELECT sequence, name FROM blocks WHERE source = ? AND content_hash = ?"
             " AND id <= (SELECT CAST(value AS INTEGER) FROM meta WHERE key = ?)"
             f" ORDER BY id DESC LIMIT {_MAX_ALIKE * _MAX_ALIKE}) WHERE name = ?",
             *(source, content_hash, SALVAGED_UP_TO, storable(name)),
         )
-        return found[0][0] if found else None
 
     def file(self, source: str, path: str) -> FileProgress | None:
         """Return the progress of a file, or None."""
@@ -106,6 +105,11 @@ class StoreLedger(Closing):
         """Return the number of files by verdict."""
         return dict(self._reader.rows("SELECT verdict, count(*) FROM files WHERE source = ? GROUP BY verdict", source))
 
+    def _first(self, query: str, *values: Any) -> Any:
+        """Return the first value of the first row, or None."""
+        found = self._reader.rows(query, *values)
+        return found[0][0] if found else None
+
     def remember(self, source: str, progress: Iterable[FileProgress]) -> None:
         """Store the progress of files in a transaction of its own."""
         with self._store.transaction() as connection:
@@ -126,13 +130,5 @@ class StoreLedger(Closing):
 
 def write_progress(connection: sqlite3.Connection, source: str, progress: Iterable[FileProgress]) -> None:
     """Write the progress of files within an open transaction."""
-    connection.executemany(
-        f"INSERT OR REPLACE INTO files (source, {_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        [
-            (
-                *(source, item.path, item.size, item.mtime_ns, item.inode, item.head_hash, item.content_hash),
-                *(item.read_bytes, item.samples, item.verdict),
-            )
-            for item in progress
-        ],
-    )
+    statement = f"INSERT OR REPLACE INTO files (source, {_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+    connection.executemany(statement, [(source, *astuple(item)) for item in progress])

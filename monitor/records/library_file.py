@@ -79,19 +79,15 @@ def load_library(path: Path | str) -> Library:
 
 def _library(header: dict[str, Any], arrays: dict[str, Any]) -> Library:
     fits = {name: _fit(name, header["fits"][name], arrays) for name in LINES if name in header["fits"]}
+    plain = ("load_spread", "speed_spread", "prior", "made_of", "scores", "calibration")
     low_load, high_load = header["load"]
     low_speed, high_speed = header["speed"]
     return Library(
         thresholds=tuple(header["thresholds"]),
         load=(low_load, high_load),
         speed=(low_speed, high_speed),
-        load_spread=header["load_spread"],
-        speed_spread=header["speed_spread"],
-        prior=header["prior"],
-        made_of=header["made_of"],
-        scores=header["scores"],
         fits=fits,
-        calibration=header["calibration"],
+        **{name: header[name] for name in plain},
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from itertools import chain
 from typing import Any, NamedTuple
@@ -71,15 +71,13 @@ def unpack(layout: str, row: bytes) -> dict[str, dict[str, Any]]:
 @lru_cache(maxsize=256)
 def entries_of(layout: str) -> tuple[Entry, ...]:
     """Return the entries of a layout in order."""
-    return tuple(_entries(layout))
-
-
-def _entries(layout: str) -> Iterator[Entry]:
+    entries: list[Entry] = []
     start = 0
     for channel, variables in json.loads(layout):
         for name, shape in variables:
-            yield Entry(channel, name, None if shape is None else tuple(shape), start)
+            entries.append(Entry(channel, name, None if shape is None else tuple(shape), start))
             start += 0 if shape is None else math.prod(shape)
+    return tuple(entries)
 
 
 @lru_cache(maxsize=256)
@@ -89,8 +87,8 @@ def places_of(layout: str, names: tuple[str, ...]) -> dict[str, NDArray[np.intp]
     The result is cached: do not change it.
     """
     order = {name: place for place, name in enumerate(names)}
-    places = {channel: np.full(len(names), -1, dtype=np.intp) for channel, _ in json.loads(layout)}
-    for entry in _entries(layout):
+    places = {channel: np.full(len(names), -1, dtype=np.intp) for channel in channels_of(layout)}
+    for entry in entries_of(layout):
         if entry.variable in order and entry.shape is not None and math.prod(entry.shape):
             places[entry.channel][order[entry.variable]] = entry.start
     return places

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ import xarray as xr
 
 from models.errors import SpallwatchError
 from monitor.health.schema import SCHEMA_VERSION, VARIABLES
-from monitor.records.database import replace_durably
+from monitor.records.database import replacing
 from monitor.records.dataset import INT_FILL, to_dataset
 from monitor.records.filing import SECONDS_PER_DAY
 from monitor.records.store import Published, Store
@@ -56,7 +55,7 @@ def publish(
         PublishError, StoreError: a file cannot be written, the store cannot be read.
     """
     written: list[Path] = []
-    for day, last_block in _days(store):
+    for day, last_block in days(store):
         path = Path(records_dir) / file_name(store.machine, day)
         if not rebuild and _is_fresh(store, path, last_block):
             continue
@@ -87,13 +86,8 @@ def day_dataset(store: Store, day: int | None) -> xr.Dataset:
     return to_dataset(rows, dated=day is not None, attributes=_globals(store, day))
 
 
-def days(store: Store) -> list[int | None]:
-    """Return the days that have records, the undated axis (None) first."""
-    return [day for day, _ in _days(store)]
-
-
-def _days(store: Store) -> list[tuple[int | None, int]]:
-    """Return each day with the number of its last committed block, from the index alone."""
+def days(store: Store) -> list[tuple[int | None, int]]:
+    """Return each day with the number of its last committed block, the undated axis (None) first."""
     found: list[tuple[int | None, int]] = []
     undated = store.rows("SELECT max(id) FROM blocks WHERE day IS NULL")[0][0]
     if undated is not None:
@@ -121,31 +115,21 @@ def _is_fresh(store: Store, path: Path, last_block: int) -> bool:
 
 def _write(dataset: xr.Dataset, path: Path) -> int:
     """Replace a file; return its size in bytes."""
-    temporary = path.with_name(f".{path.name}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset))
-        size = temporary.stat().st_size
-        replace_durably(temporary, path)
+        with replacing(path) as temporary:
+            dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset))
+            size = temporary.stat().st_size
     except (OSError, RuntimeError) as error:
-        with suppress(OSError):
-            temporary.unlink()
         raise PublishError(f"{path}: cannot be written: {error}") from error
     return size
 
 
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
     """Return the fill value of each variable; flags have none."""
-    encoding: dict[str, dict[str, Any]] = {}
-    for name in map(str, dataset.variables):
-        variable = VARIABLES.get(name)
-        if name == "elapsed" or (variable is not None and variable.kind == "float"):
-            encoding[name] = {"_FillValue": np.nan}
-        elif variable is not None and variable.kind == "int":
-            encoding[name] = {"_FillValue": INT_FILL}
-        else:
-            encoding[name] = {"_FillValue": None}
-    return encoding
+    kinds = {"elapsed": "float", **{name: variable.kind for name, variable in VARIABLES.items()}}
+    fills = {"float": np.nan, "int": INT_FILL}
+    return {name: {"_FillValue": fills.get(kinds.get(name, ""))} for name in map(str, dataset.variables)}
 
 
 def _globals(store: Store, day: int | None) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import json
 import sqlite3
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
 
@@ -100,20 +100,16 @@ class Store(Closing):
         lock = None if read_only else take_lock(path)
         if lock is None and not read_only:
             raise StoreError(f"{path}: another process is writing to it")
-        try:
-            store = cls(path, connect(path, new=new, read_only=read_only), lock)
-        except BaseException:
-            release_lock(lock)
-            raise
-        try:
+        with ExitStack() as undo:
+            undo.callback(release_lock, lock)
+            connection = undo.enter_context(closing(connect(path, new=new, read_only=read_only)))
+            store = cls(path, connection, lock)
             store._settle_machine(machine)
             if not read_only:
-                with store.transaction() as connection:
+                with store.transaction():
                     check_features(connection)
                     roll_up(connection, OPEN_BUDGET_S)
-        except BaseException:
-            store.close()
-            raise
+            undo.pop_all()
         return store
 
     def _settle_machine(self, machine: str | None) -> None:
@@ -273,10 +269,9 @@ class Store(Closing):
                 counts[status] = counts.get(status, 0) + number
         return counts
 
-    def records(self, since: float | None = None) -> Iterator[Record]:
-        """Yield the records in the order of commitment, from a time on its axis, s, where ``since`` is given."""
-        condition, values = ("1", ()) if since is None else ("axis_time >= ?", (since,))
-        return (row.to_record() for row in self.stored(condition, *values))
+    def records(self) -> Iterator[Record]:
+        """Yield the records in the order of commitment."""
+        return (row.to_record() for row in self.stored())
 
     def record(self, source: str, sequence: int) -> Record | None:
         """Return one record, or None where that block is not committed."""

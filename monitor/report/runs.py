@@ -185,7 +185,7 @@ def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, _Store | None]]:
         yield item, None
     elif isinstance(item, Store):
         beside: _Store | None = None
-        for day in days(item):
+        for day, _ in days(item):
             beside = beside or _beside(item)
             yield day_dataset(item, day), beside
     else:

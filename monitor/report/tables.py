@@ -5,8 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from monitor.records.database import replace_durably
+from monitor.records.database import replacing
 from monitor.report.runs import ReportError
 from monitor.words.numbers import Clock, figure
 
@@ -143,7 +142,7 @@ def write_tables(tables: Iterable[Table], folder: Path, attributes: Mapping[str,
             texts, binary = (folder / f"{table.name}.{ending}" for ending in ("csv", "nc"))
             write_whole(texts, table.to_csv())
             dataset = table.to_dataset().assign_attrs(attributes or {})
-            with _replacing(binary) as temporary:
+            with replacing(binary) as temporary:
                 dataset.to_netcdf(temporary, engine="netcdf4")
             written += [texts, binary]
     except (OSError, RuntimeError) as error:
@@ -159,17 +158,5 @@ def write_whole(path: Path, content: str | bytes, *, make_folder: bool = True) -
     """
     if make_folder:
         path.parent.mkdir(parents=True, exist_ok=True)
-    with _replacing(path) as temporary:
+    with replacing(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
-
-
-@contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """Replace a file by the one written to the returned path; remove that where it fails."""
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        yield temporary
-        replace_durably(temporary, path)
-    finally:
-        with suppress(OSError):
-            temporary.unlink()

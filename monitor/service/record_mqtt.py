@@ -19,7 +19,7 @@ from urllib.parse import quote
 
 from monitor.config.load import Config
 from monitor.config.outputs import RecordMqttSection
-from monitor.records.database import SharedConnection, StoreError, replace_durably
+from monitor.records.database import SharedConnection, StoreError, replacing
 from monitor.records.packing import unpack
 from monitor.service.broker import BrokerError, BrokerLink
 from monitor.service.notify.channels import NotifyError, read_secret
@@ -286,10 +286,9 @@ class RecordMqtt:
             return
         values = {"source": self._reached.source or None, "sequence": self._reached.sequence}
         path = self._state_dir / PLACE
-        temporary = path.with_suffix(".tmp")
         try:
-            temporary.write_text(json.dumps(values), encoding="utf-8")
-            replace_durably(temporary, path)
+            with replacing(path) as temporary:
+                temporary.write_text(json.dumps(values), encoding="utf-8")
         except OSError as error:
             _LOG.debug("%s cannot be written: %s", path, error)
             return

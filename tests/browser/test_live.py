@@ -99,7 +99,7 @@ def test_an_alarm_is_acknowledged_with_a_name_and_a_note(fixed: Served, visitor:
     expect(page.locator(".event[data-open]")).to_have_count(before - 1)
     expect(page.locator("#badge")).to_have_text(str(before - 1))
     with EventLog(fixed.folder / "state" / "state.db") as log:
-        given = [one for event in log.events() for one in event.acknowledgements]
+        given = [one for _, event in log.events() for one in event.acknowledgements]
     assert [(one.who, one.note) for one in given] == [("Anna <i>B.</i>", NOTE)]
     # The token is asked for once; the name is remembered.
     page.locator(".event[data-open]").first.get_by_role("button").click()

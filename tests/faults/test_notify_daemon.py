@@ -69,7 +69,7 @@ def committed_events(config: Path) -> list[tuple[str, str]]:
     if not path.exists():
         return []
     with EventLog(path) as log:
-        return [(event.id, event.body["kind"]) for _, event in log.after(0, limit=10**6)]
+        return [(event.id, event.body["kind"]) for _, event in log.events(limit=10**6)]
 
 
 @pytest.fixture(scope="module")

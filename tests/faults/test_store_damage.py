@@ -272,12 +272,12 @@ def test_what_was_lost_is_in_the_event_log_and_what_was_published_is_kept(
     assert beats
     assert 0 < report.lost < len(ALL)
     with EventLog(path) as events:
-        notice = next(item for item in events.notices() if item.body["kind"] == "store_salvaged")
+        notice = next(item for _, item in events.notices() if item.body["kind"] == "store_salvaged")
         assert notice.utc == 1.9e9
         assert notice.body["lost"] == report.lost
         assert notice.open
         # What stood in the log before is there still.
-        assert any(item.body["kind"] == "no_data" for item in events.notices())
+        assert any(item.body["kind"] == "no_data" for _, item in events.notices())
         acknowledged = events.event("1")
         assert acknowledged is not None
         assert acknowledged.acknowledgements[0].note == "seen"

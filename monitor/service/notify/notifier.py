@@ -207,8 +207,8 @@ class _Follower:
         with contextlib.suppress(StoreError):
             deliveries.mark_found(self._clocks.utc())
         most = self._settings.queue_events
-        events = log.after(progress.event, limit=most)
-        notices = log.notices_after(progress.notice, limit=most)
+        events = log.events(progress.event, most)
+        notices = log.notices(progress.notice, most)
         after = replace(
             progress,
             event=events[-1][0] if events else progress.event,

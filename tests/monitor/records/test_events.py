@@ -26,12 +26,12 @@ def path(tmp_path: Path) -> Path:
     return path
 
 
-def test_events_are_listed_newest_first_and_followed_oldest_first(path: Path) -> None:
+def test_events_are_followed_oldest_first(path: Path) -> None:
     with EventLog(path) as log:
-        assert [event.body["kind"] for event in log.events()] == ["final_stage", "alarm_cleared", "alarm_raised"]
-        assert [event.block for event in log.events(limit=1)] == [2]
-        assert [event.id for event in log.events(before=2)] == ["1"]
-        assert [number for number, _ in log.after(1)] == [2, 3]
+        assert [event.body["kind"] for _, event in log.events()] == ["alarm_raised", "alarm_cleared", "final_stage"]
+        assert [event.block for _, event in log.events(limit=1)] == [1]
+        assert [event.id for _, event in log.events(limit=1)] == ["1"]
+        assert [number for number, _ in log.events(1)] == [2, 3]
 
 
 def test_an_acknowledgement_says_who_and_when_and_survives(path: Path) -> None:
@@ -74,7 +74,7 @@ def test_a_notice_needs_no_block_and_leaves_the_records_alone(path: Path) -> Non
             assert log.unacknowledged() == 3
             log.acknowledge(name, "Anna", "", 8.0)
             assert log.unacknowledged() == 2
-            assert [event.utc for event in log.notices()] == [7.0]
+            assert [event.utc for _, event in log.notices()] == [7.0]
         assert list(store.records()) == before
 
 

@@ -119,11 +119,6 @@ def test_forecasts_and_events_have_their_tables(store: Store) -> None:
     assert list(store.records()) == [record]
 
 
-def test_records_since_a_time(store: Store) -> None:
-    store.commit_many([(block(number, time=1000.0 * number), {}) for number in range(1, 5)])
-    assert [record.sequence for record in store.records(since=3000.0)] == [3, 4]
-
-
 def test_a_reader_sees_what_is_committed_and_cannot_write(store: Store, path: Path) -> None:
     store.commit(block(1), {})
     with Store.open(path, read_only=True) as reader:

@@ -72,7 +72,7 @@ class Machine:
 
     def acknowledge_all(self) -> int:
         """Acknowledge every open alarm; return how many."""
-        found = [event for event in self.log.events() if event.open and event.body["kind"] == "alarm_raised"]
+        found = [event for _, event in self.log.events() if event.open and event.body["kind"] == "alarm_raised"]
         for event in found:
             self.log.acknowledge(event.id, "Ada", "seen", 1.7e9)
         return len(found)
@@ -165,7 +165,7 @@ def test_an_alarm_that_goes_on_is_known_and_still_stands(machine: Machine) -> No
 def test_who_knows_of_an_alert_does_not_know_of_the_danger(machine: Machine) -> None:
     for _ in range(5):
         machine.step()
-    raised = [event for event in machine.log.events() if event.body["kind"] == "alarm_raised"]
+    raised = [event for _, event in reversed(machine.log.events()) if event.body["kind"] == "alarm_raised"]
     alert = next(event for event in raised if event.body["severity"] == "alert")
     machine.log.acknowledge(alert.id, "Ada", "", 1.7e9)
     machine.poll()
@@ -194,7 +194,7 @@ def test_notices_and_events_of_other_kinds_let_go_of_nothing(machine: Machine) -
         machine.step()
     name = machine.log.notice(1.7e9, {"kind": "no_data", "source": "s", "text": "words"})
     machine.log.acknowledge(name, "Ada", "", 1.7e9)
-    cleared = next(event for event in machine.log.events() if event.body["kind"] == "alarm_cleared")
+    cleared = next(event for _, event in reversed(machine.log.events()) if event.body["kind"] == "alarm_cleared")
     machine.log.acknowledge(cleared.id, "Ada", "", 1.7e9)
     machine.poll()
     assert len(machine.alarms) == 2
@@ -254,7 +254,7 @@ def put(path: Path, number: int, loud: float) -> None:
 def acknowledge(path: Path) -> None:
     """Do what the page does, in this process: the daemon's connection is another one."""
     with EventLog(path.parent / "state" / "state.db") as log:
-        found = next(event for event in log.events() if event.body["kind"] == "alarm_raised")
+        found = next(event for _, event in reversed(log.events()) if event.body["kind"] == "alarm_raised")
         log.acknowledge(found.id, "Ada <b>", "bearing ordered", 1.7e9)
 
 

@@ -226,7 +226,7 @@ def test_a_damaged_store_is_saved_as_far_as_it_can_be_and_the_daemon_goes_on(tmp
         wait_until(lambda: status(config)["unacknowledged"] == 1)
     assert list(database.parent.glob("state.db.corrupt-*"))
     with EventLog(database) as log:
-        (notice,) = log.notices()
+        ((_, notice),) = log.notices()
         assert notice.body["kind"] == "store_salvaged"
     with Store.open(database, read_only=True) as store:
         after = {found.sequence: found for found in store.records()}

@@ -38,7 +38,7 @@ def flow(age: float, flowed: float = 0.0) -> dict[str, DataFlow]:
 
 
 def kinds(log: EventLog) -> list[str]:
-    return [notice.body["kind"] for notice in reversed(log.notices())]
+    return [notice.body["kind"] for _, notice in log.notices()]
 
 
 def test_it_is_said_once_with_what_is_known(opened: tuple[Store, EventLog]) -> None:
@@ -59,7 +59,7 @@ def test_it_is_said_once_with_what_is_known(opened: tuple[Store, EventLog]) -> N
     assert found.update(flow(1.0, flowed=60.0))[0]["kind"] == "data_again"
     assert found.update(flow(2.0, flowed=90.0)) == []
     assert kinds(opened[1]) == ["no_data", "data_again"]
-    assert [notice.open for notice in opened[1].notices()] == [False, True]
+    assert [notice.open for _, notice in opened[1].notices()] == [True, False]
 
 
 def test_a_restart_repeats_nothing(opened: tuple[Store, EventLog]) -> None:
@@ -129,7 +129,7 @@ def test_a_daemon_logs_silence_and_its_end_and_a_restart_while_silent_says_nothi
 
     def notices() -> list[tuple[str, str]]:
         with EventLog(tmp_path / "state" / "state.db") as log:
-            return [(found.body["kind"], found.body["source"]) for found in reversed(log.notices())]
+            return [(found.body["kind"], found.body["source"]) for _, found in log.notices()]
 
     with running(config, monotonic=clock):
         put(config, 1)
