@@ -179,9 +179,8 @@ def test_a_crossing_that_is_only_likely_is_said_to_be_so(tmp_path: Path) -> None
         "tt_upper": (5400.0,),
         "tt_status": ("already_crossed",),
     }
-    with Store.open(
-        tmp_path / "state.db", machine="m", attributes={"interval_level": 0.8, "prior": "x: 9 lives"}
-    ) as store:
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        store.describe({"interval_level": 0.8, "prior": "x: 9 lives"})
         store.commit_many([(one(values), {})])
         page = page_of(tmp_path, store)
     assert (
