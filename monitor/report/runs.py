@@ -286,9 +286,10 @@ def _columns(
                 values = np.where(values < 0, np.nan, values)
             blocks.append(values.reshape(values.shape[0], -1))
         width = max(int(block.shape[1]) for block in blocks)
+        absent = "" if worded else np.nan
         joined = np.concatenate(
             [
-                np.pad(block, ((0, 0), (0, width - int(block.shape[1]))), constant_values="" if worded else np.nan)
+                np.hstack([block, np.full((block.shape[0], width - block.shape[1]), absent, dtype=block.dtype)])
                 for block in blocks
             ]
         )

@@ -42,6 +42,7 @@ class Issued:
         interval: probability of the interval, None for single numbers.
         source: "archive" or "records".
         time, clock: s and damage time, shape (n,).
+        status: as in ``TT_STATUSES``, shape (n,).
         levels: of the quantiles, shape (q,).
         quantiles: time to threshold in damage time, shape (n, q), NaN for no answer.
         v_eq, v_eq_lower, v_eq_upper: as tracked with its interval, m2, shape (n,).
@@ -64,6 +65,7 @@ class Issued:
     source: str
     time: Floats
     clock: Floats
+    status: NDArray[np.object_]
     levels: Floats
     quantiles: Floats
     v_eq: Floats
@@ -197,6 +199,7 @@ def _issued(
         source=source,
         time=channel.time[rows],
         clock=clock[rows],
+        status=status[rows],
         levels=levels,
         quantiles=quantiles,
         v_eq=channel.column("v_eq")[rows],
