@@ -1,5 +1,9 @@
 # pyright: standard
-"""Numerical methods of SciPy with typed arguments and results, which its modules lack."""
+"""Numerical methods of SciPy with typed arguments and results, which its modules lack.
+
+Each imports its part of SciPy when it is called: together they take longer to load than all else that a daemon with a
+map needs.
+"""
 
 from __future__ import annotations
 
@@ -7,37 +11,42 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import quad
-from scipy.interpolate import CubicSpline
-from scipy.linalg import eigh
-from scipy.optimize import root_scalar
-from scipy.special import elliprd, elliprf
 
 Function = Callable[[float], float]
 
 
 def find_root(function: Function, low: float, high: float, *, xtol: float = 2e-12, rtol: float) -> float:
     """Return the root of a function that differs in sign at two places, by Brent's method."""
+    from scipy.optimize import root_scalar
+
     return float(root_scalar(function, bracket=(low, high), xtol=xtol, rtol=rtol).root)
 
 
 def integrate(function: Function, low: float, high: float, *, rtol: float) -> float:
     """Return an integral by adaptive quadrature."""
+    from scipy.integrate import quad
+
     return float(quad(function, low, high, epsabs=0.0, epsrel=rtol)[0])
 
 
 def carlson(complement: float) -> tuple[float, float]:
     """Return Carlson's R_F(0, k, 1) and R_D(0, k, 1) at a complementary parameter k = 1 - m."""
+    from scipy.special import elliprd, elliprf
+
     return float(elliprf(0.0, complement, 1.0)), float(elliprd(0.0, complement, 1.0))
 
 
 def generalised_eigenvalues(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the eigenvalues of a x = lambda b x, ascending, of symmetric matrices, b positive definite."""
+    from scipy.linalg import eigh
+
     return np.asarray(eigh(a, b, eigvals_only=True))
 
 
 def periodic_spline(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the cubic pieces, highest power first, shape (4, n - 1), and the extreme values of a periodic spline."""
+    from scipy.interpolate import CubicSpline
+
     spline = CubicSpline(x, y, bc_type="periodic")
     return spline.c, spline(spline.derivative().roots(extrapolate=False))
 
