@@ -30,6 +30,7 @@ _COMMANDS = {
     "warmup": ("warmup:command", "Compile the bearing model and plan transforms in advance."),
     "forecast": ("forecast:command", "Time to threshold from a V_eq history."),
     "score": ("score:command", "Scores of the forecasts as issued, once the end is known."),
+    "archive-days": ("archive_days:command", "Move the oldest published days to another folder."),
     "send": ("send:command", "Send a recording to a receiver over TCP or MQTT."),
 }
 

@@ -15,7 +15,7 @@ from models.errors import WrongInputError
 from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import BearingSection, RigSection
 from monitor.config.fields import Section
-from monitor.config.machine import MachineSection, OperatingSection
+from monitor.config.machine import MachineSection, OperatingSection, RetentionSection
 from monitor.config.outputs import NotifySection, PublishSection, WebSection
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import DetectSection, ForecastSection, TrackSection
@@ -38,6 +38,7 @@ class Config(Section):
     track: TrackSection = TrackSection()
     forecast: ForecastSection = ForecastSection()
     publish: PublishSection = PublishSection()
+    retention: RetentionSection = RetentionSection()
     alarms: AlarmsSection = AlarmsSection()
     notify: NotifySection = NotifySection()
     web: WebSection = WebSection()
@@ -73,7 +74,7 @@ class Config(Section):
     @property
     def hash(self) -> str:
         """Digest of the settings on which records depend; it is stored with each record."""
-        text = self.model_dump_json(exclude={"web", "notify", "publish"})
+        text = self.model_dump_json(exclude={"web", "notify", "publish", "retention"})
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 

@@ -95,3 +95,25 @@ class OperatingSection(Section):
         """Return the channels of speed and load that the source must give besides those of vibration."""
         chosen = (self.speed_channel, self.load_channel)
         return tuple(ChannelSpec(str(column), column=column, unit="unknown") for column in chosen if column is not None)
+
+
+class RetentionSection(Section):
+    """How long full records stay in the store, and how much space store and published files may take.
+
+    Older records stay in the published files; the store keeps their trends, forecasts and identity.
+    """
+
+    full_days: Positive | None = None
+    """Days of record time before the newest block whose full records stay in the store; by default all."""
+    max_gb: Positive | None = None
+    """Limit of store and published files, GB; beyond it, full records older than a day leave the store first."""
+    spectra_days: Positive | None = None
+    """Of older kept spectra, one a week stays, and those around the start of the final stage."""
+    delete_published: bool = False
+    """Whether the oldest published days are deleted where that is needed for ``max_gb``."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.delete_published and self.max_gb is None:
+            raise ValueError("delete_published = true needs max_gb")
+        return self

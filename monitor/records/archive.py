@@ -128,11 +128,19 @@ def complete_archive(connection: sqlite3.Connection) -> None:
 
 
 _NAMES = ", ".join(field.name for field in fields(Archived) if field.name in COLUMNS)
-ARCHIVE_QUERY = f"""
+_STORED_QUERY = f"""
 SELECT forecasts.id, source, sequence, day IS NOT NULL, {_NAMES.replace("status", "forecasts.status")}
-FROM forecasts JOIN blocks ON blocks.id = block WHERE forecasts.id > ? ORDER BY forecasts.id LIMIT {_CHUNK}
+FROM forecasts JOIN blocks ON blocks.id = block WHERE forecasts.id > ?1
 """
+ARCHIVE_QUERY = f"{_STORED_QUERY} ORDER BY forecasts.id LIMIT {_CHUNK}"
 """Forecasts after a number, a chunk at a time, in the order in which they were committed."""
+FULL_ARCHIVE_QUERY = f"""
+{_STORED_QUERY} UNION ALL
+SELECT kept.id, condensed_sources.source, sequence, dated, {_NAMES}
+FROM condensed_forecasts AS kept JOIN forecast_inputs ON forecast_inputs.id = inputs
+JOIN condensed_sources ON condensed_sources.id = kept.source WHERE kept.id > ?1 ORDER BY 1 LIMIT {_CHUNK}
+"""
+"""The same with the forecasts of condensed blocks."""
 
 
 def archived_of(rows: Sequence[Sequence[Any]]) -> Iterator[Archived]:

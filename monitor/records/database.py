@@ -18,8 +18,15 @@ from streams.folder.listing import NETWORK_FILE_SYSTEMS, file_system_type
 APPLICATION_ID = 0x53504C57
 """The bytes "SPLW" in the header of the database: it is ours."""
 
-STORE_VERSION = 3
-"""Version of the tables, the ``schema_version`` of the table ``meta``. 2: inputs of forecasts; 3: rollup of trends."""
+STORE_VERSION = 4
+"""Version of the tables, the ``schema_version`` of the table ``meta``.
+
+2: inputs of forecasts; 3: rollup of trends; 4: condensed blocks (:mod:`monitor.records.condense`).
+"""
+CONDENSED_VERSION = 4
+
+_MAX_IDLE_LOG_BYTES = 64 << 20
+"""Size to which the write-ahead log is cut after a checkpoint."""
 
 _MAGIC = b"SQLite format 3\x00"
 
@@ -84,6 +91,27 @@ CREATE TABLE IF NOT EXISTS rollup (
 CREATE INDEX IF NOT EXISTS blocks_by_time ON blocks (source, day IS NULL, instr(flags, 'clock') > 0, axis_time);
 """
 """The extremes of trends (:mod:`monitor.records.rollup`), and where the blocks of a range of time are."""
+
+_CONDENSED = """
+CREATE TABLE IF NOT EXISTS condensed_sources (
+    id INTEGER PRIMARY KEY, source TEXT NOT NULL UNIQUE, began REAL, counts TEXT NOT NULL,
+    first_dated REAL, last_dated REAL, first_undated REAL, last_undated REAL
+);
+CREATE TABLE IF NOT EXISTS condensed_days (day INTEGER UNIQUE, blocks INTEGER NOT NULL);
+CREATE TABLE IF NOT EXISTS identities (
+    source INTEGER NOT NULL, sequence INTEGER NOT NULL, content BLOB NOT NULL, PRIMARY KEY (source, sequence)
+) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS identities_by_content ON identities (substr(content, 1, 6));
+CREATE TABLE IF NOT EXISTS forecast_inputs (
+    id INTEGER PRIMARY KEY, channel TEXT, method TEXT, threshold_mm2 REAL, interval_level REAL,
+    library_hash TEXT, map_hash TEXT, config_hash TEXT
+);
+CREATE TABLE IF NOT EXISTS condensed_forecasts (
+    id INTEGER PRIMARY KEY, source INTEGER NOT NULL, sequence INTEGER NOT NULL, dated INTEGER NOT NULL,
+    inputs INTEGER NOT NULL, status TEXT, issued_utc REAL, data_until REAL, tt_s REAL, quantiles TEXT
+);
+"""
+"""What stays of blocks whose full records have left the store."""
 
 
 class StoreError(WrongInputError):
@@ -177,9 +205,13 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
     try:
         connection.execute("PRAGMA foreign_keys = ON")
         if not read_only:
+            if new:
+                # Possible only before the first table is made: freed pages can then be given back step by step.
+                connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
             # FULL: with NORMAL, commits of a write-ahead log may be rolled back by a power cut.
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
+            connection.execute(f"PRAGMA journal_size_limit = {_MAX_IDLE_LOG_BYTES}")
         if new or not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
             if read_only:
                 raise StoreError(f"{path}: is empty")
@@ -215,7 +247,7 @@ def _opened(path: Path, mode: str, *, any_thread: bool = False) -> sqlite3.Conne
 def _create(connection: sqlite3.Connection) -> None:
     """Make all tables in one transaction: a half-made store is an empty database."""
     connection.execute("BEGIN IMMEDIATE")
-    for statement in (_SCHEMA + _ROLLUP).split(";"):
+    for statement in (_SCHEMA + _ROLLUP + _CONDENSED).split(";"):
         if statement.strip():
             connection.execute(statement)
     connection.execute("INSERT INTO meta VALUES ('schema_version', ?)", (str(STORE_VERSION),))
@@ -229,7 +261,7 @@ def _migrate(connection: sqlite3.Connection, found: int) -> None:
     try:
         if found < 2:
             complete_archive(connection)
-        for statement in filter(str.strip, _ROLLUP.split(";")):
+        for statement in filter(str.strip, (_ROLLUP + _CONDENSED).split(";")):
             connection.execute(statement)
         connection.execute("UPDATE meta SET value = ? WHERE key = 'schema_version'", (str(STORE_VERSION),))
         connection.execute("COMMIT")

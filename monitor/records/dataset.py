@@ -16,7 +16,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from monitor.health.schema import DIMENSION_SIZES, FAULTS, OPTIONAL_DIMENSIONS, SCHEMA_VERSION, VARIABLES, Variable
-from monitor.records.filing import Stored
+from monitor.records.filing import SECONDS_PER_DAY, Filing, Stored
 from monitor.records.packing import Entry, channels_of, entries_of, numbers_of
 
 UTC_UNITS = "seconds since 1970-01-01T00:00:00Z"
@@ -65,6 +65,62 @@ def to_dataset(items: Iterable[Stored], *, dated: bool, attributes: Mapping[str,
     dataset.attrs = {key: _attribute(value) for key, value in attributes.items()}
     dataset.attrs.update({"schema_version": SCHEMA_VERSION, "dated": "yes" if dated else "no"})
     return dataset
+
+
+def from_dataset(dataset: xr.Dataset) -> list[Stored]:
+    """Return the records of a dataset of :func:`to_dataset`, read without decoding; they make the same dataset again.
+
+    Forecasts are no part of it. A channel is part of a record where any of its values is there.
+    """
+    ledger = {name: dataset[name].values for name in (*_LEDGER, "time_status")}
+    texts = ("source", "name", "content_hash", "status", "flags", "reason")
+    dated = dataset.attrs["dated"] == "yes"
+    matrices, entries = _matrices(dataset)
+    there: dict[str, NDArray[np.bool_]] = {
+        channel: np.asarray(np.isfinite(values).any(axis=1)) for channel, values in matrices.items()
+    }
+    found = []
+    for place, time in enumerate(dataset["time"].values.tolist()):
+        elapsed = float(ledger["elapsed"][place])
+        status = TIME_STATUSES[int(ledger["time_status"][place])]
+        # A channel without any value in the whole file is kept as its name.
+        named = [
+            (name, entries if here[place] else ()) for name, here in there.items() if here[place] or not here.any()
+        ]
+        row = [matrices[name][place].tobytes() for name, mine in named if mine]
+        found.append(
+            Stored(
+                filing=Filing(int(time // SECONDS_PER_DAY) if dated else None, time, status),
+                layout=json.dumps(named, separators=(",", ":")),
+                row=b"".join(row),
+                sequence=int(ledger["sequence"][place]),
+                time=time if dated and status == "given" else None,
+                elapsed=None if math.isnan(elapsed) else elapsed,
+                forecasts="[]",
+                events=str(ledger["events"][place]),
+                **{name: str(ledger[name][place]) for name in texts},
+            )
+        )
+    return found
+
+
+def _matrices(dataset: xr.Dataset) -> tuple[dict[str, NDArray[np.float64]], list[tuple[str, tuple[int, ...]]]]:
+    """Return the values of each channel, shape (record, place), and the variables of a row with their shapes."""
+    names = [name for name in map(str, dataset.data_vars) if name in VARIABLES]
+    columns = [(name, _numbers(VARIABLES[name], dataset[name])) for name in names]
+    matrices = {
+        str(channel): np.hstack([values[:, place].reshape(len(values), -1) for _, values in columns]).astype("<f8")
+        for place, channel in enumerate(dataset["channel"].values)
+    }
+    return matrices, [(name, values.shape[2:]) for name, values in columns]
+
+
+def _numbers(variable: Variable, array: xr.DataArray) -> NDArray[np.float64]:
+    """Return the values of a variable as rows hold them, NaN where there is none."""
+    values = np.asarray(array.values, dtype=np.float64)
+    if variable.kind == "float":
+        return values
+    return np.where(values == (0.0 if variable.kind == "mask" else -1.0), np.nan, values)
 
 
 def words(array: xr.DataArray) -> NDArray[np.object_]:

@@ -12,6 +12,7 @@ from dataclasses import astuple, fields
 from typing import Any
 
 from monitor.health.record import storable
+from monitor.records.condense import identity_of, numbers_with
 from monitor.records.database import Closing, SharedConnection
 from monitor.records.store import Store, count_refusal
 from streams.block import Rejected
@@ -59,30 +60,36 @@ class StoreLedger(Closing):
 
     def began(self, source: str) -> float | None:
         """Return the start of the first dated block of a source, seconds since 1970 UTC, or None."""
+        condensed = self._first("SELECT began FROM condensed_sources WHERE source = ?", source)
         query = "SELECT time FROM blocks WHERE source = ? AND time IS NOT NULL ORDER BY id LIMIT 1"
-        return self._first(query, source)
+        return self._first(query, source) if condensed is None else condensed
 
     def content_of(self, source: str, sequence: int) -> str | None:
         """Return the content hash of the block committed under a number, or None."""
-        return self._first("SELECT content_hash FROM blocks WHERE source = ? AND sequence = ?", source, sequence)
+        found = self._first("SELECT content_hash FROM blocks WHERE source = ? AND sequence = ?", source, sequence)
+        return identity_of(self._reader.rows, source, sequence) if found is None else found
 
     def known(self, source: str, content_hash: str) -> int | None:
         """Return the number of a committed block with this content, or None."""
+        condensed = numbers_with(self._reader.rows, source, content_hash)
         query = "SELECT min(sequence) FROM blocks WHERE source = ? AND content_hash = ?"
-        return self._first(query, source, content_hash)
+        return self._first(query, source, content_hash) if condensed is None else condensed
 
     def number_of(self, source: str, name: str, content_hash: str) -> int | None:
         """Return the number of a salvaged block, of the latest ones, with this name and content, or None.
 
         Only a salvage may lose the progress of files, so that their blocks are offered again. Blocks committed later
-        are not compared: a new file may have the content of an older one.
+        are not compared: a new file may have the content of an older one. Of condensed blocks the name is not known.
         """
-        return self._first(
+        found = self._first(
             "SELECT sequence FROM (SELECT sequence, name FROM blocks WHERE source = ? AND content_hash = ?"
             " AND id <= (SELECT CAST(value AS INTEGER) FROM meta WHERE key = ?)"
             f" ORDER BY id DESC LIMIT {_MAX_ALIKE * _MAX_ALIKE}) WHERE name = ?",
             *(source, content_hash, SALVAGED_UP_TO, storable(name)),
         )
+        if found is not None or not self._first("SELECT 1 FROM meta WHERE key = ?", SALVAGED_UP_TO):
+            return found
+        return numbers_with(self._reader.rows, source, content_hash)
 
     def file(self, source: str, path: str) -> FileProgress | None:
         """Return the progress of a file, or None."""

@@ -7,7 +7,8 @@ again from the store.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -17,15 +18,19 @@ import xarray as xr
 
 from models.errors import SpallwatchError
 from monitor.health.schema import SCHEMA_VERSION, VARIABLES
+from monitor.records.condense import condensed_on, condensed_up_to, has_condensed
 from monitor.records.database import replacing
-from monitor.records.dataset import INT_FILL, to_dataset
+from monitor.records.dataset import INT_FILL, from_dataset, to_dataset
 from monitor.records.filing import SECONDS_PER_DAY
+from monitor.records.moved_days import delete_day, moved_days, moving_days
 from monitor.records.store import Published, Store
 
 _SUMMARY = (
     "What each block of acceleration said about the health of a rolling bearing: indicators, fault lines of the "
     "envelope spectrum, stage of life, equivalent damaged volume and time to threshold."
 )
+_OWN = ("history", "date_created", "source", "product_version")
+"""Attributes of the file itself, which those of an older one do not join."""
 _KEYWORDS = "rolling bearing, vibration, envelope spectrum, condition monitoring, prognostics"
 
 
@@ -57,9 +62,11 @@ def publish(
     written: list[Path] = []
     for day, last_block in days(store):
         path = Path(records_dir) / file_name(store.machine, day)
-        if not rebuild and _is_fresh(store, path, last_block):
-            continue
-        size = _write(day_dataset(store, day), path)
+        # One state of the store: blocks are condensed meanwhile.
+        with _snapshot(store), moving_days(store.path):
+            if not rebuild and _is_fresh(store, path, day, last_block):
+                continue
+            size = _write(day_dataset(store, day, path), path)
         done = Published(path.name, day, last_block, size)
         if note is not None:
             note(done)
@@ -80,10 +87,36 @@ def file_name(machine: str, day: int | None) -> str:
     return f"{machine}-{label}.nc"
 
 
-def day_dataset(store: Store, day: int | None) -> xr.Dataset:
-    """Build the dataset of a UTC day (days since 1970) or of the undated records."""
-    rows = store.stored("day IS ?", day)
-    return to_dataset(rows, dated=day is not None, attributes=_globals(store, day))
+def day_dataset(store: Store, day: int | None, path: Path | None = None) -> xr.Dataset:
+    """Build the dataset of a UTC day (days since 1970) or of the undated records.
+
+    Records that are condensed in the store are taken from the present file at ``path``; where it is missing, the
+    attribute ``records_elsewhere`` counts them.
+    """
+    rows = list(store.stored("day IS ?", day))
+    attributes = _globals(store, day)
+    elsewhere = _condensed(store, day)
+    if elsewhere and path is not None and path.exists():
+        older = _read(path)
+        known = {(row.source, row.sequence) for row in rows}
+        restored = [row for row in from_dataset(older) if (row.source, row.sequence) not in known]
+        rows += restored
+        elsewhere = max(0, elsewhere - len(restored))
+        made_with = [key for key in attributes if key in older.attrs and key not in _OWN]
+        attributes |= {key: _united(older.attrs[key], attributes[key]) for key in made_with}
+    if day is not None and rows:
+        attributes |= _coverage([row.filing.time for row in rows])
+    if elsewhere:
+        attributes["records_elsewhere"] = elsewhere
+    return to_dataset(rows, dated=day is not None, attributes=attributes)
+
+
+def _read(path: Path) -> xr.Dataset:
+    try:
+        with xr.open_dataset(path, engine="netcdf4", decode_cf=False) as dataset:
+            return dataset.load()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise PublishError(f"{path}: holds records that the store has no more, and cannot be read: {error}") from error
 
 
 def days(store: Store) -> list[tuple[int | None, int]]:
@@ -102,15 +135,73 @@ def days(store: Store) -> list[tuple[int | None, int]]:
     return found
 
 
-def _is_fresh(store: Store, path: Path, last_block: int) -> bool:
-    """Return whether a file has its size as written and the day's last block."""
-    row = store.rows("SELECT last_block, size FROM published WHERE file = ?", path.name)
-    if not row or row[0][0] != last_block:
-        return False
+@contextmanager
+def _snapshot(store: Store) -> Iterator[None]:
+    """Let all reading inside see one state of the store, whatever its writer does meanwhile."""
+    store.rows("BEGIN")
     try:
-        return path.stat().st_size == row[0][1]
-    except OSError:
+        yield
+    finally:
+        store.rows("ROLLBACK")
+
+
+def published_bytes(records_dir: Path, machine: str) -> int:
+    """Return the size of all published files of a machine."""
+    sizes = []
+    for path in records_dir.glob(f"{machine}-*.nc"):
+        with suppress(OSError):
+            sizes.append(path.stat().st_size)
+    return sum(sizes)
+
+
+def missing_files(store: Store, records_dir: Path) -> list[str]:
+    """Return the files that are not in the folder although the store has their records no more, but for moved days."""
+    on_purpose = {moved.file for moved in moved_days(records_dir, store.machine)}
+    names = [name for name, _, _ in _condensed_files(store)]
+    return [name for name in names if name not in on_purpose and not (records_dir / name).exists()]
+
+
+def delete_oldest(store: Store, records_dir: Path, size: int, utc: float) -> list[str]:
+    """Delete the oldest published days, at least ``size`` bytes, but none of which the store has full records."""
+    deleted: list[str] = []
+    with store.maintenance() as connection:
+        end = condensed_up_to(connection)
+    for name, day, last_block in _condensed_files(store):
+        path = records_dir / name
+        if size <= 0:
+            break
+        if day is not None and last_block <= end and path.exists():
+            size -= delete_day(path, store.machine, store.path, utc).size
+            deleted.append(name)
+    return deleted
+
+
+def _condensed_files(store: Store) -> list[tuple[str, int | None, int]]:
+    """Return file, day and last block of the published days with condensed blocks, the oldest first."""
+    query = (
+        "SELECT file, published.day, last_block FROM published JOIN condensed_days AS old ON published.day IS old.day"
+    )
+    with store.maintenance() as connection:
+        return store.rows(f"{query} ORDER BY published.day") if has_condensed(connection) else []
+
+
+def _condensed(store: Store, day: int | None) -> int:
+    """Return how many blocks of a day have no full record in the store."""
+    with store.maintenance() as connection:
+        return condensed_on(connection, day)
+
+
+def _is_fresh(store: Store, path: Path, day: int | None, last_block: int) -> bool:
+    """Return whether a file has its size as written and the day's last block, or is not there on purpose."""
+    row = store.rows("SELECT last_block, size FROM published WHERE file = ?", path.name)
+    if not row or row[0][0] < last_block:
         return False
+    condensed = _condensed(store, day) > 0
+    try:
+        return path.stat().st_size == row[0][1] and (condensed or row[0][0] == last_block)
+    except OSError:
+        # What is left in the store is less than the file had.
+        return condensed or path.name in {moved.file for moved in moved_days(path.parent, store.machine)}
 
 
 def _write(dataset: xr.Dataset, path: Path) -> int:
@@ -153,12 +244,16 @@ def _globals(store: Store, day: int | None) -> dict[str, Any]:
         "date_created": now,
         "product_version": str(SCHEMA_VERSION),
     }
-    if day is not None:
-        first, last = store.rows("SELECT min(axis_time), max(axis_time) FROM blocks WHERE day = ?", day)[0]
-        result["time_coverage_start"] = _iso(first)
-        result["time_coverage_end"] = _iso(last)
-        result["time_coverage_duration"] = f"PT{last - first:.3f}S"
     return {**result, **made_with}
+
+
+def _coverage(times: Sequence[float]) -> dict[str, str]:
+    first, last = min(times), max(times)
+    return {
+        "time_coverage_start": _iso(first),
+        "time_coverage_end": _iso(last),
+        "time_coverage_duration": f"PT{last - first:.3f}S",
+    }
 
 
 def _merged(runs: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
@@ -170,6 +265,13 @@ def _merged(runs: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
             if value not in values:
                 values.append(value)
     return {key: values[0] if len(values) == 1 else "; ".join(map(str, values)) for key, values in found.items()}
+
+
+def _united(older: Any, newer: Any) -> Any:
+    """Join an attribute of a file with that of the records which are added to it."""
+    if older == newer:
+        return newer
+    return "; ".join(dict.fromkeys(part for value in (older, newer) for part in str(value).split("; ")))
 
 
 def _midnight(day: int) -> datetime:

@@ -168,12 +168,32 @@ def rolled_up_to(connection: sqlite3.Connection) -> int:
 
 
 def check_features(connection: sqlite3.Connection) -> None:
-    """Empty the table where it has the extremes of other features, within a transaction: it is then built anew."""
+    """Adapt a table with the extremes of other features, within a transaction.
+
+    It is emptied and built anew from the records. Where blocks are condensed, their buckets cannot be: the table keeps
+    the features that are still there, and new ones begin with the next blocks.
+    """
     row = connection.execute("SELECT value FROM meta WHERE key = ?", (_FEATURES,)).fetchone()
-    if row is None or row[0] != " ".join(FEATURES):
+    if row is not None and row[0] == " ".join(FEATURES):
+        return
+    if row is not None and connection.execute("SELECT 1 FROM identities LIMIT 1").fetchone():
+        _convert(connection, row[0].split())
+    else:
         connection.execute("DELETE FROM rollup")
-        values = ((_FEATURES, " ".join(FEATURES)), (_ROLLED_UP, "0"))
-        connection.executemany("INSERT OR REPLACE INTO meta VALUES (?, ?)", values)
+        connection.execute("INSERT OR REPLACE INTO meta VALUES (?, '0')", (_ROLLED_UP,))
+    connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (_FEATURES, " ".join(FEATURES)))
+
+
+def _convert(connection: sqlite3.Connection, features: Sequence[str]) -> None:
+    """Bring the extremes of all buckets from other features to the present ones."""
+    places = np.array([features.index(name) if name in features else -1 for name in FEATURES], dtype=np.intp)
+
+    def convert(extremes: bytes) -> bytes:
+        both = np.frombuffer(extremes, dtype="<f8").reshape(2, len(features))
+        return columns_of(both, places).astype("<f8").tobytes()
+
+    connection.create_function("converted", 1, convert, deterministic=True)
+    connection.execute("UPDATE rollup SET extremes = converted(extremes)")
 
 
 def roll_up(connection: sqlite3.Connection, budget_s: float = _COMMIT_BUDGET_S) -> None:

@@ -22,6 +22,9 @@ from monitor.records.database import SharedConnection
 _KINDS: dict[Kind, int] = {"newest": 0, "kept": 1, "pinned": 2}
 _HALF_RANGE = 32768.0
 """Stored value of the highest amplitude: half of the range of float16, for the digits of the lowest."""
+_WEEK_S = 604800.0
+_MAX_THINNED = 64
+"""Spectra that one step deletes."""
 _ROW = "source, channel, sequence, time, header, amplitude"
 
 
@@ -83,6 +86,22 @@ def _put(connection: sqlite3.Connection, change: SpectrumChange) -> None:
             " VALUES (?, ?, ?, ?, ?, ?, ?)",
             values,
         )
+
+
+def thin_spectra(connection: sqlite3.Connection, older_s: float) -> int:
+    """Delete kept spectra within an open transaction, a few at a time; return how many.
+
+    Of those older than ``older_s`` before the newest kept one of their channel, the first of each week stays. Pinned
+    ones stay.
+    """
+    rows = connection.execute(
+        "SELECT rowid FROM (SELECT rowid, row_number() OVER (PARTITION BY source, channel, CAST(time / ?1 AS INTEGER)"
+        " ORDER BY sequence) AS place FROM spectra AS old WHERE kind = 1 AND time < (SELECT max(time) FROM spectra"
+        " AS new WHERE new.source = old.source AND new.channel = old.channel) - ?2) WHERE place > 1 LIMIT ?3",
+        (_WEEK_S, older_s, _MAX_THINNED),
+    ).fetchall()
+    connection.executemany("DELETE FROM spectra WHERE rowid = ?", rows)
+    return len(rows)
 
 
 def pack_amplitude(amplitude: NDArray[np.floating]) -> tuple[bytes, float]:

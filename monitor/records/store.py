@@ -18,7 +18,8 @@ from typing import Any, Literal, NamedTuple, Self
 from monitor import __version__
 from monitor.health.record import Record
 from monitor.health.waterfall import SpectrumChange
-from monitor.records.archive import ARCHIVE_QUERY, Archived, archived_of, insert_forecasts
+from monitor.records.archive import ARCHIVE_QUERY, FULL_ARCHIVE_QUERY, Archived, archived_of, insert_forecasts
+from monitor.records.condense import condensed_counts, has_condensed, identity_of
 from monitor.records.database import (
     UNFIT,
     Closing,
@@ -211,14 +212,15 @@ class Store(Closing):
         return outcomes
 
     def _insert(self, connection: sqlite3.Connection, record: Record) -> tuple[Commit, int]:
-        """Insert one record, or count it as refused; return the outcome and the ledger number."""
+        """Insert one record, or count it as refused; return the outcome and the ledger number, 0 where refused."""
         found = connection.execute(
             "SELECT id, content_hash FROM blocks WHERE source = ? AND sequence = ?", (record.source, record.sequence)
         ).fetchone()
-        if found is not None:
-            outcome: Commit = "duplicate" if found[1] == record.content_hash else "changed"
+        known = identity_of(self.rows, record.source, record.sequence) if found is None else found[1]
+        if known is not None:
+            outcome: Commit = "duplicate" if known == record.content_hash else "changed"
             count_refusal(connection, record, outcome)
-            return outcome, found[0]
+            return outcome, 0
         filing = file_record(connection, record)
         entry = (
             *(record.source, record.sequence, record.content_hash, record.name, record.status),
@@ -261,12 +263,11 @@ class Store(Closing):
     def counts(self) -> dict[str, int]:
         """Return how many blocks were offered by status; refused repetitions count as "duplicate" and "changed"."""
         counts: dict[str, int] = {}
-        for query in (
-            "SELECT status, count(*) FROM blocks GROUP BY status ORDER BY status",
-            "SELECT status, sum(times) FROM refusals GROUP BY status ORDER BY status",
-        ):
-            for status, number in self.rows(query):
-                counts[status] = counts.get(status, 0) + number
+        present = self.rows("SELECT status, count(*) FROM blocks GROUP BY status ORDER BY status")
+        condensed = condensed_counts(self.rows) if has_condensed(self._connection) else ()
+        refused = self.rows("SELECT status, sum(times) FROM refusals GROUP BY status ORDER BY status")
+        for status, number in (*present, *condensed, *refused):
+            counts[status] = counts.get(status, 0) + number
         return counts
 
     def records(self) -> Iterator[Record]:
@@ -309,8 +310,9 @@ class Store(Closing):
                 f"{self.path}: its forecasts do not say what they leaned on (schema version 1); "
                 "open the store once for writing to complete them, such as with: spallwatch replay --resume"
             )
+        query = FULL_ARCHIVE_QUERY if has_condensed(self._connection) else ARCHIVE_QUERY
         last = 0
-        while rows := self.rows(ARCHIVE_QUERY, last):
+        while rows := self.rows(query, last):
             yield from archived_of(rows)
             last = rows[-1][0]
 
@@ -333,8 +335,14 @@ class Store(Closing):
 
     def rows(self, query: str, *values: Any) -> list[Any]:
         """Return all rows of a query over the tables."""
+        with self.maintenance() as connection:
+            return connection.execute(query, values).fetchall()
+
+    @contextmanager
+    def maintenance(self) -> Iterator[sqlite3.Connection]:
+        """Lend the connection for statements outside a transaction."""
         try:
-            return self._connection.execute(query, values).fetchall()
+            yield self._connection
         except sqlite3.Error as error:
             raise StoreError(f"{self.path}: {error}") from error
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.health.schema import STATUSES
+from monitor.records.condense import condensed_span
 from monitor.records.rollup import (
     ENTRY_QUERY,
     FEATURES,
@@ -80,12 +81,13 @@ class TrendTable:
 
 @dataclass(frozen=True)
 class _Span:
-    """Range of time of an answer, and first and last time of the source, s."""
+    """Range of time of an answer, first and last time of the source, and last time without full records, s."""
 
     since: float
     until: float
     first: float
     last: float
+    condensed: float = -np.inf
 
     def buckets(self, width: float) -> int:
         """Return how many buckets of a width the range touches."""
@@ -125,6 +127,9 @@ def _read(
     if span is None or span.since > span.until:
         first, last = (None, None) if span is None else (span.first, span.last)
         return TrendTable.of_points(read_points(connection, (), key.channel), dated=key.dated, first=first, last=last)
+    if span.since <= span.condensed:
+        # What is left of the records there is not all of them.
+        return _buckets(connection, key, span, points)
     width = next((width for width in _SHORT_WIDTHS_S if span.buckets(width) <= points), None)
     limit = points if width is None else max(points, _MAX_RECORDS)
     if _has_at_most(connection, key, span, limit):
@@ -147,7 +152,12 @@ def _span(connection: sqlite3.Connection, key: SeriesKey, since: float | None, u
         # Blocks with the flag "clock" do not move the ends, but can be asked for.
         ends += [present[0], max(-MAX_TIME_S, min(pick(present), MAX_TIME_S))]
     first, begin, last, end = ends
-    return _Span(max(begin, first if since is None else since), min(end, last if until is None else until), first, last)
+    condensed = condensed_span(connection, key.source, dated=key.dated)
+    if condensed is not None:
+        first, last = min(first, condensed[0]), max(last, condensed[1])
+        begin, end = min(begin, first), max(end, last)
+    since, until = max(begin, first if since is None else since), min(end, last if until is None else until)
+    return _Span(since, until, first, last, -np.inf if condensed is None else condensed[1])
 
 
 def _has_at_most(connection: sqlite3.Connection, key: SeriesKey, span: _Span, limit: int) -> bool:

@@ -16,7 +16,7 @@ from monitor.report.figures.map_path import hash_of, kept_map, map_path, posteri
 from monitor.report.figures.spectrum import SpectrumView, recorded_lines, spectra, views_of, waterfall
 from monitor.report.figures.trends import final_stage, trends
 from monitor.report.options import Options
-from monitor.report.runs import Channel, Run
+from monitor.report.runs import ABSENCE, Channel, Run
 from monitor.report.tables import Column, Table, time_column
 from monitor.report.verdict import (
     GRADES,
@@ -157,6 +157,8 @@ def _notes(run: Run) -> list[str]:
             "The model of the rig was not calibrated on this machine: V_eq and TT stand on the scale of the model. "
             "Their trend means something, their absolute value does not."
         )
+    if ABSENCE in run.attributes:
+        notes.append(f"Records are missing in this report: {run.attributes[ABSENCE]}.")
     if run.attributes.get("prior"):
         notes.append(
             f"What is given as {interval_name(run)} leans on the bearing being one of these: {run.attributes['prior']}."

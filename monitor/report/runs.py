@@ -19,14 +19,18 @@ from models.errors import WrongInputError
 from monitor.health.damage.filter.particles import Particles
 from monitor.health.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
 from monitor.health.waterfall import SpectrumRow
-from monitor.records.database import StoreError
+from monitor.records.database import CONDENSED_VERSION, StoreError
 from monitor.records.dataset import words
+from monitor.records.moved_days import absence_text, moved_days
 from monitor.records.publish import PublishError, day_dataset, days
 from monitor.records.spectra import read_spectra
 from monitor.records.store import Store
+from monitor.words.numbers import count
 
 Records = xr.Dataset | Store | Path | str
 
+ABSENCE = "records_missing"
+"""Attribute of a dataset that says which records are not in the same place."""
 _LEDGER = ("source", "name", "status", "flags", "reason", "events")
 
 
@@ -185,19 +189,38 @@ def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, _Store | None]]:
         yield item, None
     elif isinstance(item, Store):
         beside: _Store | None = None
+        absent = _condensed_text(item)
         for day, _ in days(item):
             beside = beside or _beside(item)
-            yield day_dataset(item, day), beside
+            yield _with_absence(day_dataset(item, day), absent), beside
     else:
+        found: dict[str, str | None] = {}
         for path in _files(Path(item)):
             if path.suffix == ".nc":
-                yield _read_netcdf(path), None
+                dataset = _read_netcdf(path)
+                machine = str(dataset.attrs.get("machine", ""))
+                if machine not in found:
+                    found[machine] = absence_text(moved_days(path.parent, machine))
+                yield _with_absence(dataset, found[machine]), None
             else:
                 try:
                     with Store.open(path, read_only=True) as store:
                         yield from _datasets(store)
                 except (StoreError, PublishError) as error:
                     raise ReportError(str(error)) from error
+
+
+def _with_absence(dataset: xr.Dataset, text: str | None) -> xr.Dataset:
+    """Add a sentence on records that are elsewhere."""
+    return dataset if text is None else dataset.assign_attrs({ABSENCE: text})
+
+
+def _condensed_text(store: Store) -> str | None:
+    """Return how many blocks of a store have no full record there as a sentence, or None."""
+    if int(store.meta()["schema_version"]) < CONDENSED_VERSION:
+        return None
+    blocks = store.rows("SELECT sum(blocks) FROM condensed_days")[0][0]
+    return f"full records of {count(blocks, 'older block')} are in the published files only" if blocks else None
 
 
 def _beside(store: Store) -> _Store:

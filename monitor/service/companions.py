@@ -14,7 +14,7 @@ from monitor.config.load import Config
 from monitor.records.store import Store
 from monitor.service.notify.notifier import Notifier
 from monitor.service.page import PageProcess
-from monitor.service.publisher import Publisher
+from monitor.service.publisher import PublishedFiles, Publisher
 from monitor.service.record_mqtt import RecordMqtt
 
 _LOG = logging.getLogger(__name__)
@@ -74,8 +74,14 @@ class Companions:
         """Note that the event log has something new."""
         self._events.wake()
 
-    def tick(self, *, room: bool) -> None:
-        """Do what is due; files are written where there is room on the disk."""
+    @property
+    def files(self) -> PublishedFiles:
+        """What the latest publication found of the files."""
+        return self._publisher.files
+
+    def tick(self, *, room: bool, to_delete: int = 0) -> None:
+        """Do what is due; files are written where there is room on the disk, and so many bytes of them deleted."""
+        self._publisher.to_delete = to_delete
         if room:
             self._publisher.tick()
         if self._page is not None:

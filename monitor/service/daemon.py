@@ -13,6 +13,7 @@ from pathlib import Path
 from monitor.config.load import Config
 from monitor.health.alarms import AlarmAcknowledgement
 from monitor.health.record import Record
+from monitor.records.compact import settle_layout
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog
 from monitor.records.recover.salvage import open_or_salvage
@@ -20,6 +21,7 @@ from monitor.records.store import Store
 from monitor.service.companions import Companions
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus
+from monitor.service.retention import Retention
 from monitor.service.silence import SilenceLog
 from monitor.service.status_file import StatusFile
 from monitor.service.summary import run_attributes
@@ -35,6 +37,8 @@ _POLL_LOG_S = 1.0
 _PAUSE_S = 0.5
 _CHECK_DISK_S = 5.0
 _DISK_HYSTERESIS = 1.25
+_THIN_FACTOR = 2.0
+_MIN_LOG_SHARE = 0.25
 _COUNT_SHARE = 50.0
 """Least ratio of the time between two counts of unacknowledged events to the duration of one."""
 _MARKS = """
@@ -51,12 +55,23 @@ def free_bytes(folder: Path) -> int:
 class DiskGuard:
     """Detects a file system that is too full to go on, with hysteresis."""
 
-    def __init__(self, folder: Path, free: Callable[[Path], int], least: int) -> None:
-        """Keep folder, reader of its free bytes, and the bytes below which it is full until a quarter more is free."""
-        self._folder, self._free, self._least = folder, free, least
+    def __init__(
+        self,
+        folder: Path,
+        free: Callable[[Path], int],
+        least: int,
+        reusable: Callable[[], int] = lambda: 0,
+    ) -> None:
+        """Keep folder, reader of its free bytes, and the bytes below which it is full until a quarter more is free.
+
+        ``reusable`` returns the bytes inside the store that count as free, down to a quarter of ``least``.
+        """
+        self._folder, self._free, self._least, self._reusable = folder, free, least, reusable
         self._due = float("-inf")
         self.problem: str | None = None
         """Why nothing may be written, or None."""
+        self.shortage: str | None = None
+        """Why the store is to be thinned, or None: free space is below twice that at which nothing may be written."""
 
     def check(self, now: float) -> bool:
         """Check the file system every five seconds of the monotonic time ``now``; return whether there is room."""
@@ -71,7 +86,10 @@ class DiskGuard:
         except OSError as error:
             return f"{self._folder}: cannot be looked at ({error.strerror or error})"
         least = self._least if self.problem is None else self._least * _DISK_HYSTERESIS
-        if free >= least:
+        enough = _THIN_FACTOR * self._least * (1.0 if self.shortage is None else _DISK_HYSTERESIS)
+        usable = free if free >= enough else free + self._reusable()
+        self.shortage = None if usable >= enough else f"{self._folder}: {free / 1e6:.0f} MB are free on the disk"
+        if usable >= least and free >= _MIN_LOG_SHARE * self._least:
             return None
         return f"{self._folder}: the disk is nearly full, {free / 1e6:.0f} MB are free, {least / 1e6:.0f} MB are needed"
 
@@ -139,6 +157,7 @@ class Daemon:
         self._status_problem: str | None = None
         self._log_problem: str | None = None
         self._held_up = False
+        self._idle = True
 
     def run(self, stop: threading.Event) -> None:
         """Follow the sources until ``stop`` is set, then publish a last time and return, within five seconds.
@@ -151,15 +170,21 @@ class Daemon:
         with ExitStack() as opened:
             self._file = opened.enter_context(StatusFile.open(machine.state_dir))
             database, name = machine.state_dir / "state.db", machine.name
+            if settle_layout(database, self._free, self._starting):
+                _LOG.warning("%s: was rebuilt, so that it can be shortened while it is in use", database)
             # A salvage writes what it saved and lost to the log and the event log.
             self._store, _ = open_or_salvage(
                 database, machine=name, records_dir=machine.records_dir, clock=self._clock, beat=self._starting
             )
             opened.callback(self._store.close)
-            self._disk = DiskGuard(machine.state_dir, self._free, round(1e6 * machine.min_free_mb))
             self._companions = Companions(self._config, self._store, self._path, self._monotonic)
             opened.callback(self._companions.close)
             self._log = opened.enter_context(EventLog(self._store.path))
+            self._retention = Retention(
+                self._config.retention, self._store, self._log, monotonic=self._monotonic, clock=self._clock
+            )
+            least = round(1e6 * machine.min_free_mb)
+            self._disk = DiskGuard(machine.state_dir, self._free, least, self._retention.reusable_bytes)
             self._ingest = opened.enter_context(Ingest.open(self._config, self._store, self._clock, self._stuck))
             settings = self._ingest.settings
             channels = {name: channel for source in settings.values() for name, channel in source.channels.items()}
@@ -183,7 +208,7 @@ class Daemon:
 
     def _starting(self) -> None:
         # A service manager restarts a service whose start takes longer than usual.
-        self._manager.send("EXTEND_TIMEOUT_USEC=60000000", "STATUS=saving what can be read of a damaged store")
+        self._manager.send("EXTEND_TIMEOUT_USEC=60000000", "STATUS=repairing or rebuilding the store")
 
     def _follow(self, stop: threading.Event) -> None:
         while not stop.is_set():
@@ -197,6 +222,7 @@ class Daemon:
                 self._status.resumed()
             self._poll_log()
             record = self._ingest.step(stop)
+            self._idle = record is None
             if record is not None:
                 self._note_record(record)
 
@@ -226,7 +252,10 @@ class Daemon:
             _LOG.error("nothing more is taken: %s", self._disk.problem)
         elif room and before is not None:
             _LOG.warning("there is room on the disk again; going on")
-        self._companions.tick(room=room)
+        self._companions.tick(room=room, to_delete=self._retention.to_delete)
+        self._retention.tick(self._companions.files, idle=self._idle, disk=self._disk.shortage)
+        if self._retention.take_news():
+            self._companions.notify()
         if now >= self._status_due:
             began = time.thread_time()
             self._write_status("running")
@@ -267,6 +296,10 @@ class Daemon:
 
     def problems(self) -> dict[str, str]:
         """Return the present problems, one sentence each, by the name of the source or the part."""
-        others = {"disk": self._disk.problem, "events": self._log_problem or self._silences.problem}
+        others = {
+            "disk": self._disk.problem,
+            "retention": self._retention.problem,
+            "events": self._log_problem or self._silences.problem,
+        }
         failing = self._ingest.problems() | self._companions.problems()
         return failing | {name: problem for name, problem in others.items() if problem is not None}

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from monitor.records.database import StoreError
 from monitor.records.store import Published, Store
@@ -28,6 +28,20 @@ _MIN_PAUSE_FACTOR = 20.0
 _CHECK_TURNS = 10
 _MAX_ANSWERS = 200
 """Publications after which a new child takes over: the libraries leak some kilobytes with every file."""
+
+
+class PublishedFiles(NamedTuple):
+    """What the latest publication found.
+
+    Attributes:
+        complete: whether the files have all blocks that the store noted as published.
+        size: of all files of the machine, bytes.
+        missing: names of files that are lost, with records that the store has no more.
+    """
+
+    complete: bool = False
+    size: int = 0
+    missing: tuple[str, ...] = ()
 
 
 class Publisher:
@@ -53,6 +67,9 @@ class Publisher:
         self._idle_turns = 0
         self.problem: str | None = None
         """Why files are not published, or None."""
+        self.files = PublishedFiles()
+        self.to_delete = 0
+        """Bytes of the oldest days to delete with the next publication."""
 
     @property
     def busy(self) -> bool:
@@ -118,7 +135,7 @@ class Publisher:
             if self._child is None:
                 store, records_dir = self._store.path.absolute(), self._records_dir.absolute()
                 self._child = Child(_ENTRY, str(store), str(records_dir))
-            self._child.write(b"publish\n")
+            self._child.write(b"%d\n" % self.to_delete)
         except OSError as error:
             self._fail(f"the publisher cannot be asked: {error.strerror or error}")
 
@@ -144,6 +161,10 @@ class Publisher:
             self._changed = True
         if answer["published"]:
             _LOG.info("published %s in %.1f s", ", ".join(str(done[0]) for done in answer["published"]), took)
+        if answer["deleted"]:
+            _LOG.warning("deleted for max_gb: %s", ", ".join(answer["deleted"]))
+        self.to_delete = 0
+        self.files = PublishedFiles(answer["problem"] is None, answer["size"], tuple(answer["missing"]))
         self._set_problem(answer["problem"])
         self._answers += 1
         if self._answers >= _MAX_ANSWERS and (self._retired is None or self._retired.ended):
@@ -166,7 +187,10 @@ class Publisher:
 
 
 def child() -> None:
-    """Publish once for each line of standard input; the arguments are the store and the folder of the files."""
+    """Publish once for each line of standard input, the number of bytes to delete.
+
+    The arguments are the store and the folder of the files.
+    """
     store, records_dir = Path(sys.argv[1]), Path(sys.argv[2])
     # The thread that commits has priority.
     os.nice(5)
@@ -175,22 +199,30 @@ def child() -> None:
     fcntl.flock(lock, fcntl.LOCK_EX)
     # A broken pipe means that the daemon has ended.
     with suppress(BrokenPipeError):
-        for _ in sys.stdin:
-            print(json.dumps(_publish(store, records_dir)), flush=True)
+        for line in sys.stdin:
+            print(json.dumps(_publish(store, records_dir, int(line))), flush=True)
     # The orderly end of an interpreter with these libraries costs a tenth of a second.
     os._exit(0)
 
 
-def _publish(path: Path, records_dir: Path) -> dict[str, Any]:
-    """Publish; return ``published`` (a list of :class:`Published`), ``problem`` (or None) and ``seconds``."""
-    from monitor.records.publish import PublishError, publish
+def _publish(path: Path, records_dir: Path, to_delete: int) -> dict[str, Any]:
+    """Publish, and delete the oldest days where so many bytes are too many.
+
+    Returns:
+        ``published`` (a list of :class:`Published`), ``deleted`` and ``missing`` (names of files), ``size`` (bytes of
+        all files), ``problem`` (or None) and ``seconds``.
+    """
+    from monitor.records.moved_days import MovedDaysError
+    from monitor.records.publish import PublishError, delete_oldest, missing_files, publish, published_bytes
 
     began = time.monotonic()
-    written: list[Published] = []
-    problem = None
+    answer: dict[str, Any] = {"published": [], "deleted": [], "missing": [], "size": 0, "problem": None}
     try:
         with Store.open(path, create=False, read_only=True) as store:
-            publish(store, records_dir, note=written.append)
-    except (PublishError, StoreError) as error:
-        problem = str(error)
-    return {"published": written, "problem": problem, "seconds": time.monotonic() - began}
+            publish(store, records_dir, note=answer["published"].append)
+            answer["deleted"] = delete_oldest(store, records_dir, to_delete, time.time())
+            answer["missing"] = missing_files(store, records_dir)
+            answer["size"] = published_bytes(records_dir, store.machine)
+    except (MovedDaysError, PublishError, StoreError) as error:
+        answer["problem"] = str(error)
+    return {**answer, "seconds": time.monotonic() - began}

@@ -94,7 +94,7 @@ def test_a_store_of_the_version_before_is_read_and_migrated(folder: Path) -> Non
     assert table.records.sum() == 250
     assert np.all(table.high["rms"] <= whole.high["rms"])
     with Store.open(folder / "state.db", machine="m") as store:
-        assert store.meta()["schema_version"] == "3"
+        assert store.meta()["schema_version"] == "4"
         assert rolled_up(folder) > 936
         for points in (45, 100):
             assert_is(query(folder, "s", "x", 1.0, 5000.0, points), said, 1.0, 5000.0)

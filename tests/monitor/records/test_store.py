@@ -159,7 +159,7 @@ def test_a_newer_schema_is_refused(store: Store, path: Path) -> None:
     with sqlite3.connect(path) as connection:
         connection.execute("UPDATE meta SET value = '99' WHERE key = 'schema_version'")
     connection.close()
-    with pytest.raises(StoreError, match=r"state\.db: was written with schema version 99; .* up to 3"):
+    with pytest.raises(StoreError, match=rf"state\.db: was written with schema version 99; .* up to {STORE_VERSION}"):
         Store.open(path, machine="m")
 
 

@@ -1,0 +1,154 @@
+"""Published days that were moved away, or deleted by the size cap, and their register beside the published files.
+
+The register ``MACHINE-moved.json`` says what is not in the folder on purpose, so that reports and the rebuilding of a
+lost store can name it. It is written before a file is removed.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from datetime import date
+from pathlib import Path
+
+from models.errors import WrongInputError
+from monitor.records.database import replacing, sync_file, sync_folder
+
+_LOCK = "days.lock"
+_CHUNK_BYTES = 1 << 20
+
+
+class MovedDaysError(WrongInputError):
+    """A published day cannot be moved, or the register cannot be used; the message names the file and the cause."""
+
+
+@dataclass(frozen=True)
+class MovedDay:
+    """A published file that is no longer in its folder.
+
+    Attributes:
+        file: its name.
+        to: folder that it was moved to, or None where it was deleted.
+        size: bytes.
+        blake2b: digest of its content, hexadecimal.
+        utc: when it was moved, seconds since 1970.
+    """
+
+    file: str
+    to: str | None
+    size: int
+    blake2b: str
+    utc: float
+
+
+def register_path(records_dir: Path, machine: str) -> Path:
+    """Return the path of the register of a machine."""
+    return records_dir / f"{machine}-moved.json"
+
+
+def moved_days(records_dir: Path, machine: str) -> list[MovedDay]:
+    """Return the moved and deleted days of a machine in the order of their names; MovedDaysError if unreadable."""
+    path = register_path(records_dir, machine)
+    try:
+        return [MovedDay(**entry) for entry in json.loads(path.read_text(encoding="utf-8"))["days"]]
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise MovedDaysError(f"{path}: is not a register of moved days: {error}") from error
+
+
+@contextmanager
+def moving_days(store: Path) -> Iterator[None]:
+    """Keep others from writing or moving published files of the store's machine."""
+    descriptor = os.open(store.with_name(_LOCK), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def days_before(records_dir: Path, machine: str, before: date) -> list[Path]:
+    """Return the published files of the days before a date, the oldest first."""
+    found = []
+    for path in sorted(records_dir.glob(f"{machine}-*.nc")):
+        label = path.stem.removeprefix(f"{machine}-")
+        if len(label) == 8 and label.isdigit() and label < before.strftime("%Y%m%d"):
+            found.append(path)
+    return found
+
+
+def move_day(path: Path, machine: str, to: Path, store: Path, utc: float) -> MovedDay:
+    """Copy a published file to a folder, compare the copy, note it in the register, and remove the file.
+
+    After an interruption at any moment the file or its whole copy is there, and the call can be repeated.
+
+    Raises:
+        MovedDaysError: the copy cannot be written, or differs, or another file has its name; nothing is removed.
+    """
+    try:
+        to.mkdir(parents=True, exist_ok=True)
+        if to.samefile(path.parent):
+            raise MovedDaysError(f"{to}: is the folder of the published files; name another")
+        with moving_days(store):
+            digest = _digest(path)
+            target = to / path.name
+            if not target.exists():
+                with replacing(target) as temporary:
+                    shutil.copyfile(path, temporary)
+            sync_file(target)
+            if _digest(target) != digest:
+                raise MovedDaysError(f"{target}: differs from {path}; nothing was removed")
+            moved = MovedDay(path.name, str(to.resolve()), path.stat().st_size, digest, utc)
+            _remove(path, machine, moved)
+    except OSError as error:
+        raise MovedDaysError(f"{path}: cannot be moved to {to}: {error.strerror or error}") from error
+    return moved
+
+
+def delete_day(path: Path, machine: str, store: Path, utc: float) -> MovedDay:
+    """Note a published file as deleted, and delete it; MovedDaysError where that is impossible."""
+    try:
+        with moving_days(store):
+            deleted = MovedDay(path.name, None, path.stat().st_size, _digest(path), utc)
+            _remove(path, machine, deleted)
+    except OSError as error:
+        raise MovedDaysError(f"{path}: cannot be deleted: {error.strerror or error}") from error
+    return deleted
+
+
+def absence_text(moved: Sequence[MovedDay]) -> str | None:
+    """Return which days are elsewhere as a sentence, or None without any."""
+    if not moved:
+        return None
+    names = sorted(entry.file.removesuffix(".nc") for entry in moved)
+    folders = sorted({Path(entry.to).name for entry in moved if entry.to is not None})
+    deleted = sum(entry.to is None for entry in moved)
+    parts = [f"{len(moved) - deleted} were moved to {', '.join(folders)}"] if folders else []
+    parts += [f"{deleted} were deleted by the size cap"] if deleted else []
+    span = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+    return f"{len(names)} published days ({span}) are not in this folder: {', '.join(parts)}"
+
+
+def _remove(path: Path, machine: str, moved: MovedDay) -> None:
+    known = [entry for entry in moved_days(path.parent, machine) if entry.file != moved.file]
+    entries = sorted([*known, moved], key=lambda entry: entry.file)
+    text = json.dumps({"days": [asdict(entry) for entry in entries]}, indent=1)
+    with replacing(register_path(path.parent, machine)) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    path.unlink()
+    sync_folder(path.parent)
+
+
+def _digest(path: Path) -> str:
+    result = hashlib.blake2b(digest_size=16)
+    with path.open("rb") as file:
+        while part := file.read(_CHUNK_BYTES):
+            result.update(part)
+    return result.hexdigest()

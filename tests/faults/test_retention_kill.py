@@ -1,0 +1,85 @@
+"""A process that commits, rolls up, condenses and shortens is killed at any moment: each block is there once."""
+
+from __future__ import annotations
+
+import random
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from monitor.records import rollup
+from monitor.records.ledger import StoreLedger
+from monitor.records.store import Store
+from tests.effort import effort_count
+from tests.faults.test_store_kill import block
+
+pytestmark = pytest.mark.process
+
+KILLS = effort_count(quick=4, full=200)
+_ROOT = Path(__file__).parents[2]
+_CHILD = """
+import sys
+from pathlib import Path
+import monitor.records.compact as compact
+from tests.faults.test_store_kill import block
+from monitor.records.condense import condense
+from monitor.records.store import Published, Store
+
+compact.RESERVE_BYTES = 0
+with Store.open(Path(sys.argv[1]), machine="m") as store:
+    print("open", flush=True)
+    sequence = store.last("s")
+    while True:
+        for _ in range(16):
+            sequence += 1
+            store.commit(block(sequence), {"detect:x": {"seen": sequence}})
+        print(sequence, flush=True)
+        for day, last in store.rows("SELECT day, max(id) FROM blocks GROUP BY day"):
+            store.note_published(Published(f"m-{day}.nc", day, last, 1))
+        with store.transaction() as connection:
+            condense(connection, 200.0, 24)
+        with store.maintenance() as connection:
+            compact.shorten(connection, 8)
+"""
+
+
+def test_each_block_is_there_once_through_kills_during_rollup_and_retention(tmp_path: Path) -> None:
+    generator = random.Random(20261122)
+    path = tmp_path / "state.db"
+    acknowledged = 0
+    for kill in range(KILLS):
+        child = subprocess.Popen(
+            [sys.executable, "-c", _CHILD, str(path)], cwd=_ROOT, stdout=subprocess.PIPE, text=True
+        )
+        assert child.stdout is not None
+        head = "".join(child.stdout.readline() for _ in range(20 if kill == 0 else 2))
+        time.sleep(generator.uniform(0.0, 0.2))
+        child.kill()
+        output = head + child.stdout.read()
+        child.stdout.close()
+        child.wait()
+        whole = output[: output.rfind("\n") + 1].split()
+        acknowledged = max([acknowledged, *(int(line) for line in whole if line != "open")])
+    with Store.open(path, machine="m") as store, StoreLedger(store) as ledger:
+        count = store.last("s")
+        assert count >= acknowledged > 100
+        assert store.check() == []
+        full = [number for (number,) in store.rows("SELECT sequence FROM blocks")]
+        condensed = [number for (number,) in store.rows("SELECT sequence FROM identities")]
+        assert len(condensed) > 0.4 * count
+        assert sorted(full + condensed) == list(range(1, count + 1))
+        assert store.counts() == {"ok": count}
+        assert [event["n"] for event in store.events()] == list(range(3, count + 1, 3))
+        assert [row.block for row in store.forecasts()] == list(range(1, count + 1))
+        assert store.load_states() == {"detect:x": {"seen": count}}
+        assert [ledger.content_of("s", number) for number in condensed] == [f"{number:08x}" for number in condensed]
+        with store.transaction() as connection:
+            rollup.roll_up(connection, 60.0)
+            last = rollup.rolled_up_to(connection)
+        query = "SELECT sum(records) FROM rollup WHERE level = 60 AND channel = 'x'"
+        pending = store.rows("SELECT count(*) FROM blocks WHERE id > ?", last)[0][0]
+        assert store.rows(query)[0][0] + pending == count
+        assert store.commit_many([(block(number), {}) for number in range(1, count + 1)]) == ["duplicate"] * count
