@@ -22,6 +22,7 @@ _COMMANDS = {
     "replay": ("replay:command", "Run the pipeline over a recording, as fast as possible or at a pace."),
     "report": ("report:command", "One self-contained HTML report of records, or one per run."),
     "check": ("check:command", "Validate a configuration and list what would be monitored."),
+    "redate": ("redate:command", "Choose anew what dates the later blocks of a source."),
     "bearing": ("bearing:command", "Fault frequencies, stiffness, natural frequencies and life."),
     "simulate": ("simulate:command", "One scene of the bearing model."),
     "map": ("maps:command", "RMS maps: build, show, check."),

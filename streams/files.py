@@ -45,10 +45,12 @@ class Item:
     """One file of a recording, under its path in the folder or archive, with "/".
 
     ``read`` gives its bytes or raises ReaderError; of an archive's item only until the next item is requested.
+    ``changed`` gives the time of its last change, s since 1970 UTC, None where it cannot be read.
     """
 
     path: str
     read: Callable[[], bytes]
+    changed: Callable[[], float | None] = lambda: None
 
 
 class Files(Protocol):
@@ -79,7 +81,13 @@ class Folder:
     def __iter__(self) -> Iterator[Item]:
         """Iterate over all files, those that will be refused too."""
         for path in self._paths():
-            yield Item(path, lambda path=path: read_guarded(self.root, path))
+            yield Item(path, lambda path=path: read_guarded(self.root, path), lambda path=path: self._changed(path))
+
+    def _changed(self, path: str) -> float | None:
+        try:
+            return os.lstat(self.root / path).st_mtime_ns / 1e9
+        except OSError:
+            return None
 
     def _paths(self) -> Sequence[str]:
         if self._only is not None:
@@ -126,7 +134,7 @@ def _members(archive: tarfile.TarFile, name: str) -> Iterator[Item]:
                 broken.append(_damage(error, f"{name}: {member.name}"))
                 raise broken[0] from error
 
-        yield Item(str(PurePosixPath(member.name)), read)
+        yield Item(str(PurePosixPath(member.name)), read, lambda member=member: float(member.mtime))
         if broken:
             # Members behind the damage cannot be found; this one has been reported already.
             return

@@ -20,6 +20,7 @@ from streams.spec import UNITS, ChannelSpec, SourceSpec
 if TYPE_CHECKING:
     # At run time the receivers of frames, which call this module too, need no parser.
     from streams.datasets import DataSet, FileFacts
+    from streams.dating import Dater
 
 _LOG = logging.getLogger(__name__)
 
@@ -29,6 +30,21 @@ def content_hash(data: bytes) -> str:
     return hashlib.blake2b(data, digest_size=16).hexdigest()
 
 
+def is_dated_by_choice(spec: SourceSpec, data_set: DataSet) -> bool:
+    """Return whether files of a data set are dated by the choice for their source.
+
+    Those of published data sets are unrelated recordings unless the configuration says otherwise.
+    """
+    return data_set.plain or any(
+        value is not None for value in (spec.start, spec.time_from, spec.time_name, spec.interval)
+    )
+
+
+def is_cut(spec: SourceSpec, data_set: DataSet) -> bool:
+    """Return whether files are cut into blocks of one length, not taken as one block each."""
+    return not (data_set.snapshot or spec.block_s == "file")
+
+
 class Loader:
     """Loads the files of one source.
 
@@ -36,23 +52,42 @@ class Loader:
     """
 
     def __init__(
-        self, spec: SourceSpec, data_set: DataSet, root: Path, *, several: bool = True, live: bool = False
+        self,
+        spec: SourceSpec,
+        data_set: DataSet,
+        root: Path,
+        *,
+        several: bool = True,
+        live: bool = False,
+        dater: Dater | None = None,
     ) -> None:
         """Prepare.
 
         Args:
             several: there may be more than one file: undated ones have no known distance in time then.
             live: files may still be written: what is missing in them is then ``incomplete``.
+            dater: dates the files of which the data set states no date; None: they have none.
         """
-        self.root, self.data_set = root, data_set
+        self.root, self.data_set, self.dater = root, data_set, dater
         self._spec, self._several, self._live = spec, several, live
         self._zone = ZoneInfo(spec.timezone)
 
     def facts(self, path: str) -> FileFacts | None:
         """Return what the path of a file states; None for a file of another kind."""
-        return self.data_set.facts(path, str(self.root), self._zone)
+        facts = self.data_set.facts(path, str(self.root), self._zone)
+        time = None if facts is None or self.dater is None else self.dater.name_time(path)
+        return facts if facts is None or time is None else replace(facts, order=((0, time, ""), *facts.order))
 
-    def load(self, raw: bytes, path: str, facts: FileFacts, name: str | None = None) -> Samples:
+    def load(
+        self,
+        raw: bytes,
+        path: str,
+        facts: FileFacts,
+        name: str | None = None,
+        *,
+        changed: float | None = None,
+        whole: bool = True,
+    ) -> Samples:
         """Return the configured channels of a file, with rate, units and times settled.
 
         Args:
@@ -60,20 +95,27 @@ class Loader:
             path: of the file below the root.
             facts: stated by its path.
             name: of the file in messages, default the path.
+            changed: time of the last change of the file, s since 1970 UTC.
+            whole: the file will not grow.
 
         Raises:
             ReaderError: with a sentence that names the file; ``unreadable`` for any other exception of a parser.
+            UndatedError: see :meth:`streams.dating.Dater.date`.
         """
-        name = name or path
+        samples = self.load_undated(raw, path, facts, name or path)
+        if self.dater is None or facts.start is not None or facts.elapsed is not None:
+            start, elapsed = self._times(samples, facts)
+            return replace(samples, start=start, elapsed=elapsed)
+        return self.dater.date(samples, path, changed, whole=whole)
+
+    def load_undated(self, raw: bytes, path: str, facts: FileFacts, name: str) -> Samples:
+        """Return the same without times but those that the file states; ReaderError as :meth:`load`."""
         samples = self.read(raw, path, name)
         self._check_length(samples, name)
         samples = choose_channels(samples, self._spec.channels, self.data_set.unit, name)
-        start, elapsed = self._times(samples, facts)
         return replace(
             samples,
             rate=agreed_rate((samples.rate, facts.rate), self._spec.rate, name),
-            start=start,
-            elapsed=elapsed,
             speed=samples.speed if samples.speed is not None else facts.speed,
             load=samples.load if samples.load is not None else facts.load,
         )
@@ -107,7 +149,7 @@ class Loader:
             raise ReaderError("wrong_shape", f"{name}: {found} samples, {expected} were expected")
 
     def _times(self, samples: Samples, facts: FileFacts) -> tuple[float | None, float | None]:
-        """Return (start, elapsed) of the first sample of a file, None where not stated.
+        """Return (start, elapsed) of the first sample of a file of a data set, None where not stated.
 
         A stamp precedes the configured start, and leaves no elapsed. Without stamps or numbers in known intervals only
         a recording of one file has times: nothing states the time between two files.

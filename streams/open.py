@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 
+from streams.dating import Dating
 from streams.source import Ledger, LiveSource, Source
 from streams.spec import SourceError, SourceSpec, parse_address
 
 
-def open_source(spec: SourceSpec) -> Source:
+def open_source(spec: SourceSpec, kept: Dating | None = None) -> Source:
     """Open the recording or rig of a URL; it can be iterated over repeatedly.
+
+    ``kept`` is what dates its files, where that was chosen before.
 
     Raises:
         SourceError: the path does not exist, nothing there is recognised, or rate or unit is stated by neither the
@@ -33,10 +36,10 @@ def open_source(spec: SourceSpec) -> Source:
         data_set, second, path = rest.partition(":")
         if not (data_set and second and path):
             raise SourceError(f"[[source]] {spec.name}: url {spec.url!r}: expected dataset:NAME:PATH")
-        return open_recording(spec, path, data_set)
+        return open_recording(spec, path, data_set, kept=kept)
     if scheme == "folder" and colon:
-        return open_recording(spec, rest, spec.format, must_be_folder=True)
-    return open_recording(spec, spec.url, spec.format)
+        return open_recording(spec, rest, spec.format, must_be_folder=True, kept=kept)
+    return open_recording(spec, spec.url, spec.format, kept=kept)
 
 
 def open_live(specs: Sequence[SourceSpec], ledger: Ledger) -> list[LiveSource]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,9 @@ MIN_BLOCK_SHARE = 0.9
 """A last block of at least this part of the full length is kept."""
 
 _TIME_TOLERANCE_S = 1e-3
+
+PlaceTime = Callable[[int, float], tuple[float | None, float] | None]
+"""Gives start and elapsed time of a block by its number and length, see :meth:`streams.dating.Dater.place_time`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +120,8 @@ def _follows(before: Samples, after: Samples) -> bool:
         return False
     if before.origin == after.origin:
         return after.offset == before.end
+    if not (before.joins and after.joins):
+        return False
     end, begin = before.time_of(before.end), after.time_of(after.offset)
     if end is None or begin is None:
         return False
@@ -139,12 +144,20 @@ def samples_hash(samples: NDArray[np.floating], rate: float, channels: tuple[str
 class Numbering:
     """Makes the blocks and rejections of one source, numbered in order."""
 
-    def __init__(self, source: str, highest: int = 0, began: float | None = None) -> None:
+    def __init__(
+        self,
+        source: str,
+        highest: int = 0,
+        began: float | None = None,
+        place_time: PlaceTime | None = None,
+    ) -> None:
         """Continue after the number ``highest``.
 
-        ``began`` is the start of the first dated block of the source, seconds since 1970 UTC, or None.
+        ``began`` is the start of the first dated block of the source, seconds since 1970 UTC, or None. ``place_time``
+        dates the blocks that have no time of their own.
         """
         self._source, self.highest, self._began = source, highest, began
+        self._place_time = place_time
 
     def note(self, item: Block | Rejected) -> None:
         """Count an item; the next one has a higher number."""
@@ -155,7 +168,11 @@ class Numbering:
     def block(self, samples: Samples, name: str, digest: str, number: int | None = None) -> Block:
         """Return the block of all samples, under the next number by default."""
         number = self.highest + 1 if number is None else number
-        return samples.block(self._source, number, name, digest, samples.elapsed_since(self._began))
+        block = samples.block(self._source, number, name, digest, samples.elapsed_since(self._began))
+        if self._place_time is None or block.start is not None or block.elapsed is not None:
+            return block
+        placed = self._place_time(number, block.duration)
+        return block if placed is None else replace(block, start=placed[0], elapsed=placed[1])
 
     def rejected(self, name: str, error: ReaderError, digest: str, number: int | None = None) -> Rejected:
         """Return a rejection, under the next number by default."""

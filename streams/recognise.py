@@ -78,7 +78,7 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
 
     shown = ", ".join(f"*{ending}" for ending in endings) or "any name"
     rate, unit = kind in _STATE_RATE, kind in _STATE_UNIT
-    return DataSet(kind, shown, facts, readers[kind], unit=None, states_rate=rate, states_unit=unit)
+    return DataSet(kind, shown, facts, readers[kind], unit=None, states_rate=rate, states_unit=unit, plain=True)
 
 
 def data_set_of(spec: SourceSpec, files: Files, kind: str) -> DataSet:

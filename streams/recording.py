@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 
 from streams.block import Block, Rejected
 from streams.datasets import DataSet, FileFacts
+from streams.dating import Dater, Dating, UndatedError
 from streams.files import Files, Item, open_files
-from streams.load import Loader, content_hash
+from streams.load import Loader, content_hash, is_cut, is_dated_by_choice
 from streams.reblock import Cut, Numbering, Reblocker
 from streams.recognise import data_set_of
 from streams.samples import Origin, ReaderError, Samples
@@ -34,16 +35,88 @@ class Recording:
     before it are read. Where the files are not numbered without gaps, a pass before lists the names.
     """
 
-    def __init__(self, spec: SourceSpec, files: Files, data_set: DataSet) -> None:
-        """Take the files of a data set; SourceError where no block can come of them."""
+    def __init__(self, spec: SourceSpec, files: Files, data_set: DataSet, kept: Dating | None = None) -> None:
+        """Take the files of a data set, ``kept`` what dates them; SourceError where no block can come of them."""
         self.name = spec.name
         self._spec = spec
         self._files = files
         self._set = data_set
-        self._loader = Loader(spec, data_set, files.root, several=files.several)
+        self._paths: list[str] | None = None
+        self._dater: Dater | None = None
+        cut = is_cut(spec, data_set)
+        if is_dated_by_choice(spec, data_set):
+            self._dater = Dater(spec, kept, cut=cut, several=files.several, names=self._listed)
+        self._loader = Loader(spec, data_set, files.root, several=files.several, dater=self._dater)
         self._count: int | None = None
-        self._block_s = None if data_set.snapshot or spec.block_s == "file" else spec.block_s
+        self._block_s = spec.block_s if cut and spec.block_s != "file" else None
         self._check()
+        self._settle_dating()
+
+    @property
+    def dating(self) -> Dating | None:
+        """What dates the blocks; None before it is chosen, and where the data set states it."""
+        return None if self._dater is None or self._dater.choice.by is None else self._dater.choice
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences about what has no date, and what of the configuration is not used for it."""
+        return () if self._dater is None else tuple(self._dater.remarks.values())
+
+    def _listed(self) -> list[str]:
+        """Return the paths of the files of the data set, listed once."""
+        if self._paths is None:
+            with contextlib.suppress(ReaderError):
+                self._paths = [item.path for _, item in self._known()]
+        return self._paths or []
+
+    def _settle_dating(self) -> None:
+        """Choose what dates the files by the first that can be read, and the order of day and month by all.
+
+        Raises:
+            SourceError: the order stays open, or files disagree.
+        """
+        if self._dater is None or not self._files.several:
+            return
+        first = None if self._dater.choice.by is not None else self._first_readable(self._dater)
+        try:
+            self._dater.check_names()
+        except UndatedError as error:
+            raise self._undated(error) from error
+        if first is not None and self._dater.depends_on_order(first):
+            self._settle_order(self._dater)
+
+    def _first_readable(self, dater: Dater) -> Samples | None:
+        """Load the first file that can be read, for which the choice is made; None where there is none."""
+        known = iter(sorted(self._known(), key=lambda pair: pair[0].order)) if not self._files.sequential else None
+        for facts, item in known or self._known():
+            if facts.start is not None or facts.elapsed is not None:
+                return None
+            try:
+                samples = self._loader.load_undated(item.read(), item.path, facts, item.path)
+            except ReaderError:
+                continue
+            with contextlib.suppress(UndatedError):
+                dater.date(samples, item.path, item.changed())
+            return samples
+        return None
+
+    def _settle_order(self, dater: Dater) -> None:
+        """Read the dates in the headers of all files."""
+        failed: dict[str, UndatedError] = {}
+        with contextlib.suppress(ReaderError):
+            for facts, item in self._known():
+                try:
+                    self._loader.load(item.read(), item.path, facts, changed=item.changed())
+                except ReaderError:
+                    continue
+                except UndatedError as error:
+                    failed[item.path] = error
+        wrong = dater.conflicts or (tuple(failed) if dater.choice.order is None else ())
+        if wrong:
+            raise self._undated(failed[wrong[0]])
+
+    def _undated(self, error: UndatedError) -> SourceError:
+        return SourceError(f"[[source]] {self.name}: {error}")
 
     def __len__(self) -> int:
         """Return the number of blocks and rejections, found by one pass."""
@@ -74,7 +147,7 @@ class Recording:
 
     def __iter__(self) -> Iterator[Block | Rejected]:
         """Iterate over the blocks from the first one on."""
-        numbers = Numbering(self.name)
+        numbers = Numbering(self.name, place_time=None if self._dater is None else self._dater.place_time)
         for part in self._in_order() if self._block_s is None else self._cuts(self._block_s):
             if isinstance(part, Cut):
                 item = numbers.cut(part)
@@ -176,7 +249,9 @@ class Recording:
         try:
             raw = item.read()
             digest = content_hash(raw)
-            samples = self._loader.load(raw, item.path, facts)
+            samples = self._loader.load(raw, item.path, facts, changed=item.changed())
+        except UndatedError as error:
+            raise self._undated(error) from error
         except ReaderError as error:
             return _Loaded(item.path, facts, error, digest)
         return _Loaded(item.path, facts, replace(samples, origin=Origin(item.path, samples.values.shape[1])), digest)
@@ -206,10 +281,13 @@ def _one_run(paths: Iterable[str], name: str, data_set: DataSet) -> list[str]:
     return kept
 
 
-def open_recording(spec: SourceSpec, path: str, kind: str, must_be_folder: bool = False) -> Recording:
+def open_recording(
+    spec: SourceSpec, path: str, kind: str, must_be_folder: bool = False, kept: Dating | None = None
+) -> Recording:
     """Open a recording: a file, a folder or a tar archive.
 
-    ``kind`` is the name of a data set or format, or "auto". SourceError as for :func:`streams.open.open_source`.
+    ``kind`` is the name of a data set or format, or "auto", ``kept`` what dates the files. SourceError as for
+    :func:`streams.open.open_source`.
     """
     files = open_files(spec.name, path, must_be_folder)
-    return Recording(spec, files, data_set_of(spec, files, kind))
+    return Recording(spec, files, data_set_of(spec, files, kind), kept)

@@ -48,6 +48,8 @@ class Samples:
         units: of each row: "g", "m/s2", "V", "unknown", None where not stated (the default), or as the file spells it.
         rate: Hz, None where not stated; likewise None in what follows.
         start: seconds since 1970 UTC of the first sample of the origin.
+        stamp: a date of the file whose order of day and month is open, as it is written; start is None then.
+        joins: whether samples of another origin may be joined by their start.
         elapsed: seconds from the first sample of the source to that of the origin.
         speed: of the shaft, Hz.
         load: radial, N.
@@ -69,6 +71,8 @@ class Samples:
     scaled: bool = False
     origin: Hashable = None
     offset: int = 0
+    stamp: str | None = None
+    joins: bool = True
 
     def __post_init__(self) -> None:
         """Fill in the defaults of the rows; ValueError where parts do not fit."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, runtime_checkable
 
@@ -83,6 +83,14 @@ class Ledger(Protocol):
 
     def remember(self, source: str, progress: Iterable[FileProgress]) -> None:
         """Store progress outside a commit, such as of renamed or touched files."""
+        ...
+
+    def dating(self, source: str) -> Mapping[str, Any] | None:
+        """Return what dates the blocks of a source, as :class:`streams.dating.Dating` writes it, or None."""
+        ...
+
+    def keep_dating(self, source: str, dating: Mapping[str, Any]) -> None:
+        """Store what dates the blocks of a source, in a transaction of its own."""
         ...
 
     def move(self, source: str, path: str, progress: FileProgress) -> None:

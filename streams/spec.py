@@ -12,6 +12,7 @@ from urllib.parse import unquote, urlsplit
 from zoneinfo import ZoneInfo
 
 from models.errors import WrongInputError
+from streams.stamps import Order, compiled
 
 DEFAULT_BLOCK_SECONDS = 5.0
 UNITS = ("g", "m/s2", "V", "unknown")
@@ -129,6 +130,10 @@ class SourceSpec:
         settle_s: seconds for which a file of a watched folder must be unchanged before it is read, unless it was
             closed or moved in.
         network: of a ``tcp:`` or ``mqtt:`` source, None for the defaults.
+        time_from: what dates the blocks of files; None: the header, the name or a count, by the first file.
+        time_name: pattern (strptime) of the date in names.
+        interval: s between the starts of files, for a count; None: the length of one.
+        date_order: of day and month in dates that do not state it; None: told over all files.
     """
 
     name: str
@@ -142,6 +147,10 @@ class SourceSpec:
     timezone: str = "UTC"
     settle_s: float = 2.0
     network: NetworkSpec | None = None
+    time_from: Literal["header", "name", "count", "mtime"] | None = None
+    time_name: str | None = None
+    interval: float | None = None
+    date_order: Order | None = None
 
     def __post_init__(self) -> None:
         """Raise SourceError for values that no recording can have."""
@@ -152,6 +161,9 @@ class SourceSpec:
             raise SourceError(f"{where}: rate_hz must be positive, got {self.rate}")
         if not (math.isfinite(self.settle_s) and self.settle_s >= 0.0):
             raise SourceError(f"{where}: settle_s must be a number of seconds from 0, got {self.settle_s}")
+        problem = dating_problem(self.start, self.time_from, self.time_name, self.interval, self.date_order)
+        if problem is not None:
+            raise SourceError(f"{where}: {problem}")
         names = [channel.name for channel in self.channels]
         if len(set(names)) != len(names):
             raise SourceError(f"{where}: channel names must differ, got {', '.join(names)}")
@@ -159,6 +171,28 @@ class SourceSpec:
             ZoneInfo(self.timezone)
         except (KeyError, ValueError, OSError) as error:
             raise SourceError(f"{where}: timezone {self.timezone!r} is not known") from error
+
+
+def dating_problem(
+    start: object, time_from: str | None, time_name: str | None, interval: float | None, date_order: str | None
+) -> str | None:
+    """Return what is wrong with the keys that say what dates files, or None; ``start`` is ``start_utc``."""
+    if time_from == "count" and start is None:
+        return 'time_from = "count" needs start_utc, the start of the first file'
+    if time_name is not None and time_from not in (None, "name"):
+        return f'time_name belongs to time_from = "name", got {time_from!r}'
+    if interval is not None and not (math.isfinite(interval) and interval > 0.0):
+        return f"interval_s must be positive, got {interval}"
+    if interval is not None and (time_from not in (None, "count") or time_name is not None):
+        return f'interval_s belongs to time_from = "count", got {time_from or "time_name"!r}'
+    if date_order is not None and (time_from in ("count", "mtime") or time_name is not None):
+        return f"date_order belongs to dates in headers and names, got {time_from or 'time_name'!r}"
+    try:
+        if time_name is not None:
+            compiled(time_name)
+    except ValueError as error:
+        return f"time_name = {error}"
+    return None
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from streams.block import Block, Rejected
 from streams.source import PENDING, FileProgress
@@ -21,6 +23,7 @@ class MemoryLedger:
         self._began: dict[str, float] = {}
         self._sequences: dict[tuple[str, str], int] = {}
         self._files: dict[str, dict[str, FileProgress]] = {}
+        self._datings: dict[str, dict[str, Any]] = {}
         self._heads: dict[tuple[str, str], dict[str, None]] = {}
 
     def committed(self, source: str) -> int:
@@ -66,6 +69,14 @@ class MemoryLedger:
             self._forget(source, item.path)
             self._files.setdefault(source, {})[item.path] = item
             self._heads.setdefault((source, item.head_hash), {})[item.path] = None
+
+    def dating(self, source: str) -> dict[str, Any] | None:
+        """Return what dates the blocks of a source, or None."""
+        return self._datings.get(source)
+
+    def keep_dating(self, source: str, dating: Mapping[str, Any]) -> None:
+        """Store what dates the blocks of a source."""
+        self._datings[source] = json.loads(json.dumps(dating))
 
     def move(self, source: str, path: str, progress: FileProgress) -> None:
         """Store what is known of a file under the name that it has now."""

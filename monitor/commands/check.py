@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import click
 from models.bearing import kinematics
 from monitor.commands import option
 from monitor.commands.common import emit, read_config
+from monitor.commands.redate import DatingPreview, preview_dating
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import ChannelSection
 from monitor.config.stages import method_or_best
@@ -31,9 +33,18 @@ def command(config_path: Path | None, schema: bool, as_json: bool, quiet: bool) 
         click.echo(json.dumps(Config.model_json_schema(), indent=2))
         return
     config = read_config(config_path)
-    problems = list(find_problems(config))
-    values = {**config.model_dump(mode="json"), "hash": config.hash, "problems": problems}
-    emit(values, _lines(config, problems), as_json=as_json)
+    dated = {source.name: found for source in config.source if (found := preview_dating(config, source)) is not None}
+    problems = [
+        *find_problems(config),
+        *(f"source {n!r}: {text}" for n, found in dated.items() for text in found.problems),
+    ]
+    values = {
+        **config.model_dump(mode="json"),
+        "hash": config.hash,
+        "dating": {name: asdict(found) for name, found in dated.items()},
+        "problems": problems,
+    }
+    emit(values, _lines(config, problems, dated), as_json=as_json)
 
 
 def find_problems(config: Config) -> Iterator[str]:
@@ -149,13 +160,15 @@ def _methods(config: Config, channel: ChannelSection) -> tuple[str, str]:
     return method_or_best(config.track.method, library), method_or_best(config.forecast.method, library)
 
 
-def _lines(config: Config, problems: list[str]) -> Iterator[str]:
+def _lines(config: Config, problems: list[str], dated: Mapping[str, DatingPreview]) -> Iterator[str]:
     speed = config.operating.speed_hz
     yield f"machine {config.machine.name}" + (f", shaft {speed:g} Hz ({60 * speed:g} rpm)" if speed else "")
     for source in config.source:
         rate = "rate from the recording" if source.rate_hz is None else f"{source.rate_hz:g} Hz"
         block = "one block a file" if source.block_s == "file" else f"{source.block_s:g} s blocks"
         yield f"source {source.name}: {source.url or 'path given to replay'}, format {source.format}, {rate}, {block}"
+        if source.name in dated:
+            yield from _dating_lines(dated[source.name])
         for channel in config.channel:
             if channel.source == source.name:
                 yield from _channel_lines(config, channel, speed)
@@ -169,6 +182,15 @@ def _lines(config: Config, problems: list[str]) -> Iterator[str]:
     )
     yield from _alarm_lines(config)
     yield from (f"problem: {problem}" for problem in problems)
+
+
+def _dating_lines(found: DatingPreview) -> Iterator[str]:
+    """Yield what dates the blocks of a source, with an example."""
+    if found.file is None:
+        yield f"  dates: {found.text}"
+        return
+    when = found.time_utc or ("no date" if found.elapsed_s is None else f"{found.elapsed_s:g} s from the first block")
+    yield f"  dates: {found.text}; {found.file}: {when}"
 
 
 def _alarm_lines(config: Config) -> Iterator[str]:

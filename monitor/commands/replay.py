@@ -116,6 +116,7 @@ def _summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         f"{sum(summary['rejected'].values())} rejected, {summary['pending']} pending"
         + (f" ({counts})" if counts else "")
     )
+    yield from (f"dates: {line}" for line in summary["dating"])
     yield from (f"first {status}, {reason}" for status, reason in summary["reasons"].items())
     for name, channel in summary["channels"].items():
         yield f"{name}: {', '.join(_channel_words(channel))}"

@@ -11,8 +11,9 @@ from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Band, Blocks, Name, NotNegative, Positive, Scale, Section
 from monitor.health.quality import bands_above_nyquist
-from streams.spec import NetworkSpec
+from streams.spec import NetworkSpec, dating_problem
 
+_DATING_KEYS = ("time_from", "time_name", "interval_s", "date_order")
 _FILE_KEYS = ("ca_file", "cert_file", "key_file", "username_file", "password_file")
 
 
@@ -25,6 +26,14 @@ class SourceSection(Section):
     settle_s: NotNegative = 2.0
     block_s: Positive | Literal["file"] = 5.0
     format: str = "auto"
+    time_from: Literal["header", "name", "count", "mtime"] | None = None
+    """What dates the blocks of files; None: the header, the name, or a count, whichever the first file has."""
+    time_name: str | None = None
+    """Pattern of the date in names of files, as of strptime."""
+    interval_s: Positive | None = None
+    """Time between the starts of files, for a count; None: the length of a file."""
+    date_order: Literal["day_first", "month_first"] | None = None
+    """Order of day and month in dates such as 03/04/2024; None: told over all files."""
     rate_hz: Positive | None = None
     range_g: Positive | None = None
     peers: tuple[str, ...] = ()
@@ -51,6 +60,19 @@ class SourceSection(Section):
             except ValueError:
                 raise ValueError(f"{peer!r} is not a network such as 192.168.1.0/24") from None
         return value
+
+    @model_validator(mode="after")
+    def _datable(self) -> Self:
+        keys = {key: getattr(self, key) for key in _DATING_KEYS}
+        given = [key for key, value in keys.items() if value is not None]
+        if given and self.url is not None and self.url.startswith(("tcp:", "mqtt:", "rig:")):
+            raise ValueError(
+                f"{given[0]} is for sources of files; {self.url.partition(':')[0]} blocks state their time"
+            )
+        problem = dating_problem(self.start_utc, *keys.values())
+        if problem is not None:
+            raise ValueError(problem)
+        return self
 
     def to_network(self) -> NetworkSpec:
         """Return the settings of the receiver.

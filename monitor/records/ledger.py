@@ -6,8 +6,9 @@ the block that it belongs to.
 
 from __future__ import annotations
 
+import json
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple, fields
 from typing import Any
 
@@ -30,6 +31,8 @@ _TABLES = (
 )
 _COLUMNS = ", ".join(field.name for field in fields(FileProgress))
 _MAX_ALIKE = 8
+_DATING = "dating:"
+"""Begins the keys in the table ``meta`` of what dates the blocks of each source."""
 SALVAGED_UP_TO = "salvaged_up_to"
 """Key in the table ``meta`` of the id of the last block that a salvage left in the store."""
 
@@ -122,6 +125,14 @@ class StoreLedger(Closing):
         with self._store.transaction() as connection:
             write_progress(connection, source, progress)
 
+    def dating(self, source: str) -> dict[str, Any] | None:
+        """Return what dates the blocks of a source, or None."""
+        return read_dating(self._store, source)
+
+    def keep_dating(self, source: str, dating: Mapping[str, Any]) -> None:
+        """Store what dates the blocks of a source, in a transaction of its own."""
+        keep_dating(self._store, source, dating)
+
     def move(self, source: str, path: str, progress: FileProgress) -> None:
         """Replace the progress of the file ``path`` by that under its new name."""
         with self._store.transaction() as connection:
@@ -133,6 +144,19 @@ class StoreLedger(Closing):
         with self._store.transaction() as connection:
             count_refusal(connection, item, item.status)
             write_progress(connection, item.source, progress)
+
+
+def read_dating(store: Store, source: str) -> dict[str, Any] | None:
+    """Return what dates the blocks of a source (:class:`streams.dating.Dating`), or None."""
+    found = store.rows("SELECT value FROM meta WHERE key = ?", f"{_DATING}{source}")
+    return json.loads(found[0][0]) if found else None
+
+
+def keep_dating(store: Store, source: str, dating: Mapping[str, Any]) -> None:
+    """Store what dates the blocks of a source."""
+    text = json.dumps(dict(dating), allow_nan=False)
+    with store.transaction() as connection:
+        connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (f"{_DATING}{source}", text))
 
 
 def write_progress(connection: sqlite3.Connection, source: str, progress: Iterable[FileProgress]) -> None:

@@ -24,11 +24,13 @@ from monitor.health.state import SourceSettings, SourceState
 from monitor.health.step import SourceOutput, step
 from monitor.health.waterfall import SpectrumChange
 from monitor.records.database import StoreError
+from monitor.records.ledger import keep_dating, read_dating
 from monitor.records.publish import publish
 from monitor.records.store import Store
 from monitor.service.setup import open_configured, source_settings
 from monitor.service.summary import channel_summary, run_attributes
 from streams.block import STANDARD_GRAVITY, Block, Rejected
+from streams.dating import Dating
 from streams.source import Source
 
 _BATCH_BLOCKS = 64
@@ -79,8 +81,9 @@ def replay(
         raise ConfigError(f"replay takes a configuration with one [[source]], this one has {len(config.source)}")
     section = config.source[0]
     settings = source_settings(config, section, maps, libraries)
-    source = open_configured(config, section, path)
+    source = open_configured(config, section, path, _kept_dating(out, section.name) if resume else None)
     with _open_store(out, config, resume) as store:
+        _keep_dating(store, source)
         store.describe(run_attributes(config, settings.channels))
         last = store.last(section.name)
         state = SourceState.begin(settings, store.load_states(), store.record(section.name, last))
@@ -90,10 +93,29 @@ def replay(
             items = progress(items, len(source) if limit is None else min(len(source), limit))
         began = time.perf_counter()
         run.take_all(items, pace)
+        _keep_dating(store, source)
         seconds = time.perf_counter() - began
         files = publish(store, out / "records")
         summary = run.summary(seconds, files)
     return Replay(summary, out / "state.db", {name: found.spectrum for name, found in run.drawn.items()})
+
+
+def _kept_dating(out: Path, source: str) -> Dating | None:
+    """Return what dates the files of a replay that is continued, or None."""
+    if not (out / "state.db").exists():
+        return None
+    try:
+        with Store.open(out / "state.db", read_only=True) as store:
+            values = read_dating(store, source)
+    except (StoreError, OSError) as error:
+        raise ConfigError(f"--out {out}: {error}") from None
+    return None if values is None else Dating.from_dict(values)
+
+
+def _keep_dating(store: Store, source: Source) -> None:
+    dating: Dating | None = getattr(source, "dating", None)
+    if dating is not None:
+        keep_dating(store, source.name, dating.to_dict())
 
 
 def _open_store(out: Path, config: Config, resume: bool) -> Store:
@@ -225,6 +247,7 @@ class _Run:
         blocks = sum(counts.values())
         rejected = {status: number for status, number in counts.items() if status in REJECTIONS}
         flagged = {status: number for status, number in counts.items() if status in FLAGS}
+        dating: Dating | None = getattr(self.source, "dating", None)
         return {
             "blocks": blocks,
             "accepted": blocks - sum(rejected.values()),
@@ -236,4 +259,6 @@ class _Run:
             "records": [str(file) for file in files],
             "channels": {name: channel_summary(self.state, name) for name in self.settings.channels},
             "reasons": self.reasons,
+            "time_from": None if dating is None else dating.by,
+            "dating": [*([] if dating is None else [dating.describe()]), *getattr(self.source, "remarks", ())],
         }

@@ -28,6 +28,7 @@ from monitor.health.damage.tracker import DamageSettings, MapAt, SpreadAt
 from monitor.health.state import ChannelSettings, SourceSettings
 from monitor.records.library_file import LibraryError, load_library
 from streams.block import STANDARD_GRAVITY
+from streams.dating import Dating
 from streams.open import open_source
 from streams.source import Source
 from streams.spec import ChannelSpec, SourceError, SourceSpec
@@ -68,13 +69,19 @@ def source_spec(config: Config, source: SourceSection, path: str | None = None) 
         timezone=config.machine.timezone,
         settle_s=source.settle_s,
         network=source.to_network(),
+        time_from=source.time_from,
+        time_name=source.time_name,
+        interval=source.interval_s,
+        date_order=source.date_order,
     )
 
 
-def open_configured(config: Config, source: SourceSection, path: str | None = None) -> Source:
-    """Open a source of the configuration, or raise ConfigError."""
+def open_configured(
+    config: Config, source: SourceSection, path: str | None = None, kept: Dating | None = None
+) -> Source:
+    """Open a source of the configuration, ``kept`` what dates its files, or raise ConfigError."""
     try:
-        return open_source(source_spec(config, source, path))
+        return open_source(source_spec(config, source, path), kept)
     except SourceError as error:
         raise ConfigError(str(error)) from None
 

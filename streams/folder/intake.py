@@ -12,6 +12,7 @@ import numpy as np
 from models.errors import SpallwatchError
 from streams.block import Block, Rejected
 from streams.datasets import FileFacts
+from streams.dating import UndatedError
 from streams.files import path_within, read_guarded, unpacked_name
 from streams.folder.listing import Stat, stat_file, unshown
 from streams.folder.register import ARCHIVED, MAX_INCOMPLETE_S, Entry, Order, Register
@@ -95,6 +96,8 @@ class Intake:
     def __init__(self, spec: SourceSpec, loader: Loader, ledger: Ledger, register: Register) -> None:
         """Continue after the last committed block of the ledger."""
         self.ready: deque[Delivery] = deque()
+        self.undated: dict[Entry, str] = {}
+        """The files whose date cannot be told yet, with the reasons."""
         self.name = spec.name
         self._spec, self._loader, self._ledger, self._register = spec, loader, ledger, register
         one_a_file = loader.data_set.snapshot or spec.block_s == "file"
@@ -102,7 +105,9 @@ class Intake:
         self._grows = self._reblocker is not None and loader.data_set.name in _GROWS
         self._period = spec.block_s if self._grows and spec.block_s != "file" else None
         self._uncommitted: dict[int, str] = {}
-        self._numbers = Numbering(spec.name, ledger.committed(spec.name), ledger.began(spec.name))
+        highest, began, dater = ledger.committed(spec.name), ledger.began(spec.name), loader.dater
+        self._dated_by = None if dater is None else (dater.choice.by, dater.choice.order)
+        self._numbers = Numbering(spec.name, highest, began, None if dater is None else dater.place_time)
         self._batch: list[_Loaded] = []
         self._latest_order: Order | None = None
 
@@ -129,7 +134,7 @@ class Intake:
     def _emit_batch(self) -> None:
         """Deliver the files read ahead, in order of time."""
         batch, self._batch = self._batch, []
-        if all(loaded[3].start is not None for loaded in batch):
+        if all(loaded[3].start is not None and loaded[3].joins for loaded in batch):
             batch.sort(key=lambda loaded: loaded[3].start or 0.0)
         for loaded in batch:
             self._emit(*loaded)
@@ -149,6 +154,7 @@ class Intake:
     def _load(self, entry: Entry, now: float) -> _Loaded | None:
         """Read a file; None where it waits, is known already or is rejected."""
         facts = self._loader.facts(entry.path)
+        self.undated.pop(entry, None)
         if facts is None:
             self._register.remove(entry, entry.counted)
             return None
@@ -161,9 +167,15 @@ class Intake:
             raw = _read_raw(self._loader.root, entry, self._loader.data_set.name if growing else None)
             if self._resolve_known(entry, raw, facts):
                 return None
-            samples = self._loader.load(raw.data, entry.path, facts, entry.key)
+            samples = self._loader.load(
+                *(raw.data, entry.path, facts, entry.key), changed=raw.progress.mtime_ns / 1e9, whole=not growing
+            )
         except _UnfinishedError as error:
             self._requeue(entry, error, now)
+            return None
+        except UndatedError as error:
+            self.undated[entry] = str(error)
+            self._register.defer(entry, now + MAX_INCOMPLETE_S)
             return None
         except ReaderError as error:
             retry = _MAX_RETRY_SETTLES * self._spec.settle_s if error.status in _RETRIED else 0.0
@@ -177,7 +189,26 @@ class Intake:
             # The ledger failed; the file keeps its place.
             self._register.queue(entry)
             raise
-        return entry, raw, facts, samples
+        return None if self._is_reordered(entry) else (entry, raw, facts, samples)
+
+    def _is_reordered(self, entry: Entry) -> bool:
+        """Return whether this file settled what dates the files, and others may come before it now."""
+        dater = self._loader.dater
+        if dater is None or self._dated_by == (dater.choice.by, dater.choice.order):
+            return False
+        self._dated_by = (dater.choice.by, dater.choice.order)
+        if dater.choice.by != "name" and not self.undated:
+            return False
+        self._register.queue(entry)
+        self._retry_undated()
+        self._register.reorder()
+        return True
+
+    def _retry_undated(self) -> None:
+        for waiting in self.undated:
+            if waiting.phase == "deferred":
+                self._register.queue(waiting)
+        self.undated.clear()
 
     def _is_overtaken(self, entry: Entry) -> bool:
         """Return whether later files were taken already; a rejection must not cut them."""
@@ -193,6 +224,9 @@ class Intake:
 
     def _reject(self, entry: Entry, raw: _Raw | None, facts: FileFacts, error: ReaderError) -> None:
         self._emit_batch()
+        if self._loader.dater is not None and entry.path in self._loader.dater.conflicts:
+            self._loader.dater.forget(entry.path)
+            self._retry_undated()
         if self._reblocker is not None and not self._is_overtaken(entry):
             # Samples are not joined across a file that could not be read.
             self._deliver_cuts(self._reblocker.flush())
@@ -259,7 +293,7 @@ class Intake:
     def _is_constant(self, entry: Entry, raw: _Raw, facts: FileFacts) -> bool:
         """Return whether all samples are equal: identical files of a dead sensor."""
         try:
-            values = self._loader.load(raw.data, entry.path, facts, entry.key).values
+            values = self._loader.load_undated(raw.data, entry.path, facts, entry.key).values
         except ReaderError:
             return False
         return bool(np.all(values == values[:, :1]))
@@ -300,7 +334,7 @@ class Intake:
         entry.phase = "held"
         rest = replace(samples, values=samples.values[:, begin:], origin=entry, offset=begin)
         self._deliver_cuts(self._reblocker.feed(rest))
-        if samples.start is None and not self._grows:
+        if (samples.start is None or not samples.joins) and not self._grows:
             # The start of the next file is unknown, so it cannot be joined to this one.
             self._deliver_cuts(self._reblocker.flush())
         if raw.progress.is_part:

@@ -147,6 +147,10 @@ class Register:
         if closed:
             entry.closed = True
 
+    def paths(self) -> list[str]:
+        """Return the paths of the files that wait or are done."""
+        return [*self.waiting, *self._done]
+
     def reorder(self) -> None:
         """Sort and filter again, once the kind of the files is recognised."""
         self._heap.clear()

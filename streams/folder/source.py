@@ -12,12 +12,13 @@ import time
 from pathlib import Path
 
 from streams.datasets import DataSet
+from streams.dating import Dater, Dating, kept_dating
 from streams.files import Folder, check_readable, natural_key
 from streams.folder.intake import Intake
 from streams.folder.listing import is_skipped, list_files, stat_file
 from streams.folder.register import MAX_INCOMPLETE_S, Order, Register
 from streams.folder.watch import Watch
-from streams.load import Loader
+from streams.load import Loader, is_cut, is_dated_by_choice
 from streams.recognise import data_set_of
 from streams.source import Backlog, Delivery, Ledger, LiveSource
 from streams.spec import SourceError, SourceSpec
@@ -67,6 +68,7 @@ class FolderSource(LiveSource):
         self._overflows = 0
         self._overflowed: float | None = None
         self._ledger: Ledger | None = None
+        self._kept: Dating | None = None
         self._files: Register | None = None
 
     def open(self, ledger: Ledger) -> None:
@@ -88,9 +90,12 @@ class FolderSource(LiveSource):
         except OSError:
             # The scan reports it as a problem.
             self._real = self._root.absolute()
+        self._ledger = ledger
+        self._kept = kept_dating(self._spec, ledger)
+        if self._kept is not None and self._kept.by == "nothing":
+            _LOG.warning("source %s: its blocks have no date; to date later ones: spallwatch redate", self.name)
         if self._spec.format.strip().lower() != "auto":
             self._load_as(data_set_of(self._spec, Folder(self._real, ()), self._spec.format))
-        self._ledger = ledger
         self._intake = None
         now = self._clock.monotonic()
         self._files = Register(self.name, ledger, self._spec.settle_s, self._order_of, now)
@@ -123,13 +128,20 @@ class FolderSource(LiveSource):
 
     def problem(self) -> str | None:
         """Return why the folder gives nothing, or that events were lost, or None."""
-        return self._problem or self._unknown or self._lost_events(self._clock.monotonic())
+        waits = next(iter(self._intake.undated.values()), None) if self._intake is not None else None
+        return self._problem or self._unknown or waits or self._lost_events(self._clock.monotonic())
 
     def close(self) -> None:
         """Stop watching; unacknowledged files are delivered again."""
         self._watch.stop()
         self._intake = None
         self._identity = None
+
+    @property
+    def _open_ledger(self) -> Ledger:
+        if self._ledger is None:
+            raise RuntimeError(f"source {self.name}: is not open")
+        return self._ledger
 
     @property
     def _register(self) -> Register:
@@ -189,7 +201,16 @@ class FolderSource(LiveSource):
         self._problem = problem
 
     def _load_as(self, data_set: DataSet) -> None:
-        self._loader = Loader(self._spec, data_set, self._real, live=True)
+        dater = None
+        if is_dated_by_choice(self._spec, data_set):
+            dater = Dater(
+                self._spec,
+                self._kept,
+                cut=is_cut(self._spec, data_set),
+                keep=lambda choice: self._open_ledger.keep_dating(self.name, choice.to_dict()),
+                names=lambda: self._register.paths(),
+            )
+        self._loader = Loader(self._spec, data_set, self._real, live=True, dater=dater)
 
     def _order_of(self, path: str) -> Order | None:
         if self._loader is None:

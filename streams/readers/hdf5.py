@@ -23,7 +23,7 @@ from streams.readers.stated import (
     known_unit,
     plain_key,
     stated_rate,
-    stated_start,
+    stated_time,
     stated_unit,
 )
 from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of, stack_rows
@@ -101,14 +101,15 @@ def join_arrays(arrays: Sequence[tuple[str, NDArray[np.floating], Facts]], name:
         facts.extend([stated] * len(array))
     check_lengths([row.size for row in rows], names, "vectors", name, _MAX_LISTED)
     rates = (stated_rate(item, f"{name}: {key}") for item, key in zip(facts, names, strict=True))
-    starts = (stated_start(item, zone) for item in facts)
+    times = [stated_time(item, zone) for item in facts]
     short = tuple(key.rpartition("/")[2] for key in names)
     return Samples(
         stack_rows(rows),
         names=tuple(names),
         channels=short if len(set(short)) == len(short) else tuple(names),
         rate=common_rate(rates, "rows", name),
-        start=next((start for start in starts if start is not None), None),
+        start=next((start for start, _ in times if start is not None), None),
+        stamp=next((stamp for _, stamp in times if stamp is not None), None),
         units=tuple(known_unit(stated_unit(item)) for item in facts),
     )
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from datetime import datetime
-from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
 
 from streams.samples import RATE_TOLERANCE, ReaderError
+from streams.stamps import CLOCK, DATE, Stamp, read_stamp
 
 _UNITS = {
     "g": "g", "gn": "g", "g_n": "g", "g0": "g", "gravity": "g",
@@ -27,8 +26,22 @@ _STEPS = ("dt", "deltat", "deltax", "dts", "wfincrement", "sampleinterval", "sam
           "abtastintervall")  # fmt: skip
 _STARTS = ("startutc", "start", "starttime", "wfstarttime", "t0", "acquisitiontime", "timestamp", "datetime",
            "startzeit")  # fmt: skip
+_MOMENTS = (
+    *("startdatetime", "starttimeutc", "starttimelocal", "starttimestamp", "startdate", "recordingstart"),
+    *("recordingtime", "recordingdate", "recorded", "recordedat", "acquisitionstart", "acquisitiondate", "acquired"),
+    *("acquisitiondatetime", "measurementstart", "measurementtime", "measurementdate", "measured", "measuredat"),
+    *("triggertime", "testdatetime", "testdate", "dateandtime", "datetimeutc", "date", "time", "utc"),
+    *("messbeginn", "messstart", "messzeit", "messzeitpunkt", "messdatum", "messungvom", "beginn", "aufnahmezeit"),
+    *("aufnahmebeginn", "aufnahmestart", "aufnahmedatum", "aufnahmezeitpunkt", "aufzeichnungsbeginn"),
+    *("aufzeichnungsstart", "startzeitpunkt", "startdatum", "zeitpunkt", "zeitstempel", "datumuhrzeit", "datumzeit"),
+    *("datumundzeit", "datumunduhrzeit", "datum", "zeit", "uhrzeit"),
+)
+"""Keys of date and time of day in one; those of ``_STARTS`` may state a day alone."""
+_DATES = ("startdate", "date", "recordingdate", "acquisitiondate", "measurementdate", "testdate", "startdatum", "datum",
+          "messdatum", "aufnahmedatum")  # fmt: skip
+_CLOCKS = ("starttime", "time", "recordingtime", "acquisitiontime", "measurementtime", "testtime", "startzeit",
+           "uhrzeit", "messzeit", "aufnahmezeit", "zeit", "messbeginn", "timeofday")  # fmt: skip
 _UNIT_KEYS = ("unit", "units", "unitstring", "niunitdescription", "engineeringunits", "einheit")
-_STAMPS = ("%d-%b-%y %H:%M:%S", "%d-%b-%Y %H:%M:%S", "%Y/%m/%d %H:%M:%S", "%d.%m.%Y %H:%M:%S")
 _KILO = {"khz": 1e3, "hz": 1.0, "mhz": 1e6, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0, "s/s": 1.0, "": 1.0}
 
 Facts = Mapping[str, object]
@@ -109,41 +122,45 @@ def stated_unit(facts: Facts) -> str | None:
     return next((unit for key in _UNIT_KEYS if (unit := known_unit(facts.get(key))) is not None), None)
 
 
-def stated_start(facts: Facts, zone: str) -> float | None:
-    """Return the time of the first sample among named values, s since 1970 UTC, or None.
+def stated_time(facts: Facts, zone: str) -> tuple[float | None, str | None]:
+    """Return the time of the first sample among named values, s since 1970 UTC, and None.
 
-    ``zone`` is the IANA name of the zone of a stamp that names none.
+    A stamp whose order of day and month is open is returned as text, behind None. Date and time of day may be values
+    of their own. ``zone`` is the IANA name of the zone of a stamp that names none.
     """
-    return next((start for key in _STARTS if (start := seconds_utc(facts.get(key), zone)) is not None), None)
+    whole = (key for key in (*_STARTS, *_MOMENTS) if not is_date(facts.get(key)))
+    stamp = next((found for key in whole if (found := read_stamp(facts.get(key), zone)) is not None), None)
+    stamp = stamp or _joined_stamp(facts, zone)
+    if stamp is None:
+        # A day alone is the start where the key says so.
+        days = (key for key in _STARTS if is_date(facts.get(key)))
+        stamp = next((found for key in days if (found := read_stamp(facts.get(key), zone)) is not None), None)
+    if stamp is None:
+        return None, None
+    return (None, stamp.text) if stamp.open else (stamp.fixed, None)
+
+
+def _joined_stamp(facts: Facts, zone: str) -> Stamp | None:
+    """Return the stamp of a date and a time of day under two keys, or None."""
+    dates = (str(facts[key]).strip() for key in _DATES if key in facts)
+    clocks = (str(facts[key]).strip() for key in _CLOCKS if key in facts)
+    date = next((text for text in dates if is_date(text)), None)
+    clock = next((text for text in clocks if CLOCK.fullmatch(text)), None)
+    return None if date is None or clock is None else read_stamp(f"{date} {clock}", zone)
+
+
+def is_date(value: object) -> bool:
+    """Return whether a value is the text of a date in numbers, without a time of day."""
+    return isinstance(value, str) and re.fullmatch(rf"{DATE.pattern}|\d{{8}}", value.strip()) is not None
 
 
 def seconds_utc(value: object, zone: str) -> float | None:
-    """Return the seconds since 1970 UTC of a stamp, also of ISO 8601, or None."""
-    if isinstance(value, np.datetime64):
-        seconds = float((value - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
-        return seconds if math.isfinite(seconds) else None
-    if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
-        # Smaller numbers are seconds from something else.
-        return float(value) if 1e8 < value < 1e11 else None
-    stamp = value if isinstance(value, datetime) else _parsed(value)
-    if stamp is None:
-        return None
-    try:
-        return (stamp if stamp.tzinfo else stamp.replace(tzinfo=ZoneInfo(zone))).timestamp()
-    except (OverflowError, ValueError, OSError):
-        return None
+    """Return the seconds since 1970 UTC of a stamp, also of ISO 8601, or None.
 
-
-def _parsed(value: object) -> datetime | None:
-    if not isinstance(value, str):
-        return None
-    text = value.strip()[:64]
-    for pattern in (None, *_STAMPS):
-        try:
-            return datetime.fromisoformat(text) if pattern is None else datetime.strptime(text, pattern)
-        except ValueError:
-            continue
-    return None
+    None also where the order of day and month is open.
+    """
+    stamp = read_stamp(value, zone)
+    return None if stamp is None or stamp.open else stamp.fixed
 
 
 def rate_of_times(times: NDArray[np.floating], where: str) -> float | None:

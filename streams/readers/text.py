@@ -10,7 +10,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.readers.stated import Facts, known_unit, plain_key, rate_of_times, stated_rate, stated_start, stated_unit
+from streams.readers.stated import (
+    Facts,
+    is_date,
+    known_unit,
+    plain_key,
+    rate_of_times,
+    stated_rate,
+    stated_time,
+    stated_unit,
+)
 from streams.samples import ReaderError, Samples
 
 _NOT_A_NUMBER = ["nan", "NaN", "NAN", "-nan"]
@@ -20,6 +29,7 @@ _TIMES = {"time", "times", "timesec", "timeseconds", "timems", "zeit", "zeits", 
 _SECONDS = ("s", "sec", "second", "seconds", "ms")
 _IN_MS = {"timems"}
 _FACT = re.compile(r"\s*[#%\"]*\s*([A-Za-z][^:=;\t,]{0,60}?)\s*[:=;\t,]\s*(.*?)[\"\s;,]*$")
+_CLOCK_IN_VALUE = re.compile(r"\d:\d\d,\d+$|\d,\s*\d{1,2}:\d\d")
 _UNIT_IN_NAME = re.compile(r"^(.*?)\s*[\[(]([^\])]*)[\])]\s*$")
 
 
@@ -302,7 +312,8 @@ def _head(lines: list[str]) -> _Head:
     for line in kept:
         match = _FACT.match(line)
         if match is not None:
-            value = match[2] if is_number(match[2].split(" ")[0]) else re.split(r"[;\t,]", match[2])[0]
+            whole = is_number(match[2].split(" ")[0]) or _CLOCK_IN_VALUE.search(match[2])
+            value = match[2] if whole else re.split(r"[;\t,]", match[2])[0]
             head.facts.setdefault(plain_key(match[1]), value.strip().strip('"'))
     return head
 
@@ -320,7 +331,8 @@ def _is_fact(line: str) -> bool:
         return False
     key, value = plain_key(match[1]), match[2].strip()
     facts: Facts = {key: value}
-    return ":" in line or "=" in line or stated_start(facts, "UTC") is not None or is_number(value.split(" ")[0])
+    dated = stated_time(facts, "UTC") != (None, None) or is_date(value)
+    return ":" in line or "=" in line or dated or is_number(value.split(" ")[0])
 
 
 def _described(samples: Samples, head: _Head, name: str, zone: str) -> Samples:
@@ -328,7 +340,7 @@ def _described(samples: Samples, head: _Head, name: str, zone: str) -> Samples:
     names, units = _names_and_units(samples, head)
     times = [i for i, title in enumerate(names) if plain_key(title) in _TIMES] if head.names is not None else []
     rate = stated_rate(head.facts, name)
-    start = stated_start(head.facts, zone)
+    start, stamp = stated_time(head.facts, zone)
     overall = stated_unit(head.facts)
     stated = tuple(unit or overall for unit in units)
     samples = replace(samples, channels=names, names=names, units=stated)
@@ -341,9 +353,9 @@ def _described(samples: Samples, head: _Head, name: str, zone: str) -> Samples:
             raise ReaderError("wrong_rate", f"{name}: the header states {rate:g} Hz, the times {by_times:g} Hz")
         rate = rate if rate is not None else by_times
         if start is None and seconds[0] > 1e8:
-            start = float(seconds[0])
+            start, stamp = float(seconds[0]), None
         samples = samples.select([row for row in range(len(names)) if row != place])
-    return replace(samples, rate=rate, start=start)
+    return replace(samples, rate=rate, start=start, stamp=stamp)
 
 
 def _names_and_units(samples: Samples, head: _Head) -> tuple[tuple[str, ...], tuple[str | None, ...]]:

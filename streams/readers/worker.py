@@ -21,7 +21,7 @@ import numpy as np
 
 from streams.samples import MAX_BYTES, ReaderError, Samples
 
-_FIELDS = ("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled")
+_FIELDS = ("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp")
 
 
 def main() -> None:

@@ -1,0 +1,130 @@
+"""``spallwatch redate``: choose anew what dates the later blocks of a source; and what ``check`` says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import click
+
+from monitor.commands import option
+from monitor.commands.common import InputError, emit, read_config
+from monitor.config.load import Config, ConfigError
+from monitor.config.source import SourceSection
+
+_MAX_OPENED = 100
+"""Waiting files that ``check`` looks at."""
+
+
+@click.command("redate")
+@click.argument("source")
+@option.config
+@option.output
+def command(source: str, config_path: Path | None, as_json: bool, quiet: bool) -> None:
+    """Choose anew what dates the blocks of SOURCE, by the configuration and its next file.
+
+    Committed blocks keep their dates. The daemon must be stopped.
+    """
+    from monitor.records.ledger import keep_dating, read_dating
+    from monitor.records.store import Store
+    from streams.dating import Dating
+
+    config = read_config(config_path)
+    names = [section.name for section in config.source]
+    if source not in names:
+        raise InputError(f"SOURCE {source!r} is not configured; expected one of {', '.join(names)}")
+    with Store.open(config.machine.state_dir / "state.db", create=False) as store:
+        values = read_dating(store, source)
+        before = None if values is None else Dating.from_dict(values)
+        keep_dating(store, source, Dating().to_dict())
+    was = "not dated by a choice" if before is None else f"dated {before.describe()}"
+    lines = [f"source {source}: was {was}", "its next file decides, by the configuration (spallwatch check shows how)"]
+    emit({"source": source, "before": values, "after": None}, lines, as_json=as_json)
+
+
+@dataclass(frozen=True)
+class DatingPreview:
+    """What would date the blocks of a watched folder: ``text`` in words, and the first block as an example."""
+
+    by: str | None
+    text: str
+    file: str | None = None
+    time_utc: str | None = None
+    elapsed_s: float | None = None
+    problems: tuple[str, ...] = ()
+
+
+def preview_dating(config: Config, section: SourceSection) -> DatingPreview | None:
+    """Open waiting files of a folder source; None where it is no folder, or one without files.
+
+    Raises:
+        ConfigError: the configuration contradicts the kept choice.
+    """
+    from monitor.service.setup import source_spec
+    from streams.dating import kept_dating
+    from streams.files import Folder, natural_key
+    from streams.folder.listing import list_files
+    from streams.recognise import data_set_of
+    from streams.recording import Recording
+    from streams.spec import SourceError
+
+    if section.url is None or not section.url.startswith("folder:"):
+        return None
+    spec = source_spec(config, section)
+    root = Path(section.url.removeprefix("folder:"))
+    with ExitStack() as opened:
+        ledger = _open_ledger(config.machine.state_dir / "state.db", opened)
+        try:
+            kept = None if ledger is None else kept_dating(spec, ledger)
+        except SourceError as error:
+            raise ConfigError(str(error)) from None
+    try:
+        paths = sorted(list_files(str(root)), key=natural_key)[:_MAX_OPENED]
+        files = Folder(root, paths)
+        if not paths:
+            return None
+        recording = Recording(spec, files, data_set_of(spec, files, spec.format), kept)
+        first = next(_blocks(recording), None)
+    except (SourceError, OSError) as error:
+        return DatingPreview(None, "not known", problems=(f"nothing dates its blocks yet: {error}",))
+    by, text = (
+        (None, "by the data set") if recording.dating is None else (recording.dating.by, recording.dating.describe())
+    )
+    if first is None:
+        return DatingPreview(by, text, problems=recording.remarks)
+    problems = recording.remarks
+    if first.start is None and not problems:
+        problems = ("nothing dates its blocks; give start_utc",)
+    time = None if first.start is None else _utc_text(first.start)
+    return DatingPreview(by, text, first.name, time, first.elapsed, problems)
+
+
+def _blocks(recording: Any) -> Iterator[Any]:
+    """Yield the blocks among the first items of a recording."""
+    from streams.block import Block
+
+    return (item for item in islice(recording, _MAX_OPENED) if isinstance(item, Block))
+
+
+def _utc_text(seconds: float) -> str:
+    from streams.stamps import utc_text
+
+    return utc_text(seconds)
+
+
+def _open_ledger(database: Path, opened: ExitStack) -> Any:
+    """Return the ledger of a store, None where there is none yet."""
+    from monitor.records.database import StoreError
+    from monitor.records.ledger import StoreLedger
+    from monitor.records.store import Store
+
+    if not database.exists():
+        return None
+    try:
+        return opened.enter_context(StoreLedger(opened.enter_context(Store.open(database, read_only=True))))
+    except StoreError:
+        return None
