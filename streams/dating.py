@@ -97,10 +97,7 @@ def check_kept(spec: SourceSpec, kept: Dating) -> None:
     """
     if kept.by is None:
         return
-    wanted = _wanted(spec)
-    pairs: list[tuple[str, object, object]] = []
-    if wanted is not None:
-        pairs.append(("time_from", wanted, kept.by))
+    pairs: list[tuple[str, object, object]] = [("time_from", _wanted(spec) or kept.by, kept.by)]
     if kept.by == "name":
         pairs.append(("time_name", spec.time_name, kept.pattern))
     if kept.order is not None and spec.date_order is not None:
@@ -159,8 +156,6 @@ class Dater:
         """Begin with the kept choice of a source, if there is one.
 
         Args:
-            spec: configuration of the source.
-            kept: the choice that is kept.
             cut: files are cut into blocks of ``block_s``.
             several: there may be more than one file.
             keep: stores a choice before it is used.
@@ -169,9 +164,8 @@ class Dater:
         Raises:
             SourceError: the configuration contradicts the choice.
         """
-        if kept is not None:
-            check_kept(spec, kept)
         self.choice = kept or Dating()
+        check_kept(spec, self.choice)
         self.remarks: dict[str, str] = {}
         """Sentences for people: what is not used, what has no date."""
         self._spec, self._cut, self._several = spec, cut, several
@@ -201,7 +195,7 @@ class Dater:
             UndatedError: other files must be seen first, or they contradict this one.
         """
         if self.choice.by is None:
-            self._choose(samples, path, whole)
+            self._choose(samples, path)
         choice = self.choice
         length = samples.values.shape[1] / samples.known_rate
         if choice.by == "count":
@@ -272,7 +266,7 @@ class Dater:
         self._remark("long", f"{what} has {length:g} s, but {step:g} s lie between two starts: it has no date; "
                              "give interval_s")  # fmt: skip
 
-    def _choose(self, samples: Samples, path: str, whole: bool) -> None:
+    def _choose(self, samples: Samples, path: str) -> None:
         """Make the choice at a file that could be read."""
         spec, by = self._spec, _wanted(self._spec)
         if by is None:
@@ -286,7 +280,7 @@ class Dater:
         if by == "name":
             choice = replace(choice, pattern=spec.time_name)
         elif by == "count":
-            choice = self._count_choice(choice, samples, path, whole)
+            choice = self._count_choice(choice, samples, path)
         self._set(choice)
         _LOG.info("source %s: blocks are dated %s", spec.name, choice.describe())
         if by != "count" and spec.start is not None:
@@ -298,7 +292,7 @@ class Dater:
                 f"from the first block, {choice.describe()}",
             )
 
-    def _count_choice(self, choice: Dating, samples: Samples, path: str, whole: bool) -> Dating:
+    def _count_choice(self, choice: Dating, samples: Samples, path: str) -> Dating:
         spec = self._spec
         step = spec.interval
         block = None if spec.block_s == "file" or not self._cut else spec.block_s

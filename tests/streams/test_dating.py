@@ -21,7 +21,7 @@ from tests.effort import effort_count
 from tests.streams.folders import CHANNELS, RATE, Rig, csv_bytes, noise, verdicts
 
 START = datetime(2024, 1, 31, 23, 0, 0, tzinfo=UTC).timestamp()
-COUNT = effort_count(quick=40, full=10_000)
+COUNT = effort_count(quick=24, full=10_000)
 FORMATS = ("npy", "wav", "csv")
 Row = tuple[str, str, float | None, float | None, str]
 
@@ -248,9 +248,7 @@ def test_names_that_leave_the_order_open_wait_and_a_replay_refuses(tmp_path: Pat
     with pytest.raises(SourceError, match="time_name"):
         replayed(tmp_path)
     found = replayed(tmp_path, time_name="%d-%m-%Y_%H-%M-%S")
-    assert [utc_text(row[2] or 0.0)[:10] for row in found] == ["2024-04-04", "2024-05-04"][:0] or [
-        *("2024-03-04", "2024-05-04"),
-    ]
+    assert [utc_text(row[2] or 0.0)[:10] for row in found] == ["2024-03-04", "2024-05-04"]
 
 
 def test_a_kept_choice_survives_a_restart_and_refuses_a_configuration_that_contradicts_it(tmp_path: Path) -> None:
@@ -347,7 +345,9 @@ def test_many_files_are_dated_the_same_live_and_replayed(tmp_path: Path, by: str
     missing, rejected, late = COUNT // 4, COUNT // 3, COUNT // 2
     held: list[tuple[Path, Path]] = []
     for number, moment in enumerate(moments):
-        name = f"{moment:%m-%d-%Y_%H-%M-%S}.npy" if by == "name" else f"rec_{number}.{'csv' if by == 'header' else 'npy'}"
+        name = (
+            f"{moment:%m-%d-%Y_%H-%M-%S}.npy" if by == "name" else f"rec_{number}.{'csv' if by == 'header' else 'npy'}"
+        )
         head = f"Date,{moment:%m/%d/%Y}\nTime,{moment:%H:%M:%S}\n"
         path = write(tmp_path, name, number, 8, head if by == "header" else "")
         os.utime(path, (START, moment.timestamp() + 8 / RATE))
@@ -358,10 +358,10 @@ def test_many_files_are_dated_the_same_live_and_replayed(tmp_path: Path, by: str
         if number == late:
             held.append((path, path.rename(tmp_path / f".{name}")))
     rig = live(tmp_path, **settings)
-    rig.run(1e4)
+    rig.run(150.0)
     for path, hidden in held:
         hidden.rename(path)
-    rig.run(1e4)
+    rig.run(150.0)
     found = rows(rig.items)
     assert len(found) == COUNT - 1
     assert [status for _, status, *_ in found if status != "ok"] == ["unreadable"]

@@ -44,7 +44,7 @@ LINES = "".join(f"{i / 1000:.4f},{i % 7},{i % 5}\n" for i in range(200))
             "# Sampling rate: 1 kHz\n# Unit = g\n1,2\n3,4\n",
             (("column_1", "column_2"), (1, 2), 1000.0, ("g", "g"), None),
         ),
-        ("Date,2024-05-01 12:00:00\nSample Rate,25600\na,b\n1,2\n", (("a", "b"), (1, 2), 25600.0, (), None)),
+        ("Date,2024-05-01 12:00:00\nSample Rate,25600\na,b\n1,2\n", (("a", "b"), (1, 2), 25600.0, (), NOON)),
         ("Start: 2024-05-01T12:00:00Z\n\nacc\n1\n2\n", (("acc",), (1,), None, (), NOON)),
         (
             "LabVIEW Measurement\t\nDelta_X\t0.001\n***End_of_Header***\t\n"

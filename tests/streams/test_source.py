@@ -57,10 +57,11 @@ def test_folder_of_sound_files_in_natural_order(tmp_path: Path) -> None:
     found = list(open_at(f"folder:{tmp_path}", block_s=1.0, channels=channels, start=0.0))
     assert [item.name for item in found] == ["r9.wav", "r9.wav[1 s]", "r10.wav", "r10.wav[1 s]"]
     assert [item.sequence for item in found] == [1, 2, 3, 4]
-    for item in found:
+    for item, time in zip(found, (16.0, 17.0, 18.0, 19.0), strict=True):
         assert isinstance(item, Block)
         assert (item.rate, item.units, item.samples.dtype) == (1000, ("V",), np.float32)
-        assert (item.start, item.elapsed) == (None, None)
+        # The eight files before them are missing.
+        assert (item.start, item.elapsed) == (time, time)
     assert [item.samples[0, 0] * 64 for item in found if isinstance(item, Block)] == [9, 9, 10, 10]
 
 
