@@ -30,6 +30,9 @@ _MAX_IDLE_LOG_BYTES = 64 << 20
 
 _MAGIC = b"SQLite format 3\x00"
 
+DATABASE_ERRORS = (sqlite3.Error, MemoryError)
+"""What a statement raises; SQLite's own lack of memory comes as MemoryError."""
+
 UNFIT = (
     *(TypeError, ValueError, LookupError, AttributeError, OverflowError),
     *(sqlite3.DataError, sqlite3.IntegrityError, sqlite3.InterfaceError, sqlite3.ProgrammingError),
@@ -120,6 +123,11 @@ class StoreError(WrongInputError):
 
 class UnstorableError(StoreError):
     """A record does not fit the tables; repeating the commit is useless, the store itself is intact."""
+
+
+def error_text(error: BaseException) -> str:
+    """Return the message of one of ``DATABASE_ERRORS``; that of a MemoryError is empty."""
+    return str(error) or "out of memory"
 
 
 class Closing:
@@ -325,8 +333,8 @@ class SharedConnection(Closing):
         with self._lock:
             try:
                 yield self._connection
-            except sqlite3.Error as error:
-                raise StoreError(f"{self._path}: {error}") from error
+            except DATABASE_ERRORS as error:
+                raise StoreError(f"{self._path}: {error_text(error)}") from error
 
     def rows(self, query: str, *values: Any) -> list[Any]:
         """Return all rows of a statement."""

@@ -11,7 +11,7 @@ import json
 import sqlite3
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
 
@@ -21,12 +21,14 @@ from monitor.health.waterfall import SpectrumChange
 from monitor.records.archive import ARCHIVE_QUERY, FULL_ARCHIVE_QUERY, Archived, archived_of, insert_forecasts
 from monitor.records.condense import condensed_counts, has_condensed, identity_of
 from monitor.records.database import (
+    DATABASE_ERRORS,
     UNFIT,
     Closing,
     Presence,
     StoreError,
     UnstorableError,
     connect,
+    error_text,
     refuse_unsuitable,
     release_lock,
     take_lock,
@@ -343,8 +345,8 @@ class Store(Closing):
         """Lend the connection for statements outside a transaction."""
         try:
             yield self._connection
-        except sqlite3.Error as error:
-            raise StoreError(f"{self.path}: {error}") from error
+        except DATABASE_ERRORS as error:
+            raise StoreError(f"{self.path}: {error_text(error)}") from error
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
@@ -353,18 +355,24 @@ class Store(Closing):
             raise StoreError(f"{self.path}: is open for reading only")
         connection = self._connection
         try:
+            if connection.in_transaction:
+                # The roll-back of the one before failed too.
+                connection.execute("ROLLBACK")
             connection.execute("BEGIN IMMEDIATE")
             try:
                 yield connection
                 self._presence.check()
                 connection.execute("COMMIT")
-            finally:
+            except BaseException:
+                # Layouts of the transaction have no number any more.
+                self._layouts.clear()
+                # After some errors SQLite has rolled back already.
                 if connection.in_transaction:
-                    # Layouts of the transaction have no number any more.
-                    self._layouts.clear()
-                    connection.execute("ROLLBACK")
-        except sqlite3.Error as error:
-            raise StoreError(f"{self.path}: {error}") from error
+                    with suppress(*DATABASE_ERRORS):
+                        connection.execute("ROLLBACK")
+                raise
+        except DATABASE_ERRORS as error:
+            raise StoreError(f"{self.path}: {error_text(error)}") from error
 
 
 def count_refusal(connection: sqlite3.Connection, item: Record | Rejected, outcome: str) -> None:
