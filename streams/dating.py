@@ -90,11 +90,7 @@ class Dating:
 
 
 def check_kept(spec: SourceSpec, kept: Dating) -> None:
-    """Refuse a configuration that contradicts the kept choice.
-
-    Raises:
-        SourceError: it names the key, what is kept and the command that changes it.
-    """
+    """Raise SourceError where the configuration contradicts the kept choice; it names the command that changes it."""
     if kept.by is None:
         return
     pairs: list[tuple[str, object, object]] = [("time_from", _wanted(spec) or kept.by, kept.by)]
@@ -117,10 +113,8 @@ def check_kept(spec: SourceSpec, kept: Dating) -> None:
 def kept_dating(spec: SourceSpec, ledger: Ledger) -> Dating | None:
     """Return what dates the blocks of a source by its ledger, None where nothing is chosen.
 
-    Blocks of an earlier version that dated none stay so: dates begin at a command, not at an update.
-
-    Raises:
-        SourceError: the configuration contradicts it.
+    Blocks of an earlier version that dated none stay so: dates begin at a command, not at an update. SourceError where
+    the configuration contradicts it.
     """
     values = ledger.dating(spec.name)
     kept = None if values is None else Dating.from_dict(values)
@@ -198,6 +192,9 @@ class Dater:
             self._choose(samples, path)
         choice = self.choice
         length = samples.values.shape[1] / samples.known_rate
+        if choice.by == "count" and samples.start is not None and choice.start is None:
+            # Nothing dates the source, but this file states its date.
+            return samples
         if choice.by == "count":
             return self._counted(samples, path, length, whole)
         if choice.by == "mtime":
@@ -316,6 +313,8 @@ class Dater:
         choice = self.choice
         if not self._several:
             return replace(samples, start=choice.start, elapsed=0.0)
+        if samples.start is not None and self._spec.time_from is None:
+            self._remark("header", f"{path} states {utc_text(samples.start)}, but blocks are dated {choice.describe()}")
         samples = replace(samples, start=None, elapsed=None, joins=False)
         if choice.group is None:
             return samples

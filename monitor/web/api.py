@@ -151,7 +151,7 @@ def records(machine: Machine, name: str, query: Query) -> dict[str, Any]:
     since, until = optional_number(query, "from"), optional_number(query, "to")
     dated = is_dated(machine, section.source)
     with machine.store.connection() as connection:
-        found = read_trends(connection, SeriesKey(section.source, name, dated), since, until, points)
+        found = read_trends(connection, SeriesKey(section.source, name, bool(dated)), since, until, points)
     return {
         "machine": machine.name,
         "channel": name,
@@ -244,11 +244,16 @@ def _in_g(row: SpectrumRow) -> float:
     return FEATURES["rms"].of_si(absolute=row.absolute)
 
 
-def is_dated(machine: Machine, source: str) -> bool:
-    """Return whether the blocks of a source have dates; blocks rejected without a time do not count."""
+def is_dated(machine: Machine, source: str) -> bool | None:
+    """Return whether the blocks of a source have dates, None where they have no time at all.
+
+    Blocks rejected without a time do not count.
+    """
     query = "SELECT day FROM blocks WHERE source = ? AND time_status = 'given' ORDER BY sequence DESC LIMIT 1"
     rows = machine.store.rows(query, source)
-    return bool(rows) and rows[0][0] is not None
+    if rows:
+        return rows[0][0] is not None
+    return None if machine.store.rows("SELECT 1 FROM blocks WHERE source = ? LIMIT 1", source) else False
 
 
 def health(site: Machines) -> tuple[int, dict[str, Any]]:

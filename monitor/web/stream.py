@@ -250,9 +250,9 @@ def _records_after(machine: Machine, channel: str, after: int, until: int) -> di
     query = f"{ENTRY_QUERY} WHERE id > ? AND id <= ? AND +source = ? ORDER BY id DESC LIMIT ?"
     with machine.store.connection() as connection:
         rows = connection.execute(query, (after, until, section.source, _MAX_RECORDS)).fetchall()
-        entries = [entry for row in reversed(rows) if (entry := BlockEntry(*row)).dated == dated]
+        entries = [entry for row in reversed(rows) if (entry := BlockEntry(*row)).dated == bool(dated)]
         entries.sort(key=lambda entry: (entry.time, entry.id))
-        table = TrendTable.of_points(read_points(connection, entries, channel), dated=dated)
+        table = TrendTable.of_points(read_points(connection, entries, channel), dated=bool(dated))
     return {
         "machine": machine.name,
         "channel": channel,

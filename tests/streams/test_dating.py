@@ -298,6 +298,21 @@ def test_lengths_give_the_interval_and_a_longer_file_has_no_date(tmp_path: Path)
     assert [None if time is None else round(time, 6) for time in starts(found).values()] == expected
 
 
+def test_a_date_in_a_single_header_is_used_where_nothing_else_dates(tmp_path: Path) -> None:
+    for number, head in ((1, ""), (2, "Start: 2024-02-01T10:00:00Z\n"), (3, "")):
+        write(tmp_path, f"rec_{number}.csv", number, head=head)
+    rig = live(tmp_path, interval=10.0)
+    rig.run(60.0)
+    assert [row[2] is not None for row in rows(rig.items)] == [False, True, False]
+    assert rows(rig.items) == replayed(tmp_path, interval=10.0)
+    counted = live(tmp_path, start=START, interval=10.0)
+    counted.run(60.0)
+    assert list(starts(rows(counted.items)).values()) == [0.0, 10.0, 20.0]
+    source = open_source(spec_of(tmp_path, start=START, interval=10.0))
+    assert len(list(source)) == 3
+    assert "rec_2.csv states 2024-02-01T10:00:00Z" in " ".join(vars(source)["_dater"].remarks.values())
+
+
 def test_dates_do_not_move_numbers_or_contents(tmp_path: Path) -> None:
     for number in range(1, 5):
         write(tmp_path, f"2024-01-31_23-00-0{number}.csv", number, 1000)

@@ -97,9 +97,10 @@ export function knownZone(zone) {
   }
 }
 
-/** A moment: a date and time in a zone, or how long after the first block. */
+/** A moment: a date and time in a zone, how long after the first block, or (`dated` null) that no time is known. */
 export function moment(time, { dated = true, zone = "UTC", seconds = true } = {}) {
   if (!isNumber(time)) return MISSING;
+  if (dated === null) return "at an unknown time";
   if (!dated) return `${duration(time)} after the first block`;
   const p = parts(time, zone);
   const clock = `${p.hour}:${p.minute}${seconds ? `:${p.second}` : ""}`;

@@ -46,6 +46,19 @@ export class Trends {
     this.info = info;
     this.data = data;
     this.range = range;
+    if (data.dated === null) {
+      this.destroy();
+      fill(
+        this.stack,
+        h(
+          "div",
+          { class: "empty" },
+          h("strong", null, "The time of the blocks is not known"),
+          "Nothing dates or counts their files, so there is no axis of time. spallwatch check says what is missing; the values stand in the table below.",
+        ),
+      );
+      return;
+    }
     const specs = trendSpecs(info, data);
     const signature = JSON.stringify(
       [specs.map((spec) => [spec.name, spec.levels, spec.series.length]), colour("surface"), this.options.zone(), data.dated, info.marks],

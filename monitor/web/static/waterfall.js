@@ -115,6 +115,7 @@ export class Waterfall {
   shortTime(time) {
     if (!fmt.isNumber(time)) return "";
     const info = this.options.info();
+    if (info?.dated === null) return "";
     if (!info?.dated) return fmt.duration(time);
     const words = fmt.moment(time, { zone: this.options.zone(), seconds: false });
     const whole = this.data.time_s.at(-1) - this.data.time_s[0];
