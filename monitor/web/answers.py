@@ -60,6 +60,15 @@ def json_answer(value: Mapping[str, Any], status: int = 200) -> Answer:
     return answer_of(body, JSON_TYPE, status=status)
 
 
+def json_object(body: bytes) -> dict[str, Any] | None:
+    """Return the JSON object in a body; None for anything else, also for one nested too deeply to be read."""
+    try:
+        found = json.loads(body)
+    except (ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
 def numbers(values: NDArray[np.floating], digits: int = 7) -> list[float | None]:
     """Return numbers (n,) for JSON, to so many significant digits; None for NaN and infinity."""
     found: list[float | None] = []

@@ -23,7 +23,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
-from starlette.types import ASGIApp, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from monitor.records.database import StoreError
 from monitor.web import api, event_view, map_view
@@ -41,6 +41,8 @@ _MAX_WAITING = 64
 _PART_BYTES = 1 << 18
 _FOLDER = Path(__file__).parent / "static"
 _TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".svg": "image/svg+xml", ".LICENSE": "text/plain"}
+STREAM = "/api/stream"
+"""Address of the server-sent events."""
 _WORDS = b'<script type="application/json" id="words">'
 _lock = threading.Lock()
 _known: dict[str, tuple[tuple[int, int], Answer]] = {}
@@ -56,6 +58,9 @@ class Site:
         self.measures = Measures()
         self._threads = ThreadPoolExecutor(_THREADS, "answer")
         self._waiting = 0
+        # However busy the others are, the health is answered.
+        self._health_thread = ThreadPoolExecutor(1, "health")
+        self._checking: asyncio.Future[Answer] | None = None
         self._ending = threading.Event()
         self._upkeep = threading.Thread(target=machines.keep_counting, args=(self._ending,), name="upkeep", daemon=True)
 
@@ -68,6 +73,20 @@ class Site:
             return await asyncio.get_running_loop().run_in_executor(self._threads, make, *values)
         finally:
             self._waiting -= 1
+
+    async def health(self) -> Answer:
+        """Return the health of the machines; requests that come while it is found get the same answer."""
+        if self._checking is None or self._checking.done():
+            loop = asyncio.get_running_loop()
+            self._checking = loop.run_in_executor(self._health_thread, self._find_health)
+        return await asyncio.shield(self._checking)
+
+    def _find_health(self) -> Answer:
+        try:
+            status, found = api.health(self.machines)
+            return json_answer(found, status)
+        except Exception as error:
+            return _failed(error)
 
     async def answer(self, request: Request, make: Callable[[], Answer]) -> Response:
         """Compute an answer in a thread, and return it in an encoding that the client accepts."""
@@ -85,7 +104,8 @@ class Site:
     def __exit__(self, *error: object) -> None:
         """End the threads and close the stores."""
         self._ending.set()
-        self._threads.shutdown(wait=True, cancel_futures=True)
+        for threads in (self._threads, self._health_thread):
+            threads.shutdown(wait=True, cancel_futures=True)
         self.hub.close()
         self._upkeep.join()
         for machine in self.machines:
@@ -143,7 +163,7 @@ def _page_routes(site: Site) -> list[Route]:
             return _response(request, _failed(error))
         name = request.path_params["file"]
         headers = {"content-length": str(size), "content-disposition": f'attachment; filename="{name}"'}
-        return _Stream(_parts(site, file, size), headers, "application/x-netcdf")
+        return _Stream(_parts(site, file, size), headers, "application/x-netcdf", file.close)
 
     async def measured(request: Request) -> Response:
         def make() -> Answer:
@@ -152,11 +172,7 @@ def _page_routes(site: Site) -> list[Route]:
         return await site.answer(request, make)
 
     async def healthy(request: Request) -> Response:
-        def make() -> Answer:
-            status, found = api.health(site.machines)
-            return json_answer(found, status)
-
-        return await site.answer(request, make)
+        return _response(request, await site.health())
 
     async def is_ready(request: Request) -> Response:
         # Answered without a thread, however busy they are.
@@ -209,7 +225,7 @@ def _api_routes(site: Site) -> list[Route]:
         route("/api/events", lambda request: event_view.events(site.machines, request.query_params)),
         route("/api/records", lambda _: published_files(site.machines)),
         Route("/api/events/{event}/acknowledge", partial(_acknowledge, site), methods=["POST"]),
-        Route("/api/stream", partial(_stream, site), methods=["GET"]),
+        Route(STREAM, partial(_stream, site), methods=["GET"]),
     ]
 
 
@@ -239,17 +255,28 @@ async def _stream(site: Site, request: Request) -> Response:
             site.machines.machine(machine).channel(channel)
     except RequestError as error:
         return _response(request, _failed(error))
-    subject = (machine, channel) if machine and channel else None
+    # Counted here, without a pause since the check above, so that simultaneous requests cannot exceed the limit.
+    subscriber = site.hub.subscribe((machine, channel) if machine and channel else None)
     headers = {"cache-control": "no-store", "x-accel-buffering": "no"}
-    return _Stream(site.hub.subscribe(subject), headers, "text/event-stream")
+    end = partial(site.hub.unsubscribe, subscriber)
+    return _Stream(site.hub.messages(subscriber), headers, "text/event-stream", end)
 
 
 class _Stream(StreamingResponse):
-    """A stream whose generator is closed with the answer, however that ends."""
+    """A stream whose generator is closed with the answer, however that ends; then ``end`` is called."""
 
-    def __init__(self, parts: AsyncGenerator[bytes], headers: Mapping[str, str], media_type: str) -> None:
+    def __init__(
+        self, parts: AsyncGenerator[bytes], headers: Mapping[str, str], media_type: str, end: Callable[[], object]
+    ) -> None:
         super().__init__(parts, 200, headers, media_type)
-        self._parts = parts
+        self._parts, self._end = parts, end
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            # A generator that was never started runs nothing when it is closed.
+            self._end()
 
     async def stream_response(self, send: Send) -> None:
         async with aclosing(self._parts):

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from monitor.records.database import StoreError
 from monitor.records.events import Acknowledgement, EventLog, LoggedEvent, count_unacknowledged, tables_of
-from monitor.web.answers import Query, RequestError, whole_number, without_folders
+from monitor.web.answers import Query, RequestError, json_object, whole_number, without_folders
 from monitor.web.machines import Machine, Machines
 from monitor.words.events import event_text
 
@@ -81,11 +81,8 @@ def acknowledge(site: Machines, name: str, body: bytes) -> dict[str, Any]:
         RequestError: there is no such event, ``who`` is empty, or a text is too long.
     """
     machine, event = _split(site, name)
-    try:
-        given = json.loads(body)
-    except ValueError:
-        given = None
-    if not isinstance(given, dict) or not all(isinstance(given.get(key, ""), str) for key in ("who", "note")):
+    given = json_object(body)
+    if given is None or not all(isinstance(given.get(key, ""), str) for key in ("who", "note")):
         raise RequestError(400, "the body must be a JSON object with who and note")
     who, note = given.get("who", ""), given.get("note", "")
     if any(not character.isprintable() for character in who):

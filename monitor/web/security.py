@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
-import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from monitor.config.outputs import WebSection
+from monitor.web.answers import json_object
 from monitor.web.auth import Doorkeeper
 
 MAX_BODY_BYTES = 8192
@@ -232,10 +232,7 @@ def login_routes(doors: Doors, keeper: Doorkeeper) -> list[Route]:
 
     async def login(request: Request) -> Response:
         body = await request.body()
-        try:
-            token = json.loads(body[:MAX_BODY_BYTES])["token"]
-        except (ValueError, KeyError, TypeError):
-            token = None
+        token = (json_object(body[:MAX_BODY_BYTES]) or {}).get("token")
         if not isinstance(token, str):
             return _login_error(400, "the body must be a JSON object with the token")
         if not keeper.is_token(token.strip()):

@@ -24,7 +24,7 @@ from models.errors import WrongInputError
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import WebSection
 from monitor.service.systemd import ServiceManager
-from monitor.web.app import Site, application
+from monitor.web.app import STREAM, Site, application
 from monitor.web.auth import Doorkeeper, TokenError, load_token
 from monitor.web.machines import Machines
 from monitor.web.security import Doors
@@ -34,6 +34,7 @@ Report = Callable[[dict[str, Any]], object]
 
 _LOG = logging.getLogger(__name__)
 MAX_CONNECTIONS = 256
+"""Connections besides those of streams; one more takes the place of the idlest."""
 HEAD_S = 10.0
 _MAX_STUCK = 3
 _ALIVE_S = 5.0
@@ -43,7 +44,10 @@ _BACKLOG = 128
 
 
 class LimitedProtocol(H11Protocol):
-    """Limit the number of connections; close those without a request or with an unread answer."""
+    """Limit the number of connections; close those without a request or with an unread answer.
+
+    A new connection is always taken: a limit that refuses it would let idle ones keep ``/healthz`` from being answered.
+    """
 
     head_within = HEAD_S
     """Seconds for the head of a request, from its first byte or from the connection."""
@@ -51,13 +55,14 @@ class LimitedProtocol(H11Protocol):
     _watch: asyncio.TimerHandle | None = None
     _pending = 0
     _stuck = 0
+    _since = 0.0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]  # as the class above does
         """Start the timers."""
         super().connection_made(transport)
+        self._since = self.loop.time()
         if len(self.connections) > MAX_CONNECTIONS:
-            transport.abort()
-            return
+            self._make_room()
         self._head = self.loop.call_later(self.head_within, self._give_up)
         self._watch = self.loop.call_later(self.head_within, self._check_progress)
 
@@ -78,6 +83,35 @@ class LimitedProtocol(H11Protocol):
             self._head = None
         elif incomplete and self._head is None and self.timeout_keep_alive_task is None:
             self._head = self.loop.call_later(self.head_within, self._give_up)
+
+    def on_response_complete(self) -> None:
+        """Note that the connection is idle from now on."""
+        self._since = self.loop.time()
+        super().on_response_complete()
+
+    @property
+    def _streaming(self) -> bool:
+        return self.cycle is not None and self.cycle.scope["path"] == STREAM and not self.cycle.response_complete
+
+    @property
+    def _idleness(self) -> tuple[int, float]:
+        """Sort key: connections that wait for a request or its body first, then unread answers; the oldest first."""
+        if self.conn.their_state in (h11.IDLE, h11.SEND_BODY):
+            return 0, self._since
+        return 1 if self.transport.get_write_buffer_size() else 2, self._since
+
+    def _make_room(self) -> None:
+        """End the idlest of the other connections if there are too many; streams have a limit of their own."""
+        others = [
+            found
+            for found in self.connections
+            if isinstance(found, LimitedProtocol)
+            and found is not self
+            and not found._streaming
+            and not found.transport.is_closing()
+        ]
+        if len(others) >= MAX_CONNECTIONS:
+            min(others, key=lambda found: found._idleness).transport.abort()
 
     def _give_up(self) -> None:
         self._head = None

@@ -96,20 +96,28 @@ class Hub:
             except TimeoutError:
                 continue
 
-    async def subscribe(self, subject: Subject | None) -> AsyncGenerator[bytes]:
-        """Yield the messages for a new subscriber, and comments while there are none."""
+    def subscribe(self, subject: Subject | None) -> Subscriber:
+        """Add a subscriber; it counts from now on until :meth:`unsubscribe`."""
         subscriber = Subscriber(subject)
         self._subscribers.add(subscriber)
+        return subscriber
+
+    def unsubscribe(self, subscriber: Subscriber) -> None:
+        """Remove a subscriber; removing it twice does nothing."""
+        self._subscribers.discard(subscriber)
+
+    async def messages(self, subscriber: Subscriber) -> AsyncGenerator[bytes]:
+        """Yield the messages for a subscriber, and comments while there are none; remove it at the end."""
         loop = asyncio.get_running_loop()
         try:
-            yield await loop.run_in_executor(self._thread, self._everything, subject)
+            yield await loop.run_in_executor(self._thread, self._everything, subscriber.subject)
             while not subscriber.dropped:
                 try:
                     yield await asyncio.wait_for(subscriber.waiting.get(), _COMMENT_S)
                 except TimeoutError:
                     yield b": still here\n\n"
         finally:
-            self._subscribers.discard(subscriber)
+            self.unsubscribe(subscriber)
 
     def close(self) -> None:
         """End the thread."""

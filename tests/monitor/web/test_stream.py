@@ -111,7 +111,7 @@ def test_a_listener_that_takes_nothing_is_dropped_and_holds_nothing_up(
 
     async def scene() -> tuple[int, int]:
         looking = asyncio.create_task(hub.run())
-        lazy, eager = hub.subscribe(None), hub.subscribe(None)
+        lazy, eager = hub.messages(hub.subscribe(None)), hub.messages(hub.subscribe(None))
         await anext(lazy)
         await anext(eager)
         taken = 0

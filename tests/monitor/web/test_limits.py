@@ -1,0 +1,140 @@
+"""Limits of the page: they end what is idle, and never keep the health from being answered."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+from starlette.requests import Request
+
+from monitor.config.load import load_config
+from monitor.config.outputs import WebSection
+from monitor.web.app import Site, _stream
+from monitor.web.auth import Doorkeeper
+from monitor.web.machines import Machines
+from monitor.web.security import Doors
+from tests.faults.daemons import make_machine
+from tests.monitor.web.test_security import machine_with_event
+from tests.pages import Page, page_of
+from tests.waiting import wait_until
+
+
+def is_healthy(page: Page) -> bool:
+    """Return whether the health was answered; no daemon runs, so the answer is that it fails."""
+    reply = page.ask("/healthz")
+    return reply.status == 503 and reply.json["status"] == "failing"
+
+
+def is_closed(connection: socket.socket) -> bool:
+    try:
+        return connection.recv(4096) == b""
+    except ConnectionResetError:
+        return True
+
+
+@pytest.mark.parametrize("words", [b"", b"GET /healthz HTTP/1.1\r\nHost: loc", b"POST /login HTTP/1.1\r\n%s{"])
+def test_idle_and_slow_connections_leave_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: bytes) -> None:
+    monkeypatch.setattr("monitor.web.server.MAX_CONNECTIONS", 3)
+    with page_of(machine_with_event(tmp_path)) as page:
+        rest = b"Host: localhost:%d\r\nContent-Type: application/json\r\nContent-Length: 100\r\n\r\n" % page.port
+        held = [page.dial() for _ in range(12)]
+        for connection in held[:1]:
+            connection.sendall(words.replace(b"%s", rest))
+        for _ in range(5):
+            assert is_healthy(page)
+        # The oldest ones made room.
+        assert is_closed(held[0])
+        for connection in held:
+            connection.close()
+
+
+def test_a_stream_is_not_ended_for_a_new_connection(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.web.server.MAX_CONNECTIONS", 2)
+    config = machine_with_event(tmp_path)
+    with page_of(config) as page, page.events() as events:
+        assert next(events)[0] == "machines"
+        held = [page.dial() for _ in range(6)]
+        assert is_healthy(page)
+        (tmp_path / "state" / "status.json").write_text('{"up_s": 1}')
+        assert next(events)[0] == "machines"
+        for connection in held:
+            connection.close()
+
+
+def test_the_health_does_not_wait_for_other_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    go_on, busy = threading.Event(), threading.Semaphore(0)
+
+    def slowly(*_: Any) -> dict[str, Any]:
+        busy.release()
+        go_on.wait()
+        return {}
+
+    monkeypatch.setattr("monitor.web.api.machines", slowly)
+    monkeypatch.setattr("monitor.web.app._MAX_WAITING", 6)
+    with page_of(machine_with_event(tmp_path)) as page:
+        head = b"GET /api/machines HTTP/1.1\r\nHost: localhost:%d\r\n\r\n" % page.port
+        held = [page.dial() for _ in range(6)]
+        try:
+            for connection in held:
+                connection.sendall(head)
+            for _ in range(4):
+                busy.acquire()
+            wait_until(lambda: page.ask("/api/events").status == 503)
+            assert is_healthy(page)
+        finally:
+            go_on.set()
+            for connection in held:
+                connection.close()
+
+
+def test_simultaneous_requests_do_not_exceed_the_streams(tmp_path: Path) -> None:
+    web = WebSection(max_streams=3)
+    site = Site(Machines([load_config(make_machine(tmp_path))]), Doors.of(web, 8710), Doorkeeper("x" * 20), 3)
+    scope = {"type": "http", "method": "GET", "path": "/api/stream", "query_string": b"", "headers": []}
+
+    async def open_all() -> list[int]:
+        replies = [await _stream(site, Request(scope)) for _ in range(10)]
+        codes = [reply.status_code for reply in replies]
+
+        async def send(message: Any) -> None:
+            await asyncio.sleep(0)
+
+        async def receive() -> Any:
+            return {"type": "http.disconnect"}
+
+        for reply in replies[:3]:
+            # The client leaves before the first byte.
+            await reply({**scope, "asgi": {"spec_version": "2.3"}}, receive, send)
+        assert len(site.hub) == 0
+        return codes
+
+    with site:
+        assert asyncio.run(open_all()) == [200] * 3 + [429] * 7
+
+
+def test_many_streams_opened_at_once_are_no_more_than_allowed(tmp_path: Path) -> None:
+    with page_of(machine_with_event(tmp_path), web=WebSection(max_streams=4)) as page:
+        head = b"GET /api/stream HTTP/1.1\r\nHost: localhost:%d\r\n\r\n" % page.port
+        opened = [page.dial() for _ in range(20)]
+        for connection in opened:
+            connection.sendall(head)
+        codes = sorted(connection.recv(12)[-3:] for connection in opened)
+        assert codes == [b"200"] * 4 + [b"429"] * 16
+        for connection in opened:
+            connection.close()
+        wait_until(lambda: b"spallwatch_page_streams 0.0" in page.ask("/metrics").body)
+
+
+@pytest.mark.parametrize("opening", [b"[", b'{"token":', b'{"who":'])
+def test_json_that_is_nested_too_deeply_is_a_wrong_question(tmp_path: Path, opening: bytes) -> None:
+    with page_of(machine_with_event(tmp_path)) as page:
+        headers = {"content-type": "application/json", "authorization": page.bearer}
+        for path in ("/login", "/api/events/m:n1/acknowledge"):
+            deep = page.ask(path, "POST", headers, opening * (8000 // len(opening)))
+            assert (deep.status, list(deep.json)) == (400, ["error"])
+            # What is longer than a body may be is refused by its length, before it is read.
+            assert page.ask(path, "POST", headers, opening * 100_000).status == 413
