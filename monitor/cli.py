@@ -33,6 +33,7 @@ _COMMANDS = {
     "score": ("score:command", "Scores of the forecasts as issued, once the end is known."),
     "archive-days": ("archive_days:command", "Move the oldest published days to another folder."),
     "send": ("send:command", "Send a recording to a receiver over TCP or MQTT."),
+    "stream": ("stream:group", "Streams over TCP or MQTT: let one begin anew."),
 }
 
 

@@ -42,6 +42,38 @@ class FileProgress:
         return self.read_bytes < self.size
 
 
+@dataclass(frozen=True)
+class StreamCount:
+    """How a stream counts its frames, and which blocks of the ledger they are.
+
+    A sender numbers its frames from 1; after a reset of its stream it may begin anew, while the numbers of blocks go
+    on. So no block has the number of another one, and none its name.
+
+    Attributes:
+        resets: number of resets so far.
+        first: number of the first frame since the latest reset.
+        number: number of the block that this frame becomes.
+        last: number of the last committed block since then; ``number - 1`` before the first.
+    """
+
+    resets: int = 0
+    first: int = 1
+    number: int = 1
+    last: int = 0
+
+    def block_of(self, frame: int) -> int:
+        """Return the number of the block that a frame becomes."""
+        return frame - self.first + self.number
+
+    def frame_of(self, block: int) -> int:
+        """Return the number of the frame that became a block."""
+        return block - self.number + self.first
+
+    def name_of(self, stream: str, frame: int) -> str:
+        """Return the name of the block that a frame becomes, such as ``press[7]``, or ``press[1:7]`` after a reset."""
+        return f"{stream}[{frame}]" if not self.resets else f"{stream}[{self.resets}:{frame}]"
+
+
 @runtime_checkable
 class Ledger(Protocol):
     """Record of what was committed; it outlives the process.
@@ -51,6 +83,10 @@ class Ledger(Protocol):
 
     def committed(self, source: str) -> int:
         """Return the highest committed sequence number of a source or stream, or 0."""
+        ...
+
+    def stream(self, source: str) -> StreamCount:
+        """Return how a stream counts, and where it stands."""
         ...
 
     def began(self, source: str) -> float | None:
@@ -133,7 +169,8 @@ class Backlog:
 
     At any moment offered = accepted + rejected + pending: those whose samples are all in committed blocks, those
     refused with a reason in the ledger, and those that wait, delivered but unacknowledged ones among them.
-    ``oldest_age_s`` counts from when the oldest pending item was first seen, 0 where none is pending.
+    ``oldest_age_s`` counts from when the oldest pending item was first seen, 0 where none is pending. ``refused``
+    counts connections and messages that were refused; they are not offered.
     """
 
     offered: int
@@ -141,6 +178,7 @@ class Backlog:
     rejected: int
     pending: int
     oldest_age_s: float
+    refused: int = 0
 
 
 @runtime_checkable
@@ -181,6 +219,10 @@ class LiveSource(Protocol):
     def problem(self) -> str | None:
         """Return in one sentence why the source receives nothing, or None."""
         ...
+
+    def notices(self) -> list[dict[str, Any]]:
+        """Return what is new for the event log: ``kind``, ``source``, ``text`` and further keys of the kind."""
+        return []
 
     def close(self) -> None:
         """Stop receiving within a second; unacknowledged items are delivered again."""

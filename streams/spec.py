@@ -76,6 +76,8 @@ class NetworkSpec:
         ca_file: PEM certificates against which the broker's certificate is verified; it switches TLS on.
         cert_file: client certificate for the broker (PEM), with its private key in ``key_file``.
         username_file: file whose first line is the user name for the broker; ``password_file`` likewise.
+        stream_key_file: file whose first line is the key of the stream; its sender must prove that it has it.
+        tls_cert_file: certificate of a TCP receiver (PEM), its private key in ``tls_key_file``; it switches TLS on.
         client_id: at the broker, which keeps the session under it; None derives one from the source name.
     """
 
@@ -89,6 +91,9 @@ class NetworkSpec:
     key_file: Path | None = None
     username_file: Path | None = None
     password_file: Path | None = None
+    stream_key_file: Path | None = None
+    tls_cert_file: Path | None = None
+    tls_key_file: Path | None = None
     client_id: str | None = None
 
     def __post_init__(self) -> None:
@@ -105,6 +110,8 @@ class NetworkSpec:
             )
         if (self.cert_file is None) != (self.key_file is None):
             raise SourceError("cert_file and key_file belong together")
+        if (self.tls_cert_file is None) != (self.tls_key_file is None):
+            raise SourceError("tls_cert_file and tls_key_file belong together")
 
     def admits(self, address: str) -> bool:
         """Return whether a sender at this numerical address may connect."""
@@ -129,6 +136,7 @@ class SourceSpec:
         timezone: IANA name of the zone of local time stamps in file names.
         settle_s: seconds for which a file of a watched folder must be unchanged before it is read, unless it was
             closed or moved in.
+        max_gap_blocks: largest jump in the numbers of a stream; a frame farther ahead is refused.
         network: of a ``tcp:`` or ``mqtt:`` source, None for the defaults.
         time_from: what dates the blocks of files; None: the header, the name or a count, by the first file.
         time_name: pattern (strptime) of the date in names.
@@ -146,6 +154,7 @@ class SourceSpec:
     channels: tuple[ChannelSpec, ...] = ()
     timezone: str = "UTC"
     settle_s: float = 2.0
+    max_gap_blocks: int = 100_000
     network: NetworkSpec | None = None
     time_from: Literal["header", "name", "count", "mtime"] | None = None
     time_name: str | None = None
@@ -164,6 +173,8 @@ class SourceSpec:
         problem = dating_problem(self.start, self.time_from, self.time_name, self.interval, self.date_order)
         if problem is not None:
             raise SourceError(f"{where}: {problem}")
+        if self.max_gap_blocks < 1:
+            raise SourceError(f"{where}: max_gap_blocks must be 1 or more, got {self.max_gap_blocks}")
         names = [channel.name for channel in self.channels]
         if len(set(names)) != len(names):
             raise SourceError(f"{where}: channel names must differ, got {', '.join(names)}")

@@ -6,17 +6,19 @@ import json
 import threading
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from streams.block import Block, Rejected
-from streams.source import PENDING, FileProgress
+from streams.source import PENDING, FileProgress, StreamCount
 
 
 class MemoryLedger:
     """A ledger without storage."""
 
     def __init__(self) -> None:
-        """Begin without memory."""
+        """Begin without memory; ``counts`` are those of streams that were reset."""
+        self.counts: dict[str, StreamCount] = {}
         self._lock = threading.Lock()
         self._blocks: dict[str, dict[int, str]] = {}
         self._highest: dict[str, int] = {}
@@ -30,6 +32,11 @@ class MemoryLedger:
         """Return the highest committed sequence number of a source, 0 where there is none."""
         with self._lock:
             return self._highest.get(source, 0)
+
+    def stream(self, source: str) -> StreamCount:
+        """Return how a stream counts."""
+        count = self.counts.get(source, StreamCount())
+        return replace(count, last=max(self.committed(source), count.number - 1))
 
     def began(self, source: str) -> float | None:
         """Return when the first dated block of a source began, or None."""

@@ -15,7 +15,8 @@ from monitor.commands import option
 from monitor.commands.common import emit, read_config
 from monitor.commands.redate import DatingPreview, preview_dating
 from monitor.config.load import Config, ConfigError
-from monitor.config.source import ChannelSection
+from monitor.config.outputs import is_loopback
+from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
 
 
@@ -61,11 +62,41 @@ def find_problems(config: Config) -> Iterator[str]:
         yield "operating.speed_hz is not given: only recordings that state their speed can be monitored"
     yield from _unlearned_levels(config)
     for source in config.source:
+        yield from _access_problems(source)
         if source.url is None:
             continue
         place = source.url.removeprefix("folder:")
         if source.url.startswith("folder:") and not Path(place).exists():
             yield f"source {source.name!r}: folder {place!r} does not exist (yet)"
+
+
+def _access_problems(source: SourceSection) -> Iterator[str]:
+    """Yield why other machines could send without proof, or no machine at all."""
+    from streams.link.auth import key_weakness, read_key, receiver_context
+    from streams.spec import SourceError, parse_address
+
+    name, url = f"source {source.name!r}", source.url or ""
+    if not url.startswith(("tcp://", "mqtt://")):
+        return
+    try:
+        address = parse_address(url, f"[[source]] {source.name}: url")
+        if source.stream_key_file is not None:
+            key = read_key(source.stream_key_file, f"[[source]] {source.name}: stream_key_file")
+            weakness = key_weakness(source.stream_key_file, key)
+            if weakness is not None:
+                yield f"{name}: {weakness}"
+        if source.tls_cert_file is not None and source.tls_key_file is not None:
+            receiver_context(source.tls_cert_file, source.tls_key_file, f"[[source]] {source.name}")
+    except SourceError as error:
+        yield str(error)
+        return
+    if is_loopback(address.host):
+        return
+    if address.scheme == "tcp" and source.stream_key_file is None:
+        whose = "machines among peers may send" if source.peers else "other machines could send, so run refuses it,"
+        yield f"{name}: {whose} without a key; give stream_key_file"
+    if address.scheme == "mqtt" and source.username_file is None and source.cert_file is None:
+        yield f"{name}: nothing proves to the broker who publishes or reads; give username_file or cert_file"
 
 
 def _unlearned_levels(config: Config) -> Iterator[str]:

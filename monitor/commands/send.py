@@ -49,6 +49,8 @@ class _Seconds(click.ParamType):
 @click.option("--ca-file", type=_FILE, help="Certificates (PEM) that sign the broker's; enables TLS.")
 @click.option("--cert-file", type=_FILE, help="Certificate of this machine (PEM).")
 @click.option("--key-file", type=_FILE, help="Its private key (PEM).")
+@click.option("--stream-key-file", type=_FILE, help="TCP: key of the stream, the first line of this file.")
+@click.option("--tls-ca-file", type=_FILE, help="TCP: certificates (PEM) that sign the receiver's; enables TLS.")
 @option.output
 def command(
     path: str,
@@ -61,6 +63,8 @@ def command(
     pace: float | None,
     limit: int | None,
     patience_s: float,
+    stream_key_file: Path | None,
+    tls_ca_file: Path | None,
     as_json: bool,
     quiet: bool,
     **files: Any,
@@ -70,6 +74,7 @@ def command(
     The command ends when the receiver has committed all blocks. If the receiver is unreachable or restarts, sending is
     retried from the block after its last committed one.
     """
+    from streams.link.auth import read_key, sender_context
     from streams.link.sender import Link, Sender, TcpLink
     from streams.link.wire import WireError
     from streams.spec import NetworkSpec, parse_address
@@ -77,14 +82,17 @@ def command(
     address = parse_address(url, "--to")
     source = _recording(path, config_path, kind, rate_hz, block_s)
     name = stream or source.name
+    _check_files(address.scheme, {**files, "stream_key_file": stream_key_file, "tls_ca_file": tls_ca_file})
     link: Link
     if address.scheme == "mqtt":
         from streams.link.mqtt import MqttLink
 
         link = MqttLink(address, NetworkSpec(**files))
     else:
+        key = None if stream_key_file is None else read_key(stream_key_file, "--stream-key-file")
+        tls = None if tls_ca_file is None else sender_context(tls_ca_file, "--tls-ca-file")
         try:
-            link = TcpLink(address, name)
+            link = TcpLink(address, name, key=key, tls=tls)
         except WireError as error:
             raise InputError(f"--stream {name!r}: {error}") from None
     total = len(source) if limit is None else min(len(source), limit)
@@ -92,6 +100,15 @@ def command(
     result = Sender(source, link, pace=pace, limit=limit, patience=patience_s, progress=advance).run()
     values = {**asdict(result), "stream": address.topic or name}
     emit(values, _lines(values), as_json=as_json)
+
+
+def _check_files(scheme: str, files: dict[str, Path | None]) -> None:
+    """Refuse options of the other protocol: what they should protect would be sent without it."""
+    of_tcp = ("stream_key_file", "tls_ca_file")
+    for name, path in files.items():
+        if path is not None and (name in of_tcp) != (scheme == "tcp"):
+            other = "tcp" if name in of_tcp else "mqtt"
+            raise InputError(f"--{name.replace('_', '-')} belongs to {other}://, --to is {scheme}://")
 
 
 def _recording(path: str, config_path: Path | None, kind: str, rate: float | None, block_s: Any) -> Source:

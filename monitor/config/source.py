@@ -11,10 +11,14 @@ from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Band, Blocks, Name, NotNegative, Positive, Scale, Section
 from monitor.health.quality import bands_above_nyquist
-from streams.spec import NetworkSpec, dating_problem
+from streams.spec import NetworkSpec, SourceSpec, dating_problem
 
 _DATING_KEYS = ("time_from", "time_name", "interval_s", "date_order")
-_FILE_KEYS = ("ca_file", "cert_file", "key_file", "username_file", "password_file")
+_FILE_KEYS = (
+    *("ca_file", "cert_file", "key_file", "username_file", "password_file"),
+    *("stream_key_file", "tls_cert_file", "tls_key_file"),
+)
+_TCP_KEYS = ("stream_key_file", "tls_cert_file", "tls_key_file")
 
 
 class SourceSection(Section):
@@ -45,6 +49,12 @@ class SourceSection(Section):
     key_file: Path | None = None
     username_file: Path | None = None
     password_file: Path | None = None
+    stream_key_file: Path | None = None
+    """TCP: file whose first line is the key that the sender must prove to have."""
+    tls_cert_file: Path | None = None
+    tls_key_file: Path | None = None
+    max_gap_blocks: Annotated[int, Field(ge=1, le=10**9)] = SourceSpec.max_gap_blocks
+    """A frame whose number is farther ahead of the last one is refused."""
 
     @field_validator("start_utc")
     @classmethod
@@ -72,6 +82,15 @@ class SourceSection(Section):
         problem = dating_problem(self.start_utc, *keys.values())
         if problem is not None:
             raise ValueError(problem)
+        return self
+
+    @model_validator(mode="after")
+    def _encrypted_as_it_can_be(self) -> Self:
+        given = [key for key in _TCP_KEYS if getattr(self, key) is not None]
+        if given and self.url is not None and not self.url.startswith("tcp://"):
+            raise ValueError(f"{given[0]} belongs to tcp://; got url = {self.url!r}")
+        if (self.tls_cert_file is None) != (self.tls_key_file is None):
+            raise ValueError("tls_cert_file and tls_key_file come together")
         return self
 
     def to_network(self) -> NetworkSpec:

@@ -34,7 +34,7 @@ ORDER BY acknowledgements.id
 """
 _NOTICES = "SELECT id, 'n' || id, NULL, NULL, utc, body FROM notices"
 _MAX_NOTE_CHARACTERS, _MAX_NAME_CHARACTERS = 2000, 100
-WITHOUT_ACKNOWLEDGEMENT = ("alarm_cleared", "alarm_released", "condition", "data_again")
+WITHOUT_ACKNOWLEDGEMENT = ("alarm_cleared", "alarm_released", "condition", "data_again", "stream_reset")
 """Kinds of events that need no acknowledgement."""
 # The names of the tables are those of the first version.
 _DELIVERY_TABLES = (
@@ -99,6 +99,12 @@ def count_unacknowledged(connection: sqlite3.Connection) -> int:
     return total
 
 
+def write_notice(connection: sqlite3.Connection, utc: float, body: Mapping[str, Any]) -> str:
+    """Add a notice to a store in which an :class:`EventLog` was opened; return its name in the log."""
+    values = (utc, json.dumps(body, allow_nan=False))
+    return f"n{connection.execute('INSERT INTO notices (utc, body) VALUES (?, ?)', values).lastrowid}"
+
+
 class EventLog(SharedConnection):
     """The log of a store, on a connection of its own."""
 
@@ -127,9 +133,8 @@ class EventLog(SharedConnection):
 
     def notice(self, utc: float, body: Mapping[str, Any]) -> str:
         """Add a notice, and return its name in the log."""
-        text = json.dumps(body, allow_nan=False)
         with self.use() as connection:
-            return f"n{connection.execute('INSERT INTO notices (utc, body) VALUES (?, ?)', (utc, text)).lastrowid}"
+            return write_notice(connection, utc, body)
 
     def acknowledge(self, name: str, who: str, note: str, utc: float) -> LoggedEvent:
         """Add an acknowledgement and return its event; ValueError for no event, no name, or too long a text."""

@@ -7,17 +7,18 @@ the block that it belongs to.
 from __future__ import annotations
 
 import json
+import re
 import sqlite3
-from collections.abc import Iterable, Mapping
-from dataclasses import astuple, fields
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import astuple, fields, replace
 from typing import Any
 
 from monitor.health.record import storable
 from monitor.records.condense import identity_of, numbers_with
 from monitor.records.database import Closing, SharedConnection
-from monitor.records.store import Store, count_refusal
+from monitor.records.store import LAST_QUERY, MAX_BLOCK, Store, count_refusal
 from streams.block import Rejected
-from streams.source import FileProgress
+from streams.source import FileProgress, StreamCount
 
 _TABLES = (
     """CREATE TABLE IF NOT EXISTS files (
@@ -28,11 +29,17 @@ _TABLES = (
     "CREATE INDEX IF NOT EXISTS files_by_content ON files (source, head_hash, content_hash)",
     "CREATE INDEX IF NOT EXISTS files_by_verdict ON files (source, verdict)",
     "CREATE INDEX IF NOT EXISTS blocks_by_content ON blocks (source, content_hash)",
+    """CREATE TABLE IF NOT EXISTS stream_resets (
+    source TEXT NOT NULL, resets INTEGER NOT NULL, first INTEGER NOT NULL, number INTEGER NOT NULL,
+    PRIMARY KEY (source, resets)
+) WITHOUT ROWID""",
 )
 _COLUMNS = ", ".join(field.name for field in fields(FileProgress))
 _MAX_ALIKE = 8
 _DATING = "dating:"
 """Begins the keys in the table ``meta`` of what dates the blocks of each source."""
+_FRAME_NAME = re.compile(r"\[(\d+):(\d+)\]$")
+"""End of the name of a block of a stream that was reset, see :meth:`streams.source.StreamCount.name_of`."""
 SALVAGED_UP_TO = "salvaged_up_to"
 """Key in the table ``meta`` of the id of the last block that a salvage left in the store."""
 
@@ -58,8 +65,42 @@ class StoreLedger(Closing):
         self._reader.close()
 
     def committed(self, source: str) -> int:
-        """Return the highest committed sequence number of a source, 0 where there is none."""
-        return self._first("SELECT coalesce(max(sequence), 0) FROM blocks WHERE source = ?", source)
+        """Return the highest committed sequence number of a source up to ``MAX_BLOCK``, 0 where there is none."""
+        return self._first(LAST_QUERY, source, MAX_BLOCK)
+
+    def stream(self, source: str) -> StreamCount:
+        """Return how a stream counts since its latest reset, and where it stands."""
+        count = self._count(source)
+        return replace(count, last=max(self.committed(source), count.number - 1))
+
+    def _count(self, source: str) -> StreamCount:
+        known = StreamCount()
+        if self._first("SELECT 1 FROM sqlite_master WHERE name = 'stream_resets'"):
+            query = "SELECT resets, first, number FROM stream_resets WHERE source = ? ORDER BY resets DESC LIMIT 1"
+            known = next((StreamCount(*row) for row in self._reader.rows(query, source)), known)
+        # A store made again from published files has lost the table, but not the names.
+        query = "SELECT sequence, name FROM blocks WHERE source = ? ORDER BY id DESC LIMIT 1"
+        for number, name in self._reader.rows(query, source):
+            match = _FRAME_NAME.search(name)
+            if match is not None and int(match[1]) > known.resets:
+                offset = number - int(match[2])
+                return StreamCount(int(match[1]), max(1, 1 - offset), max(1, 1 + offset))
+        return known
+
+    def reset_stream(
+        self, source: str, first: int, beside: Callable[[sqlite3.Connection, StreamCount], None]
+    ) -> StreamCount:
+        """Let the next frame of a stream have the number ``first``, while the numbers of its blocks go on.
+
+        ``beside`` writes in the same transaction, given how the stream counts from now on.
+        """
+        before = self.stream(source)
+        count = StreamCount(before.resets + 1, first, before.last + 1, before.last)
+        with self._store.transaction() as connection:
+            values = (source, count.resets, count.first, count.number)
+            connection.execute("INSERT INTO stream_resets VALUES (?, ?, ?, ?)", values)
+            beside(connection, count)
+        return count
 
     def began(self, source: str) -> float | None:
         """Return the start of the first dated block of a source, seconds since 1970 UTC, or None."""

@@ -50,6 +50,9 @@ from streams.block import Rejected
 Commit = Literal["committed", "duplicate", "changed"]
 _CHUNK_RECORDS = 500
 """Records read at a time: no transaction stays open while blocks are committed."""
+MAX_BLOCK = 2**53
+"""A number above this was not reached by counting: earlier versions took any number from a stream."""
+LAST_QUERY = "SELECT coalesce(max(sequence), 0) FROM blocks WHERE source = ? AND sequence <= ?"
 
 
 class Published(NamedTuple):
@@ -259,8 +262,8 @@ class Store(Closing):
         return {name: json.loads(state) for name, state in self.rows("SELECT name, state FROM stage_states")}
 
     def last(self, source: str) -> int:
-        """Return the highest committed sequence number of a source, 0 where there is none."""
-        return self.rows("SELECT coalesce(max(sequence), 0) FROM blocks WHERE source = ?", source)[0][0]
+        """Return the highest committed sequence number of a source up to ``MAX_BLOCK``, 0 where there is none."""
+        return self.rows(LAST_QUERY, source, MAX_BLOCK)[0][0]
 
     def counts(self) -> dict[str, int]:
         """Return how many blocks were offered by status; refused repetitions count as "duplicate" and "changed"."""

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from monitor.config.load import Config
 from monitor.health.alarms import AlarmAcknowledgement
@@ -158,6 +159,7 @@ class Daemon:
         self._log_problem: str | None = None
         self._held_up = False
         self._idle = True
+        self._notices: list[dict[str, Any]] = []
 
     def run(self, stop: threading.Event) -> None:
         """Follow the sources until ``stop`` is set, then publish a last time and return, within five seconds.
@@ -264,16 +266,21 @@ class Daemon:
         return room
 
     def _poll_log(self) -> None:
-        """Read new acknowledgements and log silent sources, once a second."""
+        """Log what is new of the sources, read acknowledgements and log silent sources, once a second."""
         now = self._monotonic()
         if now < self._poll_due:
             return
         self._poll_due = now + _POLL_LOG_S
+        self._notices += self._ingest.notices()
         try:
+            while self._notices:
+                self._log.notice(self._clock(), self._notices[0])
+                del self._notices[0]
+                self._companions.notify()
             self._acknowledgements.poll()
         except StoreError as error:
             if self._log_problem is None:
-                _LOG.error("what was acknowledged cannot be read: %s", error)
+                _LOG.error("the event log cannot be used: %s", error)
             self._log_problem = str(error)
         else:
             self._log_problem = None

@@ -17,7 +17,7 @@ from monitor.health.state import SourceSettings, SourceState
 from monitor.health.step import SourceOutput, rejected_record, rejection_of, step
 from monitor.records.database import Closing, StoreError, UnstorableError
 from monitor.records.ledger import StoreLedger, write_progress
-from monitor.records.store import Store
+from monitor.records.store import MAX_BLOCK, Store
 from monitor.service.setup import source_settings, source_spec
 from streams.block import Block, Rejected
 from streams.open import open_live
@@ -257,6 +257,10 @@ class Ingest(Closing):
             found[name] = f"{found[name]}; {failure}" if name in found else failure
         return found | ({"store": self._store_error} if self._store_error is not None else {})
 
+    def notices(self) -> list[dict[str, Any]]:
+        """Return what is new of the sources for the event log."""
+        return [notice for source in self.sources for notice in source.notices()]
+
     def close(self) -> None:
         """Close the sources and the ledger; the store stays open."""
         for source in self.sources:
@@ -268,6 +272,10 @@ def _stored_state(store: Store, settings: SourceSettings) -> SourceState:
     """Return the state of a source at which a store ends; StoreError where it is of another version."""
     latest = store.record(settings.name, store.last(settings.name))
     try:
-        return SourceState.begin(settings, store.load_states(), latest)
+        state = SourceState.begin(settings, store.load_states(), latest)
+        if state.order.sequence > MAX_BLOCK:
+            # All later blocks would be late.
+            state = replace(state, order=replace(state.order, sequence=store.last(settings.name)))
+        return state
     except (KeyError, TypeError, ValueError) as error:
         raise StoreError(f"{store.path}: a state in it is of another version ({error})") from error

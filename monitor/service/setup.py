@@ -68,6 +68,7 @@ def source_spec(config: Config, source: SourceSection, path: str | None = None) 
         channels=(*channels, *config.operating.channel_specs()),
         timezone=config.machine.timezone,
         settle_s=source.settle_s,
+        max_gap_blocks=source.max_gap_blocks,
         network=source.to_network(),
         time_from=source.time_from,
         time_name=source.time_name,

@@ -5,23 +5,21 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from streams.block import Block, Rejected
-from streams.link.wire import WireError, decode_frame
+from streams.link.refusals import LINK, Refusals
+from streams.link.wire import JumpError, WireError, decode_frame
 from streams.load import agreed_rate, choose_channels, content_hash
 from streams.reblock import samples_hash
 from streams.samples import ReaderError, Samples
-from streams.source import Backlog, Delivery, Ledger, LiveSource
+from streams.source import Backlog, Delivery, Ledger, LiveSource, StreamCount
 from streams.spec import MAX_FRAME, NetworkSpec, SourceError, SourceSpec, parse_address
-
-_LOG = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
@@ -41,7 +39,10 @@ class Ticket:
 
 @dataclass(eq=False)
 class _Stream:
+    """State of a stream; ``committed`` and ``received`` are numbers of blocks, not of frames."""
+
     spec: SourceSpec
+    count: StreamCount = field(default_factory=StreamCount)
     committed: int = 0
     received: int = 0
 
@@ -49,7 +50,8 @@ class _Stream:
 class Arrivals:
     """The queue of one receiver.
 
-    The thread that reads calls :meth:`take`, the one that commits the rest. A frame is a block, under the same number.
+    The thread that reads calls :meth:`take`, the one that commits the rest. A frame is a block; their numbers are the
+    same until the stream is reset (:class:`streams.source.StreamCount`).
     A frame received again before its commit is discarded; after it, it is delivered as a rejection ``duplicate`` or
     ``changed``, and the committed block stays. Where numbers are skipped, a rejection ``incomplete`` under the last of
     them states which are missing; but where the sender states that it did send the one before, that one was lost on
@@ -80,7 +82,8 @@ class Arrivals:
         """Continue after the numbers in the ledger."""
         self._ledger = ledger
         for stream in self._streams.values():
-            stream.committed = stream.received = ledger.committed(stream.spec.name)
+            stream.count = ledger.stream(stream.spec.name)
+            stream.committed = stream.received = stream.count.last
 
     def close(self) -> None:
         """Wake all waiters."""
@@ -99,8 +102,14 @@ class Arrivals:
         return self._bytes >= self._max_waiting
 
     def committed(self, stream: str) -> int:
-        """Return the highest committed number of a stream."""
-        return self._streams[stream].committed
+        """Return the highest committed number of a stream, as its sender counts."""
+        state = self._streams[stream]
+        return state.count.frame_of(state.committed)
+
+    def source(self, stream: str | None) -> str | None:
+        """Return the name of the source of a stream, None where it is not one of these."""
+        found = self._streams.get(stream or "")
+        return None if found is None else found.spec.name
 
     def take(self, stream: str, data: bytes | bytearray, token: Any = None, limit: int = MAX_FRAME) -> bool:
         """Queue a whole frame of at most ``limit`` bytes; ``data`` must not be changed afterwards.
@@ -110,10 +119,12 @@ class Arrivals:
 
         Raises:
             WireError: the bytes do not even state their number reliably; they are not counted.
+            JumpError: the number is too far ahead, or before the first one after a reset; likewise.
         """
         state = self._streams[stream]
-        item, after = _item(state.spec, stream, data, limit)
+        item, after = _item(state, stream, data, limit)
         with self._lock:
+            _check_jump(state, stream, item.sequence)
             if after is not None and state.received < after < item.sequence:
                 return False
             self._queue_by_number(state, stream, item, Ticket(stream, len(data), self._clock(), token))
@@ -125,7 +136,7 @@ class Arrivals:
         if number > state.received:
             first = state.received + 1
             if number > first:
-                gap = _gap(state.spec.name, stream, first, number - 1)
+                gap = _gap(state, stream, first, number - 1)
                 self._queue_new(gap, Ticket(stream, 0, ticket.since))
             state.received = number
             self._queue_new(item, ticket)
@@ -205,30 +216,48 @@ def _repeated(item: Block | Rejected, held: str) -> Rejected:
     return Rejected(item.source, item.sequence, item.name, status, reason, item.content_hash)
 
 
-def _gap(source: str, stream: str, first: int, last: int) -> Rejected:
-    which = f"frame {last}" if first == last else f"frames {first} to {last}"
+def _check_jump(state: _Stream, stream: str, number: int) -> None:
+    """Raise JumpError for a block number that the stream cannot have reached."""
+    count, source = state.count, state.spec.name
+    frame, last = count.frame_of(number), count.frame_of(state.received)
+    if number < count.number:
+        raise JumpError(f"frame {frame} of {stream!r} is before {count.first}, with which it began anew")
+    if number - state.received > state.spec.max_gap_blocks:
+        raise JumpError(
+            f"frame {frame} of {stream!r} came after {last}: a jump of more than max_gap_blocks = "
+            f"{state.spec.max_gap_blocks}; if the sender counts so from now on: spallwatch stream reset {source} "
+            f"--first {frame}"
+        )
+
+
+def _gap(state: _Stream, stream: str, first: int, last: int) -> Rejected:
+    """Return the rejection in place of missing blocks."""
+    begin, end = state.count.frame_of(first), state.count.frame_of(last)
+    which = f"frame {end}" if first == last else f"frames {begin} to {end}"
     reason = f"{stream}: {which} never came ({last - first + 1} missing): the sender went on without"
-    return Rejected(source, last, f"{stream}[{last}]", "incomplete", reason)
+    return Rejected(state.spec.name, last, state.count.name_of(stream, end), "incomplete", reason)
 
 
-def _item(spec: SourceSpec, stream: str, data: bytes | bytearray, limit: int) -> tuple[Block | Rejected, int | None]:
-    """Return the block or rejection of a frame, and the number before it if stated."""
+def _item(state: _Stream, stream: str, data: bytes | bytearray, limit: int) -> tuple[Block | Rejected, int | None]:
+    """Return the block or rejection of a frame, and the number of the block before it if stated."""
+    spec, count = state.spec, state.count
     try:
         frame = decode_frame(data, limit)
     except WireError as error:
         if error.sequence is None:
             raise
-        name = f"{stream}[{error.sequence}]"
+        name, number = count.name_of(stream, error.sequence), count.block_of(error.sequence)
         reason = f"{name}: {error}"
-        return Rejected(spec.name, error.sequence, name, error.status, reason, content_hash(bytes(data))), None
-    name = f"{stream}[{frame.sequence}]"
+        return Rejected(spec.name, number, name, error.status, reason, content_hash(bytes(data))), None
+    name, number = count.name_of(stream, frame.sequence), count.block_of(frame.sequence)
+    after = None if frame.after is None else count.block_of(frame.after)
     samples = frame.scaled()
     digest = samples_hash(samples.values, samples.known_rate, samples.channels)
     try:
         chosen = _chosen(spec, samples, name)
     except ReaderError as error:
-        return Rejected(spec.name, frame.sequence, name, error.status, str(error), digest), frame.after
-    return chosen.block(spec.name, frame.sequence, name, digest, chosen.elapsed), frame.after
+        return Rejected(spec.name, number, name, error.status, str(error), digest), after
+    return chosen.block(spec.name, number, name, digest, chosen.elapsed), after
 
 
 def _chosen(spec: SourceSpec, samples: Samples, name: str) -> Samples:
@@ -265,6 +294,7 @@ class Receiver(LiveSource):
         self._network = network or specs[0].network or NetworkSpec()
         streams = {address.topic or spec.name: spec for address, spec in zip(addresses, specs, strict=True)}
         self._arrivals = Arrivals(streams, self._network.max_waiting)
+        self._refusals = Refusals(self.name)
         self._lock = threading.Lock()
         self._opened = False
         self._problem: str | None = None
@@ -287,7 +317,11 @@ class Receiver(LiveSource):
 
     def backlog(self) -> Backlog:
         """Return the counts of frames."""
-        return self._arrivals.backlog()
+        return replace(self._arrivals.backlog(), refused=self._refusals.count)
+
+    def notices(self) -> list[dict[str, Any]]:
+        """Return refusals for the event log; the same one is repeated after an hour at the earliest."""
+        return self._refusals.take()
 
     def problem(self) -> str | None:
         """Return why nothing is received, or why the last message was refused."""
@@ -312,6 +346,6 @@ class Receiver(LiveSource):
         """Disconnect and end the thread."""
         raise NotImplementedError
 
-    def _refused(self, reason: str) -> None:
+    def _refused(self, reason: str, kind: str = LINK, stream: str | None = None) -> None:
         self._problem = f"{self.name}: {reason}"
-        _LOG.warning("source %s: %s", self.name, reason)
+        self._refusals.add(reason, kind, self._arrivals.source(stream))

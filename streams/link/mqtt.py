@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from streams.link.arrivals import Receiver, Ticket
+from streams.link.refusals import JUMP, LINK
 from streams.link.sender import LinkError
-from streams.link.wire import ACK, WireError
+from streams.link.wire import ACK, JumpError, WireError
 from streams.spec import Address, NetworkSpec, SourceError, SourceSpec
 
 COMMITTED = "/committed"
@@ -107,7 +108,7 @@ class MqttReceiver(Receiver):
                 # The broker lost the one before; both stay uncommitted, and the sender repeats them.
                 client.ack(message.mid, message.qos)
         except WireError as error:
-            self._refused(f"{topic}: {error}")
+            self._refused(f"{topic}: {error}", JUMP if isinstance(error, JumpError) else LINK, topic)
             client.ack(message.mid, message.qos)
 
     def _confirm(self, ticket: Ticket) -> None:

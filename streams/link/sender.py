@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
+import ssl
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -11,7 +13,8 @@ from typing import Protocol
 
 from models.errors import SpallwatchError
 from streams.block import Block, Rejected
-from streams.link.wire import ACK, WireError, block_frame, encode_frame, hello
+from streams.link.auth import NONCE_BYTES, proof
+from streams.link.wire import ACK, PROVEN, REFUSED, VERSION, WireError, block_frame, encode_frame, hello
 from streams.source import Source
 from streams.spec import Address
 
@@ -64,28 +67,67 @@ class SendResult:
 class TcpLink:
     """A connection to ``tcp://HOST:PORT``."""
 
-    def __init__(self, address: Address, stream: str, timeout: float = 30.0) -> None:
-        """Prepare; ``timeout`` in s of connecting and of sending without progress."""
-        self._address = address
-        self._hello = hello(stream)
+    def __init__(
+        self,
+        address: Address,
+        stream: str,
+        timeout: float = 30.0,
+        *,
+        key: bytes | None = None,
+        tls: ssl.SSLContext | None = None,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            timeout: s of connecting and of sending without progress.
+            key: of the stream; with it the hello is of version 2.
+            tls: settings of an encrypted connection, None for a plain one.
+        """
+        self._address, self._stream = address, stream
+        self._hello = hello(stream, VERSION if key is None else PROVEN)
+        self._key, self._tls = key, tls
         self._timeout = timeout
         self._socket: socket.socket | None = None
         self._received = bytearray()
 
     def connect(self) -> int:
-        """Connect, send the hello and return the number committed last."""
+        """Connect, send the hello and return the number committed last.
+
+        Raises:
+            LinkError: the connection failed.
+            SendError: the receiver's certificate is not trusted, or it refuses this sender: repeating is useless.
+        """
         self.close()
+        where = f"{self._address.host}:{self._address.port}"
         try:
-            self._socket = socket.create_connection((self._address.host, self._address.port), self._timeout)
-            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            connection = socket.create_connection((self._address.host, self._address.port), self._timeout)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            self._socket = connection
+            if self._tls is not None:
+                self._socket = self._tls.wrap_socket(connection, server_hostname=self._address.host)
             self._socket.sendall(self._hello)
+            if self._key is not None:
+                self._socket.sendall(proof(self._key, self._read_nonce(), self._stream))
+        except ssl.SSLCertVerificationError as error:
+            raise SendError(
+                f"{where}: the certificate of the receiver is not trusted: {error.verify_message}"
+            ) from None
         except OSError as error:
-            raise LinkError(f"{self._address.host}:{self._address.port}: {error}") from None
+            raise LinkError(f"{where}: {error}") from None
         answer = self.committed(self._timeout)
         if answer is None:
             raise LinkError(f"{self._address.host}:{self._address.port}: no answer to the hello")
         return answer
+
+    def _read_nonce(self) -> bytes:
+        nonce = b""
+        while self._socket is not None and len(nonce) < NONCE_BYTES:
+            data = self._socket.recv(NONCE_BYTES - len(nonce))
+            if not data:
+                raise LinkError("the receiver closed the connection; it may know hellos of version 1 only")
+            nonce += data
+        return nonce
 
     def send(self, frame: bytes) -> None:
         """Send one frame."""
@@ -95,10 +137,17 @@ class TcpLink:
             self._socket.settimeout(self._timeout)
             self._socket.sendall(frame)
         except OSError as error:
+            self._read_refusal()
             raise LinkError(f"connection lost: {error}") from None
 
+    def _read_refusal(self) -> None:
+        """Raise SendError if the receiver said why it ended the connection."""
+        with contextlib.suppress(LinkError):
+            while self._key is not None and self.committed(0.0) is not None:
+                pass
+
     def committed(self, timeout: float) -> int | None:
-        """Return the latest answer."""
+        """Return the latest answer; SendError where the receiver refuses this sender."""
         if self._socket is None:
             raise LinkError("not connected")
         try:
@@ -110,13 +159,18 @@ class TcpLink:
         except OSError as error:
             raise LinkError(f"connection lost: {error}") from None
         if not data:
-            raise LinkError("the receiver closed the connection")
+            raise LinkError("the receiver closed the connection; its log says why")
         self._received += data
-        whole = len(self._received) // ACK.size * ACK.size
-        if not whole:
-            return None
-        (latest,) = ACK.unpack_from(self._received, whole - ACK.size)
-        del self._received[:whole]
+        latest: int | None = None
+        while len(self._received) >= ACK.size:
+            (answer,) = ACK.unpack_from(self._received)
+            if self._key is not None and answer & REFUSED:
+                reason = self._received[ACK.size :][: answer ^ REFUSED]
+                if len(reason) < answer ^ REFUSED:
+                    break
+                raise SendError(f"the receiver refuses: {reason.decode(errors='replace')}")
+            latest = answer
+            del self._received[: ACK.size]
         return latest
 
     def close(self) -> None:
@@ -168,12 +222,14 @@ class Sender:
         self._sent = self._skipped = 0
         self._rejected: set[int] = set()
         self._due = 0.0
+        self._last: int | None = None
 
     def run(self) -> SendResult:
         """Send all of it and wait until it is committed.
 
         Raises:
-            SendError: nothing was committed for ``patience`` seconds of trying, or a block makes no frame.
+            SendError: nothing was committed for ``patience`` seconds of trying, a block makes no frame, or the
+                receiver refuses this sender or acknowledges blocks that the recording does not have.
         """
         self._blocks = self._iterate(0)
         self._due = failing_since = time.monotonic()
@@ -217,6 +273,7 @@ class Sender:
 
     def _resume(self, committed: int) -> None:
         """Continue after the number that the receiver committed last."""
+        self._check_answer(committed)
         if committed > self._position or committed < self._released:
             self._held.clear()
             self._blocks = self._iterate(committed)
@@ -237,10 +294,27 @@ class Sender:
                 return True
             wait = not room or exhausted
             committed = self._link.committed(min(self._stall, 1.0) if wait else 0.0)
+            if committed is not None:
+                self._check_answer(committed)
             if (committed is not None and self._release(committed)) or not self._held:
                 progressed = time.monotonic()
             if time.monotonic() - progressed > self._stall:
                 return False
+
+    def _check_answer(self, committed: int) -> None:
+        """Refuse an answer beyond what this recording can have given: all that follows would be left out as known."""
+        if committed <= max(self._highest, self._last if self._last is not None else len(self._source)):
+            return
+        if self._last is None:
+            # The number of the last block can be above the number of blocks.
+            self._last = max((item.sequence for item in self._source), default=0)
+            self._check_answer(committed)
+            return
+        raise SendError(
+            f"the receiver acknowledges block {committed}, but this recording ends with block {self._last}: its stream "
+            "counts another recording, or a wrong number was taken; nothing more is sent. On the receiver, spallwatch "
+            "stream reset SOURCE lets the stream begin anew"
+        )
 
     def _send_next(self) -> bool:
         """Send one more block; return False where there is none."""

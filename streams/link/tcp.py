@@ -4,57 +4,61 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
+import logging
+import secrets
 import selectors
 import socket
+import ssl
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 from streams.link.arrivals import Receiver, Ticket
-from streams.link.wire import ACK, HEAD, HELLO, WireError, frame_length, hello_length, hello_stream
+from streams.link.auth import NONCE_BYTES, is_proof, key_weakness, read_key, receiver_context
+from streams.link.peer import ClosedError, Peer, Phase
+from streams.link.refusals import JUMP, KEY, LINK
+from streams.link.wire import ACK, PROVEN, JumpError, WireError, hello_stream, hello_version, refusal
 from streams.spec import NetworkSpec, SourceError, SourceSpec
 
-_CHUNK = 1 << 18
+_LOG = logging.getLogger(__name__)
 _TICK = 0.25
 """Seconds between checks of the deadlines."""
 _FIRST_PROBE_S, _PROBES = 30, 4
 """Silence after which the kernel probes a sender, and number of probes."""
 _MAX_OUT_BYTES = 1 << 16
 """Answers that a sender may leave unread."""
+_BACKLOG = 128
+_LINGER_S = 1.0
+"""Time for a refused sender to read the reason."""
 
 
-@dataclass(eq=False)
-class _Peer:
-    """A connection: the part received of a message, and the answers not yet sent."""
-
-    socket: socket.socket
-    address: str
-    deadline: float | None
-    stream: str | None = None
-    data: bytearray = field(default_factory=bytearray)
-    needed: int = HELLO.size
-    sized: bool = False
-    out: bytearray = field(default_factory=bytearray)
+class _KeyError(WireError):
+    """A sender does not prove that it has the key of its stream."""
 
 
 class TcpReceiver(Receiver):
     """Listens for the senders of one or several streams; a live source.
 
     The stream id of a sender is the name of a source. A second connection for a stream replaces the first, which may be
-    half-open.
+    half-open. A stream with a key takes senders that prove to have it; without one, addresses decide.
     """
 
     def __init__(self, specs: Sequence[SourceSpec], network: NetworkSpec | None = None) -> None:
-        """Take the sources that share an address, see :class:`Receiver`."""
+        """Take the sources that share an address, see :class:`Receiver`; each has its own key."""
         super().__init__(specs, network, "tcp://HOST:PORT")
+        networks = {spec.name: spec.network or self._network for spec in specs}
+        if len({(found.tls_cert_file, found.tls_key_file) for found in networks.values()}) > 1:
+            raise SourceError(f"{self._where}: sources at one address have the same tls_cert_file and tls_key_file")
+        self._key_files = {name: found.stream_key_file for name, found in networks.items()}
+        self._keys: dict[str, bytes] = {}
+        self._tls: ssl.SSLContext | None = None
         self._selector: selectors.BaseSelector | None = None
         self._listener: socket.socket | None = None
         self._thread: threading.Thread | None = None
         self._wake_in: socket.socket | None = None
         self._wake_out: socket.socket | None = None
-        self._peers: set[_Peer] = set()
-        self._current: dict[str, _Peer] = {}
+        self._peers: set[Peer] = set()
+        self._current: dict[str, Peer] = {}
         self._unconfirmed: set[str] = set()
         self._stopped = False
         self._paused = False
@@ -65,7 +69,8 @@ class TcpReceiver(Receiver):
         return self._address.port if self._listener is None else self._listener.getsockname()[1]
 
     def _start(self) -> None:
-        """Listen; SourceError where that fails or other machines are not named as peers."""
+        """Listen; SourceError where that fails, a file cannot be used, or any machine could send without a key."""
+        self._load_keys()
         self._listener = self._listen()
         self._wake_in, self._wake_out = socket.socketpair()
         self._wake_in.setblocking(False)
@@ -76,20 +81,41 @@ class TcpReceiver(Receiver):
         self._thread = threading.Thread(target=self._serve, name=f"tcp-{self.name}", daemon=True)
         self._thread.start()
 
+    def _load_keys(self) -> None:
+        for name, path in self._key_files.items():
+            if path is None:
+                continue
+            self._keys[name] = read_key(path, f"[[source]] {name}: stream_key_file")
+            weakness = key_weakness(path, self._keys[name])
+            if weakness is not None:
+                _LOG.warning("source %s: %s", name, weakness)
+        cert_file, key_file = self._network.tls_cert_file, self._network.tls_key_file
+        if cert_file is not None and key_file is not None:
+            self._tls = receiver_context(cert_file, key_file, f"[[source]] {self.name}")
+
     def _listen(self) -> socket.socket:
         host, port = self._address.host, self._address.port
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
             family, _, _, _, place = found[0]
-            if not ipaddress.ip_address(str(place[0]).partition("%")[0]).is_loopback and not self._network.peers:
-                raise SourceError(
-                    f"{self._where}: {host} can be reached by other machines; say which may send with peers = [...]"
-                )
-            listener = socket.create_server(place[:2], family=family, backlog=self._network.max_connections)
+            if not ipaddress.ip_address(str(place[0]).partition("%")[0]).is_loopback:
+                self._check_reach(host)
+            listener = socket.create_server(place[:2], family=family, backlog=_BACKLOG)
         except OSError as error:
             raise SourceError(f"{self._where}: {host}:{port} cannot be listened to: {error}") from None
         listener.setblocking(False)
         return listener
+
+    def _check_reach(self, host: str) -> None:
+        """Refuse to let any machine send without a key; warn where some machines may."""
+        keyless = [name for name in self._key_files if name not in self._keys]
+        if keyless and not self._network.peers:
+            raise SourceError(
+                f"{self._where}: {host} can be reached by other machines; give stream_key_file, or say which may send "
+                "with peers = [...]"
+            )
+        for name in keyless:
+            _LOG.warning("source %s: machines among peers may send without a key; see stream_key_file", name)
 
     def _confirm(self, ticket: Ticket) -> None:
         with self._lock:
@@ -124,7 +150,8 @@ class TcpReceiver(Receiver):
             return
         try:
             while not self._stopped:
-                for key, mask in selector.select(_TICK):
+                buffered = [peer for peer in self._peers if peer.buffered and not self._is_held(peer)]
+                for key, mask in selector.select(0.0 if buffered else _TICK):
                     if key.fileobj is listener:
                         self._accept(listener, selector)
                     elif key.fileobj is wake:
@@ -132,9 +159,12 @@ class TcpReceiver(Receiver):
                             wake.recv(4096)
                     else:
                         self._handle(key.data, mask)
+                for peer in buffered:
+                    self._handle(peer, selectors.EVENT_READ)
                 self._send_acknowledgements()
                 self._pause_or_resume()
                 self._enforce_deadlines()
+                self._refusals.tick()
         finally:
             for peer in list(self._peers):
                 self._drop(peer, None)
@@ -151,29 +181,54 @@ class TcpReceiver(Receiver):
             self._refused(f"a connection could not be accepted: {error}")
             return
         address = str(place[0])
-        if not self._network.admits(address) or len(self._peers) >= self._network.max_connections:
-            why = "is not among peers" if not self._network.admits(address) else "is one connection too many"
-            self._refused(f"{address} {why}")
+        all_keyed = len(self._keys) == len(self._key_files)
+        admitted = self._network.admits(address) or (all_keyed and not self._network.peers)
+        if not admitted or not self._has_room():
+            self._refused(f"{address} {'is one connection too many' if admitted else 'is not among peers'}")
             connection.close()
             return
+        try:
+            connection = self._set_up(connection)
+        except OSError as error:
+            self._refused(f"{address}: {error}")
+            connection.close()
+            return
+        peer = Peer(
+            connection, address, time.monotonic() + self._network.read_timeout, encrypting=self._tls is not None
+        )
+        self._peers.add(peer)
+        selector.register(connection, peer.interest(held=False), peer)
+
+    def _set_up(self, connection: socket.socket) -> socket.socket:
+        """Return an accepted connection that does not block, encrypted where TLS is on."""
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _FIRST_PROBE_S)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, _PROBES)
-        peer = _Peer(connection, address, time.monotonic() + self._network.read_timeout)
-        self._peers.add(peer)
-        selector.register(connection, self._interest(peer), peer)
+        if self._tls is None:
+            return connection
+        return self._tls.wrap_socket(connection, server_side=True, do_handshake_on_connect=False)
 
-    def _interest(self, peer: _Peer) -> int:
-        reading = 0 if self._paused and peer.stream is not None else selectors.EVENT_READ
-        return reading | (selectors.EVENT_WRITE if peer.out else 0)
+    def _has_room(self) -> bool:
+        """Return whether one more connection fits, after ending the oldest one that may not send frames yet."""
+        if len(self._peers) < self._network.max_connections:
+            return True
+        waiting = [peer for peer in self._peers if peer.phase is not Phase.FRAMES]
+        if not waiting:
+            return False
+        self._drop(min(waiting, key=lambda peer: peer.deadline or 0.0), "replaced by a newer connection")
+        return True
 
-    def _watch(self, peer: _Peer) -> None:
+    def _is_held(self, peer: Peer) -> bool:
+        """Return whether a connection is not read because too much waits."""
+        return self._paused and peer.phase is Phase.FRAMES
+
+    def _watch(self, peer: Peer) -> None:
         """Register the events of a connection; a paused one may have none."""
         if self._selector is None or peer not in self._peers:
             return
-        interest = self._interest(peer)
+        interest = peer.interest(held=self._is_held(peer))
         watched = peer.socket in self._selector.get_map()
         if interest and watched:
             self._selector.modify(peer.socket, interest, peer)
@@ -182,62 +237,67 @@ class TcpReceiver(Receiver):
         elif watched:
             self._selector.unregister(peer.socket)
 
-    def _handle(self, peer: _Peer, mask: int) -> None:
+    def _handle(self, peer: Peer, mask: int) -> None:
         if peer not in self._peers:
             return
+        blocked = False
         try:
+            peer.shake_hands()
             if mask & selectors.EVENT_WRITE and peer.out:
-                del peer.out[: peer.socket.send(peer.out)]
+                peer.send()
                 self._watch(peer)
             if mask & selectors.EVENT_READ:
-                self._read(peer)
-        except BlockingIOError:
-            return
+                message = peer.receive(time.monotonic(), self._network.read_timeout, self._network.max_frame)
+                if message is not None:
+                    self._take(peer, message)
+        except (BlockingIOError, ssl.SSLWantReadError):
+            pass
+        except ssl.SSLWantWriteError:
+            blocked = True
+        except ClosedError as error:
+            self._drop(peer, None if error.whole else str(error))
         except OSError as error:
             self._drop(peer, f"connection lost: {error}")
         except WireError as error:
-            self._drop(peer, str(error))
+            self._refuse(peer, error)
+        if blocked != peer.blocked:
+            peer.blocked = blocked
+            self._watch(peer)
 
-    def _read(self, peer: _Peer) -> None:
-        """Read at most one message, so that the senders take turns."""
-        data = peer.socket.recv(min(_CHUNK, peer.needed - len(peer.data)))
-        if not data:
-            whole = not peer.data and peer.stream is not None
-            self._drop(peer, None if whole else "the sender left in the middle of a message")
-            return
-        if peer.deadline is None:
-            peer.deadline = time.monotonic() + self._network.read_timeout
-        peer.data += data
-        if len(peer.data) < peer.needed:
-            return
-        if not peer.sized:
-            peer.sized = True
-            if peer.stream is None:
-                peer.needed = hello_length(bytes(peer.data))
+    def _take(self, peer: Peer, message: bytearray) -> None:
+        """Take a whole message; WireError where the sender is refused."""
+        if peer.phase is Phase.HELLO:
+            peer.stream = hello_stream(bytes(message))
+            if hello_version(bytes(message)) == PROVEN:
+                peer.nonce = secrets.token_bytes(NONCE_BYTES)
+                peer.enter(Phase.PROOF)
+                self._answer(peer, peer.nonce)
             else:
-                peer.needed = frame_length(bytes(peer.data), self._network.max_frame)
-            return
-        message, peer.data = peer.data, bytearray()
-        peer.sized, peer.needed, peer.deadline = False, HEAD.size, None
-        if peer.stream is None:
-            self._greet(peer, hello_stream(bytes(message)))
-        elif not self._arrivals.take(peer.stream, message, limit=self._network.max_frame):
+                self._greet(peer, peer.stream, None)
+        elif peer.phase is Phase.PROOF and peer.stream is not None:
+            self._greet(peer, peer.stream, bytes(message))
+        elif peer.stream is not None and not self._arrivals.take(peer.stream, message, limit=self._network.max_frame):
             raise WireError("a frame is missing before this one; the sender must send it again")
 
-    def _greet(self, peer: _Peer, stream: str) -> None:
+    def _greet(self, peer: Peer, stream: str, given: bytes | None) -> None:
+        """Let a sender send frames; ``given`` is its proof, None with a hello of version 1."""
         if stream not in self._arrivals.streams:
-            raise WireError(f"stream {stream!a} is not configured; known are {', '.join(self._arrivals.streams)}")
+            raise WireError(f"stream {stream!a} is not configured at this address")
+        key = self._keys.get(stream)
+        if key is not None and (given is None or peer.nonce is None):
+            raise _KeyError(f"stream {stream!r} needs its key, and the hello is of version 1")
+        if key is not None and not is_proof(given or b"", key, peer.nonce or b"", stream):
+            raise _KeyError(f"the key is not that of stream {stream!r}")
         before = self._current.get(stream)
         if before is not None:
             self._drop(before, f"another sender of {stream!r} connected")
-        peer.stream = stream
         self._current[stream] = peer
-        self._answer(peer)
+        peer.enter(Phase.FRAMES)
+        peer.deadline = None
+        self._answer(peer, ACK.pack(self._arrivals.committed(stream)))
 
-    def _answer(self, peer: _Peer) -> None:
-        if peer.stream is None:
-            return
-        peer.out += ACK.pack(self._arrivals.committed(peer.stream))
+    def _answer(self, peer: Peer, answer: bytes) -> None:
+        peer.out += answer
         if len(peer.out) > _MAX_OUT_BYTES:
             self._drop(peer, "the sender does not read what is answered")
             return
@@ -250,7 +310,7 @@ class TcpReceiver(Receiver):
         for stream in streams:
             peer = self._current.get(stream)
             if peer is not None:
-                self._answer(peer)
+                self._answer(peer, ACK.pack(self._arrivals.committed(stream)))
 
     def _pause_or_resume(self) -> None:
         """Stop reading while the queue is full; flow control then slows the senders down."""
@@ -260,25 +320,47 @@ class TcpReceiver(Receiver):
         now = time.monotonic()
         for peer in list(self._peers):
             # The timeout of a paused sender starts again.
-            if peer.deadline is not None:
+            if peer.deadline is not None and peer.phase is Phase.FRAMES:
                 peer.deadline = now + self._network.read_timeout
             self._watch(peer)
 
     def _enforce_deadlines(self) -> None:
         now = time.monotonic()
         for peer in list(self._peers):
-            held = self._paused and peer.stream is not None
-            if peer.deadline is not None and now > peer.deadline and not held:
-                what = "hello" if peer.stream is None else "frame"
-                self._drop(peer, f"no whole {what} within {self._network.read_timeout:g} s")
+            if peer.deadline is None or now <= peer.deadline or self._is_held(peer):
+                continue
+            what = "frame" if peer.phase is Phase.FRAMES else "hello"
+            reason = f"no whole {what} within {self._network.read_timeout:g} s"
+            self._drop(peer, None if peer.phase is Phase.REFUSED else reason)
 
-    def _drop(self, peer: _Peer, reason: str | None) -> None:
-        """Close a connection; its sender repeats what was not acknowledged."""
-        if reason is not None:
-            self._refused(f"{peer.address}{'' if peer.stream is None else f' ({peer.stream})'}: {reason}")
-        self._peers.discard(peer)
+    def _refuse(self, peer: Peer, error: WireError) -> None:
+        """End a connection; a sender of version 2 learns why."""
+        kind = KEY if isinstance(error, _KeyError) else JUMP if isinstance(error, JumpError) else LINK
+        self._drop_from_stream(peer)
+        self._refused(f"{peer.name}: {error}", kind, peer.stream)
+        if peer.nonce is None:
+            self._drop(peer, None)
+            return
+        peer.out += refusal(str(error))
+        with contextlib.suppress(OSError):
+            peer.send()
+            # Not closed at once: bytes of the sender that were not read would make the kernel discard the reason.
+            peer.socket.shutdown(socket.SHUT_WR)
+        peer.out.clear()
+        peer.enter(Phase.REFUSED)
+        peer.deadline = time.monotonic() + _LINGER_S
+        self._watch(peer)
+
+    def _drop_from_stream(self, peer: Peer) -> None:
         if peer.stream is not None and self._current.get(peer.stream) is peer:
             del self._current[peer.stream]
+
+    def _drop(self, peer: Peer, reason: str | None) -> None:
+        """Close a connection; its sender repeats what was not acknowledged."""
+        if reason is not None:
+            self._refused(f"{peer.name}: {reason}")
+        self._peers.discard(peer)
+        self._drop_from_stream(peer)
         if self._selector is not None:
             with contextlib.suppress(KeyError, ValueError):
                 self._selector.unregister(peer.socket)

@@ -22,6 +22,8 @@ from streams.samples import Samples
 from streams.spec import MAX_FRAME, UNITS
 
 VERSION = 1
+PROVEN = 2
+"""Version of a hello whose sender proves that it has the key of the stream, and learns why it is refused."""
 HELLO_MAGIC, FRAME_MAGIC = b"SPWH", b"SPW1"
 HELLO = struct.Struct("<4sHH")
 """Magic, version, length of the stream id that follows."""
@@ -29,6 +31,8 @@ HEAD = struct.Struct("<4sHHQdIBqH")
 """Magic, version, channels, sequence, rate, samples a channel, sample type, start, length of the JSON header."""
 ACK = struct.Struct("<Q")
 """The sequence committed last: the answer to a hello and to frames."""
+REFUSED = 1 << 63
+"""Set in an answer to a sender of version 2: the rest is the length of a reason in UTF-8, after which all ends."""
 _CRC = struct.Struct("<I")
 
 UNDATED = -(2**63)
@@ -36,6 +40,14 @@ UNDATED = -(2**63)
 MAX_CHANNELS = 1024
 MAX_STREAM_ID = 64
 MAX_SEQUENCE = 2**63 - 1
+MAX_REASON_BYTES = 500
+
+_SPEED_HZ = (1e-3, 1e4)
+_LOAD_NEWTON = (0.0, 1e9)
+_RATE_HZ = (1.0, 1e8)
+_ELAPSED_S = (0.0, 1e10)
+_START_NS = (-2_208_988_800 * 10**9, 4_102_444_800 * 10**9)
+"""From 1900 to 2100."""
 
 SAMPLE_TYPES: Mapping[int, np.dtype[Any]] = {
     1: np.dtype("<i2"),
@@ -90,25 +102,40 @@ class Frame:
         return replace(self.samples, values=scaled, start=None if self.start is None else self.start * 1e-9)
 
 
-def hello(stream: str) -> bytes:
+class JumpError(WireError):
+    """A frame is too far ahead of the last one; its number is not taken, and the sender is refused."""
+
+
+def hello(stream: str, version: int = VERSION) -> bytes:
     """Return the first message of a sender; WireError for a stream id of a wrong length."""
     name = stream.encode()
     if not 1 <= len(name) <= MAX_STREAM_ID:
         raise WireError(f"a stream id has 1 to {MAX_STREAM_ID} bytes, got {len(name)}")
-    return HELLO.pack(HELLO_MAGIC, VERSION, len(name)) + name
+    return HELLO.pack(HELLO_MAGIC, version, len(name)) + name
 
 
 def hello_length(data: bytes) -> int:
     """Return the length of a whole hello from its first ``HELLO.size`` bytes.
 
     Raises:
-        WireError: no hello of this version, or a stream id longer than allowed.
+        WireError: no hello of a known version, or a stream id longer than allowed.
     """
     magic, version, length = HELLO.unpack_from(data)
-    _check_magic(magic, version, HELLO_MAGIC, "a hello")
+    _check_magic(magic, version, HELLO_MAGIC, "a hello", (VERSION, PROVEN))
     if not 1 <= length <= MAX_STREAM_ID:
         raise WireError(f"a stream id has 1 to {MAX_STREAM_ID} bytes, got {length}")
     return HELLO.size + length
+
+
+def hello_version(data: bytes) -> int:
+    """Return the version of a whole hello."""
+    return HELLO.unpack_from(data)[1]
+
+
+def refusal(reason: str) -> bytes:
+    """Return the last answer to a sender of version 2."""
+    text = reason.encode()[:MAX_REASON_BYTES].decode(errors="ignore").encode()
+    return ACK.pack(REFUSED | len(text)) + text
 
 
 def hello_stream(data: bytes) -> str:
@@ -142,11 +169,14 @@ def frame_length(data: bytes, limit: int = MAX_FRAME) -> int:
     return length
 
 
-def _check_magic(magic: bytes, version: int, expected: bytes, what: str) -> None:
+def _check_magic(
+    magic: bytes, version: int, expected: bytes, what: str, versions: tuple[int, ...] = (VERSION,)
+) -> None:
     if magic != expected:
         raise WireError(f"{what} begins with {expected.decode()}, got {magic!r}")
-    if version != VERSION:
-        raise WireError(f"{what} of version {VERSION} was expected, got version {version}")
+    if version not in versions:
+        known = " or ".join(map(str, versions))
+        raise WireError(f"{what} of version {known} was expected, got version {version}")
 
 
 def decode_frame(data: bytes | bytearray | memoryview, limit: int = MAX_FRAME) -> Frame:
@@ -166,16 +196,28 @@ def decode_frame(data: bytes | bytearray | memoryview, limit: int = MAX_FRAME) -
     if not 1 <= sequence <= MAX_SEQUENCE:
         raise WireError(f"a sequence is 1 to {MAX_SEQUENCE}, got {sequence}")
     try:
-        if not (math.isfinite(rate) and rate > 0.0):
-            raise WireError(f"the rate must be positive, got {rate} Hz", "wrong_rate")
+        _check_head(rate, start)
         if not channels or not count:
             raise WireError(f"no samples: {channels} channels of {count} samples", "empty")
         stated, scale, after = _json_header(bytes(view[HEAD.size : HEAD.size + json_length]), channels)
+        _check_after(sequence, after)
     except WireError as error:
         raise WireError(str(error), error.status, sequence) from None
     values = np.frombuffer(view, SAMPLE_TYPES[kind], channels * count, HEAD.size + json_length)
     samples = Samples(values.reshape(channels, count), rate=rate, **stated)
     return Frame(sequence, samples, None if start == UNDATED else start, scale, after)
+
+
+def _check_head(rate: float, start: int) -> None:
+    if not _RATE_HZ[0] <= rate <= _RATE_HZ[1]:
+        raise WireError(f"the rate must be {_RATE_HZ[0]:g} to {_RATE_HZ[1]:g} Hz, got {rate:g} Hz", "wrong_rate")
+    if start != UNDATED and not _START_NS[0] <= start < _START_NS[1]:
+        raise WireError(f"the start must be from 1900 to 2100, got {start * 1e-9:.0f} s since 1970")
+
+
+def _check_after(sequence: int, after: int | None) -> None:
+    if after is not None and after >= sequence:
+        raise WireError(f"after must be below the sequence, got {after} in frame {sequence}")
 
 
 def _refuse_constant(word: str) -> None:
@@ -200,9 +242,9 @@ def _json_header(text: bytes, channels: int) -> tuple[dict[str, Any], tuple[floa
     rows: dict[str, Any] = {
         "channels": names,
         "units": units,
-        "speed": _number(header, "speed_hz", positive=True),
-        "load": _number(header, "load_newton"),
-        "elapsed": _number(header, "elapsed_s"),
+        "speed": _number(header, "speed_hz", _SPEED_HZ),
+        "load": _number(header, "load_newton", _LOAD_NEWTON),
+        "elapsed": _number(header, "elapsed_s", _ELAPSED_S),
     }
     return rows, _scale(header, channels), _whole(header, "after")
 
@@ -225,12 +267,13 @@ def _scale(header: Mapping[str, Any], channels: int) -> tuple[float, ...]:
     return tuple(float(value) for value in values)
 
 
-def _number(header: Mapping[str, Any], key: str, *, positive: bool = False) -> float | None:
+def _number(header: Mapping[str, Any], key: str, limits: tuple[float, float]) -> float | None:
     value = header.get(key)
     if value is None:
         return None
-    if not _is_number(value) or value < 0 or (positive and value == 0):
-        raise WireError(f"{key} must be a {'positive' if positive else 'not negative'} number", "unreadable")
+    if not _is_number(value) or not limits[0] <= value <= limits[1]:
+        found = f"{value:g}" if _is_number(value) else type(value).__name__
+        raise WireError(f"{key} must be a number from {limits[0]:g} to {limits[1]:g}, got {found}")
     return float(value)
 
 
@@ -276,11 +319,12 @@ def encode_frame(frame: Frame) -> bytes:
     except (struct.error, ValueError) as error:
         raise WireError(f"the frame cannot be written: {error}") from None
     frame_length(head)
-    if not (1 <= frame.sequence <= MAX_SEQUENCE and math.isfinite(rate) and rate > 0.0 and count):
-        raise WireError(f"frame {frame.sequence}: {count} samples at {rate} Hz")
+    if not 1 <= frame.sequence <= MAX_SEQUENCE or not count:
+        raise WireError(f"frame {frame.sequence}: {count} samples")
     if frame.scale and len(frame.scale) != n_channels:
         raise WireError(f"frame {frame.sequence}: {len(frame.scale)} scales for {n_channels} channels")
-    _json_header(text, n_channels)
+    _check_head(rate, start)
+    _check_after(frame.sequence, _json_header(text, n_channels)[2])
     body = b"".join((head, text, np.ascontiguousarray(values, dtype=SAMPLE_TYPES[kind]).data))
     return body + _CRC.pack(crc32c(body))
 

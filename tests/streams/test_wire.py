@@ -24,6 +24,8 @@ from streams.link.wire import (
     hello,
     hello_length,
     hello_stream,
+    hello_version,
+    refusal,
 )
 from streams.samples import Samples
 from streams.spec import MAX_FRAME
@@ -53,9 +55,11 @@ def sealed(body: bytes) -> bytes:
     return body + struct.pack("<I", crc32c_bitwise(body))
 
 
-def with_header(header: Any, count: int = 4, channels: int = 1, rate: float = 100.0, sequence: int = 9) -> bytes:
+def with_header(
+    header: Any, count: int = 4, channels: int = 1, rate: float = 100.0, sequence: int = 9, start: int = 0
+) -> bytes:
     text = header if isinstance(header, bytes) else json.dumps(header).encode()
-    head = HEAD.pack(b"SPW1", 1, channels, sequence, rate, count, 1, 0, len(text))
+    head = HEAD.pack(b"SPW1", 1, channels, sequence, rate, count, 1, start, len(text))
     return sealed(head + text + bytes(2 * channels * count))
 
 
@@ -86,11 +90,11 @@ def test_checksum_is_that_of_the_definition(data: bytes, more: int) -> None:
     kind=st.sampled_from(KINDS),
     shape=st.tuples(st.integers(1, 5), st.integers(1, 40)),
     sequence=st.integers(1, 2**63 - 1),
-    rate=st.floats(1e-3, 1e7),
-    start=st.none() | st.integers(-(2**63) + 1, 2**63 - 1),
+    rate=st.floats(1.0, 1e8),
+    start=st.none() | st.integers(-2_208_988_800 * 10**9, 4_102_444_800 * 10**9 - 1),
     scale=st.floats(1e-6, 1e6),
-    speed=st.none() | st.floats(0.1, 1e3),
-    load=st.none() | st.floats(0.0, 1e6),
+    speed=st.none() | st.floats(1e-3, 1e4),
+    load=st.none() | st.floats(0.0, 1e9),
     unit=st.sampled_from(["g", "m/s2", "V", "unknown"]),
     seed=st.integers(0, 1000),
 )
@@ -210,6 +214,27 @@ def test_any_header_is_taken_or_refused(header: dict[str, Any]) -> None:
         (with_header({"channels": ["x"], "units": ["g"]}, rate=float("nan")), "wrong_rate", "rate"),
         (with_header({"channels": ["x"], "units": ["g"]}, rate=-1.0), "wrong_rate", "rate"),
         (with_header({"channels": ["x"], "units": ["g"]}, count=0), "empty", "samples"),
+        *(
+            (with_header({"channels": ["x"], "units": ["g"], **more}), "unreadable", words)
+            for more, words in (
+                ({"speed_hz": 1e-308}, "speed_hz must be a number from 0.001 to 10000, got 1e-308"),
+                ({"speed_hz": 12_000.0}, "got 12000"),
+                ({"load_newton": -1.0}, "load_newton must be a number from 0 to 1e.09, got -1"),
+                ({"load_newton": 1e300}, "got 1e.300"),
+                ({"load_newton": "heavy"}, "got str"),
+                ({"elapsed_s": 1e300}, "elapsed_s"),
+                ({"after": 9}, "after must be below the sequence, got 9 in frame 9"),
+                ({"after": 2**62}, "after must be below the sequence"),
+            )
+        ),
+        *(
+            (with_header({"channels": ["x"], "units": ["g"]}, rate=rate), "wrong_rate", "1 to 1e.08 Hz")
+            for rate in (1e-300, 0.5, 1e300, float("inf"))
+        ),
+        *(
+            (with_header({"channels": ["x"], "units": ["g"]}, start=start), "unreadable", "from 1900 to 2100")
+            for start in (2**63 - 1, 1 - 2**63, 4_102_444_800 * 10**9)
+        ),
     ],
 )
 def test_wrong_content_names_status_and_cause(data: bytes, status: str, words: str) -> None:
@@ -239,6 +264,15 @@ def test_lying_lengths_are_refused_before_anything_is_allocated() -> None:
         encode_frame(make(values=np.zeros((2, 1 << 21), dtype="<f8")))
 
 
+def test_a_refusal_is_as_long_as_it_says() -> None:
+    for reason in ("no", "\N{GREEK SMALL LETTER ALPHA}" * 400):
+        answer = refusal(reason)
+        (length,) = struct.unpack_from("<Q", answer)
+        assert length >> 63 == 1
+        assert len(answer) == 8 + (length ^ 2**63)
+        assert reason.startswith(answer[8:].decode())
+
+
 def test_hello_is_checked() -> None:
     whole = hello("rig-\N{GREEK SMALL LETTER ALPHA}")
     assert hello_length(whole[:8]) == len(whole)
@@ -246,7 +280,10 @@ def test_hello_is_checked() -> None:
     for name in ("", "x" * 65):
         with pytest.raises(WireError, match="64 bytes"):
             hello(name)
-    for bad in (b"SPWH" + struct.pack("<HH", 1, 0), b"SPWH" + struct.pack("<HH", 2, 3), b"GET / HT"):
+    assert hello_version(whole) == 1
+    assert hello_version(hello("press", 2)) == 2
+    assert hello_length(hello("press", 2)) == 13
+    for bad in (b"SPWH" + struct.pack("<HH", 1, 0), b"SPWH" + struct.pack("<HH", 3, 3), b"GET / HT"):
         with pytest.raises(WireError):
             hello_length(bad)
     for bad in (whole[:8] + b"\xff\xfe", whole[:8] + b"a\nb"):
@@ -267,6 +304,10 @@ def test_hello_is_checked() -> None:
         {"scale": (float("nan"), 1.0)},
         {"channels": ("a" * 40000, "b" * 40000)},
         {"speed": float("nan")},
+        {"speed": 12_000.0},
+        {"rate": 0.5},
+        {"start": 2**62},
+        {"after": 3},
     ],
 )
 def test_what_could_not_be_read_is_not_written(changes: dict[str, Any]) -> None:

@@ -14,8 +14,10 @@ from monitor.cli import spallwatch
 from monitor.commands.common import InputError
 from streams.link.sender import SendError
 from streams.link.tcp import TcpReceiver
-from streams.spec import SourceError, SourceSpec
+from streams.spec import NetworkSpec, SourceError, SourceSpec
+from tests.committing import committing
 from tests.memory_ledger import MemoryLedger
+from tests.streams.tcp_peers import receiving
 
 CONFIG = """
 [[bearing]]
@@ -78,12 +80,31 @@ def test_a_recording_is_sent_and_sent_on(recording: Path) -> None:
     assert sorted(ledger.blocks("press")) == [1, 2, 3, 4, 5, 6]
 
 
+def test_a_key_is_read_from_its_file(recording: Path) -> None:
+    ledger = MemoryLedger()
+    key_file = recording.parent / "press.key"
+    key_file.write_text("correct horse battery staple\n", encoding="utf-8")
+    key_file.chmod(0o600)
+    network = NetworkSpec(stream_key_file=key_file)
+    with receiving(ledger, network) as receiver, committing(receiver, ledger):
+        common = (recording, "--to", f"tcp://127.0.0.1:{receiver.port}", "--config", recording.parent / "machine.toml")
+        assert send(*common, "--stream-key-file", key_file)["acknowledged"] == 6
+
+
 def test_what_is_wrong_is_named(recording: Path) -> None:
     runner = CliRunner()
     for url, words in (("ftp://h:1", "--to"), ("mqtt://h/#", "expected tcp")):
         with pytest.raises(SourceError, match=words):
             runner.invoke(spallwatch, ["send", str(recording), "--to", url], catch_exceptions=False)
     config = ["--config", str(recording.parent / "machine.toml")]
+    for url, option, other in (("mqtt://h/t", "--stream-key-file", "tcp"), ("tcp://h:1", "--ca-file", "mqtt")):
+        words = f"{option} belongs to {other}://"
+        with pytest.raises(InputError, match=words):
+            runner.invoke(
+                spallwatch,
+                ["send", str(recording), "--to", url, option, str(recording), *config],
+                catch_exceptions=False,
+            )
     with pytest.raises(InputError, match="--stream"):
         runner.invoke(
             spallwatch,

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError, validate
 from monitor.service.setup import source_spec
 
@@ -32,6 +33,39 @@ def test_keys_reach_the_source() -> None:
     assert network.ca_file is None
 
 
+def test_keys_of_tcp_reach_the_source() -> None:
+    files = {"stream_key_file": "press.key", "tls_cert_file": "press.pem", "tls_key_file": "tls.key"}
+    loaded = config(url="tcp://127.0.0.1:5777", max_gap_blocks=7, **files)
+    spec = source_spec(loaded, loaded.source[0])
+    assert spec.max_gap_blocks == 7
+    assert source_spec(config(), config().source[0]).max_gap_blocks == 100_000
+    for key, name in files.items():
+        assert getattr(spec.network, key) == Path("/etc/spallwatch") / name
+
+
+def problems(**source: Any) -> str:
+    found = find_problems(config(**source))
+    return "\n".join(problem for problem in found if "press" in problem)
+
+
+def test_check_says_who_may_send_without_proof(tmp_path: Path) -> None:
+    key, weak = tmp_path / "key", tmp_path / "weak"
+    key.write_text("correct horse battery staple\n", encoding="utf-8")
+    key.chmod(0o600)
+    weak.write_text("short", encoding="utf-8")
+    everywhere = {"url": "tcp://0.0.0.0:5777"}
+    assert problems(url="tcp://127.0.0.1:5777") == ""
+    assert problems(**everywhere, stream_key_file=str(key)) == ""
+    assert "run refuses it, without a key" in problems(**everywhere)
+    assert "machines among peers may send without a key" in problems(**everywhere, peers=["10.1.0.0/16"])
+    assert "has 5 characters" in problems(**everywhere, stream_key_file=str(weak))
+    assert "cannot be read" in problems(**everywhere, stream_key_file=str(tmp_path / "gone"))
+    tls = {"tls_cert_file": str(tmp_path / "gone"), "tls_key_file": str(key)}
+    assert "tls_cert_file, tls_key_file cannot be used" in problems(**everywhere, stream_key_file=str(key), **tls)
+    assert "who publishes" in problems(url="mqtt://broker/plant/press")
+    assert problems(url="mqtt://broker/plant/press", username_file="user") == ""
+
+
 @pytest.mark.parametrize(
     ("source", "words"),
     [
@@ -39,6 +73,9 @@ def test_keys_reach_the_source() -> None:
         ({"max_connections": 0}, "max_connections"),
         ({"client_id": "a b"}, "client_id"),
         ({"password": "let me in"}, "unknown key"),
+        ({"max_gap_blocks": 0}, "max_gap_blocks"),
+        ({"stream_key_file": "key"}, "stream_key_file belongs to tcp://"),
+        ({"url": "tcp://127.0.0.1:1", "tls_cert_file": "cert"}, "come together"),
     ],
 )
 def test_wrong_keys_are_named(source: dict[str, Any], words: str) -> None:

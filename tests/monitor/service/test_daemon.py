@@ -78,7 +78,8 @@ def test_it_says_what_it_does_until_it_stops(tmp_path: Path) -> None:
             StatusFile.open(tmp_path / "state")
     assert found["running"]
     assert (found["status"], found["problems"], found["machine"]) == ("running", {}, "m")
-    assert found["sources"]["s0"] == {"offered": 1, "accepted": 1, "rejected": 0, "pending": 0, "oldest_age_s": 0.0}
+    counts = {"offered": 1, "accepted": 1, "rejected": 0, "pending": 0, "oldest_age_s": 0.0, "refused": 0}
+    assert found["sources"]["s0"] == counts
     first, second = found["channels"]["x0"], found["channels"]["x1"]
     assert (first["stage"], first["last_block"], first["last_block_status"]) == ("learning", 2, "ok")
     assert (first["state"], second["state"]) == ("check_function", "check_function")

@@ -63,6 +63,9 @@ class Queue:
     def problem(self) -> str | None:
         return None if self.waiting else "dry"
 
+    def notices(self) -> list[dict[str, Any]]:
+        return []
+
     def close(self) -> None:
         self.closed = True
 

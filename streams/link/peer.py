@@ -1,0 +1,124 @@
+"""One connection of a sender to the TCP receiver: the message it is in, and the answers not yet sent."""
+
+from __future__ import annotations
+
+import enum
+import selectors
+import socket
+import ssl
+from dataclasses import dataclass, field
+
+from streams.link.auth import PROOF_BYTES
+from streams.link.wire import HEAD, HELLO, frame_length, hello_length
+
+_CHUNK = 1 << 18
+
+
+class Phase(enum.Enum):
+    """What a connection sends next; once it is refused, what it sends is discarded."""
+
+    HELLO = enum.auto()
+    PROOF = enum.auto()
+    FRAMES = enum.auto()
+    REFUSED = enum.auto()
+
+
+class ClosedError(Exception):
+    """The sender closed the connection; ``whole``: between two frames."""
+
+    def __init__(self, *, whole: bool) -> None:
+        """Say whether all was received."""
+        super().__init__("the sender left in the middle of a message")
+        self.whole = whole
+
+
+@dataclass(eq=False)
+class Peer:
+    """A connection, with a socket that does not block.
+
+    Attributes:
+        deadline: monotonic seconds by which the message must be complete; None before its first byte.
+        stream: that the sender names in its hello; before :attr:`Phase.FRAMES` that is a claim.
+        nonce: of a hello of version 2, which learns why it is refused; None with version 1.
+        encrypting: the TLS handshake is not complete.
+        blocked: TLS has to write before it can go on.
+    """
+
+    socket: socket.socket
+    address: str
+    deadline: float | None
+    phase: Phase = Phase.HELLO
+    stream: str | None = None
+    nonce: bytes | None = None
+    encrypting: bool = False
+    blocked: bool = False
+    out: bytearray = field(default_factory=bytearray)
+    _data: bytearray = field(default_factory=bytearray)
+    _needed: int = HELLO.size
+    _sized: bool = False
+
+    @property
+    def name(self) -> str:
+        """Address and stream, for messages."""
+        return self.address if self.stream is None else f"{self.address} ({self.stream})"
+
+    @property
+    def buffered(self) -> bool:
+        """Whether decrypted bytes wait, which no selector reports."""
+        return isinstance(self.socket, ssl.SSLSocket) and not self.encrypting and self.socket.pending() > 0
+
+    def interest(self, *, held: bool) -> int:
+        """Return the events to wait for; a connection that is ``held`` is not read."""
+        return (0 if held else selectors.EVENT_READ) | (selectors.EVENT_WRITE if self.out or self.blocked else 0)
+
+    def shake_hands(self) -> None:
+        """Go on with the TLS handshake, if one is due."""
+        if self.encrypting and isinstance(self.socket, ssl.SSLSocket):
+            self.socket.do_handshake()
+            self.encrypting = False
+
+    def send(self) -> None:
+        """Send what the socket takes of the answers."""
+        if self.out:
+            del self.out[: self.socket.send(self.out)]
+
+    def enter(self, phase: Phase) -> None:
+        """Begin a phase, after a whole message."""
+        self.phase = phase
+        self._begin()
+
+    def _begin(self) -> None:
+        self._data = bytearray()
+        self._sized = self.phase is Phase.PROOF
+        self._needed = PROOF_BYTES if self.phase is Phase.PROOF else HEAD.size
+
+    def receive(self, now: float, timeout: float, max_frame: int) -> bytearray | None:
+        """Receive at most one message, so that senders take turns; return it once it is whole.
+
+        Raises:
+            ClosedError: the sender closed the connection.
+            WireError: what came is not the beginning of such a message.
+            OSError: the connection is broken, or nothing can be read now.
+        """
+        if self.phase is Phase.REFUSED:
+            if not self.socket.recv(_CHUNK):
+                raise ClosedError(whole=True)
+            return None
+        data = self.socket.recv(min(_CHUNK, self._needed - len(self._data)))
+        if not data:
+            raise ClosedError(whole=not self._data and self.phase is Phase.FRAMES)
+        if self.deadline is None:
+            self.deadline = now + timeout
+        self._data += data
+        if len(self._data) < self._needed:
+            return None
+        if not self._sized:
+            self._sized = True
+            is_hello = self.phase is Phase.HELLO
+            self._needed = hello_length(bytes(self._data)) if is_hello else frame_length(bytes(self._data), max_frame)
+            return None
+        message = self._data
+        self._begin()
+        if self.phase is Phase.FRAMES:
+            self.deadline = None
+        return message
