@@ -72,6 +72,11 @@ class Rejected:
     reason: str
     content_hash: str = ""
 
+    @property
+    def is_repetition(self) -> bool:
+        """Whether another block has the content or the number, so that this takes no number and makes no record."""
+        return self.status in ("duplicate", "changed")
+
 
 def to_si(
     samples: NDArray[np.floating],

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Literal, Protocol
 
+from streams.folder.listing import Stat, is_skipped, list_files, shown, stat_file
 from streams.samples import MAX_BYTES, ReaderError
 from streams.spec import SourceError
 
@@ -45,12 +46,14 @@ class Item:
     """One file of a recording, under its path in the folder or archive, with "/".
 
     ``read`` gives its bytes or raises ReaderError; of an archive's item only until the next item is requested.
-    ``changed`` gives the time of its last change, s since 1970 UTC, None where it cannot be read.
+    ``changed`` gives the time of its last change, s since 1970 UTC, None where it cannot be read. ``filled``: a regular
+    file with bytes in it.
     """
 
     path: str
     read: Callable[[], bytes]
     changed: Callable[[], float | None] = lambda: None
+    filled: bool = True
 
 
 class Files(Protocol):
@@ -79,26 +82,23 @@ class Folder:
         self._only = only
 
     def __iter__(self) -> Iterator[Item]:
-        """Iterate over all files, those that will be refused too."""
-        for path in self._paths():
-            yield Item(path, lambda path=path: read_guarded(self.root, path), lambda path=path: self._changed(path))
-
-    def _changed(self, path: str) -> float | None:
-        try:
-            return os.lstat(self.root / path).st_mtime_ns / 1e9
-        except OSError:
-            return None
-
-    def _paths(self) -> Sequence[str]:
+        """Iterate over all files, those that will be refused too; SourceError where a folder may not be read."""
+        root = str(self.root)
         if self._only is not None:
-            return self._only
-        found: list[str] = []
-        # A linked folder is not entered; a linked file is refused when it is read.
-        for folder, folders, names in os.walk(self.root, followlinks=False):
-            folders[:] = [name for name in folders if not name.startswith(".")]
-            base = Path(folder).relative_to(self.root)
-            found.extend((base / name).as_posix() for name in names if not name.startswith("."))
-        return sorted(found, key=natural_key)
+            found = {path: stat_file(root, path) for path in self._only}
+        else:
+            closed: list[str] = []
+            try:
+                listing = list_files(root, closed)
+            except OSError as error:
+                raise SourceError(f"{shown(root)}: cannot be read ({error.strerror})") from error
+            if closed:
+                raise SourceError(f"{shown(f'{root}/{sorted(closed)[0]}')}: may not be read (Permission denied)")
+            found = {path: listing[path] for path in sorted(listing, key=natural_key)}
+        for path, status in found.items():
+            filled = status is not None and status.regular and status.size > 0
+            changed = None if status is None else status.mtime_ns / 1e9
+            yield Item(path, lambda path=path: read_regular(self.root, path), lambda at=changed: at, filled)
 
 
 class Archive:
@@ -124,7 +124,8 @@ class Archive:
 def _members(archive: tarfile.TarFile, name: str) -> Iterator[Item]:
     broken: list[ReaderError] = []
     for member in archive:
-        if member.isdir() or PurePosixPath(member.name).name.startswith("."):
+        path = PurePosixPath(member.name)
+        if member.isdir() or any(map(is_skipped, path.parts)):
             continue
 
         def read(member: tarfile.TarInfo = member) -> bytes:
@@ -134,7 +135,7 @@ def _members(archive: tarfile.TarFile, name: str) -> Iterator[Item]:
                 broken.append(_damage(error, f"{name}: {member.name}"))
                 raise broken[0] from error
 
-        yield Item(str(PurePosixPath(member.name)), read, lambda member=member: float(member.mtime))
+        yield Item(str(path), read, lambda member=member: float(member.mtime), member.isreg() and member.size > 0)
         if broken:
             # Members behind the damage cannot be found; this one has been reported already.
             return
@@ -169,6 +170,19 @@ def path_within(root: Path, path: str) -> Path:
     if not real.is_relative_to(root):
         raise ReaderError("refused", f"{path}: a link out of {root.name}")
     return real
+
+
+def read_regular(root: Path, path: str) -> bytes:
+    """Return the bytes of a file of a folder as :func:`read_guarded`, which follows links; here they are refused."""
+    refuse_special(stat_file(str(root), path), root, path)
+    return read_guarded(root, path)
+
+
+def refuse_special(status: Stat | None, root: Path, path: str) -> None:
+    """Raise ``refused`` for a link, a pipe or a device."""
+    if status is not None and not status.regular:
+        path_within(root, path)
+        raise ReaderError("refused", f"{path}: a link, a pipe or a device, not a regular file")
 
 
 def read_guarded(root: Path, path: str, *, may_grow: bool = False) -> bytes:

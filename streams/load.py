@@ -11,10 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
+import numpy as np
+
+from streams.block import STANDARD_GRAVITY
 from streams.files import unpack
 from streams.readers.complete import declared_size
 from streams.reblock import MIN_BLOCK_SHARE
-from streams.samples import RATE_TOLERANCE, ReaderError, Samples
+from streams.samples import FRACTIONS, RATE_TOLERANCE, SCALED, VALUES, ReaderError, Samples
 from streams.spec import UNITS, ChannelSpec, SourceSpec
 
 if TYPE_CHECKING:
@@ -52,24 +55,16 @@ class Loader:
     """
 
     def __init__(
-        self,
-        spec: SourceSpec,
-        data_set: DataSet,
-        root: Path,
-        *,
-        several: bool = True,
-        live: bool = False,
-        dater: Dater | None = None,
+        self, spec: SourceSpec, data_set: DataSet, root: Path, *, several: bool = True, dater: Dater | None = None
     ) -> None:
         """Prepare.
 
         Args:
             several: there may be more than one file: undated ones have no known distance in time then.
-            live: files may still be written: what is missing in them is then ``incomplete``.
             dater: dates the files of which the data set states no date; None: they have none.
         """
         self.root, self.data_set, self.dater = root, data_set, dater
-        self._spec, self._several, self._live = spec, several, live
+        self._spec, self._several = spec, several
         self._zone = ZoneInfo(spec.timezone)
 
     def facts(self, path: str) -> FileFacts | None:
@@ -77,6 +72,11 @@ class Loader:
         facts = self.data_set.facts(path, str(self.root), self._zone)
         time = None if facts is None or self.dater is None else self.dater.name_time(path)
         return facts if facts is None or time is None else replace(facts, order=((0, time, ""), *facts.order))
+
+    @property
+    def ignored(self) -> str:
+        """Why files without :meth:`facts` are ignored."""
+        return f"of another format than {self.data_set.name} ({self.data_set.files})"
 
     def load(
         self,
@@ -112,7 +112,7 @@ class Loader:
         """Return the same without times but those that the file states; ReaderError as :meth:`load`."""
         samples = self.read(raw, path, name)
         self._check_length(samples, name)
-        samples = choose_channels(samples, self._spec.channels, self.data_set.unit, name)
+        samples = choose_channels(samples, self._spec.channels, self.data_set.unit, name, self._spec.range_g)
         return replace(
             samples,
             rate=agreed_rate((samples.rate, facts.rate), self._spec.rate, name),
@@ -122,18 +122,16 @@ class Loader:
 
     def read(self, raw: bytes, path: str, name: str) -> Samples:
         """Return all rows of a file and what the file itself states; ReaderError as :meth:`load`."""
-        promised = declared_size(raw, path) if self._live else None
+        promised = declared_size(raw, path)
         if promised is not None and promised > len(raw):
             raise ReaderError("incomplete", f"{name}: {len(raw)} bytes are there, its header promises {promised}")
         try:
             data = unpack(raw, path)
             if not data:
-                if self._live:
-                    raise ReaderError("incomplete", f"{name}: nothing of it is there yet")
                 raise ReaderError("empty", f"{name}: the file has 0 bytes")
             return self.data_set.read(data, path)
-        except ReaderError:
-            raise
+        except ReaderError as error:
+            raise renamed(error, path, name) from error
         except Exception as error:
             # Third-party parsers raise any exception on damaged files; one file must not stop the others.
             _LOG.warning("%s: the reader failed", name, exc_info=True)
@@ -163,25 +161,42 @@ class Loader:
         return None if self._spec.start is None else self._spec.start + elapsed, elapsed
 
 
-def choose_channels(samples: Samples, channels: Sequence[ChannelSpec], unit: str | None, where: str) -> Samples:
+def renamed(error: ReaderError, path: str, name: str) -> ReaderError:
+    """Return an error that calls a file by its printable name instead of its path."""
+    return error if path == name else ReaderError(error.status, str(error).replace(path, name))
+
+
+def choose_channels(
+    samples: Samples, channels: Sequence[ChannelSpec], unit: str | None, where: str, range_g: float | None = None
+) -> Samples:
     """Select the rows of the configured channels, with their names and units.
 
     Args:
         channels: none: every row, by the data set's names.
         unit: of every row by the data set, or None.
+        range_g: full scale in g of rows that are stored as fractions of it, where no scale is given.
 
     Raises:
         ReaderError: ``wrong_shape`` where a channel matches no row or several; ``wrong_unit`` where the file states
-            another unit than the configuration, or neither states one.
+            another unit than the configuration, or neither states one, or nothing states the level of integers.
     """
     samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
     if not channels:
-        for name, stated in zip(samples.names, samples.units, strict=True):
+        for row, (name, stated) in enumerate(zip(samples.names, samples.units, strict=True)):
             _check_unit(stated, name, where)
+            _factor_of(samples, row, ChannelSpec(name, unit=stated), None, f"{where}: {name}")
         return samples
     rows = [_row_of(samples, channel, where) for channel in channels]
     units = tuple(_unit_of(samples, row, channel, where) for row, channel in zip(rows, channels, strict=True))
-    return replace(samples.select(rows), channels=tuple(channel.name for channel in channels), units=units)
+    both = zip(rows, channels, units, strict=True)
+    factors = [
+        _factor_of(samples, row, replace(channel, unit=unit), range_g, f"{where}: channel {channel.name}")
+        for row, channel, unit in both
+    ]
+    chosen = replace(samples.select(rows), channels=tuple(channel.name for channel in channels), units=units)
+    if all(factor == 1.0 for factor in factors):
+        return chosen
+    return replace(chosen, values=chosen.values * np.array(factors, chosen.values.dtype)[:, np.newaxis])
 
 
 def _check_unit(stated: str | None, name: str, where: str) -> None:
@@ -220,7 +235,7 @@ def _row_of(samples: Samples, channel: ChannelSpec, where: str) -> int:
 def _unit_of(samples: Samples, row: int, channel: ChannelSpec, where: str) -> str:
     stated, configured = samples.units[row], channel.unit
     where = f"{where}: channel {channel.name}"
-    if samples.scaled and channel.scale != 1.0:
+    if samples.scaled and channel.scale not in (None, 1.0):
         reason = f"the side-car scales it already, and so does scale = {channel.scale:g}"
         raise ReaderError("wrong_unit", f"{where}: {reason}")
     if stated is None and configured is None:
@@ -230,6 +245,28 @@ def _unit_of(samples: Samples, row: int, channel: ChannelSpec, where: str) -> st
     if configured is None and (stated not in UNITS or stated == "V"):
         raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}; give [[channel]] unit")
     return configured or stated or "unknown"
+
+
+def _factor_of(samples: Samples, row: int, channel: ChannelSpec, range_g: float | None, where: str) -> float:
+    """Return the factor that ``range_g`` gives a row that no scale is given for; 1 for all others.
+
+    Raises:
+        ReaderError: ``wrong_unit`` where the row holds integers and nothing states what they mean.
+    """
+    stored = samples.stored[row]
+    if stored in (VALUES, SCALED) or channel.unit == "unknown" or channel.scale is not None:
+        return 1.0
+    if stored == FRACTIONS and range_g is not None and not samples.scaled:
+        of_one_g = {"m/s2": STANDARD_GRAVITY, "V": 1e-3 * (channel.sensitivity_mv_per_g or 0.0)}
+        return range_g * of_one_g.get(channel.unit or "g", 1.0)
+    meant, other = f"the {channel.unit} of one count", ""
+    if stored == FRACTIONS:
+        meant, other = f"the {channel.unit} at full scale", ", or [[source]] range_g, the g at full scale"
+    raise ReaderError(
+        "wrong_unit",
+        f"{where}: holds {stored}, and nothing states their level; give [[channel]] scale, {meant} "
+        f"(a side-car may too){other}",
+    )
 
 
 def agreed_rate(stated: Sequence[float | None], configured: float | None, where: str) -> float:

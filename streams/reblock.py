@@ -177,7 +177,9 @@ class Numbering:
     def rejected(self, name: str, error: ReaderError, digest: str, number: int | None = None) -> Rejected:
         """Return a rejection, under the next number by default."""
         number = self.highest + 1 if number is None else number
-        return Rejected(self._source, number, name, error.status, str(error), digest)
+        # Messages quote what files hold; characters that cannot be printed become question marks.
+        reason = "".join(character if character.isprintable() else "?" for character in str(error))
+        return Rejected(self._source, number, name, error.status, reason, digest)
 
     def cut(self, cut: Cut) -> Block | Rejected:
         """Return the block that was cut, or the rejection ``short`` of what is left over.

@@ -132,21 +132,41 @@ def _found_data_set(spec: SourceSpec, files: Files, kind: str) -> DataSet:
         return named
     found: DataSet | None = None
     paths: list[str] = []
+    unfilled: list[Item] = []
     try:
         for item in files:
             paths.append(item.path)
-            for name in ("pronostia", "ims", "paderborn"):
-                if _is_named_as(name, item, files):
-                    return DATA_SETS[name]
+            if not item.filled:
+                unfilled.append(item)
+                continue
+            named = _recognised_by_name(item, files)
+            if named is not None:
+                return named
             found = found or _recognised_by_content(item, spec, files)
             if found is not None and found.name in DATA_SETS:
                 return found
     except ReaderError as error:
         if found is None:
             raise SourceError(f"{where}: url: {error}") from error
+    # A file without content, or one that is refused, counts only where there is no other.
+    by_name = (_recognised_by_name(item, files) or _recognised_by_ending(item, spec, files) for item in unfilled)
+    found = found or next((data_set for data_set in by_name if data_set is not None), None)
     if found is None:
         raise SourceError(f"{where}: url: {files.root} {_nothing(paths)}")
     return found
+
+
+def _recognised_by_name(item: Item, files: Files) -> DataSet | None:
+    names = ("pronostia", "ims", "paderborn")
+    return next((DATA_SETS[name] for name in names if _is_named_as(name, item, files)), None)
+
+
+def _recognised_by_ending(item: Item, spec: SourceSpec, files: Files) -> DataSet | None:
+    """Return the plain format that an ending stands for; among several files a .txt may be anything."""
+    ending = PurePosixPath(unpacked_name(item.path)).suffix.lower()
+    kind = next((kind for kind, endings in FORMATS.items() if ending in endings), None)
+    unclear = kind == "csv" and ending != ".csv" and files.several
+    return None if kind is None or unclear else plain(kind, spec, (ending,))
 
 
 def _nothing(paths: list[str]) -> str:

@@ -5,27 +5,21 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from streams.block import Block, Rejected
 from streams.datasets import DataSet, FileFacts
 from streams.dating import Dater, Dating, UndatedError
-from streams.files import Files, Item, open_files
-from streams.load import Loader, content_hash, is_cut, is_dated_by_choice
+from streams.files import Files, Item, natural_key, open_files
+from streams.folder.listing import shown
+from streams.given import Given, Loaded, Met
+from streams.load import Loader, content_hash, is_cut, is_dated_by_choice, renamed
+from streams.readers.sidecar import is_sidecar
 from streams.reblock import Cut, Numbering, Reblocker
 from streams.recognise import data_set_of
 from streams.samples import Origin, ReaderError, Samples
+from streams.source import MAX_IGNORED_NAMES, Backlog
 from streams.spec import SourceError, SourceSpec
-
-
-@dataclass(frozen=True, eq=False)
-class _Loaded:
-    """A file with its samples, or the error in their place."""
-
-    path: str
-    facts: FileFacts
-    result: Samples | ReaderError
-    digest: str = ""
 
 
 class Recording:
@@ -41,13 +35,14 @@ class Recording:
         self._spec = spec
         self._files = files
         self._set = data_set
-        self._paths: list[str] | None = None
         self._dater: Dater | None = None
         cut = is_cut(spec, data_set)
         if is_dated_by_choice(spec, data_set):
             self._dater = Dater(spec, kept, cut=cut, several=files.several, names=self._listed)
         self._loader = Loader(spec, data_set, files.root, several=files.several, dater=self._dater)
         self._count: int | None = None
+        self._met: Met | None = None
+        self._given = Given()
         self._block_s = spec.block_s if cut and spec.block_s != "file" else None
         self._check()
         self._settle_dating()
@@ -64,10 +59,7 @@ class Recording:
 
     def _listed(self) -> list[str]:
         """Return the paths of the files of the data set, listed once."""
-        if self._paths is None:
-            with contextlib.suppress(ReaderError):
-                self._paths = [item.path for _, item in self._known()]
-        return self._paths or []
+        return list(self._met_files().known)
 
     def _settle_dating(self) -> None:
         """Choose what dates the files by the first that can be read, and the order of day and month by all.
@@ -121,15 +113,57 @@ class Recording:
     def __len__(self) -> int:
         """Return the number of blocks and rejections, found by one pass."""
         if self._count is None:
-            self._count = self._count_files() if self._block_s is None else sum(1 for _ in self._cuts(self._block_s))
+            one_a_file = self._block_s is None
+            self._count = self._count_files() if one_a_file else sum(1 for _ in self._parts(Numbering(""), Given()))
         return self._count
+
+    def files(self) -> Backlog:
+        """Return the counts of files: those that the latest iteration has not given are pending."""
+        met, given = self._met_files(), self._given
+        ignored = len(self._ignored_paths())
+        offered = len(met.known) + ignored + met.damaged
+        return Backlog(
+            offered=offered,
+            accepted=given.accepted,
+            rejected=given.rejected,
+            pending=offered - ignored - given.accepted - given.rejected,
+            oldest_age_s=0.0,
+            ignored=ignored,
+        )
+
+    def ignored(self) -> dict[str, str]:
+        """Return why files are ignored, by name, at most ``MAX_IGNORED_NAMES``."""
+        return {shown(path): self._loader.ignored for path in self._ignored_paths()[:MAX_IGNORED_NAMES]}
+
+    def _ignored_paths(self) -> list[str]:
+        met = self._met_files()
+        if self._files.sequential:
+            return sorted(met.others, key=natural_key)
+        return [path for path in met.others if not is_sidecar(path, met.known)]
+
+    def _met_files(self) -> Met:
+        if self._met is None:
+            with contextlib.suppress(ReaderError):
+                for _ in self._known():
+                    pass
+        return self._met or Met()
 
     def _known(self) -> Iterator[tuple[FileFacts, Item]]:
         """Yield the files of the data set; ReaderError where an archive breaks off."""
-        for item in self._files:
-            facts = self._loader.facts(item.path)
-            if facts is not None:
-                yield facts, item
+        met = Met()
+        try:
+            for item in self._files:
+                facts = self._loader.facts(item.path)
+                if facts is None:
+                    met.others.append(item.path)
+                else:
+                    met.known[item.path] = None
+                    yield facts, item
+        except ReaderError:
+            met.damaged = 1
+            self._met = met
+            raise
+        self._met = met
 
     def _count_files(self) -> int:
         """Count one block a file, without parsing."""
@@ -148,15 +182,29 @@ class Recording:
     def __iter__(self) -> Iterator[Block | Rejected]:
         """Iterate over the blocks from the first one on."""
         numbers = Numbering(self.name, place_time=None if self._dater is None else self._dater.place_time)
-        for part in self._in_order() if self._block_s is None else self._cuts(self._block_s):
+        given = self._given = Given()
+        for part in self._parts(numbers, given):
             if isinstance(part, Cut):
                 item = numbers.cut(part)
-            elif isinstance(part.result, ReaderError):
-                item = numbers.rejected(part.path, part.result, part.digest, part.facts.number)
+                given.note_cut(part)
             else:
-                item = numbers.block(part.result, part.path, part.digest, part.facts.number)
-            numbers.note(item)
+                number = part.facts.number if self._block_s is None else None
+                if isinstance(part.result, ReaderError):
+                    item = numbers.rejected(part.name, part.result, part.digest, part.repeats or number)
+                else:
+                    item = numbers.block(part.result, part.name, part.digest, number)
+                given.note_file(part, item)
+            if not (isinstance(item, Rejected) and item.is_repetition):
+                numbers.note(item)
             yield item
+
+    def _parts(self, numbers: Numbering, given: Given) -> Iterator[Cut | Loaded]:
+        """Yield the files in order or, unless each is a block, their cuts and those that give none."""
+        files = (
+            given.unrepeated(loaded, loaded.facts.number if self._block_s is None else None, numbers.highest)
+            for loaded in self._in_order()
+        )
+        return files if self._block_s is None else self._cuts(files, self._block_s)
 
     def _check(self) -> None:
         """Raise SourceError where files, rate or unit are missing."""
@@ -197,40 +245,39 @@ class Recording:
         except ReaderError:
             return None
 
-    def _in_order(self) -> Iterator[_Loaded]:
+    def _in_order(self) -> Iterator[Loaded]:
         if not self._files.sequential:
-            known = sorted(self._known(), key=lambda pair: pair[0].order)
+            known = sorted(self._known(), key=lambda pair: (pair[0].order, pair[1].path))
             _one_run([item.path for _, item in known], self.name, self._set)
-            seen: set[tuple[object, ...]] = set()
             for facts, item in known:
-                yield self._load(item, facts, facts.order in seen and self._set.snapshot)
-                seen.add(facts.order)
+                yield self._load(item, facts)
             return
         yield from self._in_order_of_archive()
 
-    def _in_order_of_archive(self) -> Iterator[_Loaded]:
+    def _in_order_of_archive(self) -> Iterator[Loaded]:
         wanted: Iterator[tuple[object, ...]] = (
             ((number,) for number in itertools.count(1)) if self._set.counted else iter(self._listed_orders())
         )
         following = next(wanted, None)
-        held: dict[tuple[object, ...], _Loaded] = {}
+        held: dict[tuple[object, ...], list[Loaded]] = {}
         done: set[tuple[object, ...]] = set()
         paths: list[str] = []
-        damaged: list[_Loaded] = []
+        damaged: list[Loaded] = []
         try:
             for facts, item in self._known():
                 paths = _one_run([*paths[:1], item.path], self.name, self._set)
-                if facts.order in done or facts.order in held:
-                    yield self._load(item, facts, repeated=True)
+                loaded = self._load(item, facts)
+                if facts.order in done:
+                    yield loaded
                     continue
-                held[facts.order] = self._load(item, facts)
+                held.setdefault(facts.order, []).append(loaded)
                 while following is not None and following in held:
                     done.add(following)
-                    yield held.pop(following)
+                    yield from held.pop(following)
                     following = next(wanted, None)
         except ReaderError as error:
-            damaged.append(_Loaded(self._files.root.name, FileFacts(()), error))
-        yield from (held[order] for order in sorted(held))
+            damaged.append(Loaded(self._files.root.name, FileFacts(()), error))
+        yield from (loaded for order in sorted(held) for loaded in held[order])
         yield from damaged
 
     def _listed_orders(self) -> list[tuple[object, ...]]:
@@ -240,31 +287,29 @@ class Recording:
             orders.update(facts.order for facts, _ in self._known())
         return sorted(orders)
 
-    def _load(self, item: Item, facts: FileFacts, repeated: bool = False) -> _Loaded:
+    def _load(self, item: Item, facts: FileFacts) -> Loaded:
         """Load a file; a failure becomes a rejection status."""
-        if repeated:
-            error = ReaderError("duplicate", f"{item.path}: another file of the same number or time came before")
-            return _Loaded(item.path, facts, error)
-        digest = ""
+        digest, name = "", shown(item.path)
         try:
             raw = item.read()
             digest = content_hash(raw)
-            samples = self._loader.load(raw, item.path, facts, changed=item.changed())
+            samples = self._loader.load(raw, item.path, facts, name, changed=item.changed())
         except UndatedError as error:
             raise self._undated(error) from error
         except ReaderError as error:
-            return _Loaded(item.path, facts, error, digest)
-        return _Loaded(item.path, facts, replace(samples, origin=Origin(item.path, samples.values.shape[1])), digest)
+            return Loaded(item.path, facts, renamed(error, item.path, name), digest)
+        return Loaded(item.path, facts, replace(samples, origin=Origin(name, samples.values.shape[1])), digest)
 
-    def _cuts(self, block_s: float) -> Iterator[Cut | _Loaded]:
-        """Yield the cuts of all files in order, and files that cannot be read."""
+    def _cuts(self, files: Iterable[Loaded], block_s: float) -> Iterator[Cut | Loaded]:
+        """Yield the cuts of files in order, and files that give none."""
         cutter = Reblocker(block_s)
-        for loaded in self._in_order():
+        for loaded in files:
             samples = loaded.result
             if isinstance(samples, ReaderError):
-                # Samples are not joined across a file that could not be read.
-                yield from cutter.flush()
-                yield replace(loaded, facts=replace(loaded.facts, number=None))
+                if not loaded.repeats:
+                    # Samples are not joined across a file that could not be read.
+                    yield from cutter.flush()
+                yield loaded
                 continue
             yield from cutter.feed(samples)
         yield from cutter.flush()

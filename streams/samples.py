@@ -15,6 +15,10 @@ from streams.block import Block
 MAX_BYTES = 1 << 30
 """Limit of the size of a file, unpacked or loaded: 1 GiB, about 45 min of eight float64 channels at 48 kHz."""
 
+VALUES, SCALED, COUNTS, FRACTIONS = "values", "scaled integers", "integers", "fractions of full scale"
+"""How the numbers of a row are stored: as they are meant; as integers that the file or its side-car scales; as integers
+without a scale, which are read as counts, or as -1 to 1 where the format defines a full scale (WAV, FLAC)."""
+
 RATE_TOLERANCE = 1e-4
 """Rates that differ by no more than this part are the same rate, written or measured differently."""
 
@@ -54,6 +58,7 @@ class Samples:
         speed: of the shaft, Hz.
         load: radial, N.
         scaled: whether a side-car has scaled the values, so that the configuration must not scale them again.
+        stored: of each row, how its numbers are stored; by default ``VALUES``, numbers in its unit.
         origin: what the values were read from; blocks state how much of each origin they used.
         offset: index of the first value in its origin.
     """
@@ -69,6 +74,7 @@ class Samples:
     speed: float | None = None
     load: float | None = None
     scaled: bool = False
+    stored: tuple[str, ...] = ()
     origin: Hashable = None
     offset: int = 0
     stamp: str | None = None
@@ -83,7 +89,8 @@ class Samples:
         object.__setattr__(self, "channels", self.channels or tuple(f"column_{column}" for column in self.columns))
         object.__setattr__(self, "names", self.names or self.channels)
         object.__setattr__(self, "units", self.units or (None,) * rows)
-        counts = {len(part) for part in (self.columns, self.channels, self.names, self.units)}
+        object.__setattr__(self, "stored", self.stored or (VALUES,) * rows)
+        counts = {len(part) for part in (self.columns, self.channels, self.names, self.units, self.stored)}
         if counts != {rows}:
             raise ValueError(f"{rows} rows of samples, but {sorted(counts)} columns, channels, names and units")
 
@@ -125,6 +132,7 @@ class Samples:
             names=tuple(self.names[row] for row in rows),
             columns=tuple(self.columns[row] for row in rows),
             units=tuple(self.units[row] for row in rows),
+            stored=tuple(self.stored[row] for row in rows),
         )
 
     def block(self, source: str, sequence: int, name: str, content_hash: str, elapsed: float | None) -> Block:
@@ -148,6 +156,11 @@ class Samples:
 def stack_rows(rows: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
     """Join rows of equal length to shape (row, sample); a single one is not copied."""
     return np.ascontiguousarray(rows[0])[np.newaxis] if len(rows) == 1 else np.stack(rows)
+
+
+def stored_as(dtype: np.dtype[Any]) -> str:
+    """Return ``COUNTS`` for an integer type, else ``VALUES``."""
+    return COUNTS if dtype.kind in "iu" else VALUES
 
 
 def rows_of(array: NDArray[np.generic], where: str) -> NDArray[np.floating]:

@@ -10,6 +10,8 @@ from streams.block import Block, Rejected
 
 PENDING = "pending"
 ACCEPTED = "accepted"
+MAX_IGNORED_NAMES = 100
+"""Ignored files that are named; all are counted."""
 HEAD_BYTES = 4096
 """Length of the head of a file for ``head_hash``."""
 
@@ -149,12 +151,25 @@ class Source(Protocol):
         ...
 
 
+@runtime_checkable
+class FileSource(Source, Protocol):
+    """A recording of files."""
+
+    def files(self) -> Backlog:
+        """Return the counts of files as of the latest iteration; those that it has not given are pending."""
+        ...
+
+    def ignored(self) -> Mapping[str, str]:
+        """Return why files are ignored, by name; at most ``MAX_IGNORED_NAMES``."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Delivery:
     """One block or rejection, and what the source needs for its acknowledgement.
 
-    A rejection ``duplicate`` or ``changed`` bears the number of the block that holds its place: the ledger counts the
-    rejection and keeps the block. ``token`` is opaque; ``progress``, of the files that the block was made of, is
+    A rejection that is a repetition bears the number of the block that holds its place: the ledger counts the rejection
+    and keeps the block. ``token`` is opaque; ``progress``, of the files that the block was made of, is
     committed in the same transaction as the block.
     """
 
@@ -167,10 +182,10 @@ class Delivery:
 class Backlog:
     """Counts of a live source in items (files of a folder, frames of a stream).
 
-    At any moment offered = accepted + rejected + pending: those whose samples are all in committed blocks, those
-    refused with a reason in the ledger, and those that wait, delivered but unacknowledged ones among them.
-    ``oldest_age_s`` counts from when the oldest pending item was first seen, 0 where none is pending. ``refused``
-    counts connections and messages that were refused; they are not offered.
+    At any moment offered = accepted + rejected + ignored + pending: those whose samples are all in committed blocks,
+    those refused with a reason in the ledger, those of another format, and those that wait, delivered but
+    unacknowledged ones among them. ``oldest_age_s`` counts from when the oldest pending item was first seen, 0 where
+    none is pending. ``refused`` counts connections and messages that were refused; they are not offered.
     """
 
     offered: int
@@ -178,6 +193,7 @@ class Backlog:
     rejected: int
     pending: int
     oldest_age_s: float
+    ignored: int = 0
     refused: int = 0
 
 
@@ -215,6 +231,10 @@ class LiveSource(Protocol):
     def backlog(self) -> Backlog:
         """Return the counts."""
         ...
+
+    def ignored(self) -> Mapping[str, str]:
+        """Return why items are ignored, by name; at most ``MAX_IGNORED_NAMES``, while ``backlog`` counts all."""
+        return {}
 
     def problem(self) -> str | None:
         """Return in one sentence why the source receives nothing, or None."""

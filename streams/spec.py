@@ -37,7 +37,8 @@ class ChannelSpec:
         key: pattern (``*``, ``?``, ``[...]``) of the variable or column name, such as ``X*_DE_time``. Without column
             and key the channel is found by its own name, or is the single row of a file.
         unit: "g", "m/s2", "V" or "unknown"; None leaves it to the file or the data set.
-        scale: factor from the stored numbers to ``unit`` (an integer WAV is read as -1..1 of full scale).
+        scale: factor from the stored numbers to ``unit``; of integers the unit of a count, of an integer WAV that of
+            full scale. None where the configuration gives none: 1, and integers without a scale are refused.
         sensitivity_mv_per_g: of the sensor where ``unit`` is "V".
     """
 
@@ -45,7 +46,7 @@ class ChannelSpec:
     column: int | str | None = None
     key: str | None = None
     unit: str | None = None
-    scale: float = 1.0
+    scale: float | None = None
     sensitivity_mv_per_g: float | None = None
 
     def __post_init__(self) -> None:
@@ -57,7 +58,7 @@ class ChannelSpec:
             raise SourceError(f"{where}: columns are counted from 1, got column = {self.column}")
         if self.column is not None and self.key is not None:
             raise SourceError(f"{where}: give either column or key, not both")
-        if not (math.isfinite(self.scale) and self.scale != 0.0):
+        if self.scale is not None and not (math.isfinite(self.scale) and self.scale != 0.0):
             raise SourceError(f"{where}: scale must be finite and not zero, got {self.scale}")
         if self.unit == "V" and not (self.sensitivity_mv_per_g and self.sensitivity_mv_per_g > 0.0):
             raise SourceError(f"{where}: unit V needs a positive sensitivity_mv_per_g, got {self.sensitivity_mv_per_g}")
@@ -131,7 +132,7 @@ class SourceSpec:
         block_s: length of a block in s, or "file" for one block a file, as data sets of snapshots always give.
         format: "auto", one of the formats of docs/reference/formats.md ("csv", "tdms", ...) or the name of a data set.
         rate: in Hz where neither the file nor the data set states it; where one does, it must agree.
-        range_g: of the sensor in g, None where unknown; not used by the readers.
+        range_g: full scale in g, None where unknown; what -1 and 1 of an integer WAV without ``scale`` mean.
         channels: empty: all channels of the data set.
         timezone: IANA name of the zone of local time stamps in file names.
         settle_s: seconds for which a file of a watched folder must be unchanged before it is read, unless it was

@@ -14,6 +14,7 @@ from monitor.commands import option
 from monitor.commands.common import InputError, counter, emit, progress_bar, read_config, say
 from monitor.config.load import Config, validate
 from monitor.words.numbers import duration
+from streams.folder.listing import shown
 
 if TYPE_CHECKING:
     from models.maps.data import RmsMap
@@ -29,6 +30,7 @@ _LIVES = 200
 _AROUND = 0.02
 """Relative range of load and speed, either way, of the lives of the library."""
 _LIBRARY_SEED = 20
+_MAX_IGNORED = 10
 _WINDOW_HOURS = 4.0
 """Time to the next maintenance, h."""
 _TESTED = "test_bearing"
@@ -89,7 +91,7 @@ def command(
         progress=progress_bar("replay", quiet=quiet),
     )
     if report:
-        page = _write_report(result, out / "report.html", f"{config.machine.name}: {Path(path or '').name}")
+        page = _write_report(result, out / "report.html", f"{config.machine.name}: {shown(Path(path or '').name)}")
         say(f"report: {page}", quiet=quiet)
     emit(result.summary, _summary_lines(result.summary), as_json=as_json)
 
@@ -116,6 +118,11 @@ def _summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         f"{sum(summary['rejected'].values())} rejected, {summary['pending']} pending"
         + (f" ({counts})" if counts else "")
     )
+    if summary["ignored"]:
+        number, names = summary["files"]["ignored"], list(summary["ignored"])[:_MAX_IGNORED]
+        more = f" and {number - len(names)} more" if number > len(names) else ""
+        reason = next(iter(summary["ignored"].values()))
+        yield f"{number} {'file' if number == 1 else 'files'} ignored, {reason}: {', '.join(names)}{more}"
     yield from (f"dates: {line}" for line in summary["dating"])
     yield from (f"first {status}, {reason}" for status, reason in summary["reasons"].items())
     for name, channel in summary["channels"].items():

@@ -26,6 +26,7 @@ from monitor.words.statuses import STATES
 
 _COLUMNS = ("machine", "state", "daemon", "blocks", "last block", "alarms", "remark")
 _MAX_STATUS_AGE_S = 60.0
+_MAX_IGNORED = 10
 _SAID = {
     "never_ran": "has never run",
     "died": "is not running: it died",
@@ -144,8 +145,9 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
         age = f", the oldest for {duration(source['oldest_age_s'])}" if source["pending"] else ""
         yield (
             f"source {name}: {source['offered']} offered, {source['accepted']} accepted, "
-            f"{source['rejected']} rejected, {source['pending']} pending{age}"
+            f"{source['rejected']} rejected, {source.get('ignored', 0)} ignored, {source['pending']} pending{age}"
         )
+    yield from (f"ignored: {name}, {reason}" for name, reason in list(status.get("ignored", {}).items())[:_MAX_IGNORED])
     for name, channel in status["channels"].items():
         yield f"channel {name}: {', '.join(_channel(channel))}"
 

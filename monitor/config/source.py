@@ -135,7 +135,7 @@ class ChannelSection(Section):
     key: str | None = None
     unit: Literal["g", "m/s2", "V", "unknown"]
     sensitivity_mv_per_g: Positive | None = None
-    scale: Scale = 1.0
+    scale: Scale | None = None
     bearing: Name
     band_hz: tuple[Band, ...] | Literal["auto"] = "auto"
     rms_band_hz: Band | None = None

@@ -265,6 +265,13 @@ class Store(Closing):
         """Return the highest committed sequence number of a source up to ``MAX_BLOCK``, 0 where there is none."""
         return self.rows(LAST_QUERY, source, MAX_BLOCK)[0][0]
 
+    def recount_refusals(self, source: str, items: Iterable[Rejected]) -> None:
+        """Replace the refused repetitions of a source: a replay that is resumed meets all of them again."""
+        with self.transaction() as connection:
+            connection.execute("DELETE FROM refusals WHERE source = ?", (source,))
+            for item in items:
+                count_refusal(connection, item, item.status)
+
     def counts(self) -> dict[str, int]:
         """Return how many blocks were offered by status; refused repetitions count as "duplicate" and "changed"."""
         counts: dict[str, int] = {}

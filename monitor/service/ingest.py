@@ -147,7 +147,7 @@ class Ingest(Closing):
     def _take(self, source: LiveSource, delivery: Delivery, stop: threading.Event) -> Record | None:
         item = self._unless_known(delivery.item)
         record: Record | None = None
-        if isinstance(item, Rejected) and item.status in ("duplicate", "changed"):
+        if isinstance(item, Rejected) and item.is_repetition:
             refused = item
             done = self._retry(lambda: self._ledger.refuse(refused, delivery.progress), stop)
         else:
@@ -159,7 +159,7 @@ class Ingest(Closing):
 
     def _unless_known(self, item: Block | Rejected) -> Block | Rejected:
         """Return the item, or the rejection of one whose number the ledger has."""
-        if isinstance(item, Rejected) and item.status in ("duplicate", "changed"):
+        if isinstance(item, Rejected) and item.is_repetition:
             return item
         known = self._ledger.content_of(item.source, item.sequence)
         if known is None:
@@ -249,6 +249,15 @@ class Ingest(Closing):
     def backlogs(self) -> dict[str, Backlog]:
         """Return the progress of each source, by name."""
         return {source.name: source.backlog() for source in self.sources}
+
+    def ignored(self) -> dict[str, str]:
+        """Return why files are ignored, by name, which begins with the source where there are several."""
+        several = len(self.sources) > 1
+        return {
+            f"{source.name}/{name}" if several else name: reason
+            for source in self.sources
+            for name, reason in source.ignored().items()
+        }
 
     def problems(self) -> dict[str, str]:
         """Return the present problems, by the name of the source, and under "store" why no block can be committed."""

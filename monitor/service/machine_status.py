@@ -119,6 +119,7 @@ class MachineStatus:
             "alarms": sum(len(channel["alarms"]) for channel in channels.values()),
             "unacknowledged": self.unacknowledged,
             "sources": {name: vars(backlog) for name, backlog in self._ingest.backlogs().items()},
+            "ignored": self._ingest.ignored(),
             "problems": dict(problems),
             "channels": channels,
         }

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +30,9 @@ from monitor.service.setup import open_configured, source_settings
 from monitor.service.summary import channel_summary, run_attributes
 from streams.block import STANDARD_GRAVITY, Block, Rejected
 from streams.dating import Dating
-from streams.source import Source
+from streams.source import FileSource, Source
 
+_FILE_COUNTS = ("offered", "accepted", "rejected", "ignored", "pending")
 _BATCH_BLOCKS = 64
 """Blocks to a transaction: a replay that is cut off begins again at the last batch, as the recording is still there."""
 _SPECTRUM_LINES = 6.5
@@ -88,7 +88,7 @@ def replay(
         last = store.last(section.name)
         state = SourceState.begin(settings, store.load_states(), store.record(section.name, last))
         run = _Run(source, store, settings, _fix_bands(source, state, settings))
-        items: Iterable[Block | Rejected] = islice((item for item in source if item.sequence > last), limit)
+        items: Iterable[Block | Rejected] = run.unrepeated(last, limit)
         if progress is not None:
             items = progress(items, len(source) if limit is None else min(len(source), limit))
         began = time.perf_counter()
@@ -178,8 +178,22 @@ class _Run:
     taken: int = 0
     reasons: dict[str, str] = field(default_factory=dict)
     drawn: dict[str, _Drawn] = field(default_factory=dict)
+    _repetitions: list[Rejected] = field(default_factory=list)
     _records: list[Record] = field(default_factory=list)
     _changes: list[SpectrumChange] = field(default_factory=list)
+
+    def unrepeated(self, last: int, limit: int | None) -> Iterator[Block | Rejected]:
+        """Yield the items after the number ``last``, at most ``limit``; keep the repetitions among all that come."""
+        left = limit
+        for item in self.source:
+            if isinstance(item, Rejected) and item.is_repetition:
+                self._repetitions.append(item)
+                self.reasons.setdefault(item.status, item.reason)
+            elif item.sequence > last:
+                yield item
+                left = None if left is None else left - 1
+            if left == 0:
+                return
 
     def take_all(self, items: Iterable[Block | Rejected], pace: float | None) -> None:
         """Take and commit all items at ``pace``; raise ConfigError for a block that does not fit."""
@@ -193,6 +207,7 @@ class _Run:
             if len(self._records) >= (_BATCH_BLOCKS if pace is None else 1):
                 self._commit()
         self._commit()
+        self.store.recount_refusals(self.settings.name, self._repetitions)
 
     def _take(self, item: Block | Rejected) -> None:
         truth_of = getattr(self.source, "truth", None)
@@ -248,12 +263,19 @@ class _Run:
         rejected = {status: number for status, number in counts.items() if status in REJECTIONS}
         flagged = {status: number for status, number in counts.items() if status in FLAGS}
         dating: Dating | None = getattr(self.source, "dating", None)
+        met = self.source.files() if isinstance(self.source, FileSource) else None
+        ignored = 0 if met is None else met.ignored
+        # Blocks, files that gave none, and files of another format.
+        offered = max(len(self.source), blocks) + ignored
         return {
             "blocks": blocks,
             "accepted": blocks - sum(rejected.values()),
             "flagged": flagged,
             "rejected": rejected,
-            "pending": max(len(self.source), blocks) - blocks,
+            "ignored": self.source.ignored() if isinstance(self.source, FileSource) else {},
+            "offered": offered,
+            "pending": offered - blocks - ignored,
+            "files": None if met is None else {key: getattr(met, key) for key in _FILE_COUNTS},
             "seconds": seconds,
             "blocks_per_second": self.taken / seconds if seconds > 0 else None,
             "records": [str(file) for file in files],

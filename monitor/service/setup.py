@@ -192,7 +192,7 @@ def _channel_settings(
         name=channel.name,
         bearing=config.bearing_of(channel),
         unit=channel.unit,
-        scale=channel.scale,
+        scale=1.0 if channel.scale is None else channel.scale,
         sensitivity_mv_per_g=channel.sensitivity_mv_per_g,
         signal_range=signal_range,
         samples=samples,

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 
-from models.errors import SpallwatchError
 from streams.block import Block, Rejected
 from streams.datasets import FileFacts
 from streams.dating import UndatedError
-from streams.files import path_within, read_guarded, unpacked_name
-from streams.folder.listing import Stat, stat_file, unshown
+from streams.files import unpacked_name
+from streams.folder.listing import stat_file, unshown
+from streams.folder.raw import Raw, UnfinishedError, is_more_of, read_raw
 from streams.folder.register import ARCHIVED, MAX_INCOMPLETE_S, Entry, Order, Register
-from streams.load import Loader, content_hash
-from streams.readers.complete import whole_part
+from streams.load import Loader, renamed
 from streams.reblock import Cut, Numbering, Reblocker
 from streams.samples import ReaderError, Samples
-from streams.source import ACCEPTED, HEAD_BYTES, PENDING, Delivery, FileProgress, Ledger
+from streams.source import ACCEPTED, PENDING, Delivery, FileProgress, Ledger
 from streams.spec import SourceSpec
 
 _MAX_AHEAD_FILES = 8
@@ -29,65 +27,11 @@ _MAX_WAIT_S = {"incomplete": MAX_INCOMPLETE_S, "empty": MAX_INCOMPLETE_S}
 # A side-car may be written after its file.
 _RETRIED = ("unreadable", "short", "wrong_shape", "wrong_rate", "wrong_unit")
 _MAX_RETRY_SETTLES = 10.0
-_REFUSED = ("duplicate", "changed")
 _GROWS = ("csv", "tdms")
 """Formats whose files are appended to while they are read."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Raw:
-    """The bytes of a file as stored, and its progress without samples."""
-
-    data: bytes
-    progress: FileProgress
-
-
-class _UnfinishedError(SpallwatchError):
-    """A file changed while it was read; ``stat`` is its new status, None if removed."""
-
-    def __init__(self, stat: Stat | None) -> None:
-        """Keep the present status."""
-        super().__init__("changed while it was read")
-        self.stat = stat
-
-
-def _read_raw(root: Path, entry: Entry, growing: str | None) -> _Raw:
-    """Return the bytes of a file; of a ``growing`` format those whose samples are final.
-
-    Raises:
-        ReaderError: as :func:`streams.files.read_guarded`, but for a file that changes.
-        _UnfinishedError: it has changed since it was selected.
-    """
-    if not entry.stat.regular:
-        path_within(root, entry.path)
-        raise ReaderError("refused", f"{entry.key}: a link, a pipe or a device, not a regular file")
-    try:
-        data = read_guarded(root, entry.path, may_grow=growing is not None)
-    except ReaderError as error:
-        after = stat_file(str(root), entry.path)
-        if error.status == "changed" or after is None:
-            raise _UnfinishedError(after) from error
-        raise
-    after = stat_file(str(root), entry.path)
-    if after is None or (after != entry.stat and growing is None):
-        raise _UnfinishedError(after)
-    size = len(data)
-    if growing is not None:
-        data = whole_part(data, growing)
-    digest = content_hash(data)
-    head = content_hash(data[:HEAD_BYTES])
-    return _Raw(data, FileProgress(entry.key, size, after.mtime_ns, after.inode, head, digest, len(data)))
-
-
-def _is_more_of(raw: _Raw, known: FileProgress) -> bool:
-    """Return whether a file begins with all the known bytes of another, or equals it."""
-    if known.content_hash == raw.progress.content_hash:
-        return True
-    longer = 0 < known.read_bytes < len(raw.data)
-    return longer and content_hash(raw.data[: known.read_bytes]) == known.content_hash
-
-
-_Loaded = tuple[Entry, _Raw, FileFacts, Samples]
+_Loaded = tuple[Entry, Raw, FileFacts, Samples]
 
 
 class Intake:
@@ -105,6 +49,7 @@ class Intake:
         self._grows = self._reblocker is not None and loader.data_set.name in _GROWS
         self._period = spec.block_s if self._grows and spec.block_s != "file" else None
         self._uncommitted: dict[int, str] = {}
+        self._contents: dict[str, Entry] = {}
         highest, began, dater = ledger.committed(spec.name), ledger.began(spec.name), loader.dater
         self._dated_by = None if dater is None else (dater.choice.by, dater.choice.order)
         self._numbers = Numbering(spec.name, highest, began, None if dater is None else dater.place_time)
@@ -142,14 +87,19 @@ class Intake:
     def acknowledge(self, delivery: Delivery) -> None:
         """Record that a delivery is committed."""
         item = delivery.item
-        if not (isinstance(item, Rejected) and item.status in _REFUSED):
+        if not (isinstance(item, Rejected) and item.is_repetition):
             self._uncommitted.pop(item.sequence, None)
         entries: tuple[Entry, ...] = delivery.token
         for entry, progress in zip(entries, delivery.progress, strict=True):
             entry.outstanding -= 1
             entry.base = progress
             if not entry.outstanding and entry.phase == "delivered" and progress.verdict != PENDING:
-                self._register.finish(entry, progress)
+                self._finish(entry, progress)
+
+    def _finish(self, entry: Entry, progress: FileProgress) -> None:
+        if self._contents.get(progress.content_hash) is entry:
+            del self._contents[progress.content_hash]
+        self._register.finish(entry, progress)
 
     def _load(self, entry: Entry, now: float) -> _Loaded | None:
         """Read a file; None where it waits, is known already or is rejected."""
@@ -159,18 +109,18 @@ class Intake:
             self._register.remove(entry, entry.counted)
             return None
         growing = self._grows and not entry.whole and unpacked_name(entry.path) == entry.path
-        raw: _Raw | None = None
+        raw: Raw | None = None
         try:
             if entry.absent is not None:
                 raise ReaderError("unreadable", f"{entry.key}: is gone, before all of it could be read")
             entry.read_at = now
-            raw = _read_raw(self._loader.root, entry, self._loader.data_set.name if growing else None)
+            raw = read_raw(self._loader.root, entry, self._loader.data_set.name if growing else None)
             if self._resolve_known(entry, raw, facts):
                 return None
             samples = self._loader.load(
                 *(raw.data, entry.path, facts, entry.key), changed=raw.progress.mtime_ns / 1e9, whole=not growing
             )
-        except _UnfinishedError as error:
+        except UnfinishedError as error:
             self._requeue(entry, error, now)
             return None
         except UndatedError as error:
@@ -189,7 +139,10 @@ class Intake:
             # The ledger failed; the file keeps its place.
             self._register.queue(entry)
             raise
-        return None if self._is_reordered(entry) else (entry, raw, facts, samples)
+        if self._is_reordered(entry):
+            return None
+        self._contents[raw.progress.content_hash] = entry
+        return entry, raw, facts, samples
 
     def _is_reordered(self, entry: Entry) -> bool:
         """Return whether this file settled what dates the files, and others may come before it now."""
@@ -214,7 +167,7 @@ class Intake:
         """Return whether later files were taken already; a rejection must not cut them."""
         return self._latest_order is not None and entry.order < self._latest_order
 
-    def _requeue(self, entry: Entry, error: _UnfinishedError, now: float) -> None:
+    def _requeue(self, entry: Entry, error: UnfinishedError, now: float) -> None:
         entry.changed, entry.closed = now, False
         if error.stat is None:
             entry.absent = now
@@ -222,7 +175,7 @@ class Intake:
             entry.stat = error.stat
         self._register.queue(entry)
 
-    def _reject(self, entry: Entry, raw: _Raw | None, facts: FileFacts, error: ReaderError) -> None:
+    def _reject(self, entry: Entry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
         self._emit_batch()
         if self._loader.dater is not None and entry.path in self._loader.dater.conflicts:
             self._loader.dater.forget(entry.path)
@@ -239,10 +192,10 @@ class Intake:
         progress = replace(
             known, path=entry.key, size=stat.size, mtime_ns=stat.mtime_ns, inode=stat.inode, verdict=status
         )
-        error = ReaderError(status, _printable(str(error)))
+        error = renamed(ReaderError(status, str(error)), entry.path, entry.key)
         self._deliver(self._numbers.rejected(entry.key, error, digest, number), [(entry, progress)])
 
-    def _resolve_known(self, entry: Entry, raw: _Raw, facts: FileFacts) -> bool:
+    def _resolve_known(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
         """Compare with known content; return whether the file has nothing new."""
         last = entry.read or entry.base
         if last is not None:
@@ -252,7 +205,7 @@ class Intake:
                 self._ledger.remember(self.name, [progress])
                 self._register.finish(entry, progress)
                 return True
-            if touched or (self._grows and _is_more_of(raw, last)):
+            if touched or (self._grows and is_more_of(raw, last)):
                 entry.fed = max(entry.fed, 0 if entry.base is None else entry.base.samples)
                 return False
             self._emit_batch()
@@ -261,11 +214,17 @@ class Intake:
             self._register.renew(entry)
         return self._resolve_copy(entry, raw, facts) or self._refuse_taken_number(entry, raw, facts)
 
-    def _resolve_copy(self, entry: Entry, raw: _Raw, facts: FileFacts) -> bool:
+    def _resolve_copy(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
         """Adopt a renamed file or reject a copy; return whether it is one."""
         digest = raw.progress.content_hash
+        first = self._waiting_with(digest)
+        if first is not None and first is not entry and not self._is_constant(entry, raw, facts):
+            self._refuse_copy(entry, raw, first.key, 0 if first.base is None else first.base.samples)
+            return True
         for known in self._ledger.files_like(self.name, raw.progress.head_hash, digest):
-            if known.path == entry.key or known.verdict == PENDING or not known.samples or not _is_more_of(raw, known):
+            if known.path == entry.key or not known.samples or not is_more_of(raw, known):
+                continue
+            if known.verdict == PENDING and (known.content_hash != digest or self._is_gone(known)):
                 continue
             if known.content_hash != digest:
                 if self._grows:
@@ -283,14 +242,35 @@ class Intake:
                 return True
             if self._is_constant(entry, raw, facts):
                 continue
-            reason = f"{entry.key}: holds the same bytes as {known.path.partition(ARCHIVED)[0]}"
-            number = self._ledger.known(self.name, digest) or max(1, self._ledger.committed(self.name))
-            rejected = Rejected(self.name, number, entry.key, "duplicate", reason, digest)
-            self._deliver(rejected, [(entry, replace(raw.progress, samples=known.samples, verdict="duplicate"))])
+            self._refuse_copy(entry, raw, known.path.partition(ARCHIVED)[0], known.samples)
             return True
         return False
 
-    def _is_constant(self, entry: Entry, raw: _Raw, facts: FileFacts) -> bool:
+    def _is_gone(self, known: FileProgress) -> bool:
+        waiting = self._register.waiting.get(unshown(known.path))
+        return waiting is None or waiting.absent is not None
+
+    def _waiting_with(self, digest: str) -> Entry | None:
+        """Return the file with this content that is read but not committed as a whole, unless it is gone."""
+        entry = self._contents.get(digest)
+        if entry is None:
+            return None
+        current = entry.read is None or entry.read.content_hash == digest
+        if current and entry.absent is None and self._register.waiting.get(entry.path) is entry:
+            return entry
+        del self._contents[digest]
+        return None
+
+    def _refuse_copy(self, entry: Entry, raw: Raw, original: str, samples: int) -> None:
+        # The original comes first, though it may have been read ahead only.
+        self._emit_batch()
+        digest = raw.progress.content_hash
+        number = self._ledger.known(self.name, digest) or max(1, self._numbers.highest)
+        reason = f"{entry.key}: holds the same bytes as {original}"
+        rejected = Rejected(self.name, number, entry.key, "duplicate", reason, digest)
+        self._deliver(rejected, [(entry, replace(raw.progress, samples=samples, verdict="duplicate"))])
+
+    def _is_constant(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
         """Return whether all samples are equal: identical files of a dead sensor."""
         try:
             values = self._loader.load_undated(raw.data, entry.path, facts, entry.key).values
@@ -298,7 +278,7 @@ class Intake:
             return False
         return bool(np.all(values == values[:, :1]))
 
-    def _refuse_taken_number(self, entry: Entry, raw: _Raw, facts: FileFacts) -> bool:
+    def _refuse_taken_number(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
         """Reject a file whose number another block has; return whether it did."""
         number, digest = self._number_of(facts), raw.progress.content_hash
         if number is None or self._is_free(number):
@@ -317,7 +297,7 @@ class Intake:
     def _is_free(self, number: int) -> bool:
         return number not in self._uncommitted and self._ledger.content_of(self.name, number) is None
 
-    def _emit(self, entry: Entry, raw: _Raw, facts: FileFacts, samples: Samples) -> None:
+    def _emit(self, entry: Entry, raw: Raw, facts: FileFacts, samples: Samples) -> None:
         """Deliver the blocks of a file."""
         entry.read, entry.total = raw.progress, samples.values.shape[1]
         self._latest_order = entry.order if self._latest_order is None else max(self._latest_order, entry.order)
@@ -359,7 +339,7 @@ class Intake:
             # A growing file was read and had nothing new.
             progress = replace(entry.read, path=entry.key, samples=entry.total, verdict=ACCEPTED)
             self._ledger.remember(self.name, [progress])
-            self._register.finish(entry, progress)
+            self._finish(entry, progress)
         entry.phase = "delivered"
 
     def _deliver_cuts(self, cuts: Iterable[Cut]) -> None:
@@ -380,7 +360,7 @@ class Intake:
             yield entry, replace(entry.read, path=entry.key, samples=end, verdict=verdict)
 
     def _deliver(self, item: Block | Rejected, pairs: list[tuple[Entry, FileProgress]]) -> None:
-        if not (isinstance(item, Rejected) and item.status in _REFUSED):
+        if not (isinstance(item, Rejected) and item.is_repetition):
             self._uncommitted[item.sequence] = item.content_hash
             self._numbers.note(item)
         for entry, _ in pairs:
@@ -388,8 +368,3 @@ class Intake:
             if entry.phase != "held":
                 entry.phase = "delivered"
         self.ready.append(Delivery(item, tuple(entry for entry, _ in pairs), tuple(progress for _, progress in pairs)))
-
-
-def _printable(text: str) -> str:
-    """Replace characters that cannot be printed by question marks."""
-    return "".join(character if character.isprintable() else "?" for character in text)

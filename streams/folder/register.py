@@ -10,7 +10,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from streams.files import natural_key
 from streams.folder.listing import Stat, shown, unshown
+from streams.readers.sidecar import is_sidecar
 from streams.samples import Origin
 from streams.source import ACCEPTED, PENDING, Backlog, FileProgress, Ledger
 
@@ -80,11 +82,12 @@ class Register:
         for a file of another kind.
         """
         self.waiting: dict[str, Entry] = {}
-        self.ignored: set[str] = set()
+        self._others: set[str] = set()
+        self._ignored: list[str] = []
         self._source, self._ledger, self._settle = source, ledger, settle_s
         self._order_of = order_of
         self._done: dict[str, FileProgress] = {}
-        self._heap: list[tuple[Order, int, Entry]] = []
+        self._heap: list[tuple[Order, str, int, Entry]] = []
         self._deferred: dict[str, Entry] = {}
         self._tie = itertools.count()
         self._lock = threading.Lock()
@@ -113,7 +116,8 @@ class Register:
             self.observe(path, stat, now)
         for path in gone:
             self._done.pop(path, None)
-        self.ignored &= listing.keys()
+        self._others &= listing.keys()
+        self._note_ignored()
         for path, entry in self.waiting.items():
             if path in listing:
                 entry.absent = None
@@ -125,14 +129,14 @@ class Register:
         entry = self.waiting.get(path)
         if entry is None:
             done = self._done.get(path)
-            if path in self.ignored or (done is not None and _same(done, stat)):
+            if path in self._others or (done is not None and _same(done, stat)):
                 return
             known = done or self._ledger.file(self._source, shown(path))
             if known is not None and known.verdict != PENDING and _same(known, stat):
                 self._done[path] = known
                 return
             if known is None and self._order_of(path) is None:
-                self.ignored.add(path)
+                self._others.add(path)
                 return
             self._done.pop(path, None)
             entry = self._enter(path, stat, now, known)
@@ -160,11 +164,25 @@ class Register:
             if order is None and entry.base is None:
                 del self.waiting[path]
                 self._deferred.pop(path, None)
-                self.ignored.add(path)
+                self._others.add(path)
                 continue
             entry.order = order or entry.order
             if entry.phase == "queued":
                 self.queue(entry)
+        self._note_ignored()
+
+    def _note_ignored(self) -> None:
+        """List the files of another format that are no side-cars, where that has changed."""
+        named = {path.removesuffix(".json") for path in self._others}
+        recordings = {path for path in named if path in self.waiting or path in self._done}
+        ignored = {path for path in self._others if not is_sidecar(path, recordings)}
+        if len(ignored) != len(self._ignored) or not ignored.issuperset(self._ignored):
+            self._ignored = sorted(ignored, key=natural_key)
+
+    @property
+    def ignored(self) -> list[str]:
+        """The paths of the files that are ignored, as of the latest listing, in natural order."""
+        return self._ignored
 
     def _enter(self, path: str, stat: Stat, now: float, known: FileProgress | None) -> Entry:
         order = self._order_of(path) or ()
@@ -217,7 +235,7 @@ class Register:
         """Put a file in the queue, at its place in the order."""
         self._deferred.pop(entry.path, None)
         entry.phase = "queued"
-        heapq.heappush(self._heap, (entry.order, next(self._tie), entry))
+        heapq.heappush(self._heap, (entry.order, entry.path, next(self._tie), entry))
 
     def defer(self, entry: Entry, due: float) -> None:
         """Skip a file until it changes, or until ``due``."""
@@ -257,11 +275,11 @@ class Register:
         self._requeue_due(now)
         if self._is_copying(now):
             return None
-        passed: list[tuple[Order, int, Entry]] = []
+        passed: list[tuple[Order, str, int, Entry]] = []
         found: Entry | None = None
         while self._heap:
             item = heapq.heappop(self._heap)
-            entry = item[2]
+            entry = item[3]
             if entry.phase != "queued" or self.waiting.get(entry.path) is not entry:
                 continue
             if entry.absent is not None and now - entry.absent < MAX_INCOMPLETE_S:
@@ -344,9 +362,9 @@ class Register:
         with self._lock:
             pending = len(self.waiting)
             first = next(iter(self.waiting.values()), None)
-            accepted, rejected = self._accepted, self._rejected
+            accepted, rejected, ignored = self._accepted, self._rejected, len(self._ignored)
         age = 0.0 if first is None else max(0.0, now - first.seen)
-        return Backlog(accepted + rejected + pending, accepted, rejected, pending, age)
+        return Backlog(accepted + rejected + ignored + pending, accepted, rejected, pending, age, ignored)
 
 
 def _same(progress: FileProgress, stat: Stat) -> bool:

@@ -15,17 +15,19 @@ from streams.datasets import DataSet
 from streams.dating import Dater, Dating, kept_dating
 from streams.files import Folder, check_readable, natural_key
 from streams.folder.intake import Intake
-from streams.folder.listing import is_skipped, list_files, stat_file
+from streams.folder.listing import Stat, is_skipped, list_files, shown, stat_file
 from streams.folder.register import MAX_INCOMPLETE_S, Order, Register
 from streams.folder.watch import Watch
 from streams.load import Loader, is_cut, is_dated_by_choice
 from streams.recognise import data_set_of
-from streams.source import Backlog, Delivery, Ledger, LiveSource
+from streams.source import MAX_IGNORED_NAMES, Backlog, Delivery, Ledger, LiveSource
 from streams.spec import SourceError, SourceSpec
 
 _LOG = logging.getLogger(__name__)
 _MIN_PAUSE_SCANS = 20.0
 """Pause after a scan, in durations of the scan."""
+_RETRY_S = 30.0
+"""Time after which files of no known format are read again though they have not changed."""
 _OVERFLOW_SHOWN_S = 60.0
 """Time for which lost events are shown as a problem."""
 
@@ -64,6 +66,8 @@ class FolderSource(LiveSource):
         self._identity: tuple[int, int] | None = None
         self._problem: str | None = None
         self._unknown: str | None = None
+        self._tried: dict[str, Stat] = {}
+        self._retry = 0.0
         self._next_scan = 0.0
         self._overflows = 0
         self._overflowed: float | None = None
@@ -125,6 +129,11 @@ class FolderSource(LiveSource):
     def backlog(self) -> Backlog:
         """Return the counts of files."""
         return self._register.backlog(self._clock.monotonic())
+
+    def ignored(self) -> dict[str, str]:
+        """Return why files of another format are ignored, by name; at most ``MAX_IGNORED_NAMES``."""
+        reason = "" if self._loader is None else self._loader.ignored
+        return {shown(path): reason for path in self._register.ignored[:MAX_IGNORED_NAMES]}
 
     def problem(self) -> str | None:
         """Return why the folder gives nothing, or that events were lost, or None."""
@@ -210,7 +219,7 @@ class FolderSource(LiveSource):
                 keep=lambda choice: self._open_ledger.keep_dating(self.name, choice.to_dict()),
                 names=lambda: self._register.paths(),
             )
-        self._loader = Loader(self._spec, data_set, self._real, live=True, dater=dater)
+        self._loader = Loader(self._spec, data_set, self._real, dater=dater)
 
     def _order_of(self, path: str) -> Order | None:
         if self._loader is None:
@@ -225,17 +234,19 @@ class FolderSource(LiveSource):
             if now - (entry.absent or 0.0) >= MAX_INCOMPLETE_S:
                 _LOG.warning("source %s: %s is gone before it could be recognised", self.name, entry.key)
                 register.remove(entry, None)
-        tried = [
-            entry.path
+        ready = {
+            entry.path: entry.stat
             for entry in register.waiting.values()
-            if entry.stat.regular and entry.stat.size > 0 and register.is_settled(entry, now) and entry.absent is None
-        ][:3]
-        if not tried:
+            if register.is_settled(entry, now)
+            and entry.absent is None
+            and ((entry.stat.regular and entry.stat.size > 0) or now - entry.changed >= MAX_INCOMPLETE_S)
+        }
+        if not ready or (ready == self._tried and now < self._retry):
             return False
         try:
-            self._load_as(data_set_of(self._spec, Folder(self._real, tried), "auto"))
+            self._load_as(data_set_of(self._spec, Folder(self._real, sorted(ready, key=natural_key)), "auto"))
         except SourceError as error:
-            self._unknown = str(error)
+            self._unknown, self._tried, self._retry = str(error), ready, now + _RETRY_S
             return False
         self._unknown = None
         register.reorder()

@@ -17,16 +17,18 @@ from numpy.typing import NDArray
 
 from streams.readers.complete import hdf5_size
 from streams.readers.stated import (
+    STORED,
     Facts,
     check_lengths,
     common_rate,
     known_unit,
     plain_key,
+    scaled_integers,
     stated_rate,
     stated_time,
     stated_unit,
 )
-from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of, stack_rows
+from streams.samples import MAX_BYTES, VALUES, ReaderError, Samples, rows_of, stack_rows
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _HIDDEN = "#"
@@ -73,7 +75,8 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
             shape = item.dataset.shape
             if not shape or max(shape) < 2 or item.dataset.dtype.kind not in "fiu":
                 continue
-            arrays.append((item.path, rows_of(load(item, name), f"{name}: data set {item.path}"), item.facts))
+            array, facts = scaled_integers(load(item, name), item.facts)
+            arrays.append((item.path, rows_of(array, f"{name}: data set {item.path}"), facts))
             counts = [(len(rows), rows.nbytes) for _, rows, _ in arrays]
             if sum(count for count, _ in counts) > _MAX_OBJECTS or sum(size for _, size in counts) > MAX_BYTES:
                 raise ReaderError("refused", f"{name}: claims more than {MAX_BYTES} bytes when loaded")
@@ -111,6 +114,7 @@ def join_arrays(arrays: Sequence[tuple[str, NDArray[np.floating], Facts]], name:
         start=next((start for start, _ in times if start is not None), None),
         stamp=next((stamp for _, stamp in times if stamp is not None), None),
         units=tuple(known_unit(stated_unit(item)) for item in facts),
+        stored=tuple(str(item.get(STORED, VALUES)) for item in facts),
     )
 
 

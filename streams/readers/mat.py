@@ -15,7 +15,8 @@ import scipy.io
 from numpy.typing import NDArray
 
 from streams.readers.hdf5 import SIGNATURE, attributes, join_arrays, load, open_hdf5, walk
-from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of
+from streams.readers.stated import STORED
+from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of, stored_as
 
 _COMPRESSED = 15
 _MAX_RECORDS = 256
@@ -119,7 +120,8 @@ def load_mat(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDArr
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            loaded = scipy.io.loadmat(io.BytesIO(data), variable_names=wanted, squeeze_me=False)
+            # MATLAB stores doubles that are whole numbers as integers: mat_dtype restores their class.
+            loaded = scipy.io.loadmat(io.BytesIO(data), variable_names=wanted, squeeze_me=False, mat_dtype=True)
     except Exception as error:  # As above.
         raise ReaderError("unreadable", f"{name}: not a readable MAT file ({error})") from error
     values: dict[str, NDArray[np.generic]] = {}
@@ -176,7 +178,7 @@ def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Sample
         ReaderError: as :func:`mat_variables`; ``wrong_shape`` where no vector matches or their lengths differ.
     """
     arrays = [
-        (key, rows_of(array, f"{name}: variable {key}"), {})
+        (key, rows_of(array, f"{name}: variable {key}"), {STORED: stored_as(array.dtype)})
         for key, array in load_mat(data, name, patterns).items()
         if array.dtype.kind in "fiu" and array.size > 1
     ]

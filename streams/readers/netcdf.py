@@ -13,8 +13,8 @@ import scipy.io
 from numpy.typing import NDArray
 
 from streams.readers.hdf5 import Found, join_arrays, load, open_hdf5, walk
-from streams.readers.stated import Facts, plain_key, rate_of_times, seconds_utc, stated_rate
-from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of
+from streams.readers.stated import STORED, Facts, plain_key, rate_of_times, seconds_utc, stated_rate
+from streams.samples import MAX_BYTES, SCALED, ReaderError, Samples, rows_of, stored_as
 
 _TIMES = ("time", "t")
 
@@ -42,6 +42,7 @@ def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str 
         )
         if not wanted or array.dtype.kind not in "fiu" or array.size < 2:
             continue
+        facts = {**facts, STORED: _stored(array, facts)}
         rows = rows_of(_unpacked(array, facts), f"{name}: variable {key}")
         both = {**time, **facts} if rows.shape[1] == time.get("length") else facts
         chosen.append((key, rows, both))
@@ -96,6 +97,11 @@ def _facts(values: dict[str, Any]) -> dict[str, object]:
         elif array.size == 1 and array.dtype.kind in "fiu":
             facts[plain_key(key)] = float(array[0])
     return facts
+
+
+def _stored(array: NDArray[Any], facts: Facts) -> str:
+    packed = any(isinstance(facts.get(key), float) for key in ("scalefactor", "addoffset"))
+    return SCALED if packed and array.dtype.kind in "iu" else stored_as(array.dtype)
 
 
 def _unpacked(array: NDArray[Any], facts: Facts) -> NDArray[Any]:

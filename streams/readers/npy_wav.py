@@ -9,9 +9,10 @@ import numpy as np
 import soundfile
 
 from streams.readers.complete import npy_header
-from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of
+from streams.samples import FRACTIONS, MAX_BYTES, VALUES, ReaderError, Samples, rows_of, stored_as
 
 _EXACT_IN_FLOAT32 = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "FLOAT", "ALAW", "ULAW")
+_FLOATING = ("FLOAT", "DOUBLE")
 
 
 def read_npy(data: bytes, name: str) -> Samples:
@@ -42,14 +43,15 @@ def read_npy(data: bytes, name: str) -> Samples:
         raise ReaderError("unreadable", f"{name}: the header promises {declared} bytes, {present} follow it")
     array = np.frombuffer(data, dtype, prod(shape), stream.tell()).reshape(shape, order="F" if fortran_order else "C")
     # Where the writer did not pad the header, the samples begin at any byte.
-    return Samples(rows_of(array if array.flags.aligned else array.copy(), name))
+    rows = rows_of(array if array.flags.aligned else array.copy(), name)
+    return Samples(rows, stored=(stored_as(dtype),) * len(rows))
 
 
 def read_wav(data: bytes, name: str) -> Samples:
     """Read a WAV or FLAC file, with the rate of its header.
 
-    Integer samples are given as fractions of full scale, -1 to 1, float32 up to 24 bits, else float64; the
-    configuration states what full scale means (``scale``). Floating samples are given as stored.
+    Integer samples are given as ``FRACTIONS`` of full scale, -1 to 1, float32 up to 24 bits, else float64. Floating
+    samples are given as stored.
 
     Raises:
         ReaderError: ``empty``; ``unreadable``; ``incomplete`` where the header promises more than there is; ``refused``
@@ -61,6 +63,7 @@ def read_wav(data: bytes, name: str) -> Samples:
     try:
         with soundfile.SoundFile(io.BytesIO(data)) as sound:
             dtype = "float32" if sound.subtype in _EXACT_IN_FLOAT32 else "float64"
+            stored = VALUES if sound.subtype in _FLOATING else FRACTIONS
             declared = sound.frames * sound.channels * np.dtype(dtype).itemsize
             if declared > MAX_BYTES:
                 raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
@@ -72,7 +75,7 @@ def read_wav(data: bytes, name: str) -> Samples:
         raise ReaderError("incomplete", f"{name}: the header promises {frames} frames, {len(samples)} are there")
     if not len(samples):
         raise ReaderError("empty", f"{name}: holds no samples")
-    return Samples(np.ascontiguousarray(samples.T, dtype=dtype), rate=rate)
+    return Samples(np.ascontiguousarray(samples.T, dtype=dtype), rate=rate, stored=(stored,) * samples.shape[1])
 
 
 def _check_riff(data: bytes, name: str) -> None:

@@ -11,6 +11,7 @@ import json
 import os
 import sys
 import tomllib
+from collections.abc import Container
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -20,7 +21,7 @@ import numpy as np
 
 from streams.files import read_guarded
 from streams.readers.stated import seconds_utc
-from streams.samples import ReaderError, Samples
+from streams.samples import SCALED, VALUES, ReaderError, Samples
 from streams.spec import UNITS
 
 FOLDER_NAMES = ("spallwatch.json", "spallwatch.toml")
@@ -43,6 +44,13 @@ class SideCar:
     speed: float | None = None
     load: float | None = None
     channels: tuple[str, ...] | None = None
+
+
+def is_sidecar(path: str, recordings: Container[str]) -> bool:
+    """Return whether a file is a side-car, of its folder or of one of some recordings."""
+    return path.rpartition("/")[2] in FOLDER_NAMES or (
+        path.endswith(".json") and path.removesuffix(".json") in recordings
+    )
 
 
 def find_sidecar(root: Path, path: str, zone: str = "UTC") -> SideCar | None:
@@ -125,6 +133,10 @@ def _channels(values: dict[str, Any], path: str) -> tuple[str, ...] | None:
     return tuple(value)
 
 
+def _scaled(stored: str) -> str:
+    return VALUES if stored == VALUES else SCALED
+
+
 def apply_sidecar(samples: Samples, sidecar: SideCar, name: str) -> Samples:
     """Add what a side-car states to the samples of its file, scaled or converted to g.
 
@@ -161,4 +173,5 @@ def apply_sidecar(samples: Samples, sidecar: SideCar, name: str) -> Samples:
         load=samples.load if samples.load is not None else sidecar.load,
         units=units,
         scaled=samples.scaled or sidecar.scale is not None or sidecar.sensitivity_mv_per_g is not None,
+        stored=samples.stored if sidecar.scale is None else tuple(map(_scaled, samples.stored)),
     )

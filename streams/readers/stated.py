@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.samples import RATE_TOLERANCE, ReaderError
+from streams.samples import COUNTS, RATE_TOLERANCE, SCALED, ReaderError, stored_as
 from streams.stamps import CLOCK, DATE, Stamp, read_stamp
 
 _UNITS = {
@@ -45,6 +46,8 @@ _UNIT_KEYS = ("unit", "units", "unitstring", "niunitdescription", "engineeringun
 _KILO = {"khz": 1e3, "hz": 1.0, "mhz": 1e6, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0, "s/s": 1.0, "": 1.0}
 
 Facts = Mapping[str, object]
+STORED = "stored as"
+"""Key among the facts of an array for how its numbers are stored; the blank keeps it apart from plain keys."""
 
 
 def plain_key(key: str) -> str:
@@ -120,6 +123,20 @@ def nice_rate(rate: float, tolerance: float) -> float:
 def stated_unit(facts: Facts) -> str | None:
     """Find the unit among named values, as :func:`known_unit` gives it."""
     return next((unit for key in _UNIT_KEYS if (unit := known_unit(facts.get(key))) is not None), None)
+
+
+def scaled_integers(array: NDArray[Any], facts: Facts) -> tuple[NDArray[Any], Facts]:
+    """Apply ``scale_factor`` or ``scale``, and ``add_offset``, to integers; add to the facts how they are stored."""
+    stored = stored_as(array.dtype)
+    scale, offset = (_finite(facts, key) for key in (("scalefactor", "scale"), ("addoffset",)))
+    if stored == COUNTS and scale:
+        array, stored = array * scale + (offset or 0.0), SCALED
+    return array, {**facts, STORED: stored}
+
+
+def _finite(facts: Facts, keys: Sequence[str]) -> float | None:
+    """Return the first finite number under some keys, or None."""
+    return next((v for key in keys if isinstance(v := facts.get(key), float) and math.isfinite(v)), None)
 
 
 def stated_time(facts: Facts, zone: str) -> tuple[float | None, str | None]:

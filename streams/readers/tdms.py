@@ -21,7 +21,7 @@ from streams.readers.stated import (
     stated_rate,
     stated_unit,
 )
-from streams.samples import MAX_BYTES, ReaderError, Samples, stack_rows
+from streams.samples import MAX_BYTES, ReaderError, Samples, stack_rows, stored_as
 
 _LEAD_IN = 28
 _OPEN_END = 0xFFFFFFFFFFFFFFFF
@@ -58,6 +58,7 @@ def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
             rows = [np.asarray(channel[:]) for channel in wanted]
             properties = [{plain_key(str(k)): v for k, v in channel.properties.items()} for channel in wanted]
             lengths = [len(channel) for channel in wanted]
+            types = [row.dtype for row in rows]
             titles = [(str(channel.group_name), str(channel.name)) for channel in wanted]
     except ReaderError:
         raise
@@ -77,6 +78,7 @@ def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
         rate=common_rate(rates, "channels", name),
         start=_start(properties, zone),
         units=tuple(known_unit(stated_unit(facts)) for facts in properties),
+        stored=tuple(stored_as(dtype) for dtype in types),
     )
 
 

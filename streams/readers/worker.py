@@ -21,7 +21,7 @@ import numpy as np
 
 from streams.samples import MAX_BYTES, ReaderError, Samples
 
-_FIELDS = ("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp")
+_FIELDS = ("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp", "stored")
 
 
 def main() -> None:

@@ -245,7 +245,7 @@ def test_matrix_in_a_recording(name: str, tmp_path: Path) -> None:
     assert summary["pending"] == 0
     assert summary["accepted"] + sum(summary["rejected"].values()) == len(expected)
     with Store.open(done.store_path, machine="matrix", create=False) as store:
-        found = {record.name: record for record in store.records()}
+        found = {unshown(record.name): record for record in store.records()}
     assert set(found) == set(expected)
     wrong = {
         key: f"{found[key].status}: {found[key].reason}" for key in expected if found[key].status not in expected[key]

@@ -101,7 +101,7 @@ class Rig:
 
     def check(self) -> None:
         backlog = self.source.backlog()
-        assert backlog.offered == backlog.accepted + backlog.rejected + backlog.pending
+        assert backlog.offered == backlog.accepted + backlog.rejected + backlog.ignored + backlog.pending
 
     def samples(self) -> NDArray[np.floating]:
         """Return all samples of all blocks, one after the other."""

@@ -67,7 +67,9 @@ def test_folder_and_archive_give_the_same_blocks(tmp_path: Path) -> None:
 
 def test_archive_of_stamped_files_is_sorted_by_time(tmp_path: Path) -> None:
     names = ["2004.02.12.10.52.39", "2004.02.12.10.32.39", "2004.02.12.10.42.39"]
-    found = read(tar_file(tmp_path / "x.tar.xz", [(name, ims_text(4)) for name in names]))
+    found = read(
+        tar_file(tmp_path / "x.tar.xz", [(name, ims_text(4, 20480 - place)) for place, name in enumerate(names)])
+    )
     assert [item.name for item in found] == sorted(names)
     assert [item.elapsed for item in found if isinstance(item, Block)] == [0, 600, 1200]
 

@@ -213,8 +213,8 @@ def test_uestc_states_its_rate(tmp_path: Path) -> None:
 def test_xjtu_sy_is_recognised_by_its_header(tmp_path: Path) -> None:
     folder = tmp_path / "37.5Hz11kN" / "Bearing2_1"
     folder.mkdir(parents=True)
-    rows = "\n".join(f"{i / 8},{-i / 8}" for i in range(32768))
     for number in (2, 10):
+        rows = "\n".join(f"{i / 8},{-i * number / 16}" for i in range(32768))
         (folder / f"{number}.csv").write_text(f"Horizontal_vibration_signals,Vertical_vibration_signals\n{rows}\n")
     found = good(blocks(folder))
     assert [block.sequence for block in found] == [2, 10]

@@ -81,7 +81,7 @@ def test_a_file_without_bytes_waits_ten_minutes(rig: Rig) -> None:
     put(rig, "b.csv", 1)
     assert verdicts(rig.run(590.0)) == [("b.csv", "accepted")]
     assert rig.source.backlog().pending == 1
-    assert verdicts(rig.run(20.0)) == [("a.csv", "incomplete")]
+    assert verdicts(rig.run(20.0)) == [("a.csv", "empty")]
     put(rig, "c.csv", 3).rename(rig.root / "a.csv")
     assert verdicts(rig.run(20.0)) == [("a.csv", "accepted")]
 
@@ -259,7 +259,7 @@ def test_numbered_files_keep_their_numbers_and_what_takes_a_number_twice_is_said
     assert isinstance(item, Rejected)
     assert (item.sequence, item.status) == (1, "duplicate")
     backlog = rig.source.backlog()
-    assert (backlog.offered, backlog.accepted, backlog.rejected) == (5, 3, 2)
+    assert (backlog.offered, backlog.accepted, backlog.rejected, backlog.ignored) == (6, 3, 2, 1)
 
 
 def test_the_kind_of_files_is_found_out_when_the_first_one_comes(tmp_path: Path) -> None:

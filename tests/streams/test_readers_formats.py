@@ -54,7 +54,7 @@ def test_same_samples_in_every_format(name: str, tmp_path: Path) -> None:
     rate = None if name in STATES_RATE else RATE
     unit = None if name in STATES_UNIT else "g"
     channels = tuple(
-        ChannelSpec(f"acc_{i}", column=i if name.endswith((".npy", ".wav", ".flac")) else None, unit=unit)
+        ChannelSpec(f"acc_{i}", column=i if name.endswith((".npy", ".wav", ".flac")) else None, unit=unit, scale=1.0)
         for i in (1, 2)
     )
     spec = SourceSpec("s", str(tmp_path / name), block_s="file", rate=rate, channels=channels)

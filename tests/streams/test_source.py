@@ -66,7 +66,7 @@ def test_folder_of_sound_files_in_natural_order(tmp_path: Path) -> None:
 
 
 def test_header_rate_and_configured_rate_must_agree(tmp_path: Path) -> None:
-    soundfile.write(tmp_path / "x.wav", np.zeros(100), 8000)
+    soundfile.write(tmp_path / "x.wav", np.zeros(100), 8000, subtype="FLOAT")
     (item,) = list(open_at(tmp_path / "x.wav", rate=16000.0, block_s="file", channels=A))
     assert isinstance(item, Rejected)
     assert item.status == "wrong_rate"

@@ -71,6 +71,7 @@ def last(config: Path, source: str = "s0") -> int:
 def test_it_says_what_it_does_until_it_stops(tmp_path: Path) -> None:
     config = make_machine(tmp_path, sources=2)
     put(config, 1)
+    (tmp_path / "in0" / "notes.md").touch()
     with running(config):
         wait_until(lambda: status(config)["sources"]["s0"]["accepted"] == 1 and status(config)["blocks"] == 2)
         found = read_status(tmp_path / "state")
@@ -78,8 +79,9 @@ def test_it_says_what_it_does_until_it_stops(tmp_path: Path) -> None:
             StatusFile.open(tmp_path / "state")
     assert found["running"]
     assert (found["status"], found["problems"], found["machine"]) == ("running", {}, "m")
-    counts = {"offered": 1, "accepted": 1, "rejected": 0, "pending": 0, "oldest_age_s": 0.0, "refused": 0}
+    counts = {"offered": 2, "accepted": 1, "rejected": 0, "pending": 0, "ignored": 1, "oldest_age_s": 0.0, "refused": 0}
     assert found["sources"]["s0"] == counts
+    assert found["ignored"] == {"s0/notes.md": "of another format than csv (*.csv, *.txt, *.tsv, *.dat, *.asc, *.lvm)"}
     first, second = found["channels"]["x0"], found["channels"]["x1"]
     assert (first["stage"], first["last_block"], first["last_block_status"]) == ("learning", 2, "ok")
     assert (first["state"], second["state"]) == ("check_function", "check_function")

@@ -60,6 +60,9 @@ class Queue:
     def backlog(self) -> Backlog:
         return Backlog(0, 0, 0, len(self.waiting), 0.0)
 
+    def ignored(self) -> dict[str, str]:
+        return {"a.md": "of another format"}
+
     def problem(self) -> str | None:
         return None if self.waiting else "dry"
 
@@ -104,6 +107,7 @@ def test_blocks_are_committed_with_their_progress_and_then_acknowledged(store: S
         steps(ingest, 4)
         assert ingest.backlogs()["s"].pending == 0
         assert ingest.problems() == {"s": "dry"}
+        assert ingest.ignored() == {"a.md": "of another format"}
     assert source.acknowledged == [1, 2, 3]
     assert source.closed
     assert [record.status for record in store.records()] == ["ok", "unreadable", "ok"]

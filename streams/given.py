@@ -1,0 +1,93 @@
+"""What a pass over a recording has met and given: repetitions, and files by verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from streams.block import Block, Rejected
+from streams.datasets import FileFacts
+from streams.folder.listing import shown
+from streams.reblock import Cut
+from streams.samples import Origin, ReaderError, Samples
+
+
+@dataclass(frozen=True, eq=False)
+class Loaded:
+    """A file with its samples, or the error in their place."""
+
+    path: str
+    facts: FileFacts
+    result: Samples | ReaderError
+    digest: str = ""
+    repeats: int = 0
+    """Number of the block that has this content or number already, else 0."""
+
+    @property
+    def name(self) -> str:
+        """The path in printable characters."""
+        return shown(self.path)
+
+
+class Given:
+    """Contents and numbers that one pass has given, so that it finds repetitions, and its files by verdict."""
+
+    def __init__(self) -> None:
+        """Begin before the first file."""
+        self.accepted = self.rejected = 0
+        self._contents: dict[str, tuple[str, int]] = {}
+        self._numbers: dict[int, str] = {}
+        self._in_blocks: set[Hashable] = set()
+
+    def unrepeated(self, loaded: Loaded, number: int | None, highest: int) -> Loaded:
+        """Return a file, or the rejection of one whose content or ``number`` came before.
+
+        Files whose samples are all equal are those of a dead sensor, and no copies.
+        """
+        if isinstance(loaded.result, Samples):
+            this, values = (loaded.name, 0), loaded.result.values
+            first = self._contents.setdefault(loaded.digest, this)
+            if first is not this and not np.all(values == values[:, :1]):
+                error = ReaderError("duplicate", f"{loaded.name}: holds the same bytes as {first[0]}")
+                return replace(loaded, result=error, repeats=first[1] or max(1, highest))
+        if number is None:
+            return loaded
+        if number not in self._numbers:
+            self._numbers[number] = loaded.digest
+            return loaded
+        same = self._numbers[number] == loaded.digest
+        reason = f"{loaded.name}: block {number} is there already" + ("" if same else ", with other samples")
+        error = ReaderError("duplicate" if same else "changed", reason)
+        if isinstance(loaded.result, ReaderError):
+            error = ReaderError("changed", str(loaded.result))
+        return replace(loaded, result=error, repeats=number)
+
+    def note_file(self, loaded: Loaded, item: Block | Rejected) -> None:
+        """Count a file that is a block or a rejection."""
+        if isinstance(item, Rejected):
+            self.rejected += 1
+        else:
+            self.accepted += 1
+            self._contents[loaded.digest] = (loaded.name, item.sequence)
+
+    def note_cut(self, cut: Cut) -> None:
+        """Count the files that end with a cut: accepted if any block has samples of them."""
+        for origin, end in cut.used:
+            if not cut.missing:
+                self._in_blocks.add(origin)
+            if isinstance(origin, Origin) and end >= origin.total:
+                accepted = origin in self._in_blocks
+                self.accepted += accepted
+                self.rejected += not accepted
+                self._in_blocks.discard(origin)
+
+
+@dataclass(eq=False)
+class Met:
+    """The files of one listing: those of the data set, those of another format, and the end of a damaged archive."""
+
+    known: dict[str, None] = field(default_factory=dict)
+    others: list[str] = field(default_factory=list)
+    damaged: int = 0
