@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from models.errors import SpallwatchError
 from streams.counting import folder_of, numbers_of, place_in_names
+from streams.folder.listing import printable
 from streams.samples import Samples
 from streams.source import ACCEPTED, Ledger
 from streams.spec import SourceError, SourceSpec
@@ -29,6 +30,10 @@ _LENGTH_TOLERANCE = 0.1
 
 class UndatedError(SpallwatchError):
     """The date of a file cannot be told yet; it waits, and the message says for what."""
+
+    def __init__(self, message: str) -> None:
+        """Keep the message in printable characters."""
+        super().__init__(printable(message))
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,7 @@ class Dating:
 
     def describe(self) -> str:
         """Return the choice in words."""
-        order = "" if self.order is None else f", {self.order.replace('_', ' ')} ({self.decided_by})"
+        order = "" if self.order is None else printable(f", {self.order.replace('_', ' ')} ({self.decided_by})")
         if self.by == "header":
             return f"by the header of each file{order}"
         if self.by == "name":
@@ -256,8 +261,8 @@ class Dater:
 
     def _remark(self, kind: str, text: str) -> None:
         if kind not in self.remarks:
-            self.remarks[kind] = text
-            _LOG.warning("source %s: %s", self._spec.name, text)
+            self.remarks[kind] = printable(text)
+            _LOG.warning("source %s: %s", self._spec.name, self.remarks[kind])
 
     def _remark_long(self, what: str, length: float, step: float) -> None:
         self._remark("long", f"{what} has {length:g} s, but {step:g} s lie between two starts: it has no date; "

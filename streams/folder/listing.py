@@ -102,6 +102,11 @@ def shown(path: str) -> str:
     return "".join(_shown(character) for character in path)
 
 
+def printable(text: str) -> str:
+    r"""Return a sentence with the paths in it in printable characters; their backslashes stay as they are."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else _shown(c) for c in text)
+
+
 def _shown(character: str) -> str:
     code = ord(character)
     if 0xDC80 <= code <= 0xDCFF:
