@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from models.errors import SpallwatchError
 from streams.counting import folder_of, numbers_of, place_in_names
-from streams.folder.listing import printable
+from streams.listing import printable
 from streams.samples import Samples
 from streams.source import ACCEPTED, Ledger
 from streams.spec import SourceError, SourceSpec

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Literal, Protocol
 
-from streams.folder.listing import Stat, is_skipped, list_files, shown, stat_file
+from streams.listing import Stat, is_skipped, list_files, shown, stat_file
 from streams.samples import MAX_BYTES, ReaderError
 from streams.spec import SourceError
 

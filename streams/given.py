@@ -9,7 +9,7 @@ import numpy as np
 
 from streams.block import Block, Rejected
 from streams.datasets import FileFacts
-from streams.folder.listing import shown
+from streams.listing import shown
 from streams.reblock import Cut
 from streams.samples import Origin, ReaderError, Samples
 

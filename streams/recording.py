@@ -11,8 +11,8 @@ from streams.block import Block, Rejected
 from streams.datasets import DataSet, FileFacts
 from streams.dating import Dater, Dating, UndatedError
 from streams.files import Files, Item, natural_key, open_files
-from streams.folder.listing import shown
 from streams.given import Given, Loaded, Met
+from streams.listing import shown
 from streams.load import Loader, content_hash, is_cut, is_dated_by_choice, renamed
 from streams.readers.sidecar import is_sidecar
 from streams.reblock import Cut, Numbering, Reblocker

@@ -21,7 +21,7 @@ class FileProgress:
     """How much of one file of a watched folder is committed.
 
     Attributes:
-        path: below the folder, as :func:`streams.folder.listing.shown` writes it.
+        path: below the folder, as :func:`streams.listing.shown` writes it.
         head_hash: digest of its first ``HEAD_BYTES``, by which candidates for the same file are found.
         content_hash: digest of its first ``read_bytes`` bytes, of which the samples were taken.
         samples: number of its samples, from the first on, in committed blocks or in a rejection.

@@ -67,7 +67,7 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
     from monitor.service.setup import source_spec
     from streams.dating import kept_dating
     from streams.files import Folder, natural_key
-    from streams.folder.listing import list_files
+    from streams.listing import list_files
     from streams.recognise import data_set_of
     from streams.recording import Recording
     from streams.spec import SourceError

@@ -14,7 +14,7 @@ from monitor.commands import option
 from monitor.commands.common import InputError, counter, emit, progress_bar, read_config, say
 from monitor.config.load import Config, validate
 from monitor.words.numbers import duration
-from streams.folder.listing import shown
+from streams.listing import shown
 
 if TYPE_CHECKING:
     from models.maps.data import RmsMap

@@ -13,7 +13,7 @@ from typing import Any, Literal, Self
 
 from models.errors import WrongInputError
 from monitor.records.archive import COLUMNS, complete_archive
-from streams.folder.listing import NETWORK_FILE_SYSTEMS, file_system_type
+from streams.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
 APPLICATION_ID = 0x53504C57
 """The bytes "SPLW" in the header of the database: it is ours."""

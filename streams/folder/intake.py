@@ -12,9 +12,9 @@ from streams.block import Block, Rejected
 from streams.datasets import FileFacts
 from streams.dating import UndatedError
 from streams.files import unpacked_name
-from streams.folder.listing import stat_file, unshown
 from streams.folder.raw import Raw, UnfinishedError, is_more_of, read_raw
 from streams.folder.register import ARCHIVED, MAX_INCOMPLETE_S, Entry, Order, Register
+from streams.listing import stat_file, unshown
 from streams.load import Loader, renamed
 from streams.reblock import Cut, Numbering, Reblocker
 from streams.samples import ReaderError, Samples

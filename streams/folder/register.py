@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from streams.files import natural_key
-from streams.folder.listing import Stat, shown, unshown
+from streams.listing import Stat, shown, unshown
 from streams.readers.sidecar import is_sidecar
 from streams.samples import Origin
 from streams.source import ACCEPTED, PENDING, Backlog, FileProgress, Ledger

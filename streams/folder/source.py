@@ -15,9 +15,9 @@ from streams.datasets import DataSet
 from streams.dating import Dater, Dating, kept_dating
 from streams.files import Folder, check_readable, natural_key
 from streams.folder.intake import Intake
-from streams.folder.listing import Stat, is_skipped, list_files, shown, stat_file
 from streams.folder.register import MAX_INCOMPLETE_S, Order, Register
 from streams.folder.watch import Watch
+from streams.listing import Stat, is_skipped, list_files, shown, stat_file
 from streams.load import Loader, is_cut, is_dated_by_choice
 from streams.recognise import data_set_of
 from streams.source import MAX_IGNORED_NAMES, Backlog, Delivery, Ledger, LiveSource

@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from streams.folder.listing import file_system_type
 from streams.folder.source import FolderSource
 from streams.folder.watch import Watch
+from streams.listing import file_system_type
 from streams.open import open_live
 from streams.source import LiveSource
 from streams.spec import SourceError, SourceSpec

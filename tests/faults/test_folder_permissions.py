@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from streams.folder.listing import list_files
+from streams.listing import list_files
 from tests.faults.daemons import ROOT, make_machine, start, status
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import finish, stop, wait_until

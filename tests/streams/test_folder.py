@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from streams.block import Block, Rejected
-from streams.folder.listing import is_skipped, shown, unshown
 from streams.folder.source import FolderSource
+from streams.listing import is_skipped, shown, unshown
 from streams.spec import SourceError, SourceSpec
 from tests.streams.folders import Rig, csv_bytes, noise, verdicts
 from tests.waiting import PATIENCE_S

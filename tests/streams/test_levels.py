@@ -28,7 +28,7 @@ COUNTS = np.round(np.random.default_rng(1).uniform(-0.9, 0.9, 1000) * FULL).asty
 Integers = NDArray[np.int16]
 
 
-def npy(counts: Integers) -> bytes:
+def npy(counts: NDArray[Any]) -> bytes:
     stream = io.BytesIO()
     np.save(stream, counts)
     return stream.getvalue()

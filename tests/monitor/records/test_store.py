@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from monitor.health.record import Record
 from monitor.records.database import STORE_VERSION, StoreError
 from monitor.records.store import Store
-from streams.folder.listing import file_system_type
+from streams.listing import file_system_type
 from tests.effort import effort_count
 from tests.oracles.records_oracle import records
 
