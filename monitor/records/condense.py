@@ -85,7 +85,8 @@ def newest_times(connection: sqlite3.Connection) -> Newest:
     for source in sources_of(connection):
         for undated in (0, 1):
             time = connection.execute(_NEWEST_TIME, (source, undated)).fetchone()[0]
-            if time is not None:
+            # On the undated axis, 0 is also the time of blocks of which none is known.
+            if time is not None and (time or not undated):
                 found[undated].append(time)
     return Newest(*(max(times, default=None) for times in found))
 

@@ -14,11 +14,16 @@ from monitor.records import rollup
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from tests.effort import effort_count
+from tests.faults.daemons import make_machine, start, status
+from tests.faults.test_daemon_kill import published_blocks
+from tests.faults.test_folder_kill import write
 from tests.faults.test_store_kill import block
+from tests.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process
 
 KILLS = effort_count(quick=4, full=200)
+DAEMON_KILLS = effort_count(quick=1, full=40)
 _ROOT = Path(__file__).parents[2]
 _CHILD = """
 import sys
@@ -83,3 +88,41 @@ def test_each_block_is_there_once_through_kills_during_rollup_and_retention(tmp_
         pending = store.rows("SELECT count(*) FROM blocks WHERE id > ?", last)[0][0]
         assert store.rows(query)[0][0] + pending == count
         assert store.commit_many([(block(number), {}) for number in range(1, count + 1)]) == ["duplicate"] * count
+
+
+@pytest.mark.timeout(effort_count(quick=900, full=7200))
+def test_a_daemon_killed_while_it_condenses_has_each_block_once_in_store_and_files(tmp_path: Path) -> None:
+    generator = random.Random(20261123)
+    config = make_machine(tmp_path)
+    # Blocks last 0.1 s: all but the newest nine are old.
+    config.write_text(config.read_text() + "[retention]\nfull_days = 1e-5\n")
+    number = blocks = 0
+    for _ in range(DAEMON_KILLS):
+        daemon = start(config, "--quiet")
+        for _ in range(40):
+            number += 1
+            blocks += write(tmp_path / "in0", number, generator)
+        time.sleep(generator.uniform(1.0, 3.5))
+        daemon.kill()
+        _, said = daemon.communicate()
+        assert "Traceback" not in said
+    daemon = start(config)
+    wait_until(
+        lambda: status(config).get("pid") == daemon.pid and status(config)["sources"]["s0"]["accepted"] == number
+    )
+    wait_until(lambda: condensed(config) >= (blocks // 64) * 64 - 10)
+    (tmp_path / "in0" / "copy.csv").write_bytes((tmp_path / "in0" / "f00001.csv").read_bytes())
+    wait_until(lambda: published_blocks(config) == blocks + 1 or published_blocks(config) == blocks)
+    said = stop(daemon)
+    assert daemon.returncode == 0, said
+    with Store.open(tmp_path / "state" / "state.db", machine="m") as store:
+        assert store.check() == []
+        numbers = store.rows("SELECT sequence FROM blocks UNION ALL SELECT sequence FROM identities")
+        assert sorted(row[0] for row in numbers) == list(range(1, blocks + 1))
+    assert published_blocks(config) == blocks
+
+
+def condensed(config: Path) -> int:
+    """Return how many blocks have left the store as full records."""
+    with Store.open(config.parent / "state" / "state.db", read_only=True) as store:
+        return store.rows("SELECT count(*) FROM identities")[0][0]

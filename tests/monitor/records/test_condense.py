@@ -201,6 +201,21 @@ def test_without_any_time_nothing_is_condensed_by_age(store: Store, tmp_path: Pa
     assert len(present(store)) == 199
 
 
+def test_blocks_of_unknown_time_are_condensed_by_number_where_space_is_short(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("monitor.records.condense._MIN_UNDATED_BLOCKS", 50)
+    records = [dataclasses.replace(block(number), time=None) for number in range(1, 200)]
+    store.commit_many([(record, {}) for record in records])
+    publish(store, tmp_path / "records")
+    with store.transaction() as connection:
+        rollup.roll_up(connection, 60.0)
+    condense_all(store)
+    assert len(present(store)) == 199
+    condense_all(store, by_number=True)
+    assert present(store) == list(range(150, 200))
+
+
 def blocks_of(path: Path) -> Sequence[int]:
     with xr.open_dataset(path, decode_times=False) as dataset:
         return sorted(int(number) for number in dataset.sequence.values)
