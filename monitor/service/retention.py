@@ -28,7 +28,7 @@ _MIN_BLOCKS, _MAX_BLOCKS = 8, 512
 _MIN_PAGES, _MAX_PAGES = 16, 1024
 _BUSY_SHARE, _IDLE_SHARE = 20.0, 2.0
 """Least ratio of the pause after a step to its duration, while blocks come and while none does."""
-_MIN_PAUSE_S, _MAX_PAUSE_S = 0.02, 30.0
+_MIN_PAUSE_S, _MAX_PAUSE_S = 0.02, 5.0
 _SPECTRA_S = 3600.0
 _MEASURE_S = 60.0
 _NOTICE_S = _DAY_S

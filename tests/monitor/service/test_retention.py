@@ -17,7 +17,10 @@ from monitor.records.store import Published, Store
 from monitor.service.daemon import DiskGuard
 from monitor.service.publisher import PublishedFiles
 from monitor.service.retention import Retention
+from tests.faults.daemons import make_machine, status
 from tests.monitor.records.test_condense import BEGIN, DAY, EVENT_EVERY, PER_DAY, fill, present
+from tests.monitor.service.test_daemon import last, put, running
+from tests.waiting import wait_until
 
 ALL_THERE = PublishedFiles(complete=True)
 
@@ -163,3 +166,29 @@ def test_the_disk_is_short_before_it_is_full_and_free_pages_of_an_old_store_coun
     free[0] = 2500
     assert guard.check(25.0)
     assert guard.shortage is None
+
+
+@pytest.mark.process
+def test_a_daemon_on_a_low_disk_thins_the_store_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.service.daemon._CHECK_DISK_S", 0.05)
+    monkeypatch.setattr("monitor.service.retention._MAX_PAUSE_S", 0.1)
+    monkeypatch.setattr("monitor.service.retention.MIN_FULL_S", 1.0)
+    config = make_machine(tmp_path)
+    for number in range(40):
+        put(config, number)
+    free = [10**9]
+    with running(config, free=lambda _: free[0]):
+        wait_until(lambda: last(config) == 80)
+        assert condensed(config) == 0
+        free[0] = 1_500_000
+        wait_until(lambda: condensed(config) > 50)
+        put(config, 40)
+        wait_until(lambda: last(config) == 82)
+        assert status(config)["status"] == "running"
+    with EventLog(tmp_path / "state" / "state.db") as log:
+        assert [event.body["kind"] for _, event in log.notices()] == ["disk_low"]
+
+
+def condensed(config: Path) -> int:
+    with Store.open(config.parent / "state" / "state.db", read_only=True) as store:
+        return store.rows("SELECT count(*) FROM identities")[0][0]
