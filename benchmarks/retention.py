@@ -235,7 +235,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         size = published_size(folder)
-        sizes = []
+        sizes: list[Row] = []
+        again: Row = {}
         steps = Steps()
         for label, keep in (("with retention", full_days), ("without", None)):
             path = folder / f"{label.replace(' ', '-')}.db"
