@@ -56,7 +56,7 @@ class DataSet:
         states_rate: whether each file states its rate, or may.
         states_unit: whether each file may state its unit.
         counted: whether the files of a run are numbered from 1 without gaps, so that order is known in one pass.
-        plain: whether it is a format of files of any origin, which :mod:`streams.dating` dates.
+        plain: whether it is a format of files of any origin, which :mod:`streams.dater` dates.
     """
 
     name: str

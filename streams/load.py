@@ -23,7 +23,7 @@ from streams.spec import UNITS, ChannelSpec, SourceSpec
 if TYPE_CHECKING:
     # At run time the receivers of frames, which call this module too, need no parser.
     from streams.datasets import DataSet, FileFacts
-    from streams.dating import Dater
+    from streams.dater import Dater
 
 _LOG = logging.getLogger(__name__)
 
@@ -100,11 +100,13 @@ class Loader:
 
         Raises:
             ReaderError: with a sentence that names the file; ``unreadable`` for any other exception of a parser.
-            UndatedError: see :meth:`streams.dating.Dater.date`.
+            UndatedError: see :meth:`streams.dater.Dater.date`.
         """
         samples = self.load_undated(raw, path, facts, name or path)
         if self.dater is None or facts.start is not None or facts.elapsed is not None:
             start, elapsed = self._times(samples, facts)
+            if self.dater is not None:
+                self.dater.note_own(self.data_set.name, start if elapsed is None else None)
             return replace(samples, start=start, elapsed=elapsed)
         return self.dater.date(samples, path, changed, whole=whole)
 

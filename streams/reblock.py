@@ -19,7 +19,7 @@ MIN_BLOCK_SHARE = 0.9
 _TIME_TOLERANCE_S = 1e-3
 
 PlaceTime = Callable[[int, float], tuple[float | None, float] | None]
-"""Gives start and elapsed time of a block by its number and length, see :meth:`streams.dating.Dater.place_time`."""
+"""Gives start and elapsed time of a block by its number and length, see :meth:`streams.dater.Dater.place_time`."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,8 @@ from dataclasses import replace
 
 from streams.block import Block, Rejected
 from streams.datasets import DataSet, FileFacts
-from streams.dating import Dater, Dating, UndatedError
+from streams.dater import Dater, UndatedError
+from streams.dating import Dating
 from streams.files import Files, Item, natural_key, open_files
 from streams.given import Given, Loaded, Met
 from streams.listing import shown

@@ -10,7 +10,7 @@ import numpy as np
 
 from streams.block import Block, Rejected
 from streams.datasets import FileFacts
-from streams.dating import UndatedError
+from streams.dater import UndatedError
 from streams.files import unpacked_name
 from streams.folder.raw import Raw, UnfinishedError, is_more_of, read_raw
 from streams.folder.register import ARCHIVED, MAX_INCOMPLETE_S, Entry, Order, Register
@@ -41,7 +41,8 @@ class Intake:
         """Continue after the last committed block of the ledger."""
         self.ready: deque[Delivery] = deque()
         self.undated: dict[Entry, str] = {}
-        """The files whose date cannot be told yet, with the reasons."""
+        """The files whose date cannot be told yet, with the reasons; the first of them is ``waits``."""
+        self.waits: str | None = None
         self.name = spec.name
         self._spec, self._loader, self._ledger, self._register = spec, loader, ledger, register
         one_a_file = loader.data_set.snapshot or spec.block_s == "file"
@@ -74,6 +75,7 @@ class Intake:
             elif self.ready:
                 break
         self._emit_batch()
+        self.waits = next(iter(self.undated.values()), None)
         return self._flush_late(now) or happened
 
     def _emit_batch(self) -> None:

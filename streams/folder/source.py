@@ -12,7 +12,8 @@ import time
 from pathlib import Path
 
 from streams.datasets import DataSet
-from streams.dating import Dater, Dating, kept_dating
+from streams.dater import Dater
+from streams.dating import Dating, kept_dating
 from streams.files import Folder, check_readable, natural_key
 from streams.folder.intake import Intake
 from streams.folder.register import MAX_INCOMPLETE_S, Order, Register
@@ -97,7 +98,10 @@ class FolderSource(LiveSource):
         self._ledger = ledger
         self._kept = kept_dating(self._spec, ledger)
         if self._kept is not None and self._kept.by == "nothing":
-            _LOG.warning("source %s: its blocks have no date; to date later ones: spallwatch redate", self.name)
+            unused = "" if self._spec.start is None else "start_utc is not used: "
+            _LOG.warning(
+                "source %s: %sits blocks have no date; to date later ones: spallwatch redate", self.name, unused
+            )
         if self._spec.format.strip().lower() != "auto":
             self._load_as(data_set_of(self._spec, Folder(self._real, ()), self._spec.format))
         self._intake = None
@@ -137,7 +141,7 @@ class FolderSource(LiveSource):
 
     def problem(self) -> str | None:
         """Return why the folder gives nothing, or that events were lost, or None."""
-        waits = next(iter(self._intake.undated.values()), None) if self._intake is not None else None
+        waits = None if self._intake is None else self._intake.waits
         return self._problem or self._unknown or waits or self._lost_events(self._clock.monotonic())
 
     def close(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import tarfile
 from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -311,6 +312,63 @@ def test_a_date_in_a_single_header_is_used_where_nothing_else_dates(tmp_path: Pa
     source = open_source(spec_of(tmp_path, start=START, interval=10.0))
     assert len(list(source)) == 3
     assert "rec_2.csv states 2024-02-01T10:00:00Z" in " ".join(vars(source)["_dater"].remarks.values())
+
+
+def test_an_archive_is_dated_like_its_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    for number in (1, 2, 4):
+        write(folder, f"rec_{number}.npy", number)
+    with tarfile.open(tmp_path / "run.tar", "w") as archive:
+        for number in (1, 2, 4):
+            archive.add(folder / f"rec_{number}.npy", f"rec_{number}.npy")
+    for settings in ({"start": START}, {"start": START, "interval": 60.0}, {"time_from": "mtime"}):
+        packed = SourceSpec("s", str(tmp_path / "run.tar"), rate=RATE, channels=CHANNELS, block_s="file", **settings)
+        found, expected = rows(open_source(packed)), replayed(folder, **settings)
+        if "time_from" in settings:
+            # A tar archive keeps whole seconds.
+            assert [round((row[2] or 0.0) - (other[2] or 0.0)) for row, other in zip(found, expected, strict=True)] in (
+                [0, 0, 0],
+                [-1, -1, -1],
+            )
+        else:
+            assert found == expected
+
+
+def test_data_sets_keep_their_own_dates_and_say_which_keys_they_do_not_use(tmp_path: Path) -> None:
+    (tmp_path / "2004.02.12.10.32.39").write_text("\n".join("0.1\t0.2\t0.3\t0.4" for _ in range(20480)) + "\n")
+    ims = open_source(SourceSpec("s", f"dataset:ims:{tmp_path}", start=START))
+    (block,) = list(ims)
+    assert isinstance(block, Block)
+    assert utc_text(block.start or 0.0) == "2004-02-12T10:32:39Z"
+    assert "start_utc not used: files of ims state their time" in vars(ims)["_dater"].remarks["own"]
+    (tmp_path / "b").mkdir()
+    for number in (1, 3):
+        text = "\n".join(f"1,2,3,4,{i % 7},{i % 5}" for i in range(2560))
+        (tmp_path / "b" / f"acc_{number:05d}.csv").write_text(text + "\n")
+    pronostia = open_source(SourceSpec("s", f"dataset:pronostia:{tmp_path / 'b'}", start=START, time_from="mtime"))
+    assert [item.start for item in pronostia if isinstance(item, Block)] == [START, START + 20.0]
+    assert "time_from not used" in vars(pronostia)["_dater"].remarks["own"]
+
+
+def test_names_that_are_no_text_are_dated_and_said(tmp_path: Path) -> None:
+    name = os.fsdecode(b"Pr\xfcfstand_04-03-2024_10-00-00.npy")
+    write(tmp_path, name, 1)
+    rig = live(tmp_path)
+    assert rig.run(30.0) == []
+    assert (rig.source.problem() or "").encode().startswith(b"Pr\\udcfcfstand_04-03-2024")
+    write(tmp_path, "a_04-13-2024_10-00-00.npy", 2)
+    assert [utc_text(row[2] or 0.0)[:10] for row in rows(rig.run(60.0), order=True)] == ["2024-04-03", "2024-04-13"]
+
+
+def test_a_removed_file_decides_nothing_more(tmp_path: Path) -> None:
+    for seed, text in enumerate(("13-04-2024", "04-13-2024", "03-04-2024")):
+        write(tmp_path, f"{text}_10-00-00.npy", seed)
+    rig = live(tmp_path)
+    assert rig.run(60.0) == []
+    assert "disagree" in (rig.source.problem() or "")
+    (tmp_path / "04-13-2024_10-00-00.npy").unlink()
+    rig.run(1500.0)
+    assert [utc_text(row[2])[:10] for row in rows(rig.items) if row[2] is not None] == ["2024-04-03", "2024-04-13"]
 
 
 def test_dates_do_not_move_numbers_or_contents(tmp_path: Path) -> None:
