@@ -321,7 +321,8 @@ def test_an_archive_is_dated_like_its_folder(tmp_path: Path) -> None:
     with tarfile.open(tmp_path / "run.tar", "w") as archive:
         for number in (1, 2, 4):
             archive.add(folder / f"rec_{number}.npy", f"rec_{number}.npy")
-    for settings in ({"start": START}, {"start": START, "interval": 60.0}, {"time_from": "mtime"}):
+    choices: list[dict[str, Any]] = [{"start": START}, {"start": START, "interval": 60.0}, {"time_from": "mtime"}]
+    for settings in choices:
         packed = SourceSpec("s", str(tmp_path / "run.tar"), rate=RATE, channels=CHANNELS, block_s="file", **settings)
         found, expected = rows(open_source(packed)), replayed(folder, **settings)
         if "time_from" in settings:
