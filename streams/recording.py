@@ -70,8 +70,12 @@ class Recording:
         """
         if self._dater is None or not self._files.several:
             return
-        first = None if self._dater.choice.by is not None else self._first_readable(self._dater)
+        first: Samples | None = None
         try:
+            if self._dater.choice.by is None:
+                # The iteration reports where an archive breaks off.
+                with contextlib.suppress(ReaderError):
+                    first = self._first_readable(self._dater)
             self._dater.check_names()
         except UndatedError as error:
             raise self._undated(error) from error

@@ -335,6 +335,16 @@ def test_an_archive_is_dated_like_its_folder(tmp_path: Path) -> None:
             assert found == expected
 
 
+def test_an_archive_that_breaks_off_at_its_first_file_is_said(tmp_path: Path) -> None:
+    with tarfile.open(tmp_path / "run.tar", "w") as archive:
+        archive.add(write(tmp_path, "rec_1.npy", 1, 4000), "rec_1.npy")
+    path = tmp_path / "run.tar"
+    path.write_bytes(path.read_bytes()[:2000])
+    (item,) = open_source(SourceSpec("s", str(path), rate=RATE, channels=CHANNELS, block_s="file", start=START))
+    assert isinstance(item, Rejected)
+    assert item.status == "incomplete"
+
+
 def test_data_sets_keep_their_own_dates_and_say_which_keys_they_do_not_use(tmp_path: Path) -> None:
     (tmp_path / "2004.02.12.10.32.39").write_text("\n".join("0.1\t0.2\t0.3\t0.4" for _ in range(20480)) + "\n")
     ims = open_source(SourceSpec("s", f"dataset:ims:{tmp_path}", start=START))
@@ -344,7 +354,7 @@ def test_data_sets_keep_their_own_dates_and_say_which_keys_they_do_not_use(tmp_p
     assert "start_utc not used: files of ims state their time" in vars(ims)["_dater"].remarks["own"]
     (tmp_path / "b").mkdir()
     for number in (1, 3):
-        text = "\n".join(f"1,2,3,4,{i % 7},{i % 5}" for i in range(2560))
+        text = "\n".join(f"1,2,3,4,{i % 7},{i % (4 + number)}" for i in range(2560))
         (tmp_path / "b" / f"acc_{number:05d}.csv").write_text(text + "\n")
     pronostia = open_source(SourceSpec("s", f"dataset:pronostia:{tmp_path / 'b'}", start=START, time_from="mtime"))
     assert [item.start for item in pronostia if isinstance(item, Block)] == [START, START + 20.0]
@@ -356,7 +366,7 @@ def test_names_that_are_no_text_are_dated_and_said(tmp_path: Path) -> None:
     write(tmp_path, name, 1)
     rig = live(tmp_path)
     assert rig.run(30.0) == []
-    assert (rig.source.problem() or "").encode().startswith(b"Pr\\udcfcfstand_04-03-2024")
+    assert (rig.source.problem() or "").encode().startswith(b"Pr\\xfcfstand_04-03-2024")
     write(tmp_path, "a_04-13-2024_10-00-00.npy", 2)
     assert [utc_text(row[2] or 0.0)[:10] for row in rows(rig.run(60.0), order=True)] == ["2024-04-03", "2024-04-13"]
 
