@@ -19,6 +19,7 @@ from urllib.parse import quote
 
 from monitor.config.load import Config
 from monitor.config.outputs import RecordMqttSection
+from monitor.records.condense import condensed_up_to, has_condensed, identity_of
 from monitor.records.database import SharedConnection, StoreError, replacing
 from monitor.records.packing import unpack
 from monitor.service.broker import BrokerError, BrokerLink
@@ -141,6 +142,11 @@ class RecordMqtt:
             )
             if known:
                 return known[0][0]
+            with store.use() as connection:
+                oldest = condensed_up_to(connection) if has_condensed(connection) else 0
+            if oldest and identity_of(store.rows, found["source"], found["sequence"]) is not None:
+                _LOG.warning("records left the store before they were published over MQTT; going on after them")
+                return oldest
             _LOG.warning("the block at which publishing over MQTT ended is not in the store; going on with new ones")
         except FileNotFoundError:
             pass

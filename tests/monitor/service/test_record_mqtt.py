@@ -15,7 +15,8 @@ import pytest
 
 from monitor.config.outputs import RecordMqttSection
 from monitor.health.record import Record
-from monitor.records.store import Store
+from monitor.records.condense import condense
+from monitor.records.store import Published, Store
 from monitor.service.record_message import StoredRecord, channel_message, state_message
 from monitor.service.record_mqtt import PLACE, RecordMqtt
 from streams.block import STANDARD_GRAVITY
@@ -118,6 +119,22 @@ def test_what_was_committed_while_it_was_down_or_the_broker_away_comes_afterward
         wait_until(lambda: 7 in blocks(heard))
     # What the broker itself keeps came first, then what is new.
     assert set(blocks(heard)) <= {6, 7}
+
+
+@pytest.mark.broker
+def test_where_records_left_the_store_before_they_were_sent_it_goes_on_with_the_oldest_there(
+    tmp_path: Path, commits: Commits
+) -> None:
+    broker = Broker(tmp_path / "broker")
+    commits.add(2)
+    with broker, publishing(commits, broker.port) as records:
+        wait_until(lambda: records.problem is None and (commits.folder / PLACE).exists())
+    commits.add(198)
+    commits.store.note_published(Published("m-20260921.nc", int(1.79e9 // 86400), 200, 1))
+    with commits.store.transaction() as connection:
+        assert condense(connection, 100.0, 1000) == 99
+    with broker, subscribed(broker.port, "plant/records/#") as heard, publishing(commits, broker.port):
+        wait_until(lambda: blocks(heard) == list(range(100, 201)))
 
 
 @pytest.mark.broker
