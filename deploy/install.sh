@@ -8,8 +8,8 @@
 # BUILDER   a python with `build` and `hatchling`, to build the program's wheel
 # PROGRAM   no: everything but the program                             [yes]
 #
-# Every CONFIG/NAME.toml becomes the service spallwatch@NAME, and spallwatch-page.service is their page: they are enabled
-# and, where systemd runs, started anew. Services without their file are taken away. Doing it again gives the same.
+# Every CONFIG/NAME.toml becomes the service spallwatch@NAME with a daily backup (spallwatch-backup@NAME.timer), and
+# spallwatch-page.service is their page: they are enabled and, where systemd runs, started anew. Services without their file are taken away. Doing it again gives the same.
 # State and records (/var/lib/spallwatch) are never touched.
 set -eu
 
@@ -21,6 +21,7 @@ SOURCE="$(cd "$(dirname "$0")/.." && pwd)"
 UNITS=/etc/systemd/system
 USERS=/etc/sysusers.d
 WANTED="$DESTDIR$UNITS/multi-user.target.wants"
+TIMERS="$DESTDIR$UNITS/timers.target.wants"
 
 fail() {
     echo "install.sh: $*" >&2
@@ -103,10 +104,13 @@ install_files() {
     chmod 700 "$DESTDIR$CONFIG/secrets"
     put "$SOURCE/deploy/systemd/spallwatch@.service" "$DESTDIR$UNITS/spallwatch@.service"
     put "$SOURCE/deploy/systemd/spallwatch-page.service" "$DESTDIR$UNITS/spallwatch-page.service"
+    put "$SOURCE/deploy/systemd/spallwatch-backup@.service" "$DESTDIR$UNITS/spallwatch-backup@.service"
+    put "$SOURCE/deploy/systemd/spallwatch-backup@.timer" "$DESTDIR$UNITS/spallwatch-backup@.timer"
     put "$SOURCE/deploy/systemd/spallwatch.slice" "$DESTDIR$UNITS/spallwatch.slice"
-    for unit in spallwatch@ spallwatch-page; do
+    for unit in spallwatch@ spallwatch-page spallwatch-backup@; do
         put "$SOURCE/deploy/systemd/common.conf" "$DESTDIR$UNITS/$unit.service.d/10-common.conf"
     done
+    put "$SOURCE/deploy/systemd/backup.conf" "$DESTDIR$UNITS/spallwatch-backup@.service.d/20-backup.conf"
     put "$SOURCE/deploy/systemd/spallwatch.sysusers.conf" "$DESTDIR$USERS/spallwatch.conf"
     put "$SOURCE/deploy/machine.toml.example" "$DESTDIR$CONFIG/machine.toml.example"
     put "$SOURCE/docs/how-to/deployment.md" "$DESTDIR$PREFIX/doc/deployment.md"
@@ -124,23 +128,27 @@ make_user() {
     fi
 }
 
-enable() { # UNIT [TEMPLATE]: what `systemctl enable` does, without systemd too
-    mkdir -p "$WANTED"
-    ln -sfn "$UNITS/${2:-$1}" "$WANTED/$1"
+enable() { # UNIT TEMPLATE FOLDER: what `systemctl enable` does, without systemd too
+    mkdir -p "$3"
+    ln -sfn "$UNITS/$2" "$3/$1"
 }
 
 enable_machines() {
-    for name in $(machines); do enable "spallwatch@$name.service" spallwatch@.service; done
-    if [ -n "$(machines)" ]; then enable spallwatch-page.service; fi
+    for name in $(machines); do
+        enable "spallwatch@$name.service" spallwatch@.service "$WANTED"
+        enable "spallwatch-backup@$name.timer" spallwatch-backup@.timer "$TIMERS"
+    done
+    if [ -n "$(machines)" ]; then enable spallwatch-page.service spallwatch-page.service "$WANTED"; fi
 }
 
 disable() { # [all]: the services whose configuration is gone, or all
-    for link in "$WANTED"/spallwatch@*.service "$WANTED/spallwatch-page.service" "$WANTED/spallwatch.service"; do
+    for link in "$WANTED"/spallwatch@*.service "$TIMERS"/spallwatch-backup@*.timer \
+        "$WANTED/spallwatch-page.service" "$WANTED/spallwatch.service"; do
         if [ ! -L "$link" ]; then continue; fi
         unit="$(basename "$link")"
-        name="${unit#spallwatch@}"
+        name="${unit#*@}"
         case "$unit" in
-        spallwatch@*) file="$DESTDIR$CONFIG/${name%.service}.toml" ;;
+        *@*) file="$DESTDIR$CONFIG/${name%.*}.toml" ;;
         spallwatch-page.service) file="$DESTDIR$CONFIG" ;;
         # The one service of all machines, of an older version.
         *) file=/nowhere ;;
@@ -165,21 +173,24 @@ install_all() {
     echo "installed: $PREFIX, $CONFIG, $UNITS/spallwatch@.service, $UNITS/spallwatch-page.service"
     if [ -z "$(machines)" ]; then
         echo "next: write $CONFIG/NAME.toml after $CONFIG/machine.toml.example, check it with"
-        echo "  spallwatch check --config $CONFIG/NAME.toml"
+        echo "  sudo spallwatch check --config $CONFIG/NAME.toml"
         echo "and repeat this command"
         return
     fi
     units="$(machines | sed 's/.*/spallwatch@&.service/') spallwatch-page.service"
-    echo "enabled:" $units
+    timers="$(machines | sed 's/.*/spallwatch-backup@&.timer/')"
+    echo "enabled:" $units $timers
+    echo "backups: /var/lib/spallwatch-backup; on another disk: see $PREFIX/doc/deployment.md"
     # shellcheck disable=SC2086 # several units
-    if has_manager; then systemctl restart $units || fail "not all of them run; see: systemctl status 'spallwatch*'"; fi
+    if has_manager; then systemctl restart $units $timers || fail "not all of them run; see: systemctl status 'spallwatch*'"; fi
 }
 
 uninstall_all() {
     check
     if has_manager; then systemctl stop spallwatch.slice spallwatch.service 2>/dev/null || true; fi
     disable all
-    for unit in spallwatch@ spallwatch-page; do
+    rm -f "$DESTDIR$UNITS/spallwatch-backup@.timer" "$DESTDIR$UNITS/spallwatch-backup@.service.d/20-backup.conf"
+    for unit in spallwatch@ spallwatch-page spallwatch-backup@; do
         rm -f "$DESTDIR$UNITS/$unit.service" "$DESTDIR$UNITS/$unit.service.d/10-common.conf"
         rmdir "$DESTDIR$UNITS/$unit.service.d" 2>/dev/null || true
     done
@@ -192,7 +203,7 @@ uninstall_all() {
         rmdir "$DESTDIR$folder" 2>/dev/null || true
     done
     if has_manager; then systemctl daemon-reload; fi
-    echo "uninstalled; left as they are: configurations in $CONFIG, state and records in /var/lib/spallwatch, the user spallwatch"
+    echo "uninstalled; left as they are: configurations in $CONFIG, state and records in /var/lib/spallwatch, backups, the user spallwatch"
 }
 
 case "${1:-}" in

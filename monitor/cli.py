@@ -32,6 +32,8 @@ _COMMANDS = {
     "forecast": ("forecast:command", "Time to threshold from a V_eq history."),
     "score": ("score:command", "Scores of the forecasts as issued, once the end is known."),
     "archive-days": ("archive_days:command", "Move the oldest published days to another folder."),
+    "backup": ("backup:command", "Back the state of a machine up while its daemon runs."),
+    "restore": ("backup:restore_command", "Put a backup in the place of the state of a machine."),
     "send": ("send:command", "Send a recording to a receiver over TCP or MQTT."),
     "stream": ("stream:group", "Streams over TCP or MQTT: let one begin anew."),
 }

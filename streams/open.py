@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
+from typing import TYPE_CHECKING
 
 from streams.dating import Dating
 from streams.source import Ledger, LiveSource, Source
-from streams.spec import SourceError, SourceSpec, parse_address
+from streams.spec import SourceError, SourceSpec, parse_address, refuse_credentials
+
+if TYPE_CHECKING:
+    from streams.folder.source import FolderSource
+    from streams.link.arrivals import Receiver
 
 
 def open_source(spec: SourceSpec, kept: Dating | None = None) -> Source:
@@ -52,35 +57,67 @@ def open_live(specs: Sequence[SourceSpec], ledger: Ledger) -> list[LiveSource]:
         SourceError: another URL, an address that cannot be listened to, a path that is not a folder.
     """
     with ExitStack() as opened:
-        sources = [opened.enter_context(source) for source in _live(specs)]
+        sources = [opened.enter_context(_made(group)) for group in _groups(specs)]
         for source in sources:
             source.open(ledger)
         opened.pop_all()
-    return sources
+    return [*sources]
 
 
-def _live(specs: Sequence[SourceSpec]) -> Iterator[LiveSource]:
-    at_address: dict[tuple[str, str, int], list[SourceSpec]] = {}
+def check_live(specs: Sequence[SourceSpec], *, taken: bool = False) -> list[str]:
+    """Return for which reasons :func:`open_live` would refuse these sources; nothing is received or changed.
+
+    ``taken``: another process has opened them, so that their addresses are in use by right.
+    """
+    problems = []
+    known = []
     for spec in specs:
+        try:
+            _groups([spec])
+            known.append(spec)
+        except SourceError as error:
+            problems.append(str(error))
+    for group in _groups(known):
+        try:
+            with _made(group) as source:
+                source.check(taken=taken)
+        except SourceError as error:
+            problems.append(str(error))
+    return problems
+
+
+def _groups(specs: Sequence[SourceSpec]) -> list[list[SourceSpec]]:
+    """Return the sources that are opened as one; SourceError for a URL that is not of a live source."""
+    groups: dict[object, list[SourceSpec]] = {}
+    for spec in specs:
+        where = f"[[source]] {spec.name}: url"
         scheme, _, rest = spec.url.partition(":")
         if scheme == "folder" and rest:
-            from streams.folder.source import FolderSource
-
-            yield FolderSource(spec, rest)
+            groups[spec.name] = [spec]
         elif scheme in ("tcp", "mqtt"):
-            place = parse_address(spec.url, f"[[source]] {spec.name}: url")
-            at_address.setdefault((place.scheme, place.host, place.port), []).append(spec)
+            place = parse_address(spec.url, where)
+            groups.setdefault((place.scheme, place.host, place.port), []).append(spec)
         else:
+            refuse_credentials(spec.url, where)
             raise SourceError(
-                f"[[source]] {spec.name}: url {spec.url!r}: is not a source that goes on for ever; expected "
+                f"{where} {spec.url!r}: is not a source that goes on for ever; expected "
                 "folder:PATH, tcp://HOST:PORT or mqtt://HOST:PORT/TOPIC"
             )
-    for (scheme, _, _), group in at_address.items():
-        if scheme == "tcp":
-            from streams.link.tcp import TcpReceiver
+    # Folders first, as their turns come.
+    return sorted(groups.values(), key=lambda group: not group[0].url.startswith("folder:"))
 
-            yield TcpReceiver(group)
-        else:
-            from streams.link.mqtt import MqttReceiver
 
-            yield MqttReceiver(group)
+def _made(group: Sequence[SourceSpec]) -> FolderSource | Receiver:
+    """Return the source of a group, not open yet."""
+    scheme, _, rest = group[0].url.partition(":")
+    if scheme == "folder":
+        from streams.folder.source import FolderSource
+
+        return FolderSource(group[0], rest)
+    if scheme == "tcp":
+        from streams.link.tcp import TcpReceiver
+
+        return TcpReceiver(group)
+    from streams.link.mqtt import MqttReceiver
+
+    return MqttReceiver(group)

@@ -217,6 +217,15 @@ class Address:
     topic: str = ""
 
 
+def refuse_credentials(url: str, where: str) -> None:
+    """Refuse a URL with a user name or password, which belong into files; the message does not repeat it.
+
+    ``where`` is the key or option named in the message. Raises SourceError.
+    """
+    if "://" in url and "@" in re.split(r"[/?#]", url.partition("://")[2], maxsplit=1)[0]:
+        raise SourceError(f"{where}: user name and password belong into username_file and password_file")
+
+
 def parse_address(url: str, where: str) -> Address:
     """Return the parts of ``tcp://HOST:PORT`` or ``mqtt://HOST[:PORT]/TOPIC``.
 
@@ -226,13 +235,12 @@ def parse_address(url: str, where: str) -> Address:
         SourceError: it is neither; it holds a user name or password, which belong into files; the topic has
             wildcards, which would admit any sender.
     """
+    refuse_credentials(url, where)
     try:
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port
     except ValueError as error:
         raise SourceError(f"{where} {url!r}: {error}") from None
-    if parts.username is not None or parts.password is not None:
-        raise SourceError(f"{where}: user name and password belong into username_file and password_file")
     extra = parts.query or parts.fragment
     if parts.scheme == "tcp" and host and port is not None and not extra and parts.path in ("", "/"):
         return Address("tcp", host, port)

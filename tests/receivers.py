@@ -216,6 +216,40 @@ class _HookHandler(http.server.BaseHTTPRequestHandler):
         """Be silent."""
 
 
+@dataclass
+class Pulse:
+    """A service that expects a signal: ``answers`` are its statuses in turn, then 200; ``received`` holds the paths."""
+
+    answers: list[int] = field(default_factory=list)
+    port: int = 0
+    received: list[str] = field(default_factory=list)
+
+    @property
+    def url(self) -> str:
+        """The address of the signal, with a secret in it."""
+        return f"http://127.0.0.1:{self.port}/ping/secret?x=1"
+
+    @contextmanager
+    def serving(self) -> Iterator[Pulse]:
+        """Serve until the end of the block."""
+        with _serving(_PulseHandler, self, self.port) as self.port:
+            yield self
+
+
+class _PulseHandler(http.server.BaseHTTPRequestHandler):
+    owner: Pulse
+
+    def do_GET(self) -> None:
+        self.owner.received.append(self.path)
+        self.send_response(self.owner.answers.pop(0) if self.owner.answers else 200)
+        self.send_header("Location", "/elsewhere")
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
+    def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
+        """Be silent."""
+
+
 @contextmanager
 def subscribed(port: int, topic: str) -> Iterator[list[tuple[str, Any, bool]]]:
     """Give the list into which topic, JSON and retained flag of each message of a broker go."""

@@ -19,6 +19,7 @@ import pytest
 import xarray as xr
 
 from deploy.runtime_lock import LOCK, RUNTIME_LOCK, closure, declared, locked
+from monitor.commands.backup import command as backup_command
 from monitor.config.fleet import load_fleet
 from monitor.config.load import load_config
 from monitor.records.store import Store
@@ -33,6 +34,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SYSTEMD = ROOT / "deploy" / "systemd"
 COMMON = SYSTEMD / "common.conf"
 UNITS = ("spallwatch@.service", "spallwatch-page.service")
+BACKUP, TIMER = "spallwatch-backup@.service", "spallwatch-backup@.timer"
 INSTALLER = ROOT / "deploy" / "install.sh"
 GUIDE = ROOT / "docs" / "how-to" / "deployment.md"
 ANALYZE = shutil.which("systemd-analyze")
@@ -93,6 +95,22 @@ def test_the_units_do_what_the_guide_promises() -> None:
     assert filters == ["@system-service", "~@privileged @resources", "setpriority"]
 
 
+def test_a_backup_is_made_each_day_with_options_that_exist() -> None:
+    unit, other = dict(directives(SYSTEMD / BACKUP)), dict(directives(SYSTEMD / "backup.conf"))
+    assert (other["Type"], other["WatchdogSec"], other["Restart"]) == ("oneshot", "0", "no")
+    timer = dict(directives(SYSTEMD / TIMER))
+    assert (timer["OnCalendar"], timer["Persistent"], timer["WantedBy"]) == ("daily", "yes", "timers.target")
+    program, *words = unit["ExecStart"].split()
+    assert (Path(program).name, words[0]) == ("spallwatch", "backup")
+    known = {option for item in backup_command.params for option in item.opts}
+    assert {word for word in words if word.startswith("--")} <= known
+    set_here = {item.partition("=")[0] for item in unit["Environment"].split()}
+    assert set(re.findall(r"\$\{(\w+)\}", unit["ExecStart"])) == set_here
+    folder = re.search(r"BACKUP_DIR=/var/lib/(\S+)", unit["Environment"])
+    assert folder is not None
+    assert other["StateDirectory"] == folder[1]
+
+
 def test_a_machine_is_never_given_up() -> None:
     assert ("Restart", "on-failure") in directives(COMMON)
     for unit in UNITS:
@@ -106,7 +124,7 @@ def test_systemd_accepts_the_units_and_rates_them_as_the_guide_says(tmp_path: Pa
     folder = tmp_path / "etc" / "systemd" / "system"
     said = re.search(r"exposure of\s+\*\*([\d.]+)\*\* of 10", GUIDE.read_text())
     assert said is not None
-    for name in ("spallwatch@fan-1.service", "spallwatch-page.service"):
+    for name in ("spallwatch@fan-1.service", "spallwatch-page.service", "spallwatch-backup@fan-1.service"):
         template = folder / name.replace("@fan-1", "@")
         unit = folder / name
         unit.write_text(template.read_text().replace("/opt/spallwatch/venv/bin/spallwatch", "/bin/true"))
@@ -127,6 +145,10 @@ def test_what_is_installed_where(tmp_path: Path) -> None:
     files = [name for name, (mode, _) in found.items() if not mode & 0o040000]
     assert files == [
         "etc/spallwatch/machine.toml.example",
+        "etc/systemd/system/spallwatch-backup@.service",
+        "etc/systemd/system/spallwatch-backup@.service.d/10-common.conf",
+        "etc/systemd/system/spallwatch-backup@.service.d/20-backup.conf",
+        "etc/systemd/system/spallwatch-backup@.timer",
         "etc/systemd/system/spallwatch-page.service",
         "etc/systemd/system/spallwatch-page.service.d/10-common.conf",
         "etc/systemd/system/spallwatch.slice",
@@ -138,13 +160,14 @@ def test_what_is_installed_where(tmp_path: Path) -> None:
     ]
     assert found["etc/spallwatch/secrets"][0] & 0o777 == 0o700
     assert all(found[name][0] & 0o777 == 0o644 for name in files)
-    for name, source in zip(files[1:6], (UNITS[1], COMMON, "spallwatch.slice", UNITS[0], COMMON), strict=True):
+    sources = (BACKUP, COMMON, "backup.conf", TIMER, UNITS[1], COMMON, "spallwatch.slice", UNITS[0], COMMON)
+    for name, source in zip(files[1:10], sources, strict=True):
         assert (tmp_path / name).read_text() == (SYSTEMD / source).read_text()
 
 
-def links(destination: Path) -> dict[str, str]:
-    """Return the enabled units below a destination and where they point."""
-    folder = destination / "etc" / "systemd" / "system" / "multi-user.target.wants"
+def links(destination: Path, target: str = "multi-user") -> dict[str, str]:
+    """Return the enabled units of a target below a destination and where they point."""
+    folder = destination / "etc" / "systemd" / "system" / f"{target}.target.wants"
     return {path.name: str(path.readlink()) for path in sorted(folder.glob("*"))}
 
 
@@ -159,6 +182,9 @@ def test_each_configuration_is_an_enabled_service_and_the_page_is_one(tmp_path: 
     template = "/etc/systemd/system/spallwatch@.service"
     page = {"spallwatch-page.service": "/etc/systemd/system/spallwatch-page.service"}
     assert links(tmp_path) == {"spallwatch@fan-1.service": template, "spallwatch@fan-2.service": template} | page
+    timer = f"/etc/systemd/system/{TIMER}"
+    both = {"spallwatch-backup@fan-1.timer": timer, "spallwatch-backup@fan-2.timer": timer}
+    assert links(tmp_path, "timers") == both
     # A file that has gone, and the service of an older version.
     (config / "fan-1.toml").unlink()
     old = tmp_path / "etc" / "systemd" / "system" / "spallwatch.service"
@@ -166,9 +192,10 @@ def test_each_configuration_is_an_enabled_service_and_the_page_is_one(tmp_path: 
     (old.parent / "multi-user.target.wants" / old.name).symlink_to(f"/etc/systemd/system/{old.name}")
     install(tmp_path)
     assert links(tmp_path) == {"spallwatch@fan-2.service": template} | page
+    assert links(tmp_path, "timers") == {"spallwatch-backup@fan-2.timer": timer}
     assert not old.exists()
     install(tmp_path, "uninstall")
-    assert links(tmp_path) == {}
+    assert links(tmp_path) == links(tmp_path, "timers") == {}
 
 
 def test_a_file_name_that_no_service_can_have_is_refused(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import click
 
@@ -18,6 +19,7 @@ from monitor.config.load import Config, ConfigError
 from monitor.config.outputs import is_loopback
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
+from monitor.service.status_file import is_running
 
 
 @click.command("check")
@@ -27,13 +29,14 @@ from monitor.config.stages import method_or_best
 def command(config_path: Path | None, schema: bool, as_json: bool, quiet: bool) -> None:
     """Validate a configuration and list what would be monitored.
 
-    An invalid file is refused with exit code 2. Problems outside the file (a map that is not built yet, a folder that
-    does not exist yet) are listed and do not change the exit code.
+    Whatever `run` would refuse is refused with exit code 2, and so is a folder of records that cannot be written.
+    Other problems (a folder that does not exist yet) are listed and do not change the exit code.
     """
     if schema:
         click.echo(json.dumps(Config.model_json_schema(), indent=2))
         return
     config = read_config(config_path)
+    refuse_what_run_refuses(config)
     dated = {source.name: found for source in config.source if (found := preview_dating(config, source)) is not None}
     problems = [
         *find_problems(config),
@@ -46,6 +49,28 @@ def command(config_path: Path | None, schema: bool, as_json: bool, quiet: bool) 
         "problems": problems,
     }
     emit(values, _lines(config, problems, dated), as_json=as_json)
+
+
+def refuse_what_run_refuses(config: Config) -> None:
+    """Raise ConfigError with all reasons why a daemon cannot start with a configuration, or cannot publish.
+
+    A source without a URL or with that of a recording is left to ``replay``.
+    """
+    from monitor.service.start import inspect, records_refusals, store_refusals
+
+    sources = [source for source in config.source if not _is_recording(source)]
+    found = inspect(config, sources, running=is_running(config.machine.state_dir))
+    refusals = [*found.refusals, *store_refusals(config, found), *records_refusals(config)]
+    if refusals:
+        raise ConfigError("\n".join(dict.fromkeys(refusals)))
+
+
+def _is_recording(source: SourceSection) -> bool:
+    """Return whether a source is one that only ``replay`` reads."""
+    if source.url is None:
+        return True
+    scheme, colon, _ = source.url.partition(":")
+    return "://" not in source.url and (not colon or scheme not in ("folder", "tcp", "mqtt"))
 
 
 def find_problems(config: Config) -> Iterator[str]:
@@ -65,6 +90,8 @@ def find_problems(config: Config) -> Iterator[str]:
         yield from _access_problems(source)
         if source.url is None:
             continue
+        if _is_recording(source):
+            yield f"source {source.name!r}: url {source.url!r} is a recording: replay reads it, run refuses it"
         place = source.url.removeprefix("folder:")
         if source.url.startswith("folder:") and not Path(place).exists():
             yield f"source {source.name!r}: folder {place!r} does not exist (yet)"
@@ -237,6 +264,9 @@ def _alarm_lines(config: Config) -> Iterator[str]:
     channels = [name for name in ("smtp", "webhook", "mqtt") if getattr(config.notify, name) is not None]
     if channels:
         yield f"notifications: {', '.join(channels)}, at most {config.notify.most_per_hour} messages an hour"
+    if config.notify.heartbeat_url is not None:
+        host = urlsplit(config.notify.heartbeat_url).hostname
+        yield f"heartbeat: {host}, every {config.notify.heartbeat_interval_s:g} s"
 
 
 def _channel_lines(config: Config, channel: ChannelSection, speed: float | None) -> Iterator[str]:

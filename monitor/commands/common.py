@@ -32,6 +32,12 @@ def read_config(path: Path | None) -> Config:
     Raises:
         ConfigError: if there is none or it is not valid.
     """
+    if path is not None and path.is_dir():
+        raise ConfigError(
+            f"{path}: is a folder; run follows one machine, so give one file of it. "
+            "For all machines of a folder: one service each (spallwatch@NAME, made by make install-service) "
+            f"and one page (spallwatch page --config {path})"
+        )
     if path is not None:
         return load_config(path)
     here = Path("config.toml")

@@ -64,6 +64,7 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
     Raises:
         ConfigError: the configuration contradicts the kept choice.
     """
+    from monitor.records.database import StoreError
     from monitor.service.setup import source_spec
     from streams.dating import kept_dating
     from streams.files import Folder, natural_key
@@ -82,6 +83,9 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
             kept = None if ledger is None else kept_dating(spec, ledger)
         except SourceError as error:
             raise ConfigError(str(error)) from None
+        except StoreError:
+            # A damaged store, or one that no daemon has opened yet.
+            kept = None
     try:
         paths = sorted(list_files(str(root)), key=natural_key)[:_MAX_OPENED]
         files = Folder(root, paths)

@@ -17,9 +17,8 @@ import click
 from monitor.commands import option
 from monitor.commands.common import emit, read_config
 from monitor.config.fleet import load_fleet
-from monitor.config.load import ConfigError
 from monitor.health.alarms import FAILURE, NO_DATA
-from monitor.service.status_file import read_status
+from monitor.service.status_file import present_status
 from monitor.service.systemd import set_up_log
 from monitor.words.numbers import duration
 from monitor.words.statuses import STATES
@@ -43,12 +42,6 @@ def command(config_path: Path | None, no_page: bool, verbose: bool, quiet: bool)
     """Follow the configured sources until SIGTERM or Ctrl-C; the log is written to standard error."""
     with _stop_on_signal() as stop:
         set_up_log(logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO)
-        if config_path is not None and config_path.is_dir():
-            raise ConfigError(
-                f"{config_path}: is a folder; run follows one machine, so give one file of it. "
-                "For all machines of a folder: one service each (spallwatch@NAME, made by make install-service) "
-                f"and one page (spallwatch page --config {config_path})"
-            )
         config = read_config(config_path)
         from monitor.service.daemon import Daemon
 
@@ -122,7 +115,7 @@ def status(config_path: Path | None, as_json: bool, quiet: bool) -> None:
         _print_fleet(config_path, as_json=as_json)
         return
     config = read_config(config_path)
-    status = {"machine": config.machine.name, **read_status(config.machine.state_dir)}
+    status = {"machine": config.machine.name, **present_status(config)}
     emit(status, _lines(status), as_json=as_json)
 
 
@@ -130,6 +123,7 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
     said = _SAID.get(status["status"], f"is {status['status']}")
     if "pid" not in status:
         yield f"{status['machine']}: the daemon {said}"
+        yield from _beside(status)
         return
     since = f"since {status['since_utc']}, " if status["running"] else ""
     yield f"{status['machine']}: the daemon {said} ({since}process {status['pid']}, spallwatch {status['version']})"
@@ -139,8 +133,7 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
     # A file that an older version wrote lacks some keys.
     if waiting := status.get("unacknowledged", 0):
         yield f"{waiting} {'event waits' if waiting == 1 else 'events wait'} to be acknowledged"
-    for name, problem in status["problems"].items():
-        yield f"problem, {name}: {problem}"
+    yield from _beside(status)
     for name, source in status["sources"].items():
         age = f", the oldest for {duration(source['oldest_age_s'])}" if source["pending"] else ""
         yield (
@@ -150,6 +143,14 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
     yield from (f"ignored: {name}, {reason}" for name, reason in list(status.get("ignored", {}).items())[:_MAX_IGNORED])
     for name, channel in status["channels"].items():
         yield f"channel {name}: {', '.join(_channel(channel))}"
+
+
+def _beside(status: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the problems and the last backup, which are known without a daemon, too."""
+    for name, problem in status.get("problems", {}).items():
+        yield f"problem, {name}: {problem}"
+    age = status["last_backup_age_s"]
+    yield "no backup was made" if age is None else f"last backup {duration(age)} ago ({status['last_backup_utc']})"
 
 
 def _channel(channel: Mapping[str, Any]) -> Iterator[str]:
@@ -183,7 +184,7 @@ def _print_fleet(folder: Path, *, as_json: bool) -> None:
         {
             "machine": machine.config.machine.name,
             "file": machine.path.name,
-            **read_status(machine.config.machine.state_dir),
+            **present_status(machine.config),
         }
         for machine in load_fleet(folder).machines
     ]
@@ -192,7 +193,7 @@ def _print_fleet(folder: Path, *, as_json: bool) -> None:
 
 
 def present_state(status: Mapping[str, Any]) -> str:
-    """Return the state of a machine from ``read_status``; without a running daemon it has no data."""
+    """Return the state of a machine from ``present_status``; without a running daemon it has no data."""
     state = str(status.get("state", NO_DATA))
     if state in STATES and (status["running"] or state == FAILURE):
         return state
@@ -224,6 +225,9 @@ def _remark(status: Mapping[str, Any]) -> str:
     state = status.get("state")
     if not status["running"]:
         return f"no daemon since {status['updated_utc']}" if "updated_utc" in status else "no daemon has run"
+    if "disk" in status.get("problems", {}):
+        # A full disk keeps the daemon from renewing its status.
+        return f"disk: {status['problems']['disk']}"
     age = _age(status.get("updated_utc"))
     if age is not None and age > _MAX_STATUS_AGE_S:
         return f"the daemon has not renewed its status for {duration(age)}"

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from monitor.config.fields import Count, Positive, Section
 
 HttpUrl = Annotated[str, Field(pattern=r"^https?://[^\s/]+")]
+SecretUrl = Annotated[str, Field(pattern=r"^https?://[^\s/]+(/\S*)?$")]
 MailAddress = Annotated[str, Field(pattern=r"^[^@\s]+@[^@\s]+$")]
 HostName = Annotated[
     str, Field(pattern=r"^(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?)(:\d{1,5})?$")
@@ -169,11 +170,15 @@ class NotifySection(Section):
     """Limit of events in one message."""
     page_url: HttpUrl | None = None
     """Address of the page in messages, if it differs from the one under ``[web]``."""
+    heartbeat_url: SecretUrl | None = None
+    """Address that is requested (GET) at intervals for as long as blocks can be committed."""
+    heartbeat_interval_s: Annotated[float, Field(ge=1.0, le=86400.0)] = 60.0
 
     @model_validator(mode="after")
     def _no_secret(self) -> Self:
-        if self.page_url is not None:
-            check_address(self.page_url)
+        for url in (self.page_url, self.heartbeat_url):
+            if url is not None:
+                check_address(url)
         return self
 
 

@@ -186,7 +186,7 @@ def refuse_unsuitable(path: Path, *, create: bool, look_inside: bool = True) -> 
         raise StoreError(f"{path}: no such file")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        kind = file_system_type(path.parent)
+        refuse_network_share(path, path.parent)
         head = b""
         if path.exists() and look_inside:
             with path.open("rb") as file:
@@ -195,16 +195,26 @@ def refuse_unsuitable(path: Path, *, create: bool, look_inside: bool = True) -> 
             head = _MAGIC
     except OSError as error:
         raise StoreError(f"{path}: {error.strerror or error}") from error
-    if kind in NETWORK_FILE_SYSTEMS:
-        raise StoreError(
-            f"{path}: lies on a network file system ({kind}), where a committed block may be lost; "
-            "set state_dir to a folder on a local disk"
-        )
     if head and head != _MAGIC:
         raise StoreError(f"{path}: is not a database (it begins with {head[:8]!r})")
     if not head and not create:
         raise StoreError(f"{path}: is empty")
     return not head
+
+
+def refuse_network_share(path: Path, folder: Path) -> None:
+    """Refuse a store at ``path`` where the existing ``folder``, its own or one above, is on a network file system.
+
+    Raises:
+        StoreError: naming the file system.
+        OSError: the folder cannot be looked at.
+    """
+    kind = file_system_type(folder)
+    if kind in NETWORK_FILE_SYSTEMS:
+        raise StoreError(
+            f"{path}: lies on a network file system ({kind}), where a committed block may be lost; "
+            "set state_dir to a folder on a local disk"
+        )
 
 
 def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
@@ -365,6 +375,12 @@ def release_lock(descriptor: int | None) -> None:
     """Release a lock; None is ignored."""
     if descriptor is not None:
         os.close(descriptor)
+
+
+def free_bytes(folder: Path) -> int:
+    """Return the bytes that are free for users other than root; OSError where the folder cannot be reached."""
+    found = os.statvfs(folder)
+    return found.f_bavail * found.f_frsize
 
 
 def sync_folder(folder: Path) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from monitor.config.load import Config
 from monitor.records.store import Store
+from monitor.service.notify.heartbeat import Heartbeat
 from monitor.service.notify.notifier import Notifier
 from monitor.service.page import PageProcess
 from monitor.service.publisher import PublishedFiles, Publisher
@@ -50,6 +51,8 @@ class Companions:
             self._events = Notifier.from_settings(config, store.path)
             self._ending: list[Callable[[], None]] = [partial(self._events.close, _LAST_MESSAGE_S)]
             opened.callback(self._ending[0])
+            self._heartbeat = Heartbeat(config.notify, monotonic)
+            self._ending.append(self._heartbeat.close)
             self._records = RecordMqtt.open(config)
             self._ending.append(partial(self._records.close, _LAST_MESSAGE_S))
             self._page: PageProcess | None = None
@@ -87,11 +90,16 @@ class Companions:
         if self._page is not None:
             self._page.tick()
 
+    def beat(self, healthy: Callable[[], bool]) -> None:
+        """Send the dead-man signal if it is due and ``healthy``."""
+        self._heartbeat.beat(healthy)
+
     def problems(self) -> dict[str, str]:
         """Return the problem of each that has one, by its name."""
         found = {
             "publisher": self._publisher.problem,
             "publish.mqtt": self._records.problem,
+            "notify.heartbeat": self._heartbeat.problem,
             "page": None if self._page is None else self._page.problem,
         }
         return self._events.problems() | {name: problem for name, problem in found.items() if problem is not None}

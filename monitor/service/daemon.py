@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import threading
 import time
 from collections.abc import Callable
@@ -11,11 +10,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from monitor.config.load import Config
+from monitor.config.load import Config, ConfigError
 from monitor.health.alarms import AlarmAcknowledgement
 from monitor.health.record import Record
 from monitor.records.compact import settle_layout
-from monitor.records.database import StoreError
+from monitor.records.database import StoreError, free_bytes
 from monitor.records.events import EventLog
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
@@ -24,7 +23,8 @@ from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus
 from monitor.service.retention import Retention
 from monitor.service.silence import SilenceLog
-from monitor.service.status_file import StatusFile
+from monitor.service.start import inspect
+from monitor.service.status_file import MIN_LOG_SHARE, StatusFile, is_running
 from monitor.service.summary import run_attributes
 from monitor.service.systemd import ServiceManager
 from monitor.words.events import event_text
@@ -39,18 +39,13 @@ _PAUSE_S = 0.5
 _CHECK_DISK_S = 5.0
 _DISK_HYSTERESIS = 1.25
 _THIN_FACTOR = 2.0
-_MIN_LOG_SHARE = 0.25
 _COUNT_SHARE = 50.0
 """Least ratio of the time between two counts of unacknowledged events to the duration of one."""
+_STUCK = frozenset(("disk", "store", "events"))
+"""Problems with which no block is committed or no acknowledgement taken."""
 _MARKS = """
 SELECT (SELECT max(id) FROM acknowledgements), (SELECT max(id) FROM events), (SELECT max(id) FROM notices)
 """
-
-
-def free_bytes(folder: Path) -> int:
-    """Return the bytes that are free for users other than root; OSError where the folder cannot be reached."""
-    found = os.statvfs(folder)
-    return found.f_bavail * found.f_frsize
 
 
 class DiskGuard:
@@ -90,7 +85,7 @@ class DiskGuard:
         enough = _THIN_FACTOR * self._least * (1.0 if self.shortage is None else _DISK_HYSTERESIS)
         usable = free if free >= enough else free + self._reusable()
         self.shortage = None if usable >= enough else f"{self._folder}: {free / 1e6:.0f} MB are free on the disk"
-        if usable >= least and free >= _MIN_LOG_SHARE * self._least:
+        if usable >= least and free >= MIN_LOG_SHARE * self._least:
             return None
         return f"{self._folder}: the disk is nearly full, {free / 1e6:.0f} MB are free, {least / 1e6:.0f} MB are needed"
 
@@ -169,6 +164,9 @@ class Daemon:
             StoreError: the store cannot be opened, or another daemon has it.
         """
         machine = self._config.machine
+        found = inspect(self._config, running=is_running(machine.state_dir))
+        if found.refusals:
+            raise ConfigError("\n".join(found.refusals))
         with ExitStack() as opened:
             self._file = opened.enter_context(StatusFile.open(machine.state_dir))
             database, name = machine.state_dir / "state.db", machine.name
@@ -187,7 +185,8 @@ class Daemon:
             )
             least = round(1e6 * machine.min_free_mb)
             self._disk = DiskGuard(machine.state_dir, self._free, least, self._retention.reusable_bytes)
-            self._ingest = opened.enter_context(Ingest.open(self._config, self._store, self._clock, self._stuck))
+            ingest = Ingest.open(self._config, self._store, self._clock, self._stuck, found.settings)
+            self._ingest = opened.enter_context(ingest)
             settings = self._ingest.settings
             channels = {name: channel for source in settings.values() for name, channel in source.channels.items()}
             self._store.describe(run_attributes(self._config, channels))
@@ -258,6 +257,7 @@ class Daemon:
         self._retention.tick(self._companions.files, idle=self._idle, disk=self._disk.shortage)
         if self._retention.take_news():
             self._companions.notify()
+        self._companions.beat(self._can_commit)
         if now >= self._status_due:
             began = time.thread_time()
             self._write_status("running")
@@ -300,6 +300,9 @@ class Daemon:
             self._status_problem = problem
             return
         self._status_problem = None
+
+    def _can_commit(self) -> bool:
+        return _STUCK.isdisjoint(self.problems())
 
     def problems(self) -> dict[str, str]:
         """Return the present problems, one sentence each, by the name of the source or the part."""

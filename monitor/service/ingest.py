@@ -59,7 +59,7 @@ class Ingest(Closing):
         """
         self.sources = tuple(sources)
         self.settings = dict(settings)
-        self._states = {name: _stored_state(store, found) for name, found in self.settings.items()}
+        self._states = {name: stored_state(store, found) for name, found in self.settings.items()}
         self._acknowledgements: dict[str, tuple[AlarmAcknowledgement, ...]] = {}
         self._store, self._ledger, self._clock, self._idle = store, ledger, clock, idle
         self._store_error: str | None = None
@@ -75,8 +75,11 @@ class Ingest(Closing):
         store: Store,
         clock: Callable[[], float] = time.time,
         idle: Callable[[], object] = lambda: None,
+        settings: Mapping[str, SourceSettings] | None = None,
     ) -> Self:
         """Open all sources of a configuration where the store ends; arguments as in :class:`Ingest`.
+
+        ``settings`` are made of the configuration where they are not given.
 
         Raises:
             ConfigError: a source cannot be opened as configured.
@@ -85,7 +88,8 @@ class Ingest(Closing):
         try:
             with ExitStack() as opened:
                 ledger = opened.enter_context(StoreLedger(store))
-                settings = {section.name: source_settings(config, section) for section in config.source}
+                if settings is None:
+                    settings = {section.name: source_settings(config, section) for section in config.source}
                 specs = [source_spec(config, section) for section in config.source]
                 sources = [opened.enter_context(source) for source in open_live(specs, ledger)]
                 ingest = cls(store, ledger, sources, settings, clock, idle)
@@ -277,7 +281,7 @@ class Ingest(Closing):
         self._ledger.close()
 
 
-def _stored_state(store: Store, settings: SourceSettings) -> SourceState:
+def stored_state(store: Store, settings: SourceSettings) -> SourceState:
     """Return the state of a source at which a store ends; StoreError where it is of another version."""
     latest = store.record(settings.name, store.last(settings.name))
     try:

@@ -6,15 +6,23 @@ import fcntl
 import json
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
 
-from monitor.records.database import Closing, StoreError
+from monitor.config.load import Config
+from monitor.records.backup import read_note
+from monitor.records.compact import free_bytes_in, shrinks
+from monitor.records.database import Closing, SharedConnection, StoreError, free_bytes
 
 _NAME = "status.json"
 _LOCK = "daemon.lock"
 _LOCK_S = 1.0
+MIN_LOG_SHARE = 0.25
+"""Share of the free space that the daemon keeps, down to which room inside the store counts as free."""
+_COMMIT_BYTES = 1_000_000
+"""Room for the log of one commit."""
 
 
 class StatusFile(Closing):
@@ -65,12 +73,56 @@ def read_status(state_dir: Path) -> dict[str, Any]:
     Where none is running, ``status`` is ``stopped`` (it ended normally), ``died``, or ``never_ran``.
     """
     found = _read(state_dir / _NAME)
-    running = _is_locked(state_dir / _LOCK)
+    running = is_running(state_dir)
     if not running:
         found["status"] = ("stopped" if found.get("status") == "stopped" else "died") if found else "never_ran"
     elif not found:
         found["status"] = "starting"
     return {"running": running, **found}
+
+
+def present_status(
+    config: Config, *, free: Callable[[Path], int] = free_bytes, clock: Callable[[], float] = time.time
+) -> dict[str, Any]:
+    """Return the status of a machine as :func:`read_status`, with what is seen without its daemon.
+
+    That is a full disk, which keeps a daemon from writing its status, the age of the last backup, and why the latest
+    attempt failed. Both are ``problems``, with which a running daemon is ``degraded``.
+    """
+    state_dir = config.machine.state_dir
+    found, backup = read_status(state_dir), read_note(state_dir)
+    problems = dict(found.get("problems", {}))
+    if (full := _full_disk(state_dir, round(1e6 * config.machine.min_free_mb), free)) is not None:
+        problems["disk"] = full
+    if backup.get("problem"):
+        problems["backup"] = f"the backup of {backup.get('failed_utc')} failed: {backup['problem']}"
+    if problems:
+        found["problems"] = problems
+        found["status"] = "degraded" if found["status"] == "running" else found["status"]
+    made = backup.get("utc")
+    age = None if made is None else round(max(0.0, clock() - datetime.fromisoformat(made).timestamp()), 3)
+    return {**found, "last_backup_utc": made, "last_backup_age_s": age}
+
+
+def _full_disk(folder: Path, least: int, free: Callable[[Path], int]) -> str | None:
+    """Return that a commit may find no room, or None; ``least`` is the room that the daemon keeps free, bytes."""
+    least = max(least, _COMMIT_BYTES)
+    try:
+        found = free(folder)
+    except OSError:
+        return None
+    if found >= least or (found >= MIN_LOG_SHARE * least and found + _reusable(folder / "state.db") >= least):
+        return None
+    return f"{folder}: the disk is nearly full, {found / 1e6:.0f} MB are free, {least / 1e6:.0f} MB are needed"
+
+
+def _reusable(store: Path) -> int:
+    """Return the bytes inside a store that new blocks can take."""
+    try:
+        with SharedConnection(store) as shared, shared.use() as connection:
+            return 0 if shrinks(connection) else free_bytes_in(connection)
+    except StoreError:
+        return 0
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -81,9 +133,10 @@ def _read(path: Path) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _is_locked(path: Path) -> bool:
+def is_running(state_dir: Path) -> bool:
+    """Return whether a daemon has the lock of a state folder."""
     try:
-        lock = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        lock = os.open(state_dir / _LOCK, os.O_RDONLY | os.O_CLOEXEC)
     except OSError:
         return False
     try:

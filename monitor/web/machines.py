@@ -12,7 +12,7 @@ from typing import Any
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection
 from monitor.records.database import StoreError
-from monitor.service.status_file import read_status
+from monitor.service.status_file import present_status
 from monitor.web.answers import RequestError, without_folders
 from monitor.web.reading import LatestValues, LedgerTally, StoreReader
 
@@ -72,8 +72,10 @@ class Machine:
                     "name": self.name,
                     "timezone": self.config.machine.timezone,
                     "channels": {},
-                    **read_status(self.state_dir),
+                    **present_status(self.config),
                 }
+                # It changes with every look; the moment of the backup stays.
+                found.pop("last_backup_age_s")
                 problems = found.get("problems", {})
                 found["problems"] = {name: without_folders(problem) for name, problem in problems.items()}
                 version = self._status.version + (found != self._status.values)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import time
 from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
@@ -116,6 +117,7 @@ def _daemons(site: Machines) -> Iterator[Metric]:
             "problems": "how many things are wrong",
             "status_age_seconds": "time since the daemon said how it stands",
             "unacknowledged_events": "events to be acknowledged",
+            "last_backup_age_seconds": "time since the last verified backup",
             "daemon_start_time_seconds": "start of the daemon, UTC since 1970",
             "daemon_resident_memory_bytes": "resident memory of the daemon",
         },
@@ -138,6 +140,7 @@ def _daemons(site: Machines) -> Iterator[Metric]:
         for name, value in {
             "status_age_seconds": status.age,
             "unacknowledged_events": _or_none(lambda found=machine: unacknowledged(found)),
+            "last_backup_age_seconds": _age(values["last_backup_utc"]),
             "daemon_start_time_seconds": _seconds(values.get("since_utc")) if running else None,
             "daemon_resident_memory_bytes": _memory(values.get("pid")) if running else None,
         }.items():
@@ -234,6 +237,11 @@ def _or_none(make: Callable[[], Any]) -> Any:
 
 def _seconds(utc: str | None) -> float | None:
     return None if utc is None else datetime.fromisoformat(utc).timestamp()
+
+
+def _age(utc: str | None) -> float | None:
+    moment = _seconds(utc)
+    return None if moment is None else max(0.0, time.time() - moment)
 
 
 def _memory(pid: int | None) -> float | None:

@@ -76,6 +76,10 @@ class FolderSource(LiveSource):
         self._kept: Dating | None = None
         self._files: Register | None = None
 
+    def check(self, *, taken: bool = False) -> None:
+        """Raise SourceError where :meth:`open` would; ``taken`` has no meaning for folders."""
+        self._look()
+
     def open(self, ledger: Ledger) -> None:
         """Begin with the pending files of the ledger.
 
@@ -84,17 +88,7 @@ class FolderSource(LiveSource):
         Raises:
             SourceError: the folder is a file or may not be read, or the configuration names no known format.
         """
-        where = f"[[source]] {self.name}"
-        try:
-            if not stat.S_ISDIR(self._root.stat().st_mode):
-                raise SourceError(f"{where}: url: expected a folder, {str(self._root)!r} is a file")
-            check_readable(self._root, f"{where}: url")
-            self._real = self._root.resolve()
-        except PermissionError as error:
-            raise SourceError(f"{where}: url: {str(self._root)!r} may not be read ({error.strerror})") from error
-        except OSError:
-            # The scan reports it as a problem.
-            self._real = self._root.absolute()
+        self._real, data_set = self._look()
         self._ledger = ledger
         self._kept = kept_dating(self._spec, ledger)
         if self._kept is not None and self._kept.by == "nothing":
@@ -102,12 +96,29 @@ class FolderSource(LiveSource):
             _LOG.warning(
                 "source %s: %sits blocks have no date; to date later ones: spallwatch redate", self.name, unused
             )
-        if self._spec.format.strip().lower() != "auto":
-            self._load_as(data_set_of(self._spec, Folder(self._real, ()), self._spec.format))
+        if data_set is not None:
+            self._load_as(data_set)
         self._intake = None
         now = self._clock.monotonic()
         self._files = Register(self.name, ledger, self._spec.settle_s, self._order_of, now)
         self._next_scan = now
+
+    def _look(self) -> tuple[Path, DataSet | None]:
+        """Return the folder without links and the data set of the configured format, None for "auto"."""
+        where = f"[[source]] {self.name}"
+        try:
+            if not stat.S_ISDIR(self._root.stat().st_mode):
+                raise SourceError(f"{where}: url: expected a folder, {str(self._root)!r} is a file")
+            check_readable(self._root, f"{where}: url")
+            real = self._root.resolve()
+        except PermissionError as error:
+            raise SourceError(f"{where}: url: {str(self._root)!r} may not be read ({error.strerror})") from error
+        except OSError:
+            # The scan reports it as a problem.
+            real = self._root.absolute()
+        if self._spec.format.strip().lower() == "auto":
+            return real, None
+        return real, data_set_of(self._spec, Folder(real, ()), self._spec.format)
 
     def next(self, timeout: float) -> Delivery | None:
         """Return the next delivery, or None after ``timeout`` seconds without one."""

@@ -299,6 +299,9 @@ class Receiver(LiveSource):
         self._opened = False
         self._problem: str | None = None
 
+    def check(self, *, taken: bool = False) -> None:
+        """Raise SourceError where :meth:`open` would; ``taken``: another receiver has the address by right."""
+
     def open(self, ledger: Ledger) -> None:
         """Start receiving; SourceError as :meth:`_start`."""
         if self._opened:

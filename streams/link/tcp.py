@@ -50,6 +50,7 @@ class TcpReceiver(Receiver):
         if len({(found.tls_cert_file, found.tls_key_file) for found in networks.values()}) > 1:
             raise SourceError(f"{self._where}: sources at one address have the same tls_cert_file and tls_key_file")
         self._key_files = {name: found.stream_key_file for name, found in networks.items()}
+        self._keyless = [name for name, path in self._key_files.items() if path is None]
         self._keys: dict[str, bytes] = {}
         self._tls: ssl.SSLContext | None = None
         self._selector: selectors.BaseSelector | None = None
@@ -68,10 +69,23 @@ class TcpReceiver(Receiver):
         """The listening port, once open (0 in the URL lets the system choose)."""
         return self._address.port if self._listener is None else self._listener.getsockname()[1]
 
+    def check(self, *, taken: bool = False) -> None:
+        """Raise SourceError where :meth:`open` would; ``taken``: another receiver has the address by right."""
+        self._load_keys()
+        if taken:
+            self._place()
+        else:
+            # Bound, but not listening: no sender is answered.
+            self._bound(listen=False).close()
+
     def _start(self) -> None:
         """Listen; SourceError where that fails, a file cannot be used, or any machine could send without a key."""
-        self._load_keys()
-        self._listener = self._listen()
+        for weakness in self._load_keys():
+            _LOG.warning("%s", weakness)
+        self._listener = self._bound(listen=True)
+        if not _is_loopback(self._listener.getsockname()[0]):
+            for name in self._keyless:
+                _LOG.warning("source %s: machines among peers may send without a key; see stream_key_file", name)
         self._wake_in, self._wake_out = socket.socketpair()
         self._wake_in.setblocking(False)
         self._wake_out.setblocking(False)
@@ -81,41 +95,54 @@ class TcpReceiver(Receiver):
         self._thread = threading.Thread(target=self._serve, name=f"tcp-{self.name}", daemon=True)
         self._thread.start()
 
-    def _load_keys(self) -> None:
+    def _load_keys(self) -> list[str]:
+        """Read keys and certificate; return what weakens a key, one sentence each."""
+        weaknesses = []
         for name, path in self._key_files.items():
             if path is None:
                 continue
             self._keys[name] = read_key(path, f"[[source]] {name}: stream_key_file")
             weakness = key_weakness(path, self._keys[name])
             if weakness is not None:
-                _LOG.warning("source %s: %s", name, weakness)
+                weaknesses.append(f"source {name}: {weakness}")
         cert_file, key_file = self._network.tls_cert_file, self._network.tls_key_file
         if cert_file is not None and key_file is not None:
             self._tls = receiver_context(cert_file, key_file, f"[[source]] {self.name}")
+        return weaknesses
 
-    def _listen(self) -> socket.socket:
-        host, port = self._address.host, self._address.port
+    def _bound(self, *, listen: bool) -> socket.socket:
+        """Return a socket that is bound to the address, and listens where it shall."""
+        family, place = self._place()
+        bound = socket.socket(family, socket.SOCK_STREAM)
         try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-            family, _, _, _, place = found[0]
-            if not ipaddress.ip_address(str(place[0]).partition("%")[0]).is_loopback:
-                self._check_reach(host)
-            listener = socket.create_server(place[:2], family=family, backlog=_BACKLOG)
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if family == socket.AF_INET6:
+                bound.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            bound.bind(place)
+            if listen:
+                bound.listen(_BACKLOG)
         except OSError as error:
-            raise SourceError(f"{self._where}: {host}:{port} cannot be listened to: {error}") from None
-        listener.setblocking(False)
-        return listener
+            bound.close()
+            raise self._unusable(error) from None
+        bound.setblocking(False)
+        return bound
 
-    def _check_reach(self, host: str) -> None:
-        """Refuse to let any machine send without a key; warn where some machines may."""
-        keyless = [name for name in self._key_files if name not in self._keys]
-        if keyless and not self._network.peers:
+    def _place(self) -> tuple[socket.AddressFamily, tuple[str, int]]:
+        """Return family and numerical address; SourceError where any machine could send without a key."""
+        host = self._address.host
+        try:
+            family, _, _, _, place = socket.getaddrinfo(host, self._address.port, type=socket.SOCK_STREAM)[0]
+        except OSError as error:
+            raise self._unusable(error) from None
+        if not _is_loopback(str(place[0])) and self._keyless and not self._network.peers:
             raise SourceError(
                 f"{self._where}: {host} can be reached by other machines; give stream_key_file, or say which may send "
                 "with peers = [...]"
             )
-        for name in keyless:
-            _LOG.warning("source %s: machines among peers may send without a key; see stream_key_file", name)
+        return family, (str(place[0]), int(place[1]))
+
+    def _unusable(self, error: OSError) -> SourceError:
+        return SourceError(f"{self._where}: {self._address.host}:{self._address.port} cannot be listened to: {error}")
 
     def _confirm(self, ticket: Ticket) -> None:
         with self._lock:
@@ -365,3 +392,8 @@ class TcpReceiver(Receiver):
             with contextlib.suppress(KeyError, ValueError):
                 self._selector.unregister(peer.socket)
         peer.socket.close()
+
+
+def _is_loopback(address: str) -> bool:
+    """Return whether a numerical address is of this machine alone."""
+    return ipaddress.ip_address(address.partition("%")[0]).is_loopback

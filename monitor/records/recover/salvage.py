@@ -34,6 +34,7 @@ from monitor.records.recover.from_published import from_published
 from monitor.records.recover.leaf_pages import leaf_rows
 from monitor.records.recover.rows import carry_over
 from monitor.records.recover.settle import first_change, settle
+from monitor.records.restore import Places, finish_restore
 from monitor.records.store import Store
 
 _LOG = logging.getLogger(__name__)
@@ -158,15 +159,16 @@ def open_or_salvage(
     """
     path = Path(path)
     try:
+        finish_restore(Places(path, records_dir or path.parent))
         _finish(path, clock())
-        reason = _damage(path, machine)
+        reason = damage_of(path, machine)
         report = None if reason is None else _salvage(path, machine, reason, records_dir, clock(), beat)
     except (OSError, sqlite3.Error) as error:
         raise StoreError(f"{path}: is damaged, and what is left cannot be saved: {error}") from error
     return Store.open(path, machine=machine), report
 
 
-def _damage(path: Path, machine: str) -> str | None:
+def damage_of(path: Path, machine: str) -> str | None:
     """Return the damage of a store, or None; :meth:`Store.open` refuses the database of another program."""
     try:
         with path.open("rb") as file:

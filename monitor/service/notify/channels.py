@@ -15,7 +15,7 @@ from email.message import EmailMessage
 from email.utils import formatdate, make_msgid
 from pathlib import Path
 from typing import Any, Protocol
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 from models.errors import SpallwatchError
 from monitor.config.outputs import MqttSection, NotifySection, SmtpSection, WebhookSection
@@ -129,26 +129,8 @@ class WebhookChannel:
         headers = {"Content-Type": "application/json"}
         if self._section.token_file is not None:
             headers["Authorization"] = f"Bearer {read_secret(self._section.token_file)}"
-        where = f"webhook {self._url.hostname}"
-        path = (self._url.path or "/") + (f"?{self._url.query}" if self._url.query else "")
-        try:
-            connection = self._connection()
-            try:
-                connection.request("POST", path, message.to_json().encode(), headers)
-                status = connection.getresponse().status
-            finally:
-                connection.close()
-        except (OSError, http.client.HTTPException, ValueError) as error:
-            raise NotifyError(f"{where}: {type(error).__name__}: {error}") from None
-        if not 200 <= status < 300:
-            raise NotifyError(f"{where}: answered {status}")
-
-    def _connection(self) -> http.client.HTTPConnection:
-        host = self._url.hostname or ""
-        if self._url.scheme == "https":
-            context = _tls_context(self._section.ca_file)
-            return http.client.HTTPSConnection(host, self._url.port, timeout=_TIMEOUT_S, context=context)
-        return http.client.HTTPConnection(host, self._url.port, timeout=_TIMEOUT_S)
+        body = message.to_json().encode()
+        request("webhook", "POST", self._url, body=body, headers=headers, ca_file=self._section.ca_file)
 
 
 class MqttChannel:
@@ -184,6 +166,41 @@ def configured_channels(settings: NotifySection) -> list[NotificationChannel]:
     """Return the channels whose sections are configured."""
     sections = {name: getattr(settings, name) for name in _CHANNELS}
     return [_CHANNELS[name](section) for name, section in sections.items() if section is not None]
+
+
+def request(
+    name: str,
+    method: str,
+    url: SplitResult,
+    *,
+    body: bytes | None = None,
+    headers: Mapping[str, str] | None = None,
+    ca_file: Path | None = None,
+) -> None:
+    """Send one request to an address; ``name`` begins the message of an error, which does not hold the address.
+
+    Raises:
+        NotifyError: it cannot be sent, or the answer is not 2xx.
+    """
+    where = f"{name} {url.hostname}"
+    path = (url.path or "/") + (f"?{url.query}" if url.query else "")
+    try:
+        if url.scheme == "https":
+            context = _tls_context(ca_file)
+            connection: http.client.HTTPConnection = http.client.HTTPSConnection(
+                url.hostname or "", url.port, timeout=_TIMEOUT_S, context=context
+            )
+        else:
+            connection = http.client.HTTPConnection(url.hostname or "", url.port, timeout=_TIMEOUT_S)
+        try:
+            connection.request(method, path, body, dict(headers or {}))
+            status = connection.getresponse().status
+        finally:
+            connection.close()
+    except (OSError, http.client.HTTPException, ValueError) as error:
+        raise NotifyError(f"{where}: {type(error).__name__}: {error}") from None
+    if not 200 <= status < 300:
+        raise NotifyError(f"{where}: answered {status}")
 
 
 def _tls_context(ca_file: Path | None) -> ssl.SSLContext:

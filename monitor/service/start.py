@@ -1,0 +1,110 @@
+"""What ``spallwatch run`` refuses at its start, and ``spallwatch check`` says without starting anything."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from monitor.config.load import Config, ConfigError
+from monitor.config.source import SourceSection
+from monitor.health.state import SourceSettings
+from monitor.records.database import StoreError, refuse_network_share, refuse_unsuitable
+from monitor.records.ledger import StoreLedger
+from monitor.records.recover.salvage import damage_of
+from monitor.records.store import Store
+from monitor.service.ingest import stored_state
+from monitor.service.setup import source_settings, source_spec
+from streams.dating import kept_dating
+from streams.open import check_live
+from streams.spec import SourceError, SourceSpec
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """Settings and specifications of usable sources, and why a daemon cannot start, one sentence each."""
+
+    settings: Mapping[str, SourceSettings]
+    specs: tuple[SourceSpec, ...]
+    refusals: tuple[str, ...]
+
+
+def inspect(config: Config, sources: Sequence[SourceSection] | None = None, *, running: bool = False) -> Inspection:
+    """Look at the state folder and the sources, as far as that is possible without opening or making anything.
+
+    Args:
+        config: of the machine.
+        sources: those to look at; by default all.
+        running: whether its daemon runs, so that its addresses are in use by right.
+    """
+    state_dir = config.machine.state_dir
+    refusals = list(_unwritable("machine.state_dir", state_dir))
+    if not refusals:
+        paths = [path for path in (state_dir / "daemon.lock", state_dir / "state.db") if path.exists()]
+        locked = [path for path in paths if not os.access(path, os.W_OK, effective_ids=True)]
+        refusals += [f"{path}: cannot be written ({os.strerror(errno.EACCES)})" for path in locked]
+    settings: dict[str, SourceSettings] = {}
+    specs = []
+    for section in config.source if sources is None else sources:
+        try:
+            settings[section.name] = source_settings(config, section)
+        except ConfigError as error:
+            refusals.append(str(error))
+        try:
+            specs.append(source_spec(config, section))
+        except (ConfigError, SourceError) as error:
+            refusals.append(str(error))
+    refusals += check_live(specs, taken=running)
+    return Inspection(settings, tuple(specs), tuple(refusals))
+
+
+def store_refusals(config: Config, found: Inspection) -> Iterator[str]:
+    """Yield why the store of a machine cannot be opened or continued; a damaged one can, and nothing is written."""
+    path = config.machine.state_dir / "state.db"
+    try:
+        refuse_network_share(path, _existing(path.parent))
+        if not os.path.lexists(path) or (path.is_file() and not path.stat().st_size):
+            return
+        # A journal is left by a process that was killed while it made the tables; only a writer can roll it back.
+        if path.with_name(f"{path.name}-journal").exists() or damage_of(path, config.machine.name) is not None:
+            return
+        refuse_unsuitable(path, create=False)
+        with Store.open(path, machine=config.machine.name, create=False, read_only=True) as store:
+            for settings in found.settings.values():
+                stored_state(store, settings)
+            if not store.rows("SELECT 1 FROM sqlite_master WHERE name = 'files'"):
+                return
+            with StoreLedger(store) as ledger:
+                for spec in found.specs:
+                    if spec.url.startswith("folder:"):
+                        kept_dating(spec, ledger)
+    except (StoreError, SourceError) as error:
+        yield str(error)
+    except OSError as error:
+        yield f"{path}: {error.strerror or error}"
+
+
+def records_refusals(config: Config) -> Iterator[str]:
+    """Yield why no files can be published; a daemon starts all the same, and its status says so."""
+    yield from _unwritable("machine.records_dir", config.machine.records_dir)
+
+
+def _unwritable(key: str, folder: Path) -> Iterator[str]:
+    """Yield why a folder cannot be written, or made where it is missing."""
+    place = _existing(folder)
+    where = f"{key} = {str(folder)!r}"
+    if not place.is_dir():
+        found = "is no folder" if place == folder else f"{str(place)!r} is no folder"
+        yield f"{where}: {found}; expected one, or a place where it can be made"
+    elif not os.access(place, os.W_OK | os.X_OK, effective_ids=True):
+        reason = os.strerror(errno.EROFS if os.statvfs(place).f_flag & os.ST_RDONLY else errno.EACCES)
+        yield f"{where}: {'' if place == folder else f'{str(place)!r} '}cannot be written ({reason})"
+
+
+def _existing(folder: Path) -> Path:
+    """Return a folder, or the nearest one above it that exists."""
+    while not os.path.lexists(folder) and folder != folder.parent:
+        folder = folder.parent
+    return folder
