@@ -139,6 +139,18 @@ class Loader:
             _LOG.warning("%s: the reader failed", name, exc_info=True)
             raise ReaderError("unreadable", f"{name}: the reader failed ({type(error).__name__})") from error
 
+    def levels(self, raw: bytes, path: str) -> dict[str, str]:
+        """Return in words what states the level of each channel of a file; ReaderError as :meth:`load`."""
+        samples, unit = self.read(raw, path, path), self.data_set.unit
+        samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
+        found = {}
+        for channel in self._spec.channels:
+            row = _row_of(samples, channel, path)
+            found[channel.name] = _level(
+                samples, row, channel, _unit_of(samples, row, channel, path), self._spec.range_g
+            )
+        return found
+
     def _check_length(self, samples: Samples, name: str) -> None:
         expected, found = self.data_set.samples, samples.values.shape[1]
         if expected is None:
@@ -269,6 +281,29 @@ def _factor_of(samples: Samples, row: int, channel: ChannelSpec, range_g: float 
         f"{where}: holds {stored}, and nothing states their level; give [[channel]] scale, {meant} "
         f"(a side-car may too){other}",
     )
+
+
+def _level(samples: Samples, row: int, channel: ChannelSpec, unit: str, range_g: float | None) -> str:
+    """Return in words what states the level of a row: its unit and, of integers, what they mean."""
+    stated, stored, scale = samples.units[row], samples.stored[row], channel.scale
+    parts = [f"{unit} ({'configured' if stated is None else 'stated by the file or its side-car'})"]
+    if unit == "V":
+        parts.append(f"{channel.sensitivity_mv_per_g:g} mV per g")
+    if stored == SCALED:
+        parts.append("integers, scaled as the file or its side-car states")
+    elif stored != VALUES and unit != "unknown":
+        meant = "full scale is" if stored == FRACTIONS else "one count is"
+        level = "not stated"
+        if scale is not None:
+            level = f"{scale:g} {unit} (scale)"
+        elif stored == FRACTIONS and range_g is not None:
+            level = f"{range_g:g} g (range_g)"
+        parts.append(f"integers, {meant} {level}")
+    elif samples.scaled:
+        parts.append("scaled by the side-car")
+    elif scale not in (None, 1.0):
+        parts.append(f"times {scale:g} (scale)")
+    return ", ".join(parts)
 
 
 def agreed_rate(stated: Sequence[float | None], configured: float | None, where: str) -> float:

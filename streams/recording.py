@@ -122,6 +122,13 @@ class Recording:
             self._count = self._count_files() if one_a_file else sum(1 for _ in self._parts(Numbering(""), Given()))
         return self._count
 
+    def levels(self) -> dict[str, str]:
+        """Return in words what states the level of each channel in the first file that can be read."""
+        for _, item in self._known():
+            with contextlib.suppress(ReaderError):
+                return self._loader.levels(item.read(), item.path)
+        return {}
+
     def files(self) -> Backlog:
         """Return the counts of files: those that the latest iteration has not given are pending."""
         met, given = self._met_files(), self._given

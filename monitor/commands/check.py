@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -45,7 +45,8 @@ def command(config_path: Path | None, schema: bool, as_json: bool, quiet: bool) 
     values = {
         **config.model_dump(mode="json"),
         "hash": config.hash,
-        "dating": {name: asdict(found) for name, found in dated.items()},
+        "dating": {name: asdict(replace(found, levels={})) for name, found in dated.items()},
+        "levels": {channel: text for found in dated.values() for channel, text in found.levels.items()},
         "problems": problems,
     }
     emit(values, _lines(config, problems, dated), as_json=as_json)
@@ -227,9 +228,12 @@ def _lines(config: Config, problems: list[str], dated: Mapping[str, DatingPrevie
         yield f"source {source.name}: {source.url or 'path given to replay'}, format {source.format}, {rate}, {block}"
         if source.name in dated:
             yield from _dating_lines(dated[source.name])
+        levels = dated[source.name].levels if source.name in dated else {}
         for channel in config.channel:
             if channel.source == source.name:
                 yield from _channel_lines(config, channel, speed)
+                if channel.name in levels:
+                    yield f"    level: {levels[channel.name]}"
     detect = config.detect
     length = f"{detect.learn_hours:g} h" if detect.learn_hours else f"{detect.to_settings().learn_blocks} blocks"
     yield (

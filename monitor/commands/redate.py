@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,10 @@ def command(source: str, config_path: Path | None, as_json: bool, quiet: bool) -
 
 @dataclass(frozen=True)
 class DatingPreview:
-    """What would date the blocks of a watched folder: ``text`` in words, and the first block as an example."""
+    """What would date the blocks of a watched folder: ``text`` in words, and the first block as an example.
+
+    ``levels`` says in words what states the level of each channel.
+    """
 
     by: str | None
     text: str
@@ -56,6 +59,7 @@ class DatingPreview:
     time_utc: str | None = None
     elapsed_s: float | None = None
     problems: tuple[str, ...] = ()
+    levels: Mapping[str, str] = field(default_factory=dict)
 
 
 def preview_dating(config: Config, section: SourceSection) -> DatingPreview | None:
@@ -92,26 +96,33 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
         if not paths:
             return None
         recording = Recording(spec, files, data_set_of(spec, files, spec.format), kept)
-        first = next(_blocks(recording), None)
+        levels, first, refused = recording.levels(), *_first_items(recording)
     except (SourceError, OSError) as error:
         return DatingPreview(None, "not known", problems=(f"nothing dates its blocks yet: {error}",))
     by, text = (
         (None, "by the data set") if recording.dating is None else (recording.dating.by, recording.dating.describe())
     )
-    if first is None:
-        return DatingPreview(by, text, problems=recording.remarks)
     problems = recording.remarks
+    if first is None:
+        if refused is not None:
+            problems = (f"no block comes of its first files: {refused.status}: {refused.reason}", *problems)
+        return DatingPreview(by, text, problems=problems, levels=levels)
     if first.start is None and not problems:
         problems = ("nothing dates its blocks; give start_utc",)
     time = None if first.start is None else _utc_text(first.start)
-    return DatingPreview(by, text, first.name, time, first.elapsed, problems)
+    return DatingPreview(by, text, first.name, time, first.elapsed, problems, levels)
 
 
-def _blocks(recording: Any) -> Iterator[Any]:
-    """Yield the blocks among the first items of a recording."""
-    from streams.block import Block
+def _first_items(recording: Any) -> tuple[Any, Any]:
+    """Return the first block and the first rejection before it, among the first items of a recording."""
+    from streams.block import Rejected
 
-    return (item for item in islice(recording, _MAX_OPENED) if isinstance(item, Block))
+    refused = None
+    for item in islice(recording, _MAX_OPENED):
+        if not isinstance(item, Rejected):
+            return item, refused
+        refused = refused or item
+    return None, refused
 
 
 def _utc_text(seconds: float) -> str:

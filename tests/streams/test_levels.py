@@ -65,10 +65,10 @@ def mat(values: NDArray[Any]) -> bytes:
     return stream.getvalue()
 
 
-def tdms(counts: NDArray[Any]) -> bytes:
+def tdms(counts: NDArray[Any], **stated: Any) -> bytes:
     stream = io.BytesIO()
     with TdmsWriter(stream) as writer:
-        writer.write_segment([ChannelObject("run", "x", counts, properties={"wf_increment": 1.0 / RATE})])
+        writer.write_segment([ChannelObject("run", "x", counts, properties={"wf_increment": 1.0 / RATE, **stated})])
     return stream.getvalue()
 
 
@@ -185,9 +185,20 @@ def test_integers_of_unknown_unit_are_taken_as_they_are(name: str, tmp_path: Pat
     np.testing.assert_array_equal(item.samples[0], COUNTS / (FULL if name in FRACTIONS else 1))
 
 
+LINEAR = {
+    "NI_Number_Of_Scales": 1,
+    "NI_Scaling_Status": "unscaled",
+    "NI_Scale[0]_Scale_Type": "Linear",
+    "NI_Scale[0]_Linear_Slope": 0.001,
+    "NI_Scale[0]_Linear_Y_Intercept": 0.5,
+    "NI_Scale[0]_Linear_Input_Source": 0xFFFFFFFF,
+}
+
+
 @pytest.mark.parametrize(
     ("name", "data"),
     [
+        ("a.tdms", tdms(COUNTS, **LINEAR)),
         ("a.h5", hdf5(COUNTS, scale_factor=0.001, add_offset=0.5)),
         ("a.h5", hdf5(COUNTS, scale=0.001, add_offset=0.5, unit="g")),
         ("a.nc", netcdf(COUNTS, scale_factor=0.001, add_offset=0.5)),
