@@ -135,10 +135,12 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
         yield f"{waiting} {'event waits' if waiting == 1 else 'events wait'} to be acknowledged"
     yield from _beside(status)
     for name, source in status["sources"].items():
-        age = f", the oldest for {duration(source['oldest_age_s'])}" if source["pending"] else ""
+        more = f", the oldest for {duration(source['oldest_age_s'])}" if source["pending"] else ""
+        # Connections and messages, which are not offered.
+        more += f"; {refused} senders or messages refused" if (refused := source.get("refused", 0)) else ""
         yield (
             f"source {name}: {source['offered']} offered, {source['accepted']} accepted, "
-            f"{source['rejected']} rejected, {source.get('ignored', 0)} ignored, {source['pending']} pending{age}"
+            f"{source['rejected']} rejected, {source.get('ignored', 0)} ignored, {source['pending']} pending{more}"
         )
     yield from (f"ignored: {name}, {reason}" for name, reason in list(status.get("ignored", {}).items())[:_MAX_IGNORED])
     for name, channel in status["channels"].items():

@@ -31,8 +31,8 @@ _TABLES = (
     "CREATE INDEX IF NOT EXISTS blocks_by_content ON blocks (source, content_hash)",
     """CREATE TABLE IF NOT EXISTS stream_resets (
     source TEXT NOT NULL, resets INTEGER NOT NULL, first INTEGER NOT NULL, number INTEGER NOT NULL,
-    PRIMARY KEY (source, resets)
-) WITHOUT ROWID""",
+    UNIQUE (source, resets)
+)""",
 )
 _COLUMNS = ", ".join(field.name for field in fields(FileProgress))
 _MAX_ALIKE = 8
