@@ -66,6 +66,10 @@ class Stored(NamedTuple):
         )
 
 
+MAX_BLOCK = 2**53
+"""A number above this was not reached by counting: earlier versions took any number from a stream."""
+LAST_QUERY = "SELECT coalesce(max(sequence), 0) FROM blocks WHERE source = ? AND sequence <= ?"
+
 # The inner selects keep the order in which a block's forecasts and events were given.
 STORED_QUERY = """
 SELECT id, layout, day, axis_time, time_status, row, source, sequence, name, content_hash, status, flags, reason,

@@ -16,7 +16,8 @@ from typing import Any
 from monitor.health.record import storable
 from monitor.records.condense import identity_of, numbers_with
 from monitor.records.database import Closing, SharedConnection
-from monitor.records.store import LAST_QUERY, MAX_BLOCK, Store, count_refusal
+from monitor.records.filing import LAST_QUERY, MAX_BLOCK
+from monitor.records.store import Store, count_refusal
 from streams.block import Rejected
 from streams.source import FileProgress, StreamCount
 

@@ -34,6 +34,8 @@ from monitor.records.database import (
     take_lock,
 )
 from monitor.records.filing import (
+    LAST_QUERY,
+    MAX_BLOCK,
     STORED_QUERY,
     Filing,
     Stored,
@@ -50,9 +52,6 @@ from streams.block import Rejected
 Commit = Literal["committed", "duplicate", "changed"]
 _CHUNK_RECORDS = 500
 """Records read at a time: no transaction stays open while blocks are committed."""
-MAX_BLOCK = 2**53
-"""A number above this was not reached by counting: earlier versions took any number from a stream."""
-LAST_QUERY = "SELECT coalesce(max(sequence), 0) FROM blocks WHERE source = ? AND sequence <= ?"
 
 
 class Published(NamedTuple):

@@ -16,8 +16,9 @@ from monitor.health.record import Record
 from monitor.health.state import SourceSettings, SourceState
 from monitor.health.step import SourceOutput, rejected_record, rejection_of, step
 from monitor.records.database import Closing, StoreError, UnstorableError
+from monitor.records.filing import MAX_BLOCK
 from monitor.records.ledger import StoreLedger, write_progress
-from monitor.records.store import MAX_BLOCK, Store
+from monitor.records.store import Store
 from monitor.service.setup import source_settings, source_spec
 from streams.block import Block, Rejected
 from streams.open import open_live
