@@ -30,14 +30,18 @@ class SourceSection(Section):
     settle_s: NotNegative = 2.0
     block_s: Positive | Literal["file"] = 5.0
     format: str = "auto"
-    time_from: Literal["header", "name", "count", "mtime"] | None = None
-    """What dates the blocks of files; None: the header, the name, or a count, whichever the first file has."""
-    time_name: str | None = None
-    """Pattern of the date in names of files, as of strptime."""
-    interval_s: Positive | None = None
-    """Time between the starts of files, for a count; None: the length of a file."""
-    date_order: Literal["day_first", "month_first"] | None = None
-    """Order of day and month in dates such as 03/04/2024; None: told over all files."""
+    time_from: Annotated[
+        Literal["header", "name", "count", "mtime"] | None,
+        Field(description="what dates files; by default the first of header, name, count that the first file has"),
+    ] = None
+    time_name: Annotated[str | None, Field(description="strptime pattern of the date in names of files")] = None
+    interval_s: Annotated[
+        Positive | None, Field(description="count: time between the starts of files; by default the length of one")
+    ] = None
+    date_order: Annotated[
+        Literal["day_first", "month_first"] | None,
+        Field(description="order of day and month in dates such as 03/04/2024; by default told over all files"),
+    ] = None
     rate_hz: Positive | None = None
     range_g: Positive | None = None
     peers: tuple[str, ...] = ()
