@@ -133,6 +133,8 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
     # A file that an older version wrote lacks some keys.
     if waiting := status.get("unacknowledged", 0):
         yield f"{waiting} {'event waits' if waiting == 1 else 'events wait'} to be acknowledged"
+    if recovered := status.get("recovered"):
+        yield f"at the start, {recovered}"
     yield from _beside(status)
     for name, source in status["sources"].items():
         more = f", the oldest for {duration(source['oldest_age_s'])}" if source["pending"] else ""

@@ -85,16 +85,22 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
         ),
         state.spectra if verdict.for_baseline else None,
     )
-    state = _run_clock(state, block)
+    state = run_clock(state, block)
     naming: Naming | None = None
     leading = 0
     if verdict.for_baseline:
         state, naming, leading = _name(state, features, lines, settings.average_blocks)
-    state, detection = _detect(state, features, block, settings, settled=band_source != "provisional")
+    usable = is_for_detector(state, verdict, settings, band_source)
+    given = detect_input(features, block, absolute=settings.absolute, usable=usable)
+    detector, detection = detect.step(state.detect, given, settings.detect)
+    state = replace(state, detect=detector)
     if verdict.for_baseline and band_source == "provisional":
         state = _vote(state, block, lines)
-    state, found, forecasts = _damage(state, features, block, settings)
-    state = _latch_name(state, naming, block.sequence)
+    resolved = bool(np.all(features.bpfo_resolved))
+    harmonics = tuple(float(value) for value in features.bpfo_amplitude) if resolved else None
+    state, found, forecasts = track(state, block, settings, features.rms, harmonics)
+    if naming is not None:
+        state = latch_name(state, _named(naming, block.sequence))
     return state, ChannelOutput(
         verdict=verdict,
         stage=state.detect.stage,
@@ -123,7 +129,7 @@ def _bands(
     return (candidate_bands(rate, max(lines.bpfo, lines.bpfi, 2.0 * lines.bsf))[0],), "provisional"
 
 
-def _run_clock(state: ChannelState, block: ChannelBlock) -> ChannelState:
+def run_clock(state: ChannelState, block: ChannelBlock) -> ChannelState:
     """Advance the damage time, which is the time that the machine ran; between two running blocks it runs."""
     flags = set(block.verdict.flags)
     if block.time is None or {"late", "out_of_order", "clock"} & flags:
@@ -171,30 +177,28 @@ def detect_input(features: BlockFeatures, block: ChannelBlock, *, absolute: bool
     )
 
 
-def _detect(
-    state: ChannelState, features: BlockFeatures, block: ChannelBlock, settings: ChannelSettings, *, settled: bool
-) -> tuple[ChannelState, detect.DetectOutput]:
-    """Advance the detector; until the band is settled it only counts the blocks of the run-in and the peaks."""
+def is_for_detector(state: ChannelState, verdict: Verdict, settings: ChannelSettings, band_source: str) -> bool:
+    """Return whether a block moves the detector: until the band is settled, only those of the run-in are counted."""
     running_in = state.detect.seen < settings.detect.run_in_blocks
-    usable = block.verdict.for_baseline and (settled or running_in)
-    given = detect_input(features, block, absolute=settings.absolute, usable=usable)
-    detector, output = detect.step(state.detect, given, settings.detect)
-    return replace(state, detect=detector), output
+    return verdict.for_baseline and (band_source != "provisional" or running_in)
 
 
-def _damage(
-    state: ChannelState, features: BlockFeatures, block: ChannelBlock, settings: ChannelSettings
+def track(
+    state: ChannelState, block: ChannelBlock, settings: ChannelSettings, rms: float, harmonics: tuple[float, ...] | None
 ) -> tuple[ChannelState, Damage | None, tuple[Remaining, ...]]:
-    """Track and forecast, where the channel is tracked."""
+    """Track and forecast, where the channel is tracked.
+
+    Args:
+        state: after the detector.
+        block: its verdict, speed and load.
+        settings: of the channel.
+        rms: in the RMS band, m/s2.
+        harmonics: amplitudes of the first six BPFO lines, m/s2, or None where one is unresolved.
+    """
     if settings.damage is None:
         return state, None, ()
-    resolved = bool(np.all(features.bpfo_resolved))
     damage_input = DamageInput(
-        time=state.running_time,
-        rms=features.rms,
-        harmonics=tuple(float(value) for value in features.bpfo_amplitude) if resolved else None,
-        load=block.load.value,
-        speed=block.speed.value,
+        time=state.running_time, rms=rms, harmonics=harmonics, load=block.load.value, speed=block.speed.value
     )
     gate = damage.DamageGate(
         final=state.detect.t_fs is not None,
@@ -206,14 +210,15 @@ def _damage(
     return replace(state, damage=after), found, forecasts
 
 
-def _latch_name(state: ChannelState, naming: Naming | None, sequence: int) -> ChannelState:
+def _named(naming: Naming, sequence: int) -> Named | None:
+    if naming.fault is None or naming.evidence is None:
+        return None
+    found = naming.evidence
+    return Named(naming.fault, found.family_snr, found.depth, naming.relative_score, sequence)
+
+
+def latch_name(state: ChannelState, named: Named | None) -> ChannelState:
     """Keep the name of the fault: the present one before the final stage, that of the highest score in it."""
-    if naming is None:
-        return state
-    named = None
-    if naming.fault is not None and naming.evidence is not None:
-        found = naming.evidence
-        named = Named(naming.fault, found.family_snr, found.depth, naming.relative_score, sequence)
     if state.detect.t_fs is None and state.detect.t_eol is None:
         return replace(state, named=named)
     if named is not None and (state.named is None or named.standing > state.named.standing):

@@ -93,7 +93,7 @@ def insert_forecasts(
     run: Mapping[str, Any],
     *,
     data_until: float,
-    issued_utc: float,
+    issued_utc: float | None,
 ) -> list[str]:
     """Archive the forecasts of a block within its transaction, as :func:`forecast_values` says; return their JSON."""
     marks = ", ".join("?" for _ in range(2 + len(COLUMNS)))

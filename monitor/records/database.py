@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 import sqlite3
 import threading
 from collections.abc import Iterator
@@ -28,7 +29,7 @@ CONDENSED_VERSION = 4
 _MAX_IDLE_LOG_BYTES = 64 << 20
 """Size to which the write-ahead log is cut after a checkpoint."""
 
-_MAGIC = b"SQLite format 3\x00"
+MAGIC = b"SQLite format 3\x00"
 
 DATABASE_ERRORS = (sqlite3.Error, MemoryError)
 """What a statement raises; SQLite's own lack of memory comes as MemoryError."""
@@ -190,12 +191,12 @@ def refuse_unsuitable(path: Path, *, create: bool, look_inside: bool = True) -> 
         head = b""
         if path.exists() and look_inside:
             with path.open("rb") as file:
-                head = file.read(len(_MAGIC))
+                head = file.read(len(MAGIC))
         elif path.exists() and path.stat().st_size:
-            head = _MAGIC
+            head = MAGIC
     except OSError as error:
         raise StoreError(f"{path}: {error.strerror or error}") from error
-    if head and head != _MAGIC:
+    if head and head != MAGIC:
         raise StoreError(f"{path}: is not a database (it begins with {head[:8]!r})")
     if not head and not create:
         raise StoreError(f"{path}: is empty")
@@ -417,3 +418,24 @@ def replacing(target: Path, label: str = "") -> Iterator[Path]:
             temporary.unlink()
         raise
     sync_folder(target.parent)
+
+
+def link_durably(source: Path, target: Path) -> None:
+    """Give a file a second name, or copy it where the file system has no links; a missing file is ignored."""
+    try:
+        os.link(source, target)
+    except FileNotFoundError:
+        return
+    except OSError:
+        with suppress(FileNotFoundError):
+            shutil.copy2(source, target)
+            sync_file(target)
+    sync_folder(target.parent)
+
+
+def same_file(path: Path, other: Path) -> bool:
+    """Return whether two names are of one file; False where one does not exist."""
+    try:
+        return path.samefile(other)
+    except OSError:
+        return False

@@ -25,10 +25,11 @@ _TABLES = (
     """CREATE TABLE IF NOT EXISTS files (
     source TEXT NOT NULL, path TEXT NOT NULL, size INTEGER NOT NULL, mtime_ns INTEGER NOT NULL, inode INTEGER NOT NULL,
     head_hash TEXT NOT NULL, content_hash TEXT NOT NULL, read_bytes INTEGER NOT NULL, samples INTEGER NOT NULL,
-    verdict TEXT NOT NULL, PRIMARY KEY (source, path)
+    verdict TEXT NOT NULL, block INTEGER, PRIMARY KEY (source, path)
 ) WITHOUT ROWID""",
     "CREATE INDEX IF NOT EXISTS files_by_content ON files (source, head_hash, content_hash)",
     "CREATE INDEX IF NOT EXISTS files_by_verdict ON files (source, verdict)",
+    "CREATE INDEX IF NOT EXISTS files_by_block ON files (block)",
     "CREATE INDEX IF NOT EXISTS blocks_by_content ON blocks (source, content_hash)",
     """CREATE TABLE IF NOT EXISTS stream_resets (
     source TEXT NOT NULL, resets INTEGER NOT NULL, first INTEGER NOT NULL, number INTEGER NOT NULL,
@@ -37,7 +38,7 @@ _TABLES = (
 )
 _COLUMNS = ", ".join(field.name for field in fields(FileProgress))
 _MAX_ALIKE = 8
-_DATING = "dating:"
+DATING = "dating:"
 """Begins the keys in the table ``meta`` of what dates the blocks of each source."""
 _FRAME_NAME = re.compile(r"\[(\d+):(\d+)\]$")
 """End of the name of a block of a stream that was reset, see :meth:`streams.source.StreamCount.name_of`."""
@@ -57,6 +58,8 @@ class StoreLedger(Closing):
         if store.writable:
             with store.transaction() as connection:
                 for statement in _TABLES:
+                    if "files_by_block" in statement:
+                        _add_block(connection)
                     connection.execute(statement)
         # The connection of the store belongs to the thread that commits.
         self._reader = SharedConnection(store.path)
@@ -190,7 +193,7 @@ class StoreLedger(Closing):
 
 def read_dating(store: Store, source: str) -> dict[str, Any] | None:
     """Return what dates the blocks of a source (:class:`streams.dating.Dating`), or None."""
-    found = store.rows("SELECT value FROM meta WHERE key = ?", f"{_DATING}{source}")
+    found = store.rows("SELECT value FROM meta WHERE key = ?", f"{DATING}{source}")
     return json.loads(found[0][0]) if found else None
 
 
@@ -198,10 +201,17 @@ def keep_dating(store: Store, source: str, dating: Mapping[str, Any]) -> None:
     """Store what dates the blocks of a source."""
     text = json.dumps(dict(dating), allow_nan=False)
     with store.transaction() as connection:
-        connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (f"{_DATING}{source}", text))
+        connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (f"{DATING}{source}", text))
+
+
+def _add_block(connection: sqlite3.Connection) -> None:
+    """Add the column ``block`` to a table of files of an older version, where it stays empty."""
+    if "block" not in {row[1] for row in connection.execute("PRAGMA table_info(files)")}:
+        connection.execute("ALTER TABLE files ADD COLUMN block INTEGER")
 
 
 def write_progress(connection: sqlite3.Connection, source: str, progress: Iterable[FileProgress]) -> None:
-    """Write the progress of files within an open transaction."""
-    statement = f"INSERT OR REPLACE INTO files (source, {_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+    """Write the progress of files within an open transaction, with the number of the latest block of the ledger."""
+    values = "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, (SELECT max(id) FROM blocks))"
+    statement = f"INSERT OR REPLACE INTO files (source, {_COLUMNS}, block) {values}"
     connection.executemany(statement, [(source, *astuple(item)) for item in progress])

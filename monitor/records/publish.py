@@ -1,7 +1,8 @@
 """Publish the store as netCDF files, one a UTC day and machine, each replaced atomically.
 
 Readers see the old or the new file; a reader with the old file open does not block the writer. All files can be made
-again from the store.
+again from the store, and the store from them: the group ``ledger`` of each file has what the variables for people lack.
+A file that holds blocks that its replacement lacks is kept as ``NAME.nc.lost-N``.
 """
 
 from __future__ import annotations
@@ -9,7 +10,9 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,8 @@ from monitor.records.database import replacing
 from monitor.records.dataset import INT_FILL, from_dataset, to_dataset
 from monitor.records.filing import SECONDS_PER_DAY
 from monitor.records.moved_days import delete_day, moved_days, moving_days
+from monitor.records.second_copy import Kept, keep_larger, ledger_group, log_kept
+from monitor.records.snapshot import Snapshot, snapshot_path, take_snapshot, write_snapshot
 from monitor.records.store import Published, Store
 
 _SUMMARY = (
@@ -32,6 +37,7 @@ _SUMMARY = (
 _OWN = ("history", "date_created", "source", "product_version")
 """Attributes of the file itself, which those of an older one do not join."""
 _KEYWORDS = "rolling bearing, vibration, envelope spectrum, condition monitoring, prognostics"
+MAX_ID = (1 << 63) - 1
 
 
 class PublishError(SpallwatchError):
@@ -44,6 +50,7 @@ def publish(
     *,
     rebuild: bool = False,
     note: Callable[[Published], None] | None = None,
+    note_kept: Callable[[Kept], None] | None = None,
 ) -> list[Path]:
     """Write the files of the days that changed since they were last written, or whose file is lost or damaged.
 
@@ -52,6 +59,7 @@ def publish(
         records_dir: folder of the files, made where it is missing.
         rebuild: write all days again.
         note: called with each written file; by default a store that is open for writing notes it.
+        note_kept: called with each file that is kept because it holds more; by default it is a notice likewise.
 
     Returns:
         The files written, by day, the undated one first.
@@ -60,20 +68,38 @@ def publish(
         PublishError, StoreError: a file cannot be written, the store cannot be read.
     """
     written: list[Path] = []
-    for day, last_block in days(store):
+    snapshot = take_snapshot(store)
+    for day, last_block in days(store, snapshot.last_block):
         path = Path(records_dir) / file_name(store.machine, day)
         # One state of the store: blocks are condensed meanwhile.
         with _snapshot(store), moving_days(store.path):
             if not rebuild and _is_fresh(store, path, day, last_block):
                 continue
-            size = _write(day_dataset(store, day, path), path)
+            dataset = day_dataset(store, day, path, last_block)
+            if (kept := _keep(path, dataset)) is not None:
+                (note_kept or partial(log_kept, store))(kept)
+            size = _write(dataset, ledger_group(store, day, dataset, path), path)
         done = Published(path.name, day, last_block, size)
         if note is not None:
             note(done)
         elif store.writable:
             store.note_published(done)
         written.append(path)
+    if written or not snapshot_path(records_dir, store.machine).exists():
+        _write_snapshot(store, snapshot, records_dir)
     return written
+
+
+def _write_snapshot(store: Store, snapshot: Snapshot, records_dir: Path) -> None:
+    """Write the snapshot that was taken before the files."""
+    paths = [records_dir / file_name(store.machine, day) for day, _ in days(store)]
+    try:
+        records_dir.mkdir(parents=True, exist_ok=True)
+        sizes = {path.name: path.stat().st_size for path in paths if path.exists()}
+        write_snapshot(replace(snapshot, files=sizes), records_dir)
+    except OSError as error:
+        path = snapshot_path(records_dir, store.machine)
+        raise PublishError(f"{path}: cannot be written: {error}") from error
 
 
 def file_name(machine: str, day: int | None) -> str:
@@ -87,13 +113,13 @@ def file_name(machine: str, day: int | None) -> str:
     return f"{machine}-{label}.nc"
 
 
-def day_dataset(store: Store, day: int | None, path: Path | None = None) -> xr.Dataset:
-    """Build the dataset of a UTC day (days since 1970) or of the undated records.
+def day_dataset(store: Store, day: int | None, path: Path | None = None, last_block: int = MAX_ID) -> xr.Dataset:
+    """Build the dataset of a UTC day (days since 1970) or of the undated records, up to a block of the ledger.
 
     Records that are condensed in the store are taken from the present file at ``path``; where it is missing, the
     attribute ``records_elsewhere`` counts them.
     """
-    rows = list(store.stored("day IS ?", day))
+    rows = list(store.stored("day IS ? AND blocks.id <= ?", day, last_block))
     attributes = _globals(store, day)
     elsewhere = _condensed(store, day)
     if elsewhere and path is not None and path.exists():
@@ -119,18 +145,20 @@ def _read(path: Path) -> xr.Dataset:
         raise PublishError(f"{path}: holds records that the store has no more, and cannot be read: {error}") from error
 
 
-def days(store: Store) -> list[tuple[int | None, int]]:
-    """Return each day with the number of its last committed block, the undated axis (None) first."""
+def days(store: Store, last_block: int = MAX_ID) -> list[tuple[int | None, int]]:
+    """Return each day with the number of its last block up to one of the ledger, the undated axis (None) first."""
     found: list[tuple[int | None, int]] = []
-    undated = store.rows("SELECT max(id) FROM blocks WHERE day IS NULL")[0][0]
+    undated = store.rows("SELECT max(id) FROM blocks WHERE day IS NULL AND id <= ?", last_block)[0][0]
     if undated is not None:
         found.append((None, undated))
     day = store.rows("SELECT min(day) FROM blocks")[0][0]
     while day is not None:
         last, following = store.rows(
-            "SELECT (SELECT max(id) FROM blocks WHERE day = ?), (SELECT min(day) FROM blocks WHERE day > ?)", day, day
+            "SELECT (SELECT max(id) FROM blocks WHERE day = ? AND id <= ?),"
+            " (SELECT min(day) FROM blocks WHERE day > ?)",
+            *(day, last_block, day),
         )[0]
-        found.append((day, last))
+        found += [] if last is None else [(day, last)]
         day = following
     return found
 
@@ -204,12 +232,21 @@ def _is_fresh(store: Store, path: Path, day: int | None, last_block: int) -> boo
         return condensed or path.name in {moved.file for moved in moved_days(path.parent, store.machine)}
 
 
-def _write(dataset: xr.Dataset, path: Path) -> int:
+def _keep(path: Path, dataset: xr.Dataset) -> Kept | None:
+    try:
+        return keep_larger(path, dataset)
+    except OSError as error:
+        raise PublishError(f"{path}: cannot be kept under another name: {error}") from error
+
+
+def _write(dataset: xr.Dataset, ledger: xr.Dataset, path: Path) -> int:
     """Replace a file; return its size in bytes."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
             dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset))
+            fills = {str(name): {"_FillValue": None} for name in ledger.variables}
+            ledger.to_netcdf(temporary, mode="a", group="ledger", engine="netcdf4", encoding=fills)
             size = temporary.stat().st_size
     except (OSError, RuntimeError) as error:
         raise PublishError(f"{path}: cannot be written: {error}") from error

@@ -260,6 +260,12 @@ class Store(Closing):
         """Return the state of each stage after the last committed block; tuples come back as lists."""
         return {name: json.loads(state) for name, state in self.rows("SELECT name, state FROM stage_states")}
 
+    def replace_states(self, source: str, states: Mapping[str, Mapping[str, Any]]) -> None:
+        """Set the states of the stages after the last block of a source."""
+        with self.transaction() as connection:
+            (block,) = connection.execute("SELECT max(id) FROM blocks WHERE source = ?", (source,)).fetchone()
+            _write_states(connection, {name: (block, state) for name, state in states.items()})
+
     def last(self, source: str) -> int:
         """Return the highest committed sequence number of a source up to ``MAX_BLOCK``, 0 where there is none."""
         return self.rows(LAST_QUERY, source, MAX_BLOCK)[0][0]

@@ -98,6 +98,7 @@ class Companions:
         """Return the problem of each that has one, by its name."""
         found = {
             "publisher": self._publisher.problem,
+            "records": "; ".join(self._publisher.kept.values()) or None,
             "publish.mqtt": self._records.problem,
             "notify.heartbeat": self._heartbeat.problem,
             "page": None if self._page is None else self._page.problem,

@@ -172,8 +172,8 @@ class Daemon:
             database, name = machine.state_dir / "state.db", machine.name
             if settle_layout(database, self._free, self._starting):
                 _LOG.warning("%s: was rebuilt, so that it can be shortened while it is in use", database)
-            # A salvage writes what it saved and lost to the log and the event log.
-            self._store, _ = open_or_salvage(
+            # A recovery writes what it saved and lost to the log and the event log.
+            self._store, recovered = open_or_salvage(
                 database, machine=name, records_dir=machine.records_dir, clock=self._clock, beat=self._starting
             )
             opened.callback(self._store.close)
@@ -194,6 +194,7 @@ class Daemon:
                 *(self._config, self._store, self._ingest, self._monotonic, self._clock),
                 began=self._began,
                 since=self._since,
+                recovered=None if recovered is None else recovered.text,
             )
             self._acknowledgements = Acknowledgements(self._store, self._log, self._ingest)
             by_source = {source: tuple(found.channels) for source, found in settings.items()}

@@ -19,6 +19,7 @@ from monitor.records.database import Closing, StoreError, UnstorableError
 from monitor.records.filing import MAX_BLOCK
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.store import Store
+from monitor.service.resume import resumed_state
 from monitor.service.setup import source_settings, source_spec
 from streams.block import Block, Rejected
 from streams.open import open_live
@@ -284,9 +285,8 @@ class Ingest(Closing):
 
 def stored_state(store: Store, settings: SourceSettings) -> SourceState:
     """Return the state of a source at which a store ends; StoreError where it is of another version."""
-    latest = store.record(settings.name, store.last(settings.name))
     try:
-        state = SourceState.begin(settings, store.load_states(), latest)
+        state = resumed_state(store, settings)
         if state.order.sequence > MAX_BLOCK:
             # All later blocks would be late.
             state = replace(state, order=replace(state.order, sequence=store.last(settings.name)))

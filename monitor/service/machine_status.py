@@ -47,11 +47,16 @@ class MachineStatus:
         *,
         began: float,
         since: float,
+        recovered: str | None = None,
     ) -> None:
-        """Read the latest block of each source; ``began`` (monotonic) and ``since`` (UTC) are the start, s."""
+        """Read the latest block of each source; ``began`` (monotonic) and ``since`` (UTC) are the start, s.
+
+        ``recovered`` says what a recovery at the start saved and lost.
+        """
         self._config, self._ingest = config, ingest
         self._monotonic, self._clock = monotonic, clock
         self._began, self._since = began, since
+        self._recovered = recovered
         self._taking_since = began
         self.blocks = 0
         """Blocks committed since the start."""
@@ -121,6 +126,7 @@ class MachineStatus:
             "sources": {name: vars(backlog) for name, backlog in self._ingest.backlogs().items()},
             "ignored": self._ingest.ignored(),
             "problems": dict(problems),
+            "recovered": self._recovered,
             "channels": channels,
         }
 

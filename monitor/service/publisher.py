@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from monitor.records.database import StoreError
+from monitor.records.events import EventLog
 from monitor.records.store import Published, Store
 from monitor.service.child_process import Child
 
@@ -70,6 +71,8 @@ class Publisher:
         self.files = PublishedFiles()
         self.to_delete = 0
         """Bytes of the oldest days to delete with the next publication."""
+        self.kept: dict[str, str] = {}
+        """What is said of files that were kept since the start, because they hold more, by name."""
 
     @property
     def busy(self) -> bool:
@@ -159,6 +162,8 @@ class Publisher:
         except StoreError as error:
             _LOG.warning("what was published cannot be noted: %s", error)
             self._changed = True
+        for notice in answer["kept"]:
+            self._note_kept(notice)
         if answer["published"]:
             _LOG.info("published %s in %.1f s", ", ".join(str(done[0]) for done in answer["published"]), took)
         if answer["deleted"]:
@@ -169,6 +174,15 @@ class Publisher:
         self._answers += 1
         if self._answers >= _MAX_ANSWERS and (self._retired is None or self._retired.ended):
             self._retire()
+
+    def _note_kept(self, notice: dict[str, Any]) -> None:
+        self.kept[notice["aside"]] = notice["text"]
+        _LOG.error("%s", notice["text"])
+        try:
+            with EventLog(self._store.path) as log:
+                log.notice(time.time(), notice)
+        except StoreError as error:
+            _LOG.warning("that is not in the event log: %s", error)
 
     def _fail(self, problem: str) -> None:
         self.close()
@@ -209,17 +223,22 @@ def _publish(path: Path, records_dir: Path, to_delete: int) -> dict[str, Any]:
     """Publish, and delete the oldest days where so many bytes are too many.
 
     Returns:
-        ``published`` (a list of :class:`Published`), ``deleted`` and ``missing`` (names of files), ``size`` (bytes of
+        ``published`` (a list of :class:`Published`), ``kept`` (notices of files kept because they hold more),
+        ``deleted`` and ``missing`` (names of files), ``size`` (bytes of
         all files), ``problem`` (or None) and ``seconds``.
     """
     from monitor.records.moved_days import MovedDaysError
     from monitor.records.publish import PublishError, delete_oldest, missing_files, publish, published_bytes
 
     began = time.monotonic()
-    answer: dict[str, Any] = {"published": [], "deleted": [], "missing": [], "size": 0, "problem": None}
+    answer: dict[str, Any] = {"published": [], "kept": [], "deleted": [], "missing": [], "size": 0, "problem": None}
     try:
         with Store.open(path, create=False, read_only=True) as store:
-            publish(store, records_dir, note=answer["published"].append)
+            publish(
+                *(store, records_dir),
+                note=answer["published"].append,
+                note_kept=lambda kept: answer["kept"].append(kept.notice()),
+            )
             answer["deleted"] = delete_oldest(store, records_dir, to_delete, time.time())
             answer["missing"] = missing_files(store, records_dir)
             answer["size"] = published_bytes(records_dir, store.machine)

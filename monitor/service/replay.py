@@ -25,7 +25,10 @@ from monitor.health.waterfall import SpectrumChange
 from monitor.records.database import StoreError
 from monitor.records.ledger import keep_dating, read_dating
 from monitor.records.publish import publish
+from monitor.records.recover.published import published_files
+from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
+from monitor.service.resume import resumed_state
 from monitor.service.setup import open_configured, source_settings
 from monitor.service.summary import channel_summary, run_attributes
 from streams.block import STANDARD_GRAVITY, Block, Rejected
@@ -86,7 +89,7 @@ def replay(
         _keep_dating(store, source)
         store.describe(run_attributes(config, settings.channels))
         last = store.last(section.name)
-        state = SourceState.begin(settings, store.load_states(), store.record(section.name, last))
+        state = resumed_state(store, settings)
         run = _Run(source, store, settings, _fix_bands(source, state, settings))
         items: Iterable[Block | Rejected] = run.unrepeated(last, limit)
         if progress is not None:
@@ -119,14 +122,20 @@ def _keep_dating(store: Store, source: Source) -> None:
 
 
 def _open_store(out: Path, config: Config, resume: bool) -> Store:
-    database = out / "state.db"
-    if resume and not database.exists():
+    database, records = out / "state.db", out / "records"
+    published = bool(published_files(records, config.machine.name))
+    if resume and not database.exists() and not published:
         raise ConfigError(f"--resume: there is no store under --out {out} to continue")
     if database.exists() and not resume:
         raise ConfigError(f"--out {out}: holds a store already; use --resume to continue it, or another folder")
+    if published and not resume:
+        raise ConfigError(
+            f"--out {out}: holds records whose store is lost; use --resume to make it again and continue it, "
+            "or another folder"
+        )
     try:
         out.mkdir(parents=True, exist_ok=True)
-        return Store.open(database, machine=config.machine.name, create=not resume)
+        return open_or_salvage(database, machine=config.machine.name, records_dir=records)[0]
     except (StoreError, OSError) as error:
         raise ConfigError(f"--out {out}: {error}") from None
 

@@ -13,7 +13,7 @@ from monitor.config.source import SourceSection
 from monitor.health.state import SourceSettings
 from monitor.records.database import StoreError, refuse_network_share, refuse_unsuitable
 from monitor.records.ledger import StoreLedger
-from monitor.records.recover.salvage import damage_of
+from monitor.records.recover.loss import damage_of
 from monitor.records.store import Store
 from monitor.service.ingest import stored_state
 from monitor.service.setup import source_settings, source_spec
@@ -68,7 +68,8 @@ def store_refusals(config: Config, found: Inspection) -> Iterator[str]:
         if not os.path.lexists(path) or (path.is_file() and not path.stat().st_size):
             return
         # A journal is left by a process that was killed while it made the tables; only a writer can roll it back.
-        if path.with_name(f"{path.name}-journal").exists() or damage_of(path, config.machine.name) is not None:
+        machine = config.machine
+        if path.with_name(f"{path.name}-journal").exists() or damage_of(path, machine.name, machine.records_dir):
             return
         refuse_unsuitable(path, create=False)
         with Store.open(path, machine=config.machine.name, create=False, read_only=True) as store:

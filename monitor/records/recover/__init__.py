@@ -1,1 +1,1 @@
-"""Recovery of a damaged store from its pages and from the published files."""
+"""Recovery of a lost or damaged store: the rows that SQLite can read, and the published records."""

@@ -1,174 +1,170 @@
-"""Copies the readable rows of a damaged store into a new one, table by table."""
+"""Copies the rows of a damaged store that SQLite can read into a new one, table by table, around damaged pages."""
 
 from __future__ import annotations
 
-import json
+import shutil
 import sqlite3
-from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
-from dataclasses import dataclass, field
+import struct
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from monitor.records.filing import ledger_digest
-from monitor.records.recover.leaf_pages import Row, leaf_rows
+from monitor.records.condense import condensed_up_to, has_condensed
+from monitor.records.database import APPLICATION_ID, MAGIC
+from monitor.records.ledger import SALVAGED_UP_TO
 
-LEDGER = "source, sequence, content_hash, name, status, flags, reason, time, elapsed, day, axis_time, time_status"
-"""Columns of ``blocks`` that are an entry of the ledger, in the order in which its digest takes them."""
-
-_BY_ROWID = (
-    *("digests", "runs", "blocks", "records", "forecasts", "events"),
-    *("refusals", "notices", "acknowledgements", "spectra"),
-)
-_LEFT_OUT = ("meta", "published", "layouts", "rollup")
+_APART = ("meta", "published", "layouts", "rollup", "stage_states")
+_ROLLUP_KEYS = {"rolled_up", "rollup_features"}
+_OWN_KEYS = {"schema_version", "machine", SALVAGED_UP_TO, *_ROLLUP_KEYS}
 _FARTHEST = 1 << 40
-_FIRST_UTC = 10**9
-_SECONDS = tuple(LEDGER.split(", ").index(name) for name in ("time", "elapsed", "axis_time"))
 _DAMAGE = (sqlite3.DatabaseError, UnicodeDecodeError)
+_PAGE = 4096
+
+States = list[tuple[str, int, str]]
+"""Name, number of the block and JSON of states of stages."""
 
 
-@dataclass
-class Found:
-    """Rows that need a decision before they are written.
-
-    Attributes:
-        layouts: all texts found, by number; the digests of records decide which is right.
-        states: block numbers and JSON by name, that of the latest block first.
-        rows: number of copied rows by table.
-    """
-
-    layouts: dict[int, list[str]] = field(default_factory=dict)
-    states: dict[str, list[tuple[int, str]]] = field(default_factory=dict)
-    rows: dict[str, int] = field(default_factory=dict)
-
-    def add_layout(self, number: int, text: str) -> None:
-        """Add a candidate of a layout."""
-        texts = self.layouts.setdefault(number, [])
-        if text not in texts:
-            texts.append(text)
-
-    def add_state(self, name: str, block: int, text: str) -> None:
-        """Add a candidate of a state."""
-        found = self.states.setdefault(name, [])
-        if (block, text) not in found:
-            found.append((block, text))
-            found.sort(reverse=True)
-
-
-def carry_over(damaged: Path, fresh: sqlite3.Connection) -> Found:
-    """Copy every readable row into a new store, but for blocks whose ledger entry is not as committed.
-
-    First through SQLite, around unreadable places, then from the leaf pages those that it did not find.
+def carry_over(damaged: Path, fresh: sqlite3.Connection) -> States:
+    """Copy every readable row into a new store, and return the states; none where SQLite cannot open the file.
 
     Args:
-        damaged: the database file, with its write-ahead log beside it.
+        damaged: the database file, with its write-ahead log beside it; either may be missing.
         fresh: of the new store, in autocommit and without foreign keys; it has all tables.
     """
-    found = Found()
-    old = _open(damaged)
-    if old is not None:
-        with closing(old):
-            # Digests come first: they decide which rows of blocks are copied.
-            for table in (*_BY_ROWID, *_others(old, fresh)):
-                _copy(old, fresh, table)
-            _collect(old, found)
-    raw = _Raw(fresh, found)
-    for wanted in ("digests", None):
-        fresh.execute("BEGIN")
-        for row in leaf_rows(damaged):
-            raw.take(row, wanted)
-        fresh.execute("COMMIT")
-    for table in _BY_ROWID:
-        found.rows[table] = fresh.execute(f"SELECT count(*) FROM {table}").fetchone()[0]
+    found: States = []
+    with suppress(*_DAMAGE), opened(damaged) as old:
+        for order in ("id", "layout"):
+            # The layouts are in the table and in its index.
+            with suppress(*_DAMAGE):
+                for number, text in old.execute(f"SELECT id, layout FROM layouts ORDER BY {order}"):
+                    add_layout(fresh, number, text)
+        for table in _tables(old, fresh):
+            _copy(old, fresh, table)
+        _copy_meta(old, fresh)
+        found += _from_both_ends(old, "SELECT name, block, state FROM stage_states", "name")
     return found
 
 
-def _open(path: Path) -> sqlite3.Connection | None:
-    old = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None, timeout=5.0)
+@contextmanager
+def opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open a damaged database for reading; one without a valid header as a copy that has one.
+
+    Raises:
+        sqlite3.DatabaseError: SQLite cannot read its schema.
+    """
+    copy: Path | None = None
+    if not has_header(path):
+        copy = _mended(path)
+    uri = f"{(copy or path).absolute().as_uri()}?mode={'rw' if copy else 'ro'}"
     try:
-        old.execute("PRAGMA cell_size_check = ON")
-        old.execute("SELECT count(*) FROM sqlite_master").fetchall()
-    except _DAMAGE:
-        old.close()
-        return None
-    return old
+        with closing(sqlite3.connect(uri, uri=True, isolation_level=None, timeout=5.0)) as old:
+            old.execute("PRAGMA cell_size_check = ON")
+            old.execute("SELECT count(*) FROM sqlite_master").fetchall()
+            yield old
+    finally:
+        for suffix in ("", "-wal", "-shm") if copy else ():
+            path.with_name(f"{path.name}.mended{suffix}").unlink(missing_ok=True)
 
 
-def _others(old: sqlite3.Connection, fresh: sqlite3.Connection) -> list[str]:
-    """Return the other tables of the damaged store; those missing in the new one are made."""
+def has_header(path: Path) -> bool:
+    """Return whether a file begins as a database does, with a whole first page."""
+    try:
+        with path.open("rb") as file:
+            return len(page := file.read(_PAGE)) == _PAGE and page.startswith(MAGIC)
+    except OSError:
+        return False
+
+
+def _mended(path: Path) -> Path:
+    """Copy a database and its log, with the header of a database in place of what is there."""
+    copy = path.with_name(f"{path.name}.mended")
+    for suffix in ("", "-wal"):
+        source, target = path.with_name(path.name + suffix), copy.with_name(copy.name + suffix)
+        target.write_bytes(b"")
+        with suppress(FileNotFoundError):
+            shutil.copyfile(source, target)
+    size = max(copy.stat().st_size, _PAGE)
+    # Section 1.3 of the file format: page size, write-ahead log, change counter, pages, schema format 4, UTF-8.
+    head = struct.pack(">H6B11I", _PAGE, 2, 2, 0, 64, 32, 32, 1, size // _PAGE, 0, 0, 1, 4, 0, 0, 1, 0, 0)
+    with copy.open("r+b") as file:
+        file.write(MAGIC + head + struct.pack(">I20xII", APPLICATION_ID, 1, 3040000))
+        file.truncate(size)
+    return copy
+
+
+def add_layout(fresh: sqlite3.Connection, number: int | None, text: str) -> int:
+    """Insert a layout, under its number where that is free; return its number."""
+    known = fresh.execute("SELECT id FROM layouts WHERE layout = ?", (text,)).fetchone()
+    if known is not None:
+        return known[0]
+    if number is not None and fresh.execute("SELECT 1 FROM layouts WHERE id = ?", (number,)).fetchone():
+        number = None
+    return fresh.execute("INSERT INTO layouts VALUES (?, ?)", (number, text)).lastrowid or 0
+
+
+def _tables(old: sqlite3.Connection, fresh: sqlite3.Connection) -> list[str]:
+    """Return the tables to copy; those missing in the new store are made."""
     names: list[str] = []
     known = {row[0] for row in fresh.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-    try:
-        tables = old.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall()
-    except _DAMAGE:
-        return names
-    for name, statement in tables:
-        if name in _BY_ROWID or name in _LEFT_OUT or name.startswith("sqlite_") or name == "stage_states":
-            continue
-        if name not in known:
-            try:
-                fresh.execute(statement)
-            except (sqlite3.ProgrammingError, sqlite3.OperationalError):
+    with suppress(*_DAMAGE):
+        for name, statement in old.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall():
+            if name in _APART or name.startswith("sqlite_"):
                 continue
-        names.append(name)
+            with suppress(sqlite3.ProgrammingError, sqlite3.OperationalError):
+                if name not in known:
+                    fresh.execute(statement)
+                names.append(name)
     return names
+
+
+def _copy_meta(old: sqlite3.Connection, fresh: sqlite3.Connection) -> None:
+    """Copy what ``meta`` says of sources; the rollup only where blocks are in nothing else any more."""
+    found = dict(_from_both_ends(old, "SELECT key, value FROM meta", "key"))
+    for key, value in found.items():
+        if key not in _OWN_KEYS:
+            fresh.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, value))
+    if has_condensed(fresh) and condensed_up_to(fresh):
+        _copy(old, fresh, "rollup")
+        for key in _ROLLUP_KEYS & found.keys():
+            fresh.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, found[key]))
 
 
 def _copy(old: sqlite3.Connection, fresh: sqlite3.Connection, table: str) -> None:
     """Copy the rows of a table that SQLite can read."""
     try:
-        columns = _columns(old, fresh, table)
+        had = {row[1] for row in old.execute(f"PRAGMA table_info({table})")}
+        keyed = _without_rowid(old, table)
     except _DAMAGE:
         return
-    if not columns:
-        return
-    wanted = _as_committed(fresh, columns) if table == "blocks" else None
+    columns = [row[1] for row in fresh.execute(f"PRAGMA table_info({table})") if row[1] in had]
+    rowids = fresh.execute(f"SELECT 1 FROM pragma_table_info('{table}') WHERE type = 'INTEGER' AND pk").fetchone()
+    if columns and not keyed and rowids is None:
+        columns = ["rowid", *columns]
     marks = ", ".join("?" for _ in columns)
     statement = f"INSERT OR IGNORE INTO {table} ({', '.join(columns)}) VALUES ({marks})"
     fresh.execute("BEGIN")
-    for values in _readable(old, table, columns):
-        if wanted is None or wanted(values):
-            with suppress(sqlite3.IntegrityError, sqlite3.DataError):
-                fresh.execute(statement, values)
+    query = f"SELECT {', '.join(columns)} FROM {table}"
+    rows = _from_both_ends(old, query, ", ".join(keyed)) if keyed else _readable(old, table, columns)
+    for values in rows if columns else ():
+        with suppress(sqlite3.IntegrityError, sqlite3.DataError):
+            fresh.execute(statement, values)
     fresh.execute("COMMIT")
 
 
-def _columns(old: sqlite3.Connection, fresh: sqlite3.Connection, table: str) -> list[str]:
-    """Return the common columns, and the rowid of tables that are ordered by it."""
-    had = {row[1] for row in old.execute(f"PRAGMA table_info({table})")}
-    columns = [row[1] for row in fresh.execute(f"PRAGMA table_info({table})") if row[1] in had]
-    return ["rowid", *columns] if columns and table in ("spectra", "refusals") else columns
-
-
-def _as_committed(fresh: sqlite3.Connection, columns: list[str]) -> Callable[[tuple[Any, ...]], bool]:
-    places = [columns.index(name) for name in ("id", *LEDGER.split(", "))]
-
-    def wanted(values: tuple[Any, ...]) -> bool:
-        number, *entry = (values[place] for place in places)
-        return _is_as_committed(fresh, number, entry)
-
-    return wanted
-
-
-def _is_as_committed(fresh: sqlite3.Connection, number: int, entry: list[Any]) -> bool:
-    """Return whether a ledger entry has its committed digest, or none, as older ones."""
-    found = fresh.execute("SELECT ledger FROM digests WHERE block = ?", (number,)).fetchone()
-    return found is None or found[0] == ledger_digest(entry)
+def _without_rowid(old: sqlite3.Connection, table: str) -> list[str]:
+    """Return the key of a table without rowid, [] for another one."""
+    (statement,) = old.execute("SELECT sql FROM sqlite_master WHERE name = ?", (table,)).fetchone()
+    if "WITHOUT ROWID" not in statement:
+        return []
+    rows = old.execute(f"PRAGMA table_info({table})").fetchall()
+    return [row[1] for row in sorted(rows, key=lambda row: row[5]) if row[5]]
 
 
 def _readable(old: sqlite3.Connection, table: str, columns: list[str]) -> Iterator[tuple[Any, ...]]:
-    """Yield the rows that can be read."""
-    text = ", ".join(columns)
-    try:
-        old.execute(f"SELECT rowid FROM {table} LIMIT 1").fetchall()
-    except sqlite3.OperationalError as error:
-        if "no such column" in str(error):
-            yield from _from_both_ends(old, f"SELECT {text} FROM {table}", ", ".join(_key(old, table)))
-            return
-    except _DAMAGE:
-        pass
-    query = f"SELECT rowid, {text} FROM {table} WHERE rowid >= ? ORDER BY rowid"
-    start = 1
+    """Yield the rows that can be read, by rowid, around places that cannot."""
+    query = f"SELECT rowid, {', '.join(columns)} FROM {table} WHERE rowid >= ? ORDER BY rowid"
+    start: int | None = 1
     while start is not None:
         try:
             for row in old.execute(query, (start,)):
@@ -200,105 +196,9 @@ def _behind(old: sqlite3.Connection, query: str, start: int) -> int | None:
     return good
 
 
-def _key(old: sqlite3.Connection, table: str) -> list[str]:
-    rows = old.execute(f"PRAGMA table_info({table})").fetchall()
-    return [row[1] for row in sorted(rows, key=lambda row: row[5]) if row[5]]
-
-
 def _from_both_ends(old: sqlite3.Connection, query: str, key: str) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of a table without rowid, up and down to the unreadable place; some twice."""
     for order in (key, ", ".join(f"{name} DESC" for name in key.split(", "))):
         with suppress(*_DAMAGE):
             yield from old.execute(f"{query} ORDER BY {order}")
             return
-
-
-def _collect(old: sqlite3.Connection, found: Found) -> None:
-    """Add the layouts and states that SQLite can read."""
-    for order in ("id", "layout"):
-        # The layouts are in the table and in its index.
-        with suppress(*_DAMAGE):
-            for number, text in old.execute(f"SELECT id, layout FROM layouts ORDER BY {order}"):
-                found.add_layout(number, text)
-    for name, block, text in _from_both_ends(old, "SELECT name, block, state FROM stage_states", "name"):
-        found.add_state(name, block, text)
-
-
-class _Raw:
-    """Rows of leaf pages, inserted into the table whose column types they have.
-
-    Only tables whose rows never change are read, so that old versions of pages do no harm, and states, of which the
-    block number decides which is the latest.
-    """
-
-    def __init__(self, fresh: sqlite3.Connection, found: Found) -> None:
-        self._fresh, self._found = fresh, found
-        self._forecasts = len(list(fresh.execute("PRAGMA table_info(forecasts)")))
-
-    def take(self, row: Row, wanted: str | None) -> None:
-        """Insert a row, if it is of the table ``wanted``, or where that is None, of any table but the digests."""
-        if row.rowid is None:
-            if wanted is None:
-                self._take_keyed(row.values)
-            return
-        table = self._table_of(row.values)
-        if table is None or (table == "digests") != (wanted == "digests"):
-            return
-        if table == "layouts":
-            self._found.add_layout(row.rowid, str(row.values[1]))
-            return
-        # The column of the rowid is stored as NULL.
-        values = (row.rowid, *row.values[1:])
-        if table == "blocks" and not _is_as_committed(self._fresh, row.rowid, _entry(values)):
-            return
-        marks = ", ".join("?" for _ in values)
-        # The digest of the states is added by an update.
-        newer = " ON CONFLICT (block) DO UPDATE SET states = excluded.states WHERE states IS NULL"
-        statement = f"INSERT OR IGNORE INTO {table} VALUES ({marks}){newer if table == 'digests' else ''}"
-        with suppress(sqlite3.IntegrityError, sqlite3.DataError, OverflowError):
-            self._fresh.execute(statement, values)
-
-    def _take_keyed(self, values: tuple[Any, ...]) -> None:
-        kinds = _kinds(values)
-        if kinds == "tit" and values[2].startswith("{"):
-            self._found.add_state(*values)
-        elif kinds == "ti" and values[0].startswith("["):
-            self._found.add_layout(values[1], values[0])
-
-    def _table_of(self, values: tuple[Any, ...]) -> str | None:
-        kinds = _kinds(values)
-        if kinds.startswith("0tittttt") and len(values) == 14:
-            return "blocks"
-        if kinds in ("0bb0", "0bbb"):
-            return "digests"
-        if len(values) == self._forecasts and kinds.startswith("0it"):
-            return "forecasts"
-        if kinds == "0t":
-            return "layouts" if values[1].startswith("[") else "runs" if _is_json(values[1]) else None
-        if kinds in ("0rt", "0it"):
-            # Whole seconds are stored as integers, as block numbers are, which are smaller.
-            if not _is_json(values[2]):
-                return None
-            return "notices" if values[1] > _FIRST_UTC else "events"
-        return {"0ib": "records", "0trtt": "acknowledgements", "0titt": "acknowledgements"}.get(kinds)
-
-
-def _entry(values: tuple[Any, ...]) -> list[Any]:
-    """Return the ledger entry of a row of ``blocks``; whole seconds are stored as integers."""
-    entry = list(values[1:13])
-    for place in _SECONDS:
-        if isinstance(entry[place], int):
-            entry[place] = float(entry[place])
-    return entry
-
-
-def _kinds(values: tuple[Any, ...]) -> str:
-    letters = {type(None): "0", int: "i", float: "r", str: "t", bytes: "b"}
-    return "".join(letters[type(value)] for value in values)
-
-
-def _is_json(text: str) -> bool:
-    try:
-        return isinstance(json.loads(text), dict)
-    except ValueError:
-        return False

@@ -1,17 +1,19 @@
-"""Checks every record of a salvaged store, removes those that fail, and counts the results."""
+"""Checks every record of a recovered store, fills its gaps from the published records, and counts the results."""
 
 from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from monitor.records.condense import identity_of
 from monitor.records.filing import Filing, Stored, content_digest, ledger_digest, states_digest
 from monitor.records.packing import pack
-from monitor.records.recover.from_published import Restore
-from monitor.records.recover.rows import LEDGER, Found
+from monitor.records.recover.published import LEDGER, insert_row
+from monitor.records.recover.rows import States, add_layout
+from monitor.records.snapshot import Snapshot
 
 LOST = "its record was lost when the store was damaged"
 """The reason of a ledger entry whose record is gone."""
@@ -22,11 +24,25 @@ LEFT JOIN records ON records.block = blocks.id LEFT JOIN digests ON digests.bloc
 WHERE blocks.id > ? ORDER BY blocks.id LIMIT 500
 """
 _PARTS = ("forecasts", "events", "records", "digests")
+_REPLACED = " ON CONFLICT (block) DO UPDATE SET ledger = excluded.ledger, content = excluded.content"
+# A single table may hold a damaged number.
+_HIGHEST = """
+SELECT coalesce(max(id), 0) FROM (SELECT id FROM (SELECT id FROM blocks UNION ALL SELECT block FROM records
+UNION ALL SELECT block FROM digests) GROUP BY id HAVING count(*) > 1)
+"""
+_OFFERED = """
+SELECT theirs.id, theirs.source, theirs.sequence, theirs.content_hash, ours.id, ours.content_hash
+FROM published.blocks AS theirs LEFT JOIN blocks AS ours USING (source, sequence) ORDER BY theirs.id
+"""
+_CONDENSED = """
+SELECT count(*) FROM identities JOIN condensed_sources ON id = identities.source
+WHERE condensed_sources.source = ? AND sequence > ? AND sequence < ?
+"""
 
 
 @dataclass
 class Account:
-    """Counts of a salvage; see :class:`monitor.records.recover.salvage.SalvageReport`.
+    """Counts of a recovery; see :class:`monitor.records.recover.salvage.SalvageReport`.
 
     ``emptied`` has source and number of blocks; ``missing`` has source, first and last number.
     """
@@ -37,161 +53,109 @@ class Account:
     emptied: list[tuple[str, int]] = field(default_factory=list)
     missing: list[tuple[str, int, int]] = field(default_factory=list)
     unplaced: int = 0
-    relearning: list[str] = field(default_factory=list)
 
 
-def settle(fresh: sqlite3.Connection, found: Found, restore: Restore | None = None) -> Account:
-    """Check every copied record, and keep those that are as committed.
+def settle(fresh: sqlite3.Connection, states: States, snapshot: Snapshot | None) -> Account:
+    """Keep what is as it was committed, and fill the gaps.
 
-    A block with an intact ledger entry but a damaged record stays in the ledger as ``unreadable``. A state stays where
-    it is the state after the last block of its source.
+    A block with an intact ledger entry but no record stays in the ledger as ``unreadable``. Of each source, the newest
+    states are kept that a block which is there came with.
 
     Args:
-        fresh: the new store, in autocommit and without foreign keys.
-        found: result of :func:`monitor.records.recover.rows.carry_over`.
-        restore: searches lost records in the published files.
+        fresh: the new store, in autocommit and without foreign keys; the published records are attached as
+            ``published``, empty where there are none.
+        states: of the damaged store.
+        snapshot: the published one.
     """
     account = Account()
-    known = _highest(fresh)
-    checker = _Checker(fresh, found)
-    emptied: dict[int, tuple[Any, ...]] = {}
+    known = max(fresh.execute(_HIGHEST).fetchone()[0], 0 if snapshot is None else snapshot.last_block)
+    groups = _grouped(states)
+    proven = {block: texts for block, texts in groups.items() if _is_as_committed(fresh, block, texts)}
     fresh.execute("BEGIN")
-    last = 0
-    while rows := fresh.execute(_BLOCKS, (last,)).fetchall():
-        last = rows[-1][0]
-        for row in rows:
-            verdict = checker.verdict(row)
-            if verdict in ("saved", "unchecked"):
-                account.saved += 1
-                account.unchecked += verdict == "unchecked"
-            elif verdict == "emptied":
-                emptied[row[0]] = row
-            else:
-                fresh.execute("DELETE FROM blocks WHERE id = ?", (row[0],))
-    if restore is not None:
-        _restore(fresh, found, restore, checker, account, emptied)
-    checker.write_layouts()
+    emptied = _check(fresh, account)
+    _fill_gaps(fresh, account, emptied)
     for row in emptied.values():
         account.emptied.append((row[1], row[2]))
         _empty(fresh, row)
-    for table in _PARTS:
-        fresh.execute(f"DELETE FROM {table} WHERE block NOT IN (SELECT id FROM blocks)")
     fresh.execute(
         "DELETE FROM spectra WHERE NOT EXISTS"
         " (SELECT 1 FROM blocks WHERE blocks.source = spectra.source AND blocks.sequence = spectra.sequence)"
     )
     fresh.execute("UPDATE blocks SET run = 0 WHERE typeof(run) <> 'integer'")
     fresh.execute("INSERT OR IGNORE INTO runs SELECT DISTINCT run, '{}' FROM blocks")
-    account.relearning = _settle_states(fresh, found.states)
+    if snapshot is not None:
+        _add_tables(fresh, snapshot)
+    _settle_states(fresh, proven, snapshot)
     _find_missing(fresh, account, known)
-    _never_again(fresh, known)
+    (highest,) = fresh.execute("SELECT max(coalesce(max(id), 0), ?) FROM blocks", (known,)).fetchone()
+    # The numbers of lost blocks are not given again.
+    fresh.execute("DELETE FROM sqlite_sequence WHERE name = 'blocks'")
+    fresh.execute("INSERT INTO sqlite_sequence VALUES ('blocks', ?)", (highest,))
     fresh.execute("COMMIT")
     return account
 
 
-def _restore(
-    fresh: sqlite3.Connection,
-    found: Found,
-    restore: Restore,
-    checker: _Checker,
-    account: Account,
-    emptied: dict[int, tuple[Any, ...]],
-) -> None:
-    """Restore ledger entries from the published files, and records, where digests prove them."""
-    lost = {
-        row[1]: row[0]
-        for row in fresh.execute("SELECT block, ledger FROM digests WHERE block NOT IN (SELECT id FROM blocks)")
-    }
-    lost |= {row[15]: block for block, row in emptied.items() if row[15] is not None}
-    layouts = [(number, text) for number, texts in found.layouts.items() for text in texts]
-    for piece in restore(list(lost), layouts):
-        block = lost[piece.ledger]
-        if block not in emptied:
-            values = (block, *piece.entry)
-            run = "coalesce((SELECT run FROM blocks WHERE id < ? ORDER BY id DESC LIMIT 1), 0)"
-            marks = ", ".join("?" for _ in values)
-            statement = f"INSERT OR IGNORE INTO blocks (id, {LEDGER}, run) VALUES ({marks}, {run})"
-            if not fresh.execute(statement, (*values, block)).rowcount:
-                continue
-            emptied[block] = values
-        if not _bodies(fresh, "events", block):
-            rows = [(block, text) for text in piece.events]
-            fresh.executemany("INSERT INTO events (block, body) VALUES (?, ?)", rows)
-        for layout, row in piece.rows:
-            fresh.execute("INSERT OR REPLACE INTO records VALUES (?, ?, ?)", (block, layout, row))
-            if checker.verdict(fresh.execute(_BLOCKS, (block - 1,)).fetchone()) == "saved":
-                account.saved += 1
-                account.restored += 1
-                del emptied[block]
-                break
-
-
 def first_change(store: sqlite3.Connection, most: int) -> str | None:
     """Return which of the newest ``most`` blocks, or of the states after them, is not as committed, or None."""
-    layouts = {number: [text] for number, text in store.execute("SELECT id, layout FROM layouts")}
-    checker = _Checker(store, Found(layouts=layouts))
     (highest,) = store.execute("SELECT coalesce(max(id), 0) FROM blocks").fetchone()
     last = highest - most
     while rows := store.execute(_BLOCKS, (last,)).fetchall():
         last = rows[-1][0]
         for row in rows:
-            if checker.verdict(row) in ("gone", "emptied"):
+            if _verdict(store, row)[0] in ("gone", "emptied"):
                 return f"block {row[2]} of {row[1]} is not as it was committed"
-    by_block: dict[int, dict[str, str]] = {}
-    for name, block, text in store.execute("SELECT name, block, state FROM stage_states"):
-        by_block.setdefault(block, {})[name] = text
-    for block, texts in by_block.items():
-        digest = store.execute("SELECT states FROM digests WHERE block = ?", (block,)).fetchone()
-        if digest is not None and digest[0] is not None and digest[0] != states_digest(texts):
-            return f"the state of {min(texts)} is not as it was committed"
-    return None
+    groups = _grouped(store.execute("SELECT name, block, state FROM stage_states"))
+    changed = (min(texts) for block, texts in groups.items() if not _is_as_committed(store, block, texts))
+    name = next(changed, None)
+    return None if name is None else f"the state of {name} is not as it was committed"
 
 
-class _Checker:
-    """Compares blocks with their digests, and finds the layout that fits."""
-
-    def __init__(self, fresh: sqlite3.Connection, found: Found) -> None:
-        self._fresh = fresh
-        self._candidates = found.layouts
-        self._proven: dict[int, str] = {}
-        self._plausible: dict[int, str] = {}
-
-    def verdict(self, row: tuple[Any, ...]) -> str:
-        """Return "saved", "unchecked", "emptied" or "gone" of a row of the query for blocks."""
-        block, entry, (layout, values, ledger, content) = row[0], row[1:13], row[13:]
-        if ledger is not None and ledger != ledger_digest(entry):
-            return "gone"
-        bodies = [_bodies(self._fresh, table, block) for table in ("forecasts", "events")]
-        if values is None:
-            texts, values = (), b""
-        else:
-            texts = self._texts(layout)
-        if content is not None:
-            text = next((text for text in texts if content_digest(text, values, *bodies) == content), None)
-            if text is None:
-                return "emptied"
-            self._proven[layout] = text
-            return "saved"
-        text = next((text for text in texts if _makes_a_record(entry, text, values, bodies)), None)
-        if text is None:
-            return "emptied" if _makes_a_record(entry, *pack({}), [[], []]) else "gone"
-        self._plausible[layout] = text
-        return "unchecked"
-
-    def _texts(self, layout: int) -> Sequence[str]:
-        return [self._proven[layout]] if layout in self._proven else self._candidates.get(layout, ())
-
-    def write_layouts(self) -> None:
-        """Insert the layouts that are used."""
-        rows = (self._plausible | self._proven).items()
-        self._fresh.executemany("INSERT OR IGNORE INTO layouts VALUES (?, ?)", rows)
+def _check(fresh: sqlite3.Connection, account: Account) -> dict[int, tuple[Any, ...]]:
+    """Delete what is not as it was committed; return the blocks of which only the ledger entry is left."""
+    emptied: dict[int, tuple[Any, ...]] = {}
+    last = 0
+    while rows := fresh.execute(_BLOCKS, (last,)).fetchall():
+        last = rows[-1][0]
+        for row in rows:
+            verdict, layout = _verdict(fresh, row)
+            if verdict in ("saved", "unchecked"):
+                account.saved += 1
+                account.unchecked += verdict == "unchecked"
+                if layout != row[13]:
+                    fresh.execute("UPDATE records SET layout = ? WHERE block = ?", (layout, row[0]))
+            elif verdict == "emptied":
+                emptied[row[0]] = row
+                for table in ("forecasts", "events", "records"):
+                    fresh.execute(f"DELETE FROM {table} WHERE block = ?", (row[0],))
+            else:
+                fresh.execute("DELETE FROM blocks WHERE id = ?", (row[0],))
+    for table in _PARTS:
+        fresh.execute(f"DELETE FROM {table} WHERE block NOT IN (SELECT id FROM blocks)")
+    return emptied
 
 
-def _bodies(fresh: sqlite3.Connection, table: str, block: int) -> list[str]:
-    return [row[0] for row in fresh.execute(f"SELECT body FROM {table} WHERE block = ? ORDER BY id", (block,))]
+def _verdict(store: sqlite3.Connection, row: tuple[Any, ...]) -> tuple[str, int | None]:
+    """Return "saved", "unchecked", "emptied" or "gone" of a row of the query for blocks, and its layout."""
+    block, entry, (layout, values, ledger, content) = row[0], row[1:13], row[13:]
+    if ledger is not None and ledger != ledger_digest(entry):
+        return "gone", None
+    bodies = [_bodies(store, table, block) for table in ("forecasts", "events")]
+    if values is not None:
+        for number, text in store.execute("SELECT id, layout FROM layouts ORDER BY id <> ?", (layout,)):
+            if content is None and _makes_a_record(entry, text, values, bodies):
+                return "unchecked", number
+            if content is not None and content_digest(text, values, *bodies) == content:
+                return "saved", number
+    if content is None and not _makes_a_record(entry, *pack({}), [[], []]):
+        return "gone", None
+    return "emptied", None
 
 
-def _makes_a_record(entry: tuple[Any, ...], layout: str, values: bytes, bodies: list[list[str]]) -> bool:
+def _bodies(store: sqlite3.Connection, table: str, block: int) -> list[str]:
+    return [row[0] for row in store.execute(f"SELECT body FROM {table} WHERE block = ? ORDER BY id", (block,))]
+
+
+def _makes_a_record(entry: tuple[Any, ...], layout: str, values: bytes, bodies: Sequence[list[str]]) -> bool:
     """Return whether parts without a digest form a valid record."""
     source, sequence, content_hash, name, status, flags, reason, time, elapsed, *filing = entry
     forecasts, events = (f"[{','.join(texts)}]" for texts in bodies)
@@ -203,57 +167,123 @@ def _makes_a_record(entry: tuple[Any, ...], layout: str, values: bytes, bodies: 
     return True
 
 
+def _fill_gaps(fresh: sqlite3.Connection, account: Account, emptied: dict[int, tuple[Any, ...]]) -> None:
+    """Take from the published records the blocks that the new store lacks, under their numbers where these are free."""
+    layouts = {
+        number: add_layout(fresh, None, text) for number, text in fresh.execute("SELECT * FROM published.layouts")
+    }
+    runs: dict[int, int] = {}
+    for number, text in fresh.execute("SELECT id, attributes FROM published.runs").fetchall():
+        known = fresh.execute("SELECT id FROM runs WHERE attributes = ?", (text,)).fetchone()
+        runs[number] = (
+            known[0] if known else fresh.execute("INSERT INTO runs (attributes) VALUES (?)", (text,)).lastrowid or 0
+        )
+    forecasts = ", ".join(row[1] for row in fresh.execute("PRAGMA table_info(forecasts)").fetchall()[2:])
+
+    def rows_of(query: str, *values: Any) -> list[Any]:
+        return fresh.execute(query, values).fetchall()
+
+    for number, source, sequence, content_hash, ours, our_hash in rows_of(_OFFERED):
+        if ours is None and identity_of(rows_of, source, sequence) is not None:
+            # Its full record left the store on purpose.
+            continue
+        if ours is None:
+            taken = fresh.execute("SELECT 1 FROM blocks WHERE id = ?", (number,)).fetchone()
+            statement = (
+                f"INSERT INTO blocks (id, {LEDGER}, run) SELECT ?, {LEDGER}, run FROM published.blocks WHERE id = ?"
+            )
+            block = fresh.execute(statement, (None if taken else number, number)).lastrowid or 0
+            (run,) = fresh.execute("SELECT run FROM blocks WHERE id = ?", (block,)).fetchone()
+            fresh.execute("UPDATE blocks SET run = ? WHERE id = ?", (runs.get(run, 0), block))
+        elif ours in emptied and our_hash == content_hash:
+            block = ours
+            del emptied[ours]
+        else:
+            continue
+        layout, row = fresh.execute("SELECT layout, row FROM published.records WHERE block = ?", (number,)).fetchone()
+        fresh.execute("INSERT INTO records VALUES (?, ?, ?)", (block, layouts[layout], row))
+        statement = f"INSERT INTO forecasts (block, {forecasts}) SELECT ?, {forecasts} FROM published.forecasts"
+        fresh.execute(f"{statement} WHERE block = ? ORDER BY id", (block, number))
+        for event, body in fresh.execute("SELECT id, body FROM published.events WHERE block = ?", (number,)).fetchall():
+            free = fresh.execute("SELECT 1 FROM events WHERE id = ?", (event,)).fetchone() is None
+            fresh.execute("INSERT INTO events VALUES (?, ?, ?)", (event if free else None, block, body))
+        statement = "INSERT INTO digests (block, ledger, content) SELECT ?, ledger, content FROM published.digests"
+        proven = fresh.execute(f"{statement} WHERE block = ?{_REPLACED}", (block, number)).rowcount
+        account.saved += 1
+        account.restored += 1
+        account.unchecked += not proven
+    _take_files(fresh)
+
+
+def _take_files(fresh: sqlite3.Connection) -> None:
+    """Take what is newer of the progress of files, of those whose latest block is there."""
+    columns = [row[1] for row in fresh.execute("PRAGMA table_info(files)")]
+    query = f"SELECT {', '.join(columns)} FROM published.files WHERE block IN (SELECT id FROM published.blocks)"
+    for row in fresh.execute(query).fetchall():
+        values = dict(zip(columns, row, strict=True))
+        known = fresh.execute(
+            "SELECT block FROM files WHERE source = ? AND path = ?", (values["source"], values["path"])
+        ).fetchone()
+        if known is None or (known[0] or 0) < values["block"]:
+            insert_row(fresh, "files", values, set(columns))
+
+
 def _empty(fresh: sqlite3.Connection, row: tuple[Any, ...]) -> None:
     """Keep only the ledger entry of a block."""
     block, entry = row[0], list(row[1:13])
     entry[4:7] = "unreadable", "", LOST
     layout, values = pack({})
-    fresh.execute("INSERT OR IGNORE INTO layouts (layout) VALUES (?)", (layout,))
     fresh.execute("UPDATE blocks SET status = ?, flags = ?, reason = ? WHERE id = ?", (*entry[4:7], block))
-    fresh.execute(
-        "INSERT OR REPLACE INTO records SELECT ?, id, ? FROM layouts WHERE layout = ?", (block, values, layout)
-    )
-    for table in ("forecasts", "events"):
-        fresh.execute(f"DELETE FROM {table} WHERE block = ?", (block,))
-    fresh.execute(
-        "INSERT INTO digests (block, ledger, content) VALUES (?, ?, ?)"
-        " ON CONFLICT (block) DO UPDATE SET ledger = excluded.ledger, content = excluded.content",
-        (block, ledger_digest(entry), content_digest(layout, values, (), ())),
-    )
+    fresh.execute("INSERT INTO records VALUES (?, ?, ?)", (block, add_layout(fresh, None, layout), values))
+    digests = (block, ledger_digest(entry), content_digest(layout, values, (), ()))
+    fresh.execute(f"INSERT INTO digests (block, ledger, content) VALUES (?, ?, ?){_REPLACED}", digests)
 
 
-def _settle_states(fresh: sqlite3.Connection, states: Mapping[str, list[tuple[int, str]]]) -> list[str]:
-    """Write the states after the last block of their source; return the names of the others."""
-    newest = {row[0] for row in fresh.execute("SELECT max(id) FROM blocks GROUP BY source")}
-    by_block: dict[int, dict[str, str]] = {}
-    for name, found in states.items():
-        block, text = found[0]
-        if block in newest and _is_object(text):
-            by_block.setdefault(block, {})[name] = text
-    kept: set[str] = set()
-    for block, texts in by_block.items():
-        digest = fresh.execute("SELECT states FROM digests WHERE block = ?", (block,)).fetchone()
-        if digest is None or digest[0] is None or digest[0] == states_digest(texts):
-            kept.update(texts)
-            fresh.executemany(
-                "INSERT OR REPLACE INTO stage_states VALUES (?, ?, ?)",
-                [(name, block, text) for name, text in texts.items()],
-            )
-    return sorted(set(states) - kept)
+def _add_tables(fresh: sqlite3.Connection, snapshot: Snapshot) -> None:
+    """Insert the published rows of the small tables that the new store lacks."""
+    for table, rows in snapshot.tables.items():
+        columns = {row[1] for row in fresh.execute(f"PRAGMA table_info({table})")}
+        for values in rows if columns else ():
+            insert_row(fresh, table, values, columns, "OR IGNORE")
 
 
-def _is_object(text: str) -> bool:
+def _settle_states(fresh: sqlite3.Connection, proven: dict[int, dict[str, str]], snapshot: Snapshot | None) -> None:
+    """Write of each source the newest states, by block and name, whose block is there."""
+    if snapshot is not None:
+        identity = "SELECT id FROM blocks WHERE source = ? AND sequence = ? AND content_hash = ?"
+        found = [
+            (name, fresh.execute(identity, stated[:3]).fetchone(), stated) for name, stated in snapshot.states.items()
+        ]
+        published = _grouped((name, row[0], stated.state) for name, row, stated in found if row is not None)
+        proven = published | proven
+    newest: dict[str, int] = {}
+    for block in sorted(proven):
+        row = fresh.execute("SELECT source FROM blocks WHERE id = ?", (block,)).fetchone()
+        if row is not None:
+            newest[row[0]] = block
+    for block in newest.values():
+        rows = [(name, block, text) for name, text in proven[block].items()]
+        fresh.executemany("INSERT OR REPLACE INTO stage_states VALUES (?, ?, ?)", rows)
+        fresh.execute("UPDATE digests SET states = ? WHERE block = ?", (states_digest(proven[block]), block))
+
+
+def _grouped(states: Iterable[tuple[str, int, str]]) -> dict[int, dict[str, str]]:
+    """Return the states by block and name."""
+    groups: dict[int, dict[str, str]] = {}
+    for name, block, text in states:
+        groups.setdefault(block, {})[name] = text
+    return groups
+
+
+def _is_as_committed(store: sqlite3.Connection, block: int, texts: Mapping[str, str]) -> bool:
+    """Return whether the states after a block have the digest that was committed with them, or none was."""
+    found = store.execute("SELECT states FROM digests WHERE block = ?", (block,)).fetchone()
+    if found is not None and found[0] is not None:
+        return found[0] == states_digest(texts)
     try:
-        return isinstance(json.loads(text), dict)
+        return all(isinstance(json.loads(text), dict) for text in texts.values())
     except (TypeError, ValueError):
         return False
-
-
-def _highest(fresh: sqlite3.Connection) -> int:
-    """Return the highest block number in at least two tables: a single one may be damaged."""
-    union = "SELECT id FROM blocks UNION ALL SELECT block FROM records UNION ALL SELECT block FROM digests"
-    query = f"SELECT coalesce(max(id), 0) FROM (SELECT id FROM ({union}) GROUP BY id HAVING count(*) > 1)"
-    return fresh.execute(query).fetchone()[0]
 
 
 def _find_missing(fresh: sqlite3.Connection, account: Account, known: int) -> None:
@@ -262,12 +292,13 @@ def _find_missing(fresh: sqlite3.Connection, account: Account, known: int) -> No
     A gap in the numbers of a source counts as missing where the ledger has a gap of that size at this place: senders
     leave gaps, too.
     """
-    gone = known - _between(fresh, 0, known + 1)
+    (condensed,) = fresh.execute("SELECT coalesce(sum(blocks), 0) FROM condensed_days").fetchone()
+    gone = known - _between(fresh, 0, known + 1) - condensed
     before: dict[str, tuple[int, int]] = {}
     rows = fresh.execute("SELECT source, sequence, id FROM blocks ORDER BY source, sequence").fetchall()
     for source, sequence, block in rows:
         last, place = before.get(source, (0, 0))
-        gap = sequence - last - 1
+        gap = sequence - last - 1 - fresh.execute(_CONDENSED, (source, last, sequence)).fetchone()[0]
         if 0 < gap <= gone and gap <= block - place - 1 - _between(fresh, place, block):
             account.missing.append((source, last + 1, sequence - 1))
             gone -= gap
@@ -276,15 +307,8 @@ def _find_missing(fresh: sqlite3.Connection, account: Account, known: int) -> No
         ((source, (last, _)),) = before.items()
         account.missing.append((source, last + 1, last + gone))
         gone = 0
-    account.unplaced = gone
+    account.unplaced = max(gone, 0)
 
 
 def _between(fresh: sqlite3.Connection, lower: int, upper: int) -> int:
     return fresh.execute("SELECT count(*) FROM blocks WHERE id > ? AND id < ?", (lower, upper)).fetchone()[0]
-
-
-def _never_again(fresh: sqlite3.Connection, known: int) -> None:
-    """Reserve the ledger numbers of lost blocks."""
-    (highest,) = fresh.execute("SELECT max(coalesce(max(id), 0), ?) FROM blocks", (known,)).fetchone()
-    fresh.execute("DELETE FROM sqlite_sequence WHERE name = 'blocks'")
-    fresh.execute("INSERT INTO sqlite_sequence VALUES ('blocks', ?)", (highest,))

@@ -13,6 +13,7 @@ import pytest
 from monitor.records import backup, restore
 from monitor.records.backup import BackupError, Contents, RefusedError, back_up, backups_of, find_backup, verify
 from monitor.records.events import EventLog
+from monitor.records.recover import published as recover_published
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.restore import Places
 from monitor.records.store import Store
@@ -316,6 +317,7 @@ def test_a_restore_that_is_cut_off_anywhere_left_the_old_or_the_whole_new_state(
 ) -> None:
     names = ("sync_file", "sync_folder", "copy_durably", "check_store", "_link", "_fold_log", "_swap")
     patch = cut_off_points(restore, names)
+    monkeypatch.setattr(recover_published, "_in_child", lambda to, files, beat: recover_published.take_files(to, files))
     folder = find_backup(made / "backups", "m")
     seen: set[int] = set()
     before = tmp_path_factory.mktemp("before")

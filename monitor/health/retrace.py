@@ -1,0 +1,203 @@
+"""The state after blocks of which only the records are left.
+
+All that the stages carry follows from the values of records, bit for bit, but for two things that need samples: the
+recent envelope spectra in whose mean a channel with ``average_blocks`` names the damaged part, and the votes of the
+first blocks for a band. Kept spectra are no part of the state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
+
+import numpy as np
+
+from monitor.health import detect
+from monitor.health.alarms import AlarmAcknowledgement
+from monitor.health.channel import ChannelBlock, is_for_detector, latch_name, run_clock, track
+from monitor.health.condition import Quantity
+from monitor.health.detect import DetectInput, DetectOutput
+from monitor.health.naming import score_threshold
+from monitor.health.quality import OrderState, Verdict, check_order
+from monitor.health.record import Record
+from monitor.health.spectrum.average import RecentSpectra
+from monitor.health.spectrum.transform import Band
+from monitor.health.state import ChannelSettings, ChannelState, Named, SourceSettings, SourceState
+from monitor.health.step import alarm_step
+from monitor.health.waterfall import step as waterfall_step
+
+AVERAGED_SPECTRA, BAND_VOTES = "averaged_spectra", "band_votes"
+
+
+@dataclass(frozen=True)
+class Retraced:
+    """A state after records.
+
+    Attributes:
+        blocks: number of records taken.
+        missing: by channel, what of its state begins afresh: AVERAGED_SPECTRA, BAND_VOTES.
+    """
+
+    state: SourceState
+    blocks: int = 0
+    missing: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
+
+
+def retrace(state: SourceState, records: Iterable[Record], settings: SourceSettings) -> Retraced:
+    """Take records of a source, in the order of commitment, into the state before them."""
+    blocks = 0
+    averaged = {name: channel.spectra.count for name, channel in state.channels.items()}
+    missing: dict[str, set[str]] = {}
+    for record in records:
+        blocks += 1
+        state = _retrace_one(state, record, settings, averaged)
+        for name, values in record.channels.items():
+            if name in settings.channels and _verdict(values).for_baseline:
+                missing.setdefault(name, set()).update(_missing(values, settings.channels[name]))
+    return Retraced(state, blocks, {name: tuple(sorted(parts)) for name, parts in missing.items() if parts})
+
+
+def _missing(values: Mapping[str, Any], settings: ChannelSettings) -> set[str]:
+    """Return what one more block would have added to the state of a channel and its record does not hold."""
+    lost = {AVERAGED_SPECTRA: settings.average_blocks > 1, BAND_VOTES: values.get("band_source") == "provisional"}
+    return {part for part, missing in lost.items() if missing}
+
+
+def _retrace_one(state: SourceState, record: Record, settings: SourceSettings, averaged: dict[str, int]) -> SourceState:
+    """Take one record; ``averaged`` counts the spectra that were averaged by channel, and is changed."""
+    state = replace(state, order=_order(state.order, record))
+    channels, waterfalls = dict(state.channels), dict(state.waterfalls)
+    verdicts: dict[str, Verdict] = {}
+    for name, channel in settings.channels.items():
+        values = record.channels.get(name)
+        if values is None:
+            continue
+        verdict = verdicts[name] = _verdict(values)
+        if not verdict.accepted or values.get("rms") is None:
+            continue
+        before = channels[name]
+        if verdict.for_baseline:
+            begun = 0 if _chosen_since(before, values, channel) else averaged[name]
+            averaged[name] = min(begun + 1, channel.average_blocks)
+        channels[name], found = _channel(before, record, verdict, values, channel, averaged[name])
+        if name in waterfalls and verdict.for_baseline:
+            waterfalls[name], _, _ = waterfall_step(
+                waterfalls[name],
+                _time_of(record),
+                channel.waterfall,
+                clock_valid="clock" not in verdict.flags,
+                onset=found.alarm,
+                end=found.end,
+            )
+    state = replace(state, channels=channels, waterfalls=waterfalls)
+    alarms, _ = alarm_step(state, record, verdicts, settings, _acknowledgements(record))
+    return replace(state, alarms=alarms, latest=record if record.channels else state.latest)
+
+
+def _order(state: OrderState, record: Record) -> OrderState:
+    time = _time_of(record)
+    after, flags = check_order(state, record.sequence, time, dated=record.time is not None)
+    if "clock" in record.flags and not {"clock", "late"} & set(flags):
+        # The clock of that day showed that the time lay in the future.
+        return OrderState(sequence=record.sequence, time=state.time, interval=state.interval)
+    return after
+
+
+def _time_of(record: Record) -> float | None:
+    return record.time if record.time is not None else record.elapsed
+
+
+def _verdict(values: Mapping[str, Any]) -> Verdict:
+    flags = values.get("quality_flags")
+    return Verdict(values.get("quality_status") or "ok", tuple(flags.split("|")) if flags else ())
+
+
+def _channel(
+    state: ChannelState,
+    record: Record,
+    verdict: Verdict,
+    values: Mapping[str, Any],
+    settings: ChannelSettings,
+    averaged: int,
+) -> tuple[ChannelState, DetectOutput]:
+    """Take the values of one channel through the stages, as ``monitor.health.channel.step`` takes samples."""
+    block = ChannelBlock(
+        samples=np.empty(0),
+        rate=0.0,
+        sequence=record.sequence,
+        time=_time_of(record),
+        verdict=verdict,
+        speed=Quantity(values.get("speed")),
+        load=Quantity(values.get("load")),
+    )
+    band_source = values.get("band_source") or "provisional"
+    if _chosen_since(state, values, settings):
+        bands = _bands(values)
+        state = replace(state, bands=bands, band_source=band_source, votes=None, spectra=RecentSpectra())
+    state = run_clock(state, block)
+    if verdict.for_baseline and settings.average_blocks > 1:
+        # The spectrum of this block is lost; the oldest leaves the mean when it would have.
+        rows = state.spectra.rows
+        state = replace(state, spectra=RecentSpectra(rows[1:] if averaged == settings.average_blocks else rows))
+    given = DetectInput(
+        sequence=record.sequence,
+        time=block.time,
+        rms=values["rms"],
+        prominence=_prominence(values),
+        peak=values.get("peak") if settings.absolute else None,
+        usable=is_for_detector(state, verdict, settings, band_source),
+    )
+    detector, found = detect.step(state.detect, given, settings.detect)
+    state = replace(state, detect=detector)
+    lines = values.get("bpfo_amplitude")
+    harmonics = None if lines is None or None in lines else tuple(lines)
+    state, _, _ = track(state, block, settings, values["rms"], harmonics)
+    if verdict.for_baseline:
+        state = latch_name(state, _named(values, record.sequence, averaged))
+    return state, found
+
+
+def _chosen_since(state: ChannelState, values: Mapping[str, Any], settings: ChannelSettings) -> bool:
+    """Return whether a band was chosen between the state and the record."""
+    return settings.bands is None and not state.bands and values.get("band_source") in ("learning", "recording")
+
+
+def _bands(values: Mapping[str, Any]) -> tuple[Band, ...]:
+    low, high = (_all_of(values[name]) for name in ("band_lo", "band_hi"))
+    return tuple(zip(low, high, strict=True))
+
+
+def _all_of(value: Any) -> tuple[Any, ...]:
+    """Return the values of all bands, of which a single one is no tuple."""
+    return cast("tuple[Any, ...]", value) if isinstance(value, tuple) else (value,)
+
+
+def _prominence(values: Mapping[str, Any]) -> float | None:
+    """Return H_or over the floor under its lines, both of the first band; unresolved lines have neither."""
+    several, floor = isinstance(values.get("h_or"), tuple), values.get("envelope_floor")
+    total: float | None = _all_of(values.get("h_or"))[0]
+    if several and floor is not None:
+        floor = floor[0]
+    if floor is None or floor[0] is None:
+        return None
+    summed = float(np.array([line or 0.0 for line in floor[0]]).sum())
+    return (total or 0.0) / summed if summed > 0.0 else None
+
+
+def _named(values: Mapping[str, Any], sequence: int, averaged: int) -> Named | None:
+    if values.get("fault") is None:
+        return None
+    standing = values["fault_score"] / score_threshold(max(1, averaged))
+    return Named(values["fault"], values["fault_snr"], values["fault_depth"], standing, sequence)
+
+
+def _acknowledgements(record: Record) -> tuple[AlarmAcknowledgement, ...]:
+    """Return the acknowledgements that released an alarm with the block."""
+    return tuple(
+        AlarmAcknowledgement(
+            event["channel"], event["rule"], event["severity"], event["since_block"], event["acknowledged_utc_s"]
+        )
+        for event in record.events
+        if event.get("kind") == "alarm_released"
+    )
