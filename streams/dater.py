@@ -64,6 +64,7 @@ class Dater:
         self._spec, self._cut, self._several = spec, cut, several
         self._keep, self._names = keep, names
         self._conflicts: dict[str, str] = {}
+        self._open: set[str] = set()
         self._partial: tuple[str, float] | None = None
         self._scanned: set[str] = set()
         self._evidence: dict[Order, str] = {}
@@ -105,7 +106,9 @@ class Dater:
             stamp = self._name_stamp(path)
             start = None if stamp is None else self._resolved(stamp, path)
             samples = replace(samples, start=start, elapsed=None, joins=False)
-        elif choice.by == "header" and samples.start is None:
+        elif choice.by == "header" and samples.start is not None:
+            self._wait_for_open(path)
+        elif choice.by == "header":
             stamp = self._header_stamp(samples)
             samples = replace(samples, start=None if stamp is None else self._resolved(stamp, path))
         if samples.start is None and choice.by in ("header", "name"):
@@ -126,9 +129,12 @@ class Dater:
         """The files that contradict the order of day and month."""
         return tuple(self._conflicts)
 
-    def forget(self, path: str) -> None:
-        """Forget what a file that is gone or rejected stated."""
+    def forget(self, path: str) -> bool:
+        """Forget what a file that is gone or rejected stated; return whether others waited for it."""
+        waited = path in self._open or path in self._conflicts
+        self._open.discard(path)
         self._conflicts.pop(path, None)
+        return waited
 
     def place_time(self, sequence: int, length: float) -> tuple[float | None, float] | None:
         """Return start and elapsed time of a block of ``length`` s that is counted by its number, else None."""
@@ -267,14 +273,14 @@ class Dater:
             UndatedError: the order is not decided, or files disagree.
         """
         self._conflicts.pop(path, None)
-        if not stamp.open:
-            return stamp.fixed or 0.0
-        if self.choice.order is None:
+        if stamp.open and self.choice.order is None:
             self._decide(stamp, path)
         order = self.choice.order
+        if not stamp.open or (order is None and stamp.fixed is not None):
+            self._wait_for_open(path)
+            return stamp.fixed or 0.0
         if order is None:
-            if stamp.fixed is not None:
-                return stamp.fixed
+            self._open.add(path)
             raise UndatedError(
                 f"{path}: {stamp.text!r} is {utc_text(stamp.day_first or 0.0)} (day first) or "
                 f"{utc_text(stamp.month_first or 0.0)} (month first), and no file decides which; "
@@ -291,6 +297,11 @@ class Dater:
             other, text = next(iter(self._conflicts.items()))
             raise UndatedError(f"{path}: waits while {other} ({text!r}) and {self.choice.decided_by} disagree")
         return found
+
+    def _wait_for_open(self, path: str) -> None:
+        """Raise UndatedError while other files wait for the order of day and month: this one may come after them."""
+        if self.choice.order is None and self._open - {path}:
+            raise UndatedError(f"{path}: waits for {min(self._open)}, until a file tells day and month apart")
 
     def _decide(self, stamp: Stamp, path: str) -> None:
         stamps = [(path, stamp)]

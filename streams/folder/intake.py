@@ -72,7 +72,7 @@ class Intake:
             if loaded is not None:
                 self._batch.append(loaded)
                 size += loaded[3].values.nbytes
-            elif self.ready:
+            elif self.ready or entry in self.undated:
                 break
         self._emit_batch()
         self.waits = next(iter(self.undated.values()), None)
@@ -179,8 +179,7 @@ class Intake:
 
     def _reject(self, entry: Entry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
         self._emit_batch()
-        if self._loader.dater is not None and entry.path in self._loader.dater.conflicts:
-            self._loader.dater.forget(entry.path)
+        if self._loader.dater is not None and self._loader.dater.forget(entry.path):
             self._retry_undated()
         if self._reblocker is not None and not self._is_overtaken(entry):
             # Samples are not joined across a file that could not be read.

@@ -129,7 +129,8 @@ class FolderSource(LiveSource):
                 return self._intake.ready.popleft()
             self._wake.clear()
             self._poll(now)
-            if self._advance(now):
+            # Files that wait for a date give nothing, however many there are: other sources must have their turn.
+            if self._advance(now) and (now < deadline or (self._intake is not None and self._intake.ready)):
                 continue
             if now >= deadline:
                 return None
