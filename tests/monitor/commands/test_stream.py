@@ -201,6 +201,23 @@ def test_a_running_daemon_logs_a_jump(tmp_path: Path) -> None:
     assert event_text(notice.body).startswith("stream refused: 127.0.0.1 (s): frame 9223372036854775807 of 's' came")
 
 
+@pytest.mark.process
+def test_a_lost_store_keeps_the_count_of_a_stream(tmp_path: Path) -> None:
+    port, config = free_port(), tmp_path / "m.toml"
+    config.write_text(tcp_machine_text(port), encoding="utf-8")
+    with running(config):
+        assert send(port, range(1, 3)) == (2, 2)
+    assert run_command("stream", "reset", "s", "--config", str(config)).returncode == 0
+    with running(config):
+        assert send(port, range(1, 4)) == (3, 3)
+    for file in (tmp_path / "state").glob("state.db*"):
+        file.unlink()
+    with running(config):
+        assert send(port, range(1, 6)) == (2, 5)
+    expected = [(1, "s[1]"), (2, "s[2]"), *((number + 2, f"s[1:{number}]") for number in range(1, 6))]
+    assert sorted(row[:2] for row in rows(config)) == expected
+
+
 def log_of(path: Path) -> list[LoggedEvent]:
     with EventLog(database(load_config(path))) as log:
         return [notice for _, notice in log.notices()]
