@@ -229,11 +229,9 @@ def _remark(status: Mapping[str, Any]) -> str:
     state = status.get("state")
     if not status["running"]:
         return f"no daemon since {status['updated_utc']}" if "updated_utc" in status else "no daemon has run"
-    if "disk" in status.get("problems", {}):
-        # A full disk keeps the daemon from renewing its status.
-        return f"disk: {status['problems']['disk']}"
     age = _age(status.get("updated_utc"))
-    if age is not None and age > _MAX_STATUS_AGE_S:
+    # A full disk keeps the daemon from renewing its status.
+    if age is not None and age > _MAX_STATUS_AGE_S and "disk" not in status.get("problems", {}):
         return f"the daemon has not renewed its status for {duration(age)}"
     problems = [f"{name}: {problem}" for name, problem in status.get("problems", {}).items()]
     reasons = problems or [
