@@ -29,7 +29,7 @@ from tests.memory_ledger import MemoryLedger
 
 SAMPLES = 128_000
 RATE = 25_600.0
-CHANNELS = (ChannelSpec("x", column=1, unit="g"),)
+CHANNELS = (ChannelSpec("x", column=1, unit="g", scale=1.0),)
 
 
 def spec(kind: str, **more: Any) -> SourceSpec:

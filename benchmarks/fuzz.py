@@ -41,7 +41,7 @@ Row = dict[str, float | str | None]
 def fuzz(name: str, count: int) -> Row:
     """Mutate one kind of file ``count`` times and count the verdicts."""
     whole, rng = MAKERS[name](signal(2, 600)), np.random.default_rng(SEED + BINARY.index(name))
-    channel = ChannelSpec("a", column=2 if name in ("x.npy", "x.wav", "x.flac") else "acc_2", unit="g")
+    channel = ChannelSpec("a", column=2 if name in ("x.npy", "x.wav", "x.flac") else "acc_2", unit="g", scale=1.0)
     verdicts: Counter[str] = Counter()
     slowest = 0.0
     with tempfile.TemporaryDirectory() as folder:

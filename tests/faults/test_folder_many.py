@@ -27,7 +27,7 @@ def write(folder: Path, number: int) -> None:
 
 
 def expected(last: int) -> dict[str, str]:
-    verdicts = {7: "unreadable", 9: "incomplete", 1: "duplicate"}
+    verdicts = {7: "unreadable", 9: "empty", 1: "duplicate"}
     found = {f"f{number:06d}.csv": verdicts.get(number % 100, "accepted") for number in range(1, last + 1)}
     return found | {"f000001.csv": "accepted"}
 

@@ -76,7 +76,7 @@ def test_mutated_files_end_in_a_verdict(name: str, tmp_path_factory: pytest.Temp
         (folder / f"{number:04d}_{name}").write_bytes(mutate(whole, rng))
     (folder / f"9999_{name}").write_bytes(whole)
     column = 2 if name in ("x.npy", "x.wav", "x.flac") else "acc_2"
-    channel = ChannelSpec("a", column=column, unit="g")
+    channel = ChannelSpec("a", column=column, unit="g", scale=1.0)
     items = list(open_source(SourceSpec("s", f"folder:{folder}", block_s="file", rate=RATE, channels=(channel,))))
     assert len(items) == count + 1
     rejected = Counter(item.status for item in items if isinstance(item, Rejected))
