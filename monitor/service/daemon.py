@@ -24,7 +24,7 @@ from monitor.service.machine_status import MachineStatus
 from monitor.service.retention import Retention
 from monitor.service.silence import SilenceLog
 from monitor.service.start import inspect
-from monitor.service.status_file import MIN_LOG_SHARE, StatusFile, is_running
+from monitor.service.status_file import MIN_LOG_SHARE, StatusFile, full_disk, is_running
 from monitor.service.summary import run_attributes
 from monitor.service.systemd import ServiceManager
 from monitor.words.events import event_text
@@ -303,7 +303,8 @@ class Daemon:
         self._status_problem = None
 
     def _can_commit(self) -> bool:
-        return _STUCK.isdisjoint(self.problems())
+        room = full_disk(self._config.machine.state_dir, 0, self._free) is None
+        return room and _STUCK.isdisjoint(self.problems())
 
     def problems(self) -> dict[str, str]:
         """Return the present problems, one sentence each, by the name of the source or the part."""

@@ -92,7 +92,7 @@ def present_status(
     state_dir = config.machine.state_dir
     found, backup = read_status(state_dir), read_note(state_dir)
     problems = dict(found.get("problems", {}))
-    if (full := _full_disk(state_dir, round(1e6 * config.machine.min_free_mb), free)) is not None:
+    if (full := full_disk(state_dir, round(1e6 * config.machine.min_free_mb), free)) is not None:
         problems["disk"] = full
     if backup.get("problem"):
         problems["backup"] = f"the backup of {backup.get('failed_utc')} failed: {backup['problem']}"
@@ -104,7 +104,7 @@ def present_status(
     return {**found, "last_backup_utc": made, "last_backup_age_s": age}
 
 
-def _full_disk(folder: Path, least: int, free: Callable[[Path], int]) -> str | None:
+def full_disk(folder: Path, least: int, free: Callable[[Path], int]) -> str | None:
     """Return that a commit may find no room, or None; ``least`` is the room that the daemon keeps free, bytes."""
     least = max(least, _COMMIT_BYTES)
     try:

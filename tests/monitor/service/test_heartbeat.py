@@ -191,3 +191,11 @@ def test_the_thread_that_commits_decides(tmp_path: Path, monkeypatch: pytest.Mon
     ):
         monkeypatch.setattr(daemon, "problems", lambda found=problems: dict(found))
         assert daemon._can_commit() is healthy
+
+
+def test_a_disk_without_room_for_a_commit_is_not_healthy_before_one_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon = Daemon(load_config(make_machine(tmp_path)), free=lambda _: 10_000)
+    monkeypatch.setattr(daemon, "problems", dict)
+    assert not daemon._can_commit()
