@@ -155,6 +155,12 @@ class Register:
         """Return the paths of the files that wait or are done."""
         return [*self.waiting, *self._done]
 
+    def taken_paths(self) -> list[str]:
+        """Return the paths of the files that are there and of which samples are in blocks."""
+        done = (path for path, known in self._done.items() if known.samples)
+        begun = (path for path, e in self.waiting.items() if e.base is not None and e.base.samples and e.absent is None)
+        return [*done, *begun]
+
     def reorder(self) -> None:
         """Sort and filter again, once the kind of the files is recognised."""
         self._heap.clear()

@@ -259,8 +259,10 @@ class FolderSource(LiveSource):
         }
         if not ready or (ready == self._tried and now < self._retry):
             return False
+        # After a restart the format is that of the blocks so far.
+        paths = sorted(register.taken_paths() or ready, key=natural_key)
         try:
-            self._load_as(data_set_of(self._spec, Folder(self._real, sorted(ready, key=natural_key)), "auto"))
+            self._load_as(data_set_of(self._spec, Folder(self._real, paths), "auto"))
         except SourceError as error:
             self._unknown, self._tried, self._retry = str(error), ready, now + _RETRY_S
             return False

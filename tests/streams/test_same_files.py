@@ -321,3 +321,15 @@ def test_numbers_that_come_twice_are_judged_alike(tmp_path: Path) -> None:
             "acc_00001.csv.gz": "changed",
             "acc_00002.csv": "accepted",
         }
+
+
+def test_the_format_stays_over_a_restart(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    put(tmp_path, "b.csv", 1)
+    rig.run(10.0)
+    rig.restart()
+    np.save(tmp_path / "a.npy", noise(COUNT, 2))
+    assert rig.run(10.0) == []
+    assert set(rig.source.ignored()) == {"a.npy"}
+    put(tmp_path, "c.csv", 3)
+    assert [(item.name, type(item)) for item in rig.run(10.0)] == [("c.csv", Block)]
