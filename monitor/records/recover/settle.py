@@ -80,6 +80,8 @@ def settle(fresh: sqlite3.Connection, states: States, snapshot: Snapshot | None)
     fresh.execute(
         "DELETE FROM spectra WHERE NOT EXISTS"
         " (SELECT 1 FROM blocks WHERE blocks.source = spectra.source AND blocks.sequence = spectra.sequence)"
+        " AND NOT EXISTS (SELECT 1 FROM identities JOIN condensed_sources ON id = identities.source"
+        " WHERE condensed_sources.source = spectra.source AND identities.sequence = spectra.sequence)"
     )
     fresh.execute("UPDATE blocks SET run = 0 WHERE typeof(run) <> 'integer'")
     fresh.execute("INSERT OR IGNORE INTO runs SELECT DISTINCT run, '{}' FROM blocks")

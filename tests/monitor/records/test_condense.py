@@ -432,6 +432,8 @@ def test_a_lost_store_says_which_days_were_moved(filled: Store, tmp_path: Path) 
 def test_a_damaged_store_keeps_its_condensed_blocks_and_their_trends(filled: Store, tmp_path: Path) -> None:
     condense_all(filled)
     before = trends(filled, points=50)
+    with filled.transaction() as connection:
+        connection.execute("INSERT INTO spectra VALUES ('s', 'x', 7, 1.0, 1, '{}', x'')")
     (root,) = filled.rows("SELECT rootpage FROM sqlite_master WHERE name = 'digests'")[0]
     filled.close()
     with filled.path.open("r+b") as file:
@@ -442,6 +444,7 @@ def test_a_damaged_store_keeps_its_condensed_blocks_and_their_trends(filled: Sto
         assert everything(store) == list(range(1, 4 * PER_DAY + 1)), text
         assert store.counts() == {"ok": 4 * PER_DAY}
         assert store.commit(block(7), {}) == "duplicate"
+        assert store.rows("SELECT sequence FROM spectra") == [(7,)]
         after = trends(store, points=50)
     assert np.array_equal(before.records, after.records)
     assert np.array_equal(before.low["rms"], after.low["rms"])
