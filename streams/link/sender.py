@@ -220,7 +220,7 @@ class Sender:
         self._committed = 0
         self._highest = 0
         self._sent = self._skipped = 0
-        self._rejected: set[int] = set()
+        self._rejected: set[tuple[int, str]] = set()
         self._due = 0.0
         self._last: int | None = None
 
@@ -261,7 +261,8 @@ class Sender:
             if self._limit is not None and item.sequence > self._limit:
                 break
             if isinstance(item, Rejected):
-                self._rejected.add(item.sequence)
+                # A copy has the number of its original.
+                self._rejected.add((item.sequence, item.name))
             elif item.sequence <= after:
                 skipped += 1
             else:
