@@ -19,6 +19,7 @@ _COMMANDS = {
     "run": ("run:command", "The daemon: follows the configured sources until it is stopped."),
     "page": ("run:page", "One page over all machines of a folder."),
     "status": ("run:status", "What the daemon of a machine is doing now."),
+    "release": ("run:release", "Let a file be handled again that was set aside as poisoned."),
     "replay": ("replay:command", "Run the pipeline over a recording, as fast as possible or at a pace."),
     "report": ("report:command", "One self-contained HTML report of records, or one per run."),
     "check": ("check:command", "Validate a configuration and list what would be monitored."),

@@ -1,6 +1,6 @@
 """Published data sets: what the names of their files state, and how the files are read.
 
-The MAT files are read in the child process.
+All files are read in the child process.
 """
 
 from __future__ import annotations
@@ -296,12 +296,12 @@ def paderborn_read(data: bytes, path: str) -> Samples:
 
 _SETS = (
     DataSet(
-        "pronostia", "acc_NNNNN.csv", _pronostia_facts, _pronostia_read,
+        "pronostia", "acc_NNNNN.csv", _pronostia_facts, isolated(_pronostia_read),
         snapshot=True, samples=_PRONOSTIA_SAMPLES, counted=True,
     ),
-    DataSet("ims", "YYYY.MM.DD.hh.mm.ss", _ims_facts, _ims_read, snapshot=True, samples=20480),
-    DataSet("xjtu_sy", "N.csv", _xjtu_facts, _xjtu_read, snapshot=True, samples=32768, counted=True),
-    DataSet("ferrara", "*.txt", _ferrara_facts, _ferrara_read, unit=None, states_rate=True, states_unit=True),
+    DataSet("ims", "YYYY.MM.DD.hh.mm.ss", _ims_facts, isolated(_ims_read), snapshot=True, samples=20480),
+    DataSet("xjtu_sy", "N.csv", _xjtu_facts, isolated(_xjtu_read), snapshot=True, samples=32768, counted=True),
+    DataSet("ferrara", "*.txt", _ferrara_facts, isolated(_ferrara_read), unit=None, states_rate=True, states_unit=True),
     DataSet("cwru", "NNN.mat with XNNN_DE_time", _cwru_facts, isolated(cwru_read)),
     DataSet("mfpt", "*.mat with a structure bearing", _mat_facts, isolated(mfpt_read), states_rate=True),
     DataSet("hit_sm", "CLASS_RPM.mat with one vector", _hit_sm_facts, isolated(one_vector), unit="unknown"),

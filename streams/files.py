@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Literal, Protocol
 
+from streams.limits import MAX_BYTES, max_loaded_bytes
 from streams.listing import Stat, is_skipped, list_files, shown, stat_file
-from streams.samples import MAX_BYTES, ReaderError
+from streams.samples import ReaderError
 from streams.spec import SourceError
 
 _Mode = Literal["r:", "r:gz", "r:bz2", "r:xz"]
@@ -116,12 +117,12 @@ class Archive:
         """Iterate over all members but folders; ReaderError where it is damaged."""
         try:
             with tarfile.open(self.root, self._mode) as archive:
-                yield from _members(archive, self.root.name)
+                yield from _members(archive, self.root.name, max_loaded_bytes(self.root.stat().st_size))
         except _DAMAGED as error:
             raise _damage(error, self.root.name) from error
 
 
-def _members(archive: tarfile.TarFile, name: str) -> Iterator[Item]:
+def _members(archive: tarfile.TarFile, name: str, max_bytes: int) -> Iterator[Item]:
     broken: list[ReaderError] = []
     for member in archive:
         path = PurePosixPath(member.name)
@@ -130,7 +131,7 @@ def _members(archive: tarfile.TarFile, name: str) -> Iterator[Item]:
 
         def read(member: tarfile.TarInfo = member) -> bytes:
             try:
-                return _read_member(archive, member)
+                return _read_member(archive, member, max_bytes)
             except _DAMAGED as error:
                 broken.append(_damage(error, f"{name}: {member.name}"))
                 raise broken[0] from error
@@ -141,11 +142,11 @@ def _members(archive: tarfile.TarFile, name: str) -> Iterator[Item]:
             return
 
 
-def _read_member(archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
+def _read_member(archive: tarfile.TarFile, member: tarfile.TarInfo, max_bytes: int) -> bytes:
     if not member.isreg():
         raise ReaderError("refused", f"{member.name}: a link or a device, not a regular file")
-    if member.size > MAX_BYTES:
-        raise ReaderError("refused", f"{member.name}: {member.size} bytes, {MAX_BYTES} are allowed")
+    if member.size > max_bytes:
+        raise ReaderError("refused", f"{member.name}: {member.size} bytes, {max_bytes} are allowed")
     stream = archive.extractfile(member)
     data = b"" if stream is None else stream.read()
     if len(data) < member.size:
@@ -185,14 +186,15 @@ def refuse_special(status: Stat | None, root: Path, path: str) -> None:
         raise ReaderError("refused", f"{path}: a link, a pipe or a device, not a regular file")
 
 
-def read_guarded(root: Path, path: str, *, may_grow: bool = False) -> bytes:
+def read_guarded(root: Path, path: str, *, may_grow: bool = False, max_bytes: int | None = None) -> bytes:
     """Return the bytes of a regular file at ``path`` below the resolved folder ``root``.
 
     One that ``may_grow`` may get longer meanwhile; then the bytes that were there at first are given.
 
     Raises:
         ReaderError: ``refused`` for a link out of the folder, a FIFO, a device, a folder or a file above
-            ``MAX_BYTES``, ``unreadable`` where it cannot be opened, ``changed`` where it changes while it is read.
+            ``max_bytes`` (default ``MAX_BYTES``), ``unreadable`` where it cannot be opened, ``changed`` where it
+            changes while it is read.
     """
     real = path_within(root, path)
     try:
@@ -205,8 +207,9 @@ def read_guarded(root: Path, path: str, *, may_grow: bool = False) -> bytes:
         before = os.fstat(handle)
         if not stat.S_ISREG(before.st_mode):
             raise ReaderError("refused", f"{path}: not a regular file")
-        if before.st_size > MAX_BYTES:
-            raise ReaderError("refused", f"{path}: {before.st_size} bytes, {MAX_BYTES} are allowed")
+        allowed = MAX_BYTES if max_bytes is None else max_bytes
+        if before.st_size > allowed:
+            raise ReaderError("refused", f"{path}: {before.st_size} bytes, {allowed} are allowed")
         with open(handle, "rb", closefd=False) as stream:
             data = stream.read(before.st_size) if may_grow else stream.read()
         after = os.fstat(handle)
@@ -232,16 +235,17 @@ def unpacked_name(name: str) -> str:
     return name[: -len(suffix)] if suffix else name
 
 
-def unpack(data: bytes, name: str, limit: int = MAX_BYTES) -> bytes:
+def unpack(data: bytes, name: str, limit: int | None = None) -> bytes:
     """Decompress a file by the ending of its name; else return ``data`` itself.
 
     Raises:
         ReaderError: ``incomplete`` where the file breaks off, ``unreadable`` where it is no such file, ``refused``
-            where it would become larger than ``limit`` bytes.
+            where it would become larger than ``limit`` bytes (default :func:`streams.limits.max_loaded_bytes`).
     """
     suffix = packed_suffix(name)
     if not suffix or not data:
         return data
+    limit = max_loaded_bytes(len(data)) if limit is None else limit
     try:
         with _OPENERS[suffix](io.BytesIO(data)) as stream:
             raw = stream.read(limit + 1)
@@ -250,7 +254,7 @@ def unpack(data: bytes, name: str, limit: int = MAX_BYTES) -> bytes:
     except (OSError, lzma.LZMAError, zlib.error, ValueError) as error:
         raise ReaderError("unreadable", f"{name}: not a valid {suffix} file ({error})") from error
     if len(raw) > limit:
-        raise ReaderError("refused", f"{name}: larger than {limit} bytes when unpacked")
+        raise ReaderError("refused", f"{name}: {len(data)} bytes become more than {limit} when unpacked")
     return raw
 
 

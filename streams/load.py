@@ -14,7 +14,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from streams.block import STANDARD_GRAVITY
-from streams.files import unpack
+from streams.limits import max_blocks
 from streams.readers.complete import declared_size
 from streams.reblock import MIN_BLOCK_SHARE
 from streams.samples import FRACTIONS, RATE_TOLERANCE, SCALED, VALUES, ReaderError, Samples
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from streams.dater import Dater
 
 _LOG = logging.getLogger(__name__)
+_MAX_LISTED = 1000
+"""Characters of names in a message."""
 
 
 def content_hash(data: bytes) -> str:
@@ -103,6 +105,12 @@ class Loader:
             UndatedError: see :meth:`streams.dater.Dater.date`.
         """
         samples = self.load_undated(raw, path, facts, name or path)
+        return self.date(samples, path, facts, changed, whole=whole)
+
+    def date(
+        self, samples: Samples, path: str, facts: FileFacts, changed: float | None, *, whole: bool = True
+    ) -> Samples:
+        """Return what :meth:`load_undated` gave with its times; arguments and errors as :meth:`load`."""
         if self.dater is None or facts.start is not None or facts.elapsed is not None:
             start, elapsed = self._times(samples, facts)
             if self.dater is not None:
@@ -115,9 +123,11 @@ class Loader:
         samples = self.read(raw, path, name)
         self._check_length(samples, name)
         samples = choose_channels(samples, self._spec.channels, self.data_set.unit, name, self._spec.range_g)
+        rate = agreed_rate((samples.rate, facts.rate), self._spec.rate, name)
+        self._check_blocks(samples.values.shape[1], rate, len(raw), name)
         return replace(
             samples,
-            rate=agreed_rate((samples.rate, facts.rate), self._spec.rate, name),
+            rate=rate,
             speed=samples.speed if samples.speed is not None else facts.speed,
             load=samples.load if samples.load is not None else facts.load,
         )
@@ -128,10 +138,9 @@ class Loader:
         if promised is not None and promised > len(raw):
             raise ReaderError("incomplete", f"{name}: {len(raw)} bytes are there, its header promises {promised}")
         try:
-            data = unpack(raw, path)
-            if not data:
+            if not raw:
                 raise ReaderError("empty", f"{name}: the file has 0 bytes")
-            return self.data_set.read(data, path)
+            return self.data_set.read(raw, path)
         except ReaderError as error:
             raise renamed(error, path, name) from error
         except Exception as error:
@@ -159,6 +168,14 @@ class Loader:
             raise ReaderError("short", f"{name}: {found} samples, {expected} were expected")
         if found > expected:
             raise ReaderError("wrong_shape", f"{name}: {found} samples, {expected} were expected")
+
+    def _check_blocks(self, length: int, rate: float, stored: int, name: str) -> None:
+        if self.data_set.snapshot or self._spec.block_s == "file":
+            return
+        count, allowed = length / max(1, round(self._spec.block_s * rate)), max_blocks(stored)
+        if count > allowed:
+            reason = f"{count:.0f} blocks of {self._spec.block_s:g} s, {allowed} are allowed for {stored} bytes"
+            raise ReaderError("refused", f"{name}: {reason}")
 
     def _times(self, samples: Samples, facts: FileFacts) -> tuple[float | None, float | None]:
         """Return (start, elapsed) of the first sample of a file of a data set, None where not stated.
@@ -241,7 +258,7 @@ def _row_of(samples: Samples, channel: ChannelSpec, where: str) -> int:
     if len(found) != 1:
         count = "no column" if not found else f"{len(found)} columns"
         pairs = (f"{title} ({name})" for name, title in both)
-        held = ", ".join(samples.names if samples.names == samples.channels else pairs)
+        held = ", ".join(samples.names if samples.names == samples.channels else pairs)[:_MAX_LISTED]
         raise ReaderError("wrong_shape", f"{where}: channel {channel.name}: {count} by {wanted}; the file has {held}")
     return found[0]
 

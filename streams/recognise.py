@@ -7,18 +7,19 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
+from typing import Any
 from zoneinfo import ZoneInfo
 
 from streams.datasets import DATA_SETS, DataSet, FileFacts
-from streams.files import Files, Item, is_archive, natural_key, unpack, unpacked_name
+from streams.files import Files, Item, is_archive, natural_key, unpacked_name
 from streams.readers.child import isolated
 from streams.readers.hdf5 import read_hdf5
 from streams.readers.mat import mat_variables, read_mat
 from streams.readers.netcdf import read_netcdf
-from streams.readers.npy_wav import read_npy, read_wav
+from streams.readers.npy_wav import read_plain_npy, read_wav
 from streams.readers.sidecar import FOLDER_NAMES, apply_sidecar, find_sidecar
 from streams.readers.tdms import read_tdms
-from streams.readers.text import read_layout
+from streams.readers.text import first_characters, read_layout
 from streams.readers.uff import read_uff
 from streams.samples import ReaderError, Samples
 from streams.spec import SourceError, SourceSpec
@@ -62,9 +63,9 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
         keys = []
     zone = spec.timezone
     readers: dict[str, Callable[[bytes, str], Samples]] = {
-        "csv": lambda data, path: read_layout(data, path, zone),
-        "npy": read_npy,
-        "wav": read_wav,
+        "csv": isolated(read_layout, zone),
+        "npy": read_plain_npy,
+        "wav": isolated(read_wav),
         "mat": isolated(read_mat, keys or ["*"]),
         "tdms": isolated(read_tdms, keys, zone),
         "hdf5": isolated(read_hdf5, keys, zone),
@@ -198,36 +199,31 @@ def _recognised_by_content(item: Item, spec: SourceSpec, files: Files) -> DataSe
     if kind == "csv" and ending != ".csv" and files.several and not _is_numbers(item):
         # It may be a README.txt.
         return None
-    if kind == "csv" and _is_named_as("xjtu_sy", item, files):
-        data = _bytes(item)
-        if data is not None and _XJTU_HEADER.encode() in data[:200]:
-            return DATA_SETS["xjtu_sy"]
+    if (
+        kind == "csv"
+        and _is_named_as("xjtu_sy", item, files)
+        and _XJTU_HEADER in (_asked(first_characters, item) or "")
+    ):
+        return DATA_SETS["xjtu_sy"]
     return plain(kind, spec, (ending,))
 
 
 def _is_numbers(item: Item) -> bool:
-    data = _bytes(item)
-    try:
-        return data is not None and bool(read_layout(data, item.path).names)
-    except ReaderError:
-        return False
+    return _asked(read_layout, item) is not None
 
 
-def _bytes(item: Item) -> bytes | None:
+def _asked(function: Callable[[bytes, str], Any], item: Item) -> Any:
+    """Return what a function finds in a file, called in the child process; None where it cannot be read."""
     try:
-        return unpack(item.read(), item.path)
+        return isolated(function)(item.read(), item.path)
     except ReaderError:
         return None
 
 
 def _recognised_mat(item: Item, files: Files) -> DataSet | None:
     """Return the data set that the variables of a MAT file show, or None."""
-    data = _bytes(item)
-    if data is None:
-        return None
-    try:
-        listed = isolated(mat_variables)(data, item.path)
-    except ReaderError:
+    listed = _asked(mat_variables, item)
+    if listed is None:
         return None
     variables = {name: (tuple(shape), kind) for name, (shape, kind) in listed.items()}
     if any(name.startswith("X") and name.endswith(("_DE_time", "_FE_time", "_BA_time")) for name in variables):

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from models.errors import SpallwatchError
 from streams.block import Block
-
-MAX_BYTES = 1 << 30
-"""Limit of the size of a file, unpacked or loaded: 1 GiB, about 45 min of eight float64 channels at 48 kHz."""
+from streams.limits import MAX_BYTES, MAX_DIMENSIONS, MAX_ROWS
 
 VALUES, SCALED, COUNTS, FRACTIONS = "values", "scaled integers", "integers", "fractions of full scale"
 """How the numbers of a row are stored: as they are meant; as integers that the file or its side-car scales; as integers
@@ -163,23 +161,35 @@ def stored_as(dtype: np.dtype[Any]) -> str:
     return COUNTS if dtype.kind in "iu" else VALUES
 
 
+def check_rows(count: int, where: str, kind: str = "rows") -> None:
+    """Raise ``refused`` for more than ``MAX_ROWS`` of a ``kind`` ("columns", "channels")."""
+    if count > MAX_ROWS:
+        raise ReaderError("refused", f"{where}: {count} {kind}, {MAX_ROWS} are allowed")
+
+
 def rows_of(array: NDArray[np.generic], where: str) -> NDArray[np.floating]:
     """Return a stored array of real numbers in shape (row, sample); its longer axis is time.
 
     It is float32 for float32 and for integers of at most 16 bits, else float64.
 
     Raises:
-        ReaderError: ``wrong_shape`` for other dimensions or a square array, ``empty``, ``unreadable`` for other types.
+        ReaderError: ``wrong_shape`` for other dimensions or a square array, ``empty``, ``unreadable`` for other types,
+            ``refused`` for more than ``MAX_ROWS`` rows.
     """
     if array.dtype.kind not in "fiu":
         raise ReaderError("unreadable", f"{where}: expected real numbers, got type {array.dtype}")
+    if not 1 <= array.ndim <= MAX_DIMENSIONS:
+        shape = f"{array.ndim} (shape {str(array.shape)[:60]})"
+        raise ReaderError("wrong_shape", f"{where}: expected 1 or {MAX_DIMENSIONS} dimensions, got {shape}")
     squeezed = array[np.newaxis, :] if array.ndim == 1 else array
-    if squeezed.ndim != 2:
-        raise ReaderError("wrong_shape", f"{where}: expected one or two dimensions, got shape {array.shape}")
     if squeezed.size == 0:
         raise ReaderError("empty", f"{where}: holds no samples (shape {array.shape})")
     if squeezed.shape[0] == squeezed.shape[1] > 1:
         raise ReaderError("wrong_shape", f"{where}: cannot tell samples from channels in shape {array.shape}")
     rows = squeezed.T if squeezed.shape[0] > squeezed.shape[1] else squeezed
+    check_rows(len(rows), where)
     exact = array.dtype.itemsize <= (4 if array.dtype.kind == "f" else 2)
+    size = array.size * (4 if exact else 8)
+    if size > MAX_BYTES:
+        raise ReaderError("refused", f"{where}: {array.size} numbers of {size} bytes, {MAX_BYTES} bytes are allowed")
     return np.ascontiguousarray(rows, dtype=np.float32 if exact else np.float64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, runtime_checkable
 
@@ -12,6 +12,11 @@ PENDING = "pending"
 ACCEPTED = "accepted"
 MAX_IGNORED_NAMES = 100
 """Ignored files that are named; all are counted."""
+POISONED = "poisoned"
+RELEASED = "released"
+"""A poisoned file that is to be handled again."""
+MAX_DEATHS = 2
+"""A file is poisoned where the process died so often in a row while it handled the file."""
 HEAD_BYTES = 4096
 """Length of the head of a file for ``head_hash``."""
 
@@ -25,7 +30,7 @@ class FileProgress:
         head_hash: digest of its first ``HEAD_BYTES``, by which candidates for the same file are found.
         content_hash: digest of its first ``read_bytes`` bytes, of which the samples were taken.
         samples: number of its samples, from the first on, in committed blocks or in a rejection.
-        verdict: "pending" while samples of it wait, "accepted", or a rejection status of the interface.
+        verdict: "pending" while samples of it wait, "accepted", a rejection status of the interface, or "released".
     """
 
     path: str
@@ -133,6 +138,21 @@ class Ledger(Protocol):
 
     def move(self, source: str, path: str, progress: FileProgress) -> None:
         """Store progress under the new name and remove ``path``, in one transaction."""
+        ...
+
+    def handle(self, source: str, paths: Sequence[str]) -> None:
+        """Note which files are being handled, none at the end, in place of those before; from any thread.
+
+        The note outlives the process, not a power cut.
+        """
+        ...
+
+    def deaths(self, source: str, path: str) -> float:
+        """Return how often in a row the process died while it handled a file; a quick handling counts half."""
+        ...
+
+    def released(self, source: str) -> list[str]:
+        """Return the poisoned files that are to be handled again."""
         ...
 
 

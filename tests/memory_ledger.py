@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import threading
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from streams.block import Block, Rejected
-from streams.source import PENDING, FileProgress, StreamCount
+from streams.source import PENDING, RELEASED, FileProgress, StreamCount
 
 
 class MemoryLedger:
@@ -27,6 +27,8 @@ class MemoryLedger:
         self._files: dict[str, dict[str, FileProgress]] = {}
         self._datings: dict[str, dict[str, Any]] = {}
         self._heads: dict[tuple[str, str], dict[str, None]] = {}
+        self.handled: list[tuple[str, tuple[str, ...]]] = []
+        self.died: dict[tuple[str, str], float] = {}
 
     def committed(self, source: str) -> int:
         """Return the highest committed sequence number of a source, 0 where there is none."""
@@ -94,6 +96,22 @@ class MemoryLedger:
         gone = self._files.get(source, {}).pop(path, None)
         if gone is not None:
             self._heads[(source, gone.head_hash)].pop(path)
+
+    def handle(self, source: str, paths: Sequence[str]) -> None:
+        """Note which files are being handled."""
+        self.handled.append((source, tuple(paths)))
+
+    def deaths(self, source: str, path: str) -> float:
+        """Return how often the process ended while a file was being handled."""
+        return self.died.get((source, path), 0)
+
+    def released(self, source: str) -> list[str]:
+        """Return the poisoned files that are to be handled again."""
+        return [item.path for item in self._files.get(source, {}).values() if item.verdict == RELEASED]
+
+    def release(self, source: str, path: str) -> None:
+        """Let a poisoned file be handled again."""
+        self.remember(source, [replace(self._files[source][path], verdict=RELEASED)])
 
     def commit(self, item: Block | Rejected, progress: Iterable[FileProgress] = ()) -> str:
         """Commit a block or a rejection, and the progress that goes with it.

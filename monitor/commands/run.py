@@ -1,4 +1,4 @@
-"""``spallwatch run``, ``page`` and ``status``: the daemon, the page of several machines, what a daemon is doing now."""
+"""``spallwatch run``, ``page``, ``status``, ``release``: the daemon, the page of several machines, their state."""
 
 from __future__ import annotations
 
@@ -119,6 +119,23 @@ def status(config_path: Path | None, as_json: bool, quiet: bool) -> None:
     emit(status, _lines(status), as_json=as_json)
 
 
+@click.command("release")
+@click.argument("name")
+@option.config
+@option.output
+def release(name: str, config_path: Path | None, as_json: bool, quiet: bool) -> None:
+    """Let a poisoned file be handled again: NAME as `status` lists it, or without its folder.
+
+    A daemon that runs takes it within seconds. Exit code 1 where no poisoned file has that name.
+    """
+    config = read_config(config_path)
+    from monitor.records import ledger
+
+    files = ledger.release(config.machine.state_dir / "state.db", name)
+    released = [{"source": source, "file": path} for source, path in files]
+    emit({"released": released}, (f"released: {path} (source {source})" for source, path in files), as_json=as_json)
+
+
 def _lines(status: Mapping[str, Any]) -> Iterator[str]:
     said = _SAID.get(status["status"], f"is {status['status']}")
     if "pid" not in status:
@@ -145,6 +162,8 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
             f"{source['rejected']} rejected, {source.get('ignored', 0)} ignored, {source['pending']} pending{more}"
         )
     yield from (f"ignored: {name}, {reason}" for name, reason in list(status.get("ignored", {}).items())[:_MAX_IGNORED])
+    for name, reason in status.get("poisoned", {}).items():
+        yield f"poisoned, {name}: {reason}"
     for name, channel in status["channels"].items():
         yield f"channel {name}: {', '.join(_channel(channel))}"
 

@@ -28,6 +28,7 @@ REJECTIONS = (
     "reader_crashed",
     "duplicate",
     "changed",
+    "poisoned",
 )
 # Append only: the integers of the published files are positions in this tuple.
 FLAGS = ("flat", "stopped", "clipped", "gap", "clock", "late", "out_of_order")

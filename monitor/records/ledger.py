@@ -9,17 +9,22 @@ from __future__ import annotations
 import json
 import re
 import sqlite3
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import astuple, fields, replace
+from pathlib import Path
 from typing import Any
 
+from models.errors import SpallwatchError
 from monitor.health.record import storable
 from monitor.records.condense import identity_of, numbers_with
 from monitor.records.database import Closing, SharedConnection
 from monitor.records.filing import LAST_QUERY, MAX_BLOCK
+from monitor.records.quarantine import QUICK, SLOW, HandlingNotes, count_deaths
+from monitor.records.quarantine import TABLE as _DEATHS
 from monitor.records.store import Store, count_refusal
 from streams.block import Rejected
-from streams.source import FileProgress, StreamCount
+from streams.limits import LARGE_BYTES
+from streams.source import MAX_DEATHS, PENDING, POISONED, RELEASED, FileProgress, StreamCount
 
 _TABLES = (
     """CREATE TABLE IF NOT EXISTS files (
@@ -35,7 +40,11 @@ _TABLES = (
     source TEXT NOT NULL, resets INTEGER NOT NULL, first INTEGER NOT NULL, number INTEGER NOT NULL,
     UNIQUE (source, resets)
 )""",
+    _DEATHS,
 )
+_NOTES_NAME = "handling"
+_SUSPECTS = "SELECT source, path, times FROM deaths"
+_POISONED = f"SELECT source, path FROM files WHERE verdict = '{POISONED}' ORDER BY source, path"
 _COLUMNS = ", ".join(field.name for field in fields(FileProgress))
 _MAX_ALIKE = 8
 DATING = "dating:"
@@ -55,17 +64,25 @@ class StoreLedger(Closing):
     def __init__(self, store: Store) -> None:
         """Take an open store, and make the tables that it lacks; close the ledger before the store."""
         self._store = store
+        self._notes: HandlingNotes | None = None
+        self._deaths: dict[tuple[str, str], float] = {}
         if store.writable:
+            self._notes = HandlingNotes(store.path.with_name(_NOTES_NAME))
             with store.transaction() as connection:
                 for statement in _TABLES:
                     if "files_by_block" in statement:
                         _add_block(connection)
                     connection.execute(statement)
+                count_deaths(connection, self._notes.left)
+                self._deaths = {(source, path): times for source, path, times in connection.execute(_SUSPECTS)}
+            self._notes.clear()
         # The connection of the store belongs to the thread that commits.
         self._reader = SharedConnection(store.path)
 
     def close(self) -> None:
-        """Close the ledger's own connection."""
+        """Close the ledger's own connection, and remove the notes of what is handled."""
+        if self._notes is not None:
+            self._notes.close()
         self._reader.close()
 
     def committed(self, source: str) -> int:
@@ -184,6 +201,39 @@ class StoreLedger(Closing):
             connection.execute("DELETE FROM files WHERE source = ? AND path = ?", (source, path))
             write_progress(connection, source, [progress])
 
+    def handle(self, source: str, paths: Sequence[str]) -> None:
+        """Note which files of a source are read from now on; see :mod:`monitor.records.quarantine`."""
+        if self._notes is not None:
+            self._notes.write(source, paths)
+
+    def analyse(self, source: str, paths: Sequence[str], size: int = 0) -> None:
+        """Note the files of the block, of ``size`` bytes, that is analysed from now on; none at its end."""
+        if self._notes is not None:
+            self._notes.write(source, paths, SLOW if size >= LARGE_BYTES else QUICK, analysed=True)
+
+    def deaths(self, source: str, path: str) -> float:
+        """Return how often in a row the process died while it handled a file."""
+        return self._deaths.get((source, path), 0)
+
+    def survive(self, source: str, progress: Iterable[FileProgress]) -> None:
+        """Forget the deaths of files that have a verdict by now."""
+        for item in progress:
+            if item.verdict != PENDING and self._deaths.pop((source, item.path), 0.0):
+                with self._store.transaction() as connection:
+                    connection.execute("DELETE FROM deaths WHERE source = ? AND path = ?", (source, item.path))
+
+    def released(self, source: str) -> list[str]:
+        """Return the poisoned files that are to be handled again, and forget their deaths."""
+        query = "SELECT path FROM files WHERE source = ? AND verdict = ?"
+        found = [path for (path,) in self._reader.rows(query, source, RELEASED)]
+        for path in found:
+            self._deaths.pop((source, path), None)
+        return found
+
+    def poisoned(self) -> list[tuple[str, str]]:
+        """Return source and path of all poisoned files."""
+        return self._reader.rows(_POISONED)
+
     def refuse(self, item: Rejected, progress: Iterable[FileProgress]) -> None:
         """Count the offer of a block that is ``duplicate`` or ``changed``, and store the progress of its files."""
         with self._store.transaction() as connection:
@@ -208,6 +258,38 @@ def _add_block(connection: sqlite3.Connection) -> None:
     """Add the column ``block`` to a table of files of an older version, where it stays empty."""
     if "block" not in {row[1] for row in connection.execute("PRAGMA table_info(files)")}:
         connection.execute("ALTER TABLE files ADD COLUMN block INTEGER")
+
+
+class ReleaseError(SpallwatchError):
+    """There is no poisoned file of that name; the message names the known ones."""
+
+
+def release(path: Path, name: str) -> list[tuple[str, str]]:
+    """Let poisoned files be handled again, also by a daemon that runs; return their sources and paths.
+
+    Args:
+        path: the database of the store.
+        name: path of a file below the watched folder, or its last part.
+
+    Raises:
+        ReleaseError: no poisoned file has that name.
+        StoreError: the database cannot be opened, read or written.
+    """
+    with SharedConnection(path, write=True, tables=_TABLES) as shared, shared.use() as connection:
+        connection.execute("BEGIN IMMEDIATE")
+        # A file that stands for the kind of all others cannot be rejected before that is known.
+        unsaid = f"SELECT source, path FROM deaths WHERE times >= {MAX_DEATHS}"
+        known = sorted({*connection.execute(_POISONED), *connection.execute(unsaid)})
+        found = [item for item in known if name in (item[1], item[1].rpartition("/")[2])]
+        connection.executemany("DELETE FROM deaths WHERE source = ? AND path = ?", found)
+        connection.executemany(
+            f"UPDATE files SET verdict = '{RELEASED}' WHERE source = ? AND path = ? AND verdict = '{POISONED}'", found
+        )
+        connection.execute("COMMIT")
+    if not found:
+        listed = ", ".join(f"{item[1]} ({item[0]})" for item in known) or "none"
+        raise ReleaseError(f"no poisoned file is called {name!r}; poisoned are: {listed}")
+    return found
 
 
 def write_progress(connection: sqlite3.Connection, source: str, progress: Iterable[FileProgress]) -> None:

@@ -28,6 +28,7 @@ from monitor.service.status_file import MIN_LOG_SHARE, StatusFile, full_disk, is
 from monitor.service.summary import run_attributes
 from monitor.service.systemd import ServiceManager
 from monitor.words.events import event_text
+from streams.source import POISONED
 
 _LOG = logging.getLogger(__name__)
 _MIN_STATUS_S, _MAX_STATUS_S = 1.0, 5.0
@@ -236,8 +237,19 @@ class Daemon:
             _LOG.warning("%s: block %d: %s: %s", record.source, record.sequence, event.get("channel"), text)
         if not record.accepted:
             _LOG.warning("%s: block %d rejected: %s: %s", record.source, record.sequence, record.status, record.reason)
+            if record.status == POISONED:
+                self._note_poisoned(record)
         else:
             _LOG.debug("%s: block %d: %s", record.source, record.sequence, record.status)
+
+    def _note_poisoned(self, record: Record) -> None:
+        text = f"{record.reason}; once the cause is gone: spallwatch release {record.name}"
+        notice = {"kind": "file_poisoned", "source": record.source, "file": record.name, "text": text}
+        try:
+            self._log.notice(self._clock(), notice)
+        except StoreError as error:
+            _LOG.error("%s: the event cannot be logged: %s", record.source, error)
+        self._companions.notify()
 
     def _stuck(self) -> None:
         """Do all other work while the store cannot commit."""

@@ -160,6 +160,7 @@ class Ingest(Closing):
             record = self._analyse(item, delivery, stop)
             done = record is not None
         if done:
+            self._retry(lambda: self._ledger.survive(source.name, delivery.progress), stop)
             source.acknowledge(delivery)
         return record
 
@@ -182,7 +183,8 @@ class Ingest(Closing):
     def _analyse(self, item: Block | Rejected, delivery: Delivery, stop: threading.Event) -> Record | None:
         """Analyse and commit one block; return its record, or None where ``stop`` came before the commit."""
         try:
-            state, output = result = self._step(item)
+            files = [progress.path for progress in delivery.progress]
+            state, output = result = self._step(item, files)
             done = self._commit(result, delivery, stop)
             if output.record.accepted and self._analysis_errors.pop(item.source, None) is not None:
                 _LOG.warning("%s: blocks can be analysed again", item.source)
@@ -196,10 +198,18 @@ class Ingest(Closing):
             self._acknowledgements.pop(item.source, None)
         return output.record
 
-    def _step(self, item: Block | Rejected) -> Result:
+    def _step(self, item: Block | Rejected, files: Sequence[str] = ()) -> Result:
+        """Analyse a block; its files are noted meanwhile, should the process die of it."""
         given = self._acknowledgements.get(item.source, ())
         before, settings = self._states[item.source], self.settings[item.source]
-        return step(before, item, settings, now=self._clock(), acknowledgements=given)
+        if not files:
+            return step(before, item, settings, now=self._clock(), acknowledgements=given)
+        size = item.samples.nbytes if isinstance(item, Block) else 0
+        self._ledger.analyse(item.source, files, size)
+        try:
+            return step(before, item, settings, now=self._clock(), acknowledgements=given)
+        finally:
+            self._ledger.analyse(item.source, ())
 
     def _failed(self, item: Block | Rejected, error: Exception) -> Result:
         """Return the result of a block that cannot be analysed or stored: that of a rejection in its place."""
@@ -264,6 +274,10 @@ class Ingest(Closing):
             for source in self.sources
             for name, reason in source.ignored().items()
         }
+
+    def poisoned(self) -> list[tuple[str, str]]:
+        """Return source and path of the files that are set aside; StoreError where the ledger cannot be read."""
+        return self._ledger.poisoned()
 
     def problems(self) -> dict[str, str]:
         """Return the present problems, by the name of the source, and under "store" why no block can be committed."""

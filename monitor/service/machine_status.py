@@ -23,6 +23,7 @@ from monitor.health.alarms import (
 )
 from monitor.health.record import Record
 from monitor.health.state import SourceState
+from monitor.records.database import StoreError
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.silence import DataFlow, LatestBlock, silence_limit
@@ -123,12 +124,24 @@ class MachineStatus:
             "page": self.page,
             "alarms": sum(len(channel["alarms"]) for channel in channels.values()),
             "unacknowledged": self.unacknowledged,
+            "poisoned": self._poisoned(),
             "sources": {name: vars(backlog) for name, backlog in self._ingest.backlogs().items()},
             "ignored": self._ingest.ignored(),
             "problems": dict(problems),
             "recovered": self._recovered,
             "channels": channels,
         }
+
+    def _poisoned(self) -> dict[str, str]:
+        """Return the files that are set aside, each with its source."""
+        try:
+            return {
+                path: f"source {source}: the monitor died while it handled it"
+                for source, path in self._ingest.poisoned()
+            }
+        except StoreError:
+            # It is among the problems already.
+            return {}
 
     def _channel(self, source: str, name: str, flow: DataFlow) -> dict[str, Any]:
         latest, now = self._latest[source], self._ingest.state(source)

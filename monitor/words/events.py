@@ -13,7 +13,10 @@ from monitor.words.statuses import STATES
 
 SEVERITIES = ("danger", "alert")
 """From the worst."""
-_RANKS = ("end_of_life", "danger", "final_stage", "records_kept", "store_salvaged", "alert", "no_data", "condition")
+_RANKS = (
+    *("end_of_life", "danger", "final_stage", "records_kept", "store_salvaged", "file_poisoned"),
+    *("alert", "no_data", "condition"),
+)
 _GOOD = ("alarm_cleared", "alarm_released", "condition", "data_again", "stream_reset")
 _SHOWN_APART = ("kind", "channel", "source", "block")
 

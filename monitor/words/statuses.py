@@ -79,10 +79,11 @@ STATUS_MEANINGS = {
     "wrong_unit": "another unit than configured",
     "unreadable": "could not be read",
     "incomplete": "was never finished",
-    "refused": "a link, a device or a path outside the folder",
+    "refused": "a link, a device, a path outside the folder, or beyond a limit",
     "reader_crashed": "the reader of its format gave up",
     "duplicate": "had been taken before",
     "changed": "its place was taken by another content",
+    "poisoned": "set aside: the monitor died while it handled it",
 }
 _CHARTS = {
     "rms": {"title": "Vibration, RMS"},

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Iterable, Iterator
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -12,13 +14,14 @@ from streams.block import Block, Rejected
 from streams.datasets import FileFacts
 from streams.dater import UndatedError
 from streams.files import unpacked_name
-from streams.folder.raw import Raw, UnfinishedError, is_more_of, read_raw
+from streams.folder.raw import Raw, UnfinishedError, is_more_of
+from streams.folder.reading import Background, Result, Task, read_file
 from streams.folder.register import ARCHIVED, MAX_INCOMPLETE_S, Entry, Order, Register
 from streams.listing import stat_file, unshown
 from streams.load import Loader, renamed
 from streams.reblock import Cut, Numbering, Reblocker
 from streams.samples import ReaderError, Samples
-from streams.source import ACCEPTED, PENDING, Delivery, FileProgress, Ledger
+from streams.source import ACCEPTED, MAX_DEATHS, PENDING, POISONED, Delivery, FileProgress, Ledger
 from streams.spec import SourceSpec
 
 _MAX_AHEAD_FILES = 8
@@ -37,8 +40,19 @@ _Loaded = tuple[Entry, Raw, FileFacts, Samples]
 class Intake:
     """Takes files in order; ``ready`` holds deliveries not yet returned."""
 
-    def __init__(self, spec: SourceSpec, loader: Loader, ledger: Ledger, register: Register) -> None:
-        """Continue after the last committed block of the ledger."""
+    def __init__(
+        self,
+        spec: SourceSpec,
+        loader: Loader,
+        ledger: Ledger,
+        register: Register,
+        background: Background,
+        patience_s: float,
+    ) -> None:
+        """Continue after the last committed block of the ledger.
+
+        :meth:`advance` waits for ``background`` at most ``patience_s``.
+        """
         self.ready: deque[Delivery] = deque()
         self.undated: dict[Entry, str] = {}
         """The files whose date cannot be told yet, with the reasons; the first of them is ``waits``."""
@@ -55,36 +69,54 @@ class Intake:
         self._dated_by = None if dater is None else (dater.choice.by, dater.choice.order)
         self._numbers = Numbering(spec.name, highest, began, None if dater is None else dater.place_time)
         self._batch: list[_Loaded] = []
+        self._background, self._patience = background, patience_s
+        self._reading: tuple[Entry, FileFacts, Task] | None = None
+        self._emission: Iterator[None] = iter(())
         self._latest_order: Order | None = None
 
     def advance(self, now: float) -> bool:
         """Take the next files; return whether there was any.
 
-        Names need not sort by time, but the files often state it, so a few of them are read ahead and sorted.
+        Names need not sort by time, but the files often state it, so a few of them are read ahead and sorted. A file
+        that takes long is left to the background, and the blocks of a long one are cut one by one.
         """
-        size, happened, most = 0, False, 1 if self._reblocker is None else _MAX_AHEAD_FILES
-        while len(self._batch) < most and size < _MAX_AHEAD_BYTES:
-            entry = self._register.take(now, self._period)
-            if entry is None:
+        if next(self._emission, self) is not self:
+            return True
+        began, happened, most = time.monotonic(), False, 1 if self._reblocker is None else _MAX_AHEAD_FILES
+        while len(self._batch) < most and sum(loaded[3].values.nbytes for loaded in self._batch) < _MAX_AHEAD_BYTES:
+            patience = 0.0
+            if self._reading is None:
+                entry = self._register.take(now, self._period)
+                if entry is None:
+                    break
+                happened = True
+                self._reading = self._begin(entry, now)
+                patience = began + self._patience - time.monotonic()
+            if self._reading is not None:
+                if not self._reading[2].is_done(patience):
+                    return happened
+                reading, self._reading = self._reading, None
+                happened = True
+                loaded = self._load(*reading, now)
+                if loaded is not None:
+                    self._batch.append(loaded)
+                    continue
+                if reading[0] in self.undated:
+                    break
+            if self.ready:
                 break
-            happened = True
-            loaded = self._load(entry, now)
-            if loaded is not None:
-                self._batch.append(loaded)
-                size += loaded[3].values.nbytes
-            elif self.ready or entry in self.undated:
-                break
-        self._emit_batch()
+        self._emission = self._emit_batch()
+        emitted = next(self._emission, self) is not self
         self.waits = next(iter(self.undated.values()), None)
-        return self._flush_late(now) or happened
+        return emitted or self._flush_late(now) or happened
 
-    def _emit_batch(self) -> None:
-        """Deliver the files read ahead, in order of time."""
+    def _emit_batch(self) -> Iterator[None]:
+        """Deliver the files read ahead, in order of time; yield after each block."""
         batch, self._batch = self._batch, []
         if all(loaded[3].start is not None and loaded[3].joins for loaded in batch):
             batch.sort(key=lambda loaded: loaded[3].start or 0.0)
         for loaded in batch:
-            self._emit(*loaded)
+            yield from self._emit(*loaded)
 
     def acknowledge(self, delivery: Delivery) -> None:
         """Record that a delivery is committed."""
@@ -103,25 +135,49 @@ class Intake:
             del self._contents[progress.content_hash]
         self._register.finish(entry, progress)
 
-    def _load(self, entry: Entry, now: float) -> _Loaded | None:
-        """Read a file; None where it waits, is known already or is rejected."""
+    def _begin(self, entry: Entry, now: float) -> tuple[Entry, FileFacts, Task] | None:
+        """Begin to read a file; None where it is gone, or of another kind by now."""
         facts = self._loader.facts(entry.path)
         self.undated.pop(entry, None)
         if facts is None:
             self._register.remove(entry, entry.counted)
             return None
-        growing = self._grows and not entry.whole and unpacked_name(entry.path) == entry.path
+        if entry.absent is not None:
+            reason = f"{entry.key}: is gone, before all of it could be read"
+            self._reject(entry, None, facts, ReaderError("unreadable", reason))
+            return None
+        if self._ledger.deaths(self.name, entry.key) >= MAX_DEATHS:
+            reason = f"{entry.key}: the monitor died repeatedly while it handled this file; it is set aside"
+            self._reject(entry, None, facts, ReaderError(POISONED, reason))
+            return None
+        entry.read_at, entry.phase = now, "reading"
+        last = entry.read or entry.base
+        done = entry.base is not None and entry.base.verdict != PENDING
+        known = last.content_hash if last is not None and done else None
+        # The thread must not see what becomes of the entry meanwhile.
+        seen, loader = copy(entry), self._loader
+        kind = loader.data_set.name if self._is_growing(entry) else None
+        task = self._background.start(
+            lambda: read_file(loader, seen, facts, kind, known), (entry.key,), entry.stat.size
+        )
+        return entry, facts, task
+
+    def _load(self, entry: Entry, facts: FileFacts, task: Task, now: float) -> _Loaded | None:
+        """Return a file that was read; None where it waits, is known already or is rejected."""
         raw: Raw | None = None
+        entry.phase = "delivered"
         try:
-            if entry.absent is not None:
-                raise ReaderError("unreadable", f"{entry.key}: is gone, before all of it could be read")
-            entry.read_at = now
-            raw = read_raw(self._loader.root, entry, self._loader.data_set.name if growing else None)
-            if self._resolve_known(entry, raw, facts):
+            read: tuple[Raw, Result] = task.future.result()
+            raw, result = read
+            if self._resolve_known(entry, raw, facts, result):
                 return None
-            samples = self._loader.load(
-                *(raw.data, entry.path, facts, entry.key), changed=raw.progress.mtime_ns / 1e9, whole=not growing
-            )
+            if isinstance(result, ReaderError):
+                raise result
+            if result is None:
+                self._register.queue(entry)
+                return None
+            changed, growing = raw.progress.mtime_ns / 1e9, self._is_growing(entry)
+            samples = self._loader.date(result, entry.path, facts, changed, whole=not growing)
         except UnfinishedError as error:
             self._requeue(entry, error, now)
             return None
@@ -145,6 +201,10 @@ class Intake:
             return None
         self._contents[raw.progress.content_hash] = entry
         return entry, raw, facts, samples
+
+    def _is_growing(self, entry: Entry) -> bool:
+        """Return whether a file may get longer, and is read before it is whole."""
+        return self._grows and not entry.whole and unpacked_name(entry.path) == entry.path
 
     def _is_reordered(self, entry: Entry) -> bool:
         """Return whether this file settled what dates the files, and others may come before it now."""
@@ -178,14 +238,14 @@ class Intake:
         self._register.queue(entry)
 
     def _reject(self, entry: Entry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
-        self._emit_batch()
+        self._deliver_batch()
         if self._loader.dater is not None and self._loader.dater.forget(entry.path):
             self._retry_undated()
         if self._reblocker is not None and not self._is_overtaken(entry):
             # Samples are not joined across a file that could not be read.
-            self._deliver_cuts(self._reblocker.flush())
+            self._flush(self._reblocker)
         digest = "" if raw is None else raw.progress.content_hash
-        number, status = self._number_of(facts), error.status
+        number, status = self._number_of(entry, facts), error.status
         if number is not None and not self._is_free(number):
             status = "changed"
         stat = entry.stat
@@ -196,7 +256,7 @@ class Intake:
         error = renamed(ReaderError(status, str(error)), entry.path, entry.key)
         self._deliver(self._numbers.rejected(entry.key, error, digest, number), [(entry, progress)])
 
-    def _resolve_known(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+    def _resolve_known(self, entry: Entry, raw: Raw, facts: FileFacts, result: Result) -> bool:
         """Compare with known content; return whether the file has nothing new."""
         last = entry.read or entry.base
         if last is not None:
@@ -209,17 +269,17 @@ class Intake:
             if touched or (self._grows and is_more_of(raw, last)):
                 entry.fed = max(entry.fed, 0 if entry.base is None else entry.base.samples)
                 return False
-            self._emit_batch()
+            self._deliver_batch()
             if self._reblocker is not None:
-                self._deliver_cuts(self._reblocker.flush())
+                self._flush(self._reblocker)
             self._register.renew(entry)
-        return self._resolve_copy(entry, raw, facts) or self._refuse_taken_number(entry, raw, facts)
+        return self._resolve_copy(entry, raw, result) or self._refuse_taken_number(entry, raw, facts)
 
-    def _resolve_copy(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
+    def _resolve_copy(self, entry: Entry, raw: Raw, result: Result) -> bool:
         """Adopt a renamed file or reject a copy; return whether it is one."""
         digest = raw.progress.content_hash
         first = self._waiting_with(digest)
-        if first is not None and first is not entry and not self._is_constant(entry, raw, facts):
+        if first is not None and first is not entry and not _is_constant(result):
             self._refuse_copy(entry, raw, first.key, 0 if first.base is None else first.base.samples)
             return True
         for known in self._ledger.files_like(self.name, raw.progress.head_hash, digest):
@@ -241,7 +301,7 @@ class Intake:
             ):
                 self._register.adopt(entry, known)
                 return True
-            if self._is_constant(entry, raw, facts):
+            if _is_constant(result):
                 continue
             self._refuse_copy(entry, raw, known.path.partition(ARCHIVED)[0], known.samples)
             return True
@@ -264,24 +324,16 @@ class Intake:
 
     def _refuse_copy(self, entry: Entry, raw: Raw, original: str, samples: int) -> None:
         # The original comes first, though it may have been read ahead only.
-        self._emit_batch()
+        self._deliver_batch()
         digest = raw.progress.content_hash
         number = self._ledger.known(self.name, digest) or max(1, self._numbers.highest)
         reason = f"{entry.key}: holds the same bytes as {original}"
         rejected = Rejected(self.name, number, entry.key, "duplicate", reason, digest)
         self._deliver(rejected, [(entry, replace(raw.progress, samples=samples, verdict="duplicate"))])
 
-    def _is_constant(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
-        """Return whether all samples are equal: identical files of a dead sensor."""
-        try:
-            values = self._loader.load_undated(raw.data, entry.path, facts, entry.key).values
-        except ReaderError:
-            return False
-        return bool(np.all(values == values[:, :1]))
-
     def _refuse_taken_number(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
         """Reject a file whose number another block has; return whether it did."""
-        number, digest = self._number_of(facts), raw.progress.content_hash
+        number, digest = self._number_of(entry, facts), raw.progress.content_hash
         if number is None or self._is_free(number):
             return False
         had = self._uncommitted.get(number) or self._ledger.content_of(self.name, number)
@@ -291,19 +343,22 @@ class Intake:
         self._deliver(rejected, [(entry, replace(raw.progress, verdict=status))])
         return True
 
-    def _number_of(self, facts: FileFacts) -> int | None:
-        """Return the number that a file states for its block, if blocks have such."""
-        return facts.number if self._reblocker is None else None
+    def _number_of(self, entry: Entry, facts: FileFacts) -> int | None:
+        """Return the number that a file states for its block, if blocks have such.
+
+        That of a released file is taken by its rejection, so it gets the next one.
+        """
+        return facts.number if self._reblocker is None and not entry.released else None
 
     def _is_free(self, number: int) -> bool:
         return number not in self._uncommitted and self._ledger.content_of(self.name, number) is None
 
-    def _emit(self, entry: Entry, raw: Raw, facts: FileFacts, samples: Samples) -> None:
-        """Deliver the blocks of a file."""
+    def _emit(self, entry: Entry, raw: Raw, facts: FileFacts, samples: Samples) -> Iterator[None]:
+        """Deliver the blocks of a file; yield after each."""
         entry.read, entry.total = raw.progress, samples.values.shape[1]
         self._latest_order = entry.order if self._latest_order is None else max(self._latest_order, entry.order)
         if self._reblocker is None:
-            number = self._number_of(facts)
+            number = self._number_of(entry, facts)
             if self._refuse_taken_number(entry, raw, facts):
                 return
             progress = replace(raw.progress, samples=entry.total, verdict=ACCEPTED)
@@ -314,10 +369,10 @@ class Intake:
         entry.fed = entry.total
         entry.phase = "held"
         rest = replace(samples, values=samples.values[:, begin:], origin=entry, offset=begin)
-        self._deliver_cuts(self._reblocker.feed(rest))
+        yield from self._deliver_cuts(self._reblocker.feed(rest))
         if (samples.start is None or not samples.joins) and not self._grows:
             # The start of the next file is unknown, so it cannot be joined to this one.
-            self._deliver_cuts(self._reblocker.flush())
+            yield from self._deliver_cuts(self._reblocker.flush())
         if raw.progress.is_part:
             self._register.await_end(entry)
         else:
@@ -329,7 +384,7 @@ class Intake:
             return False
         if any(now - entry.changed < MAX_INCOMPLETE_S for entry in self._reblocker.origins if isinstance(entry, Entry)):
             return False
-        self._deliver_cuts(self._reblocker.flush())
+        self._flush(self._reblocker)
         return True
 
     def _mark_delivered(self, entry: Entry) -> None:
@@ -343,12 +398,23 @@ class Intake:
             self._finish(entry, progress)
         entry.phase = "delivered"
 
-    def _deliver_cuts(self, cuts: Iterable[Cut]) -> None:
+    def _deliver_batch(self) -> None:
+        """Deliver all blocks of the files read ahead."""
+        for _ in self._emit_batch():
+            pass
+
+    def _flush(self, reblocker: Reblocker) -> None:
+        """Deliver what is left over."""
+        for _ in self._deliver_cuts(reblocker.flush()):
+            pass
+
+    def _deliver_cuts(self, cuts: Iterable[Cut]) -> Iterator[None]:
         for cut in cuts:
             pairs = list(self._progress_of(cut))
             self._deliver(self._numbers.cut(cut), pairs)
             for entry, _ in pairs:
                 self._mark_delivered(entry)
+            yield
 
     def _progress_of(self, cut: Cut) -> Iterator[tuple[Entry, FileProgress]]:
         for entry, end in cut.used:
@@ -369,3 +435,8 @@ class Intake:
             if entry.phase != "held":
                 entry.phase = "delivered"
         self.ready.append(Delivery(item, tuple(entry for entry, _ in pairs), tuple(progress for _, progress in pairs)))
+
+
+def _is_constant(result: Result) -> bool:
+    """Return whether all samples are equal: identical files of a dead sensor."""
+    return isinstance(result, Samples) and bool(np.all(result.values == result.values[:, :1]))

@@ -14,7 +14,7 @@ from streams.files import natural_key
 from streams.listing import Stat, shown, unshown
 from streams.readers.sidecar import is_sidecar
 from streams.samples import Origin
-from streams.source import ACCEPTED, PENDING, Backlog, FileProgress, Ledger
+from streams.source import ACCEPTED, PENDING, POISONED, RELEASED, Backlog, FileProgress, Ledger
 
 MAX_INCOMPLETE_S = 600.0
 """Time without a change after which an incomplete file is rejected."""
@@ -28,7 +28,7 @@ _HOLD = 10.0
 """Longest wait for other files or the end of a line, in settling times."""
 
 Order = tuple[object, ...]
-Phase = Literal["queued", "deferred", "held", "delivered"]
+Phase = Literal["queued", "deferred", "reading", "held", "delivered"]
 
 
 @dataclass(eq=False, kw_only=True)
@@ -41,14 +41,15 @@ class Entry(Origin):
         seen: when it was first seen waiting, ``changed`` when its last change was.
         closed: whether it was closed or moved in since its last change.
         whole: whether it counted as complete when it was taken.
-        phase: "queued", "deferred" because it is incomplete, "held" because samples of it wait for more, "delivered"
-            entirely.
+        phase: "queued", "deferred" because it is incomplete, "reading" in the background, "held" because samples of it
+            wait for more, "delivered" entirely.
         due: when it is tried again without a change.
         base: its progress in the ledger, ``counted`` the verdict under which it is counted already.
         read: its progress as of the last reading, ``read_at``, without samples.
         fed: number of samples taken.
         absent: since when it is missing from the folder.
         outstanding: number of unacknowledged deliveries with samples of it, ``blocks`` of all blocks with such.
+        released: whether it was poisoned before, so that a rejection holds its number.
     """
 
     path: str
@@ -68,6 +69,7 @@ class Entry(Origin):
     absent: float | None = None
     outstanding: int = 0
     blocks: int = 0
+    released: bool = False
 
 
 class Register:
@@ -95,7 +97,8 @@ class Register:
         self._taken: Order | None = None
         counts = ledger.file_counts(source)
         self._accepted = counts.pop(ACCEPTED, 0)
-        counts.pop(PENDING, None)
+        for waits in (PENDING, RELEASED):
+            counts.pop(waits, None)
         self._rejected = sum(counts.values())
         for progress in ledger.pending_files(source):
             # Absent until a scan finds them, so that a removed one is given up in time.
@@ -127,11 +130,17 @@ class Register:
     def observe(self, path: str, stat: Stat, now: float, closed: bool = False) -> None:
         """Record the status of a file; ``closed``: just closed after writing or moved in."""
         entry = self.waiting.get(path)
+        if entry is not None and entry.phase == "reading":
+            # A later scan meets the same change, once the file as it was is read.
+            return
         if entry is None:
             done = self._done.get(path)
             if path in self._others or (done is not None and _same(done, stat)):
                 return
             known = done or self._ledger.file(self._source, shown(path))
+            released = known is not None and known.verdict == RELEASED
+            if released:
+                known = None
             if known is not None and known.verdict != PENDING and _same(known, stat):
                 self._done[path] = known
                 return
@@ -140,6 +149,7 @@ class Register:
                 return
             self._done.pop(path, None)
             entry = self._enter(path, stat, now, known)
+            entry.released = released
         if entry.absent is not None:
             entry.absent = None
             if entry.phase == "deferred":
@@ -340,6 +350,14 @@ class Register:
                 self._count(verdict, 1)
         self._deferred.pop(entry.path, None)
         entry.phase = "delivered"
+
+    def release(self, key: str) -> None:
+        """Forget a poisoned file, so that the next scan enters it."""
+        done = self._done.get(unshown(key))
+        if done is not None and done.verdict == POISONED:
+            del self._done[unshown(key)]
+            with self._lock:
+                self._count(POISONED, -1)
 
     def adopt(self, entry: Entry, known: FileProgress) -> None:
         """Record that a file is a known one that was renamed."""

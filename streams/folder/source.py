@@ -16,15 +16,17 @@ from streams.dater import Dater
 from streams.dating import Dating, kept_dating
 from streams.files import Folder, check_readable, natural_key
 from streams.folder.intake import Intake
+from streams.folder.reading import Background, Task
 from streams.folder.register import MAX_INCOMPLETE_S, Order, Register
 from streams.folder.watch import Watch
 from streams.listing import Stat, is_skipped, list_files, shown, stat_file
 from streams.load import Loader, is_cut, is_dated_by_choice
 from streams.recognise import data_set_of
-from streams.source import MAX_IGNORED_NAMES, Backlog, Delivery, Ledger, LiveSource
+from streams.source import MAX_DEATHS, MAX_IGNORED_NAMES, Backlog, Delivery, Ledger, LiveSource
 from streams.spec import SourceError, SourceSpec
 
 _LOG = logging.getLogger(__name__)
+_MAX_NOTED = 8
 _MIN_PAUSE_SCANS = 20.0
 """Pause after a scan, in durations of the scan."""
 _RETRY_S = 30.0
@@ -39,6 +41,9 @@ class Clock:
     def monotonic(self) -> float:
         """Return seconds that never decrease."""
         return time.monotonic()
+
+    patience_s = 0.1
+    """Time for which a source waits for a file before it lets the others go on."""
 
     def wait(self, event: threading.Event, seconds: float) -> None:
         """Wait until an event is set, at most ``seconds``."""
@@ -62,7 +67,9 @@ class FolderSource(LiveSource):
         self._clock = clock or Clock()
         self._loader: Loader | None = None
         self._intake: Intake | None = None
+        self._recognition: Task | None = None
         self._wake = threading.Event()
+        self._background = Background(self._wake.set, self._note)
         self._watch = Watch(self._wake.set)
         self._identity: tuple[int, int] | None = None
         self._problem: str | None = None
@@ -159,7 +166,9 @@ class FolderSource(LiveSource):
     def close(self) -> None:
         """Stop watching; unacknowledged files are delivered again."""
         self._watch.stop()
-        self._intake = None
+        self._background.close()
+        self._background = Background(self._wake.set, self._note)
+        self._intake = self._recognition = None
         self._identity = None
 
     @property
@@ -211,7 +220,15 @@ class FolderSource(LiveSource):
             self._identity = None
             return
         self._set_problem(f"{self._root / closed[0]}: may not be read (Permission denied)" if closed else None)
+        if self._ledger is not None:
+            for key in self._ledger.released(self.name):
+                self._register.release(key)
         self._register.update(listing, now)
+
+    def _note(self, keys: tuple[str, ...]) -> None:
+        """Note the files that the background handles."""
+        if self._ledger is not None:
+            self._ledger.handle(self.name, keys)
 
     def _lost_events(self, now: float) -> str | None:
         """Return that the kernel dropped events, for some time after it did."""
@@ -250,6 +267,24 @@ class FolderSource(LiveSource):
             if now - (entry.absent or 0.0) >= MAX_INCOMPLETE_S:
                 _LOG.warning("source %s: %s is gone before it could be recognised", self.name, entry.key)
                 register.remove(entry, None)
+        patience = 0.0
+        if self._recognition is None:
+            self._recognition, patience = self._begin_recognition(now), self._clock.patience_s
+        if self._recognition is None or not self._recognition.is_done(patience):
+            return False
+        task, self._recognition = self._recognition, None
+        try:
+            self._load_as(task.future.result())
+        except SourceError as error:
+            self._unknown, self._retry = str(error), now + _RETRY_S
+            return False
+        self._unknown = None
+        register.reorder()
+        return True
+
+    def _begin_recognition(self, now: float) -> Task | None:
+        """Begin to read the first settled files; None where there are none."""
+        register, ledger = self._register, self._open_ledger
         ready = {
             entry.path: entry.stat
             for entry in register.waiting.values()
@@ -257,23 +292,25 @@ class FolderSource(LiveSource):
             and entry.absent is None
             and ((entry.stat.regular and entry.stat.size > 0) or now - entry.changed >= MAX_INCOMPLETE_S)
         }
-        if not ready or (ready == self._tried and now < self._retry):
-            return False
+        poisoned = [path for path in ready if ledger.deaths(self.name, shown(path)) >= MAX_DEATHS]
+        if poisoned and len(poisoned) == len(ready):
+            self._unknown = f"{shown(poisoned[0])}: the monitor died repeatedly while it handled this file"
+        if len(poisoned) == len(ready) or (ready == self._tried and now < self._retry):
+            return None
+        self._tried = ready
         # After a restart the format is that of the blocks so far.
-        paths = sorted(register.taken_paths() or ready, key=natural_key)
-        try:
-            self._load_as(data_set_of(self._spec, Folder(self._real, paths), "auto"))
-        except SourceError as error:
-            self._unknown, self._tried, self._retry = str(error), ready, now + _RETRY_S
-            return False
-        self._unknown = None
-        register.reorder()
-        return True
+        paths = sorted(register.taken_paths() or ready.keys() - poisoned, key=natural_key)
+        files, size = Folder(self._real, paths), sum(ready[path].size for path in paths if path in ready)
+        keys = tuple(map(shown, paths[:_MAX_NOTED]))
+        return self._background.start(lambda: data_set_of(self._spec, files, "auto"), keys, size)
 
     def _advance(self, now: float) -> bool:
         """Take the next files; return whether anything happened."""
         if self._loader is None and not self._recognise(now):
             return False
         if self._intake is None and self._loader is not None and self._ledger is not None:
-            self._intake = Intake(self._spec, self._loader, self._ledger, self._register)
+            self._intake = Intake(
+                *(self._spec, self._loader, self._ledger, self._register),
+                *(self._background, self._clock.patience_s),
+            )
         return self._intake is not None and self._intake.advance(now)

@@ -14,19 +14,22 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from models.errors import SpallwatchError
+from streams.limits import MAX_BYTES, ChildLimits
 from streams.readers.worker import read_into, write_all
-from streams.samples import MAX_BYTES, ReaderError, Samples
+from streams.samples import ReaderError, Samples
 
 _ANSWER_BYTES = 1 << 22
 _KEPT_BYTES = 64 << 20
+SLOW_S = 0.25
+"""A file whose parser takes longer is noted as being handled, see :class:`ReaderProcess`."""
 # A service manager signals all processes at once; the child ends with its parent, so that no file counts as crashed.
 _START = """
 import signal, sys
@@ -52,22 +55,17 @@ _ENVIRONMENT = {
 }
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Address space of a child in bytes, times for one file, files until it is replaced."""
-
-    memory: int = 4 << 30
-    cpu_s: int = 20
-    wall_s: float = 20.0
-    files: int = 1000
-
-
 class ReaderProcess(AbstractContextManager["ReaderProcess"]):
     """A child process that parses files, one at a time; started at the first call."""
 
-    def __init__(self, limits: Limits | None = None) -> None:
-        """Take the limits; nothing is started yet."""
-        self._limits = limits or Limits()
+    def __init__(self, limits: ChildLimits | None = None, slow: Callable[[], None] = lambda: None) -> None:
+        """Take the limits; nothing is started yet.
+
+        ``slow`` is called in the thread of a call that takes longer than ``SLOW_S``, libraries not counted.
+        """
+        self._limits = limits or ChildLimits()
+        self._slow = slow
+        _all.add(self)
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._handles: list[int] = []
@@ -82,7 +80,8 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
     def call(self, function: Callable[..., Any], data: bytes, name: str, *arguments: Any) -> Any:
         """Call a function of a module in the child with ``data``, ``name`` and arguments.
 
-        JSON can represent the arguments, and the result unless it is Samples.
+        Where ``name`` ends like that of a compressed file, the child decompresses the data first. JSON can represent
+        the arguments, and the result unless it is Samples.
 
         Raises:
             ReaderError: as the reader; ``unreadable`` for its other exceptions; ``reader_crashed`` where the child died
@@ -97,11 +96,12 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
             "name": name,
             "arguments": arguments,
             "size": len(data),
+            "memory": self._limits.memory_for(len(data)),
+            "cpu_s": self._limits.cpu_s_for(len(data)),
         }
-        line = json.dumps(request).encode() + b"\n"
         with self._lock:
             try:
-                answer = self._ask(line, data)
+                answer = self._ask(request, data)
                 found = self._result(answer)
                 self._shrink()
                 return found
@@ -137,7 +137,7 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
             os.close(handle)
         self._handles = []
 
-    def _ask(self, request: bytes, data: bytes) -> dict[str, Any]:
+    def _ask(self, request: dict[str, Any], data: bytes) -> dict[str, Any]:
         if self._process is not None and (self._files >= self._limits.files or self._process.poll() is not None):
             # Used up, or dead since the last file: not the fault of this one.
             self._stop()
@@ -147,25 +147,26 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
         requests, answers, inputs, _ = self._handles
         write_all(inputs, data)
         try:
-            view = memoryview(request)
+            view = memoryview(json.dumps(request).encode() + b"\n")
             while view:
                 view = view[os.write(requests, view) :]
         except BrokenPipeError as error:
-            raise _DiedError(self._cause()) from error
-        return json.loads(self._line(answers, time.monotonic() + self._limits.wall_s))
+            raise _DiedError(self._cause(request)) from error
+        self._line(answers, self._limits.start_s, request, one=True)
+        if not _readable(answers, SLOW_S):
+            self._slow()
+        return json.loads(self._line(answers, self._limits.wall_s_for(len(data)), request))
 
-    def _line(self, answers: int, deadline: float) -> bytes:
-        """Wait for one line of the child."""
-        poll = select.poll()
-        poll.register(answers, select.POLLIN)
+    def _line(self, answers: int, seconds: float, request: dict[str, Any], one: bool = False) -> bytes:
+        """Wait for one line of the child, of ``one`` byte where only its end is due."""
+        deadline = time.monotonic() + seconds
         line = b""
         while not line.endswith(b"\n"):
-            left = deadline - time.monotonic()
-            if left <= 0 or not poll.poll(1e3 * left):
-                raise _DiedError(f"gave no answer within {self._limits.wall_s:g} s and was stopped")
-            part = os.read(answers, 1 << 16)
+            if not _readable(answers, deadline - time.monotonic()):
+                raise _DiedError(f"gave no answer within {seconds:g} s and was stopped")
+            part = os.read(answers, 1 if one else 1 << 16)
             if not part:
-                raise _DiedError(self._cause())
+                raise _DiedError(self._cause(request))
             line += part
             if len(line) > _ANSWER_BYTES:
                 raise _DiedError("gave an answer without end")
@@ -209,7 +210,7 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
         self._handles = [requests, answers, *memory]
         theirs = [child_reads, child_writes]
         passed = [*theirs, *memory]
-        arguments = [*map(str, (*passed, self._limits.memory, self._limits.cpu_s)), json.dumps(sys.path)]
+        arguments = [*map(str, passed), json.dumps(sys.path)]
         try:
             # A plain new interpreter: a fork of a process with threads may hang in its first allocation.
             self._process = subprocess.Popen(
@@ -228,7 +229,7 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
                 self.forget()
         self._files = 0
 
-    def _cause(self) -> str:
+    def _cause(self, request: dict[str, Any]) -> str:
         """Say why the child is gone."""
         process = self._process
         if process is None:
@@ -238,7 +239,7 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
         except subprocess.TimeoutExpired:
             return "closed its end"
         if code == -signal.SIGXCPU:
-            return f"used more than {self._limits.cpu_s} s of processor time"
+            return f"used more than {request['cpu_s']} s of processor time"
         return f"died of {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
 
     def _stop(self) -> None:
@@ -265,15 +266,25 @@ class _DiedError(SpallwatchError):
     """The child has died or must be killed."""
 
 
+def _readable(handle: int, seconds: float) -> bool:
+    """Wait until a pipe can be read; return whether it can."""
+    poll = select.poll()
+    poll.register(handle, select.POLLIN)
+    return bool(poll.poll(1e3 * max(seconds, 0.0)))
+
+
+_all: weakref.WeakSet[ReaderProcess] = weakref.WeakSet()
 _shared = ReaderProcess()
 _inherited: list[ReaderProcess] = []
+_of_thread = threading.local()
 
 
 def _after_fork() -> None:
     """Begin with a new child in a forked process, where the lock may be held for ever."""
     global _shared
-    _inherited.append(_shared)
-    _shared.forget()
+    _inherited.extend(_all)
+    for process in _inherited:
+        process.forget()
     _shared = ReaderProcess()
 
 
@@ -282,12 +293,17 @@ atexit.register(lambda: _shared.close())
 
 
 def shared_process() -> ReaderProcess:
-    """Return the process that all readers share; it is closed at exit."""
-    return _shared
+    """Return the process of the calling thread, else that of the program; the latter is closed at exit."""
+    return getattr(_of_thread, "process", _shared)
+
+
+def use_process(process: ReaderProcess) -> None:
+    """Make all readers that the calling thread calls run in ``process``."""
+    _of_thread.process = process
 
 
 def isolated(function: Callable[..., Any], *arguments: Any) -> Callable[[bytes, str], Any]:
-    """Return a reader, with further arguments, that runs in the shared child process.
+    """Return a reader, with further arguments, that runs in a child process: :func:`shared_process`.
 
     It returns and raises what the reader does; see :meth:`ReaderProcess.call`.
     """

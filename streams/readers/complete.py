@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import struct
 from math import prod
 from typing import Any
@@ -13,6 +14,12 @@ _TDMS_LEAD = 28
 _TDMS_UNKNOWN = 0xFFFFFFFFFFFFFFFF
 _SUPERBLOCKS = {0: (13, 24), 1: (13, 28), 2: (9, 12), 3: (9, 12)}
 """By version of an HDF5 superblock: place of the width of addresses, bytes before the end of file but two of them."""
+
+_MAX_NPY_HEADER_BYTES = 1024
+_NPY_HEADER = re.compile(
+    rb"\{'descr': '[<>|=][fiu](\d{1,2})', 'fortran_order': (?:False|True),"
+    rb" 'shape': \((\d{1,12},|\d{1,12}, ?\d{1,12})\),? ?\} *\n"
+)
 
 
 def declared_size(data: bytes, name: str) -> int | None:
@@ -49,14 +56,25 @@ def npy_header(stream: io.BytesIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]
     return read(stream)
 
 
-def _npy_size(data: bytes) -> int | None:
-    stream = io.BytesIO(data)
-    try:
-        shape, _, dtype = npy_header(stream)
-    except Exception:
-        # A header that cannot be read promises nothing; the reader says what is wrong with it.
+def plain_npy_header(data: bytes) -> tuple[int, int] | None:
+    """Return the bytes of the header and those it promises after it; None where numpy would not write it so.
+
+    Such a header is of numbers in at most two dimensions, and nothing in it has to be evaluated.
+    """
+    if data[:6] != b"\x93NUMPY" or data[6:8] not in (b"\x01\x00", b"\x02\x00"):
         return None
-    return stream.tell() + prod(shape) * dtype.itemsize
+    begin = 10 if data[6] == 1 else 12
+    end = begin + int.from_bytes(data[8:begin], "little")
+    match = _NPY_HEADER.fullmatch(data[begin:end]) if end - begin <= _MAX_NPY_HEADER_BYTES else None
+    if match is None:
+        return None
+    return end, prod(int(size) for size in match[2].replace(b" ", b"").split(b",") if size) * int(match[1])
+
+
+def _npy_size(data: bytes) -> int | None:
+    # Another header promises nothing here; the reader says what is missing.
+    sizes = plain_npy_header(data)
+    return None if sizes is None else sum(sizes)
 
 
 def hdf5_size(data: bytes, base: int) -> int | None:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from streams.limits import max_loaded_bytes
 from streams.readers.complete import hdf5_size
 from streams.readers.stated import (
     STORED,
@@ -28,7 +29,7 @@ from streams.readers.stated import (
     stated_time,
     stated_unit,
 )
-from streams.samples import MAX_BYTES, VALUES, ReaderError, Samples, rows_of, stack_rows
+from streams.samples import VALUES, ReaderError, Samples, check_rows, rows_of, stack_rows
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _HIDDEN = "#"
@@ -64,24 +65,44 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
         zone: IANA name of the zone of stamps that name none.
 
     Raises:
-        ReaderError: ``empty``; ``refused`` for links, external storage, virtual data sets and claims above
-            ``MAX_BYTES``; ``incomplete`` where the file breaks off or samples were never written; ``wrong_shape``
-            where nothing matches or lengths differ; ``wrong_rate`` where rates differ; ``unreadable``.
+        ReaderError: ``empty``; ``refused`` for links, external storage, virtual data sets and more than
+            :mod:`streams.limits` allows; ``incomplete`` where the file breaks off or samples were never written;
+            ``wrong_shape`` where nothing matches or lengths differ; ``wrong_rate`` where rates differ; ``unreadable``.
     """
     with open_hdf5(data, name) as file:
         found = list(walk(file, name, patterns))
         arrays: list[tuple[str, NDArray[np.floating], Facts]] = []
+        budget = Budget(name, len(data))
         for item in found:
             shape = item.dataset.shape
             if not shape or max(shape) < 2 or item.dataset.dtype.kind not in "fiu":
                 continue
-            array, facts = scaled_integers(load(item, name), item.facts)
+            array, facts = scaled_integers(load(item, name, budget), item.facts)
             arrays.append((item.path, rows_of(array, f"{name}: data set {item.path}"), facts))
-            counts = [(len(rows), rows.nbytes) for _, rows, _ in arrays]
-            if sum(count for count, _ in counts) > _MAX_OBJECTS or sum(size for _, size in counts) > MAX_BYTES:
-                raise ReaderError("refused", f"{name}: claims more than {MAX_BYTES} bytes when loaded")
+            budget.add_rows(len(arrays[-1][1]))
         held = ", ".join(f"{item.path}{list(item.dataset.shape or ())}"[:60] for item in found[:12]) or "no data set"
         return join_arrays(arrays, name, zone, f"no vector matches {', '.join(patterns) or '*'}; {held}")
+
+
+class Budget:
+    """Rows and bytes that the arrays of one file may have together."""
+
+    def __init__(self, name: str, stored: int) -> None:
+        """Take the name of the file and its size in bytes."""
+        self._name, self._allowed = name, max_loaded_bytes(stored)
+        self._bytes = self._rows = 0
+
+    def add_bytes(self, count: int) -> None:
+        """Count an array before it is loaded; ``refused`` where all are too large."""
+        self._bytes += count
+        if self._bytes > self._allowed:
+            reason = f"claims {self._bytes} bytes when loaded, {self._allowed} are allowed"
+            raise ReaderError("refused", f"{self._name}: {reason}")
+
+    def add_rows(self, count: int) -> None:
+        """Count the rows of an array; ``refused`` where there are too many."""
+        self._rows += count
+        check_rows(self._rows, self._name, "vectors")
 
 
 def join_arrays(arrays: Sequence[tuple[str, NDArray[np.floating], Facts]], name: str, zone: str, none: str) -> Samples:
@@ -196,7 +217,7 @@ def attributes(item: Any) -> dict[str, object]:
     return found
 
 
-def load(item: Found, name: str) -> NDArray[Any]:
+def load(item: Found, name: str, budget: Budget) -> NDArray[Any]:
     """Read a data set once its claims are checked; ReaderError as :func:`read_hdf5`."""
     dataset, where = item.dataset, f"{name}: data set {item.path[:100]}"
     if dataset.external:
@@ -207,8 +228,7 @@ def load(item: Found, name: str) -> NDArray[Any]:
         raise ReaderError("unreadable", f"{where}: expected numbers, got type {dataset.dtype}")
     shape = dataset.shape or ()
     declared = prod(shape) * dataset.dtype.itemsize
-    if declared > MAX_BYTES:
-        raise ReaderError("refused", f"{where} claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
+    budget.add_bytes(declared)
     if dataset.chunks is None:
         stored = dataset.id.get_storage_size()
         if stored < declared:

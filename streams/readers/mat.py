@@ -14,9 +14,10 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from streams.readers.hdf5 import SIGNATURE, attributes, join_arrays, load, open_hdf5, walk
+from streams.limits import max_loaded_bytes
+from streams.readers.hdf5 import SIGNATURE, Budget, attributes, join_arrays, load, open_hdf5, walk
 from streams.readers.stated import STORED
-from streams.samples import MAX_BYTES, ReaderError, Samples, rows_of, stored_as
+from streams.samples import ReaderError, Samples, rows_of, stored_as
 
 _COMPRESSED = 15
 _MAX_RECORDS = 256
@@ -31,7 +32,7 @@ def mat_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], st
 
     Raises:
         ReaderError: ``unreadable`` where it is not a MAT file of version 5 to 7.3, ``incomplete`` where it breaks off,
-            ``refused`` where it claims more than ``MAX_BYTES``.
+            ``refused`` where it claims more than it may have when loaded.
     """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
@@ -47,8 +48,9 @@ def mat_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], st
     except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable MAT file ({error})") from error
     declared = max(declared, sum(prod(shape) * _ITEM_BYTES.get(kind, 8) for _, shape, kind in found))
-    if declared > MAX_BYTES:
-        raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
+    allowed = max_loaded_bytes(len(data))
+    if declared > allowed:
+        raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {allowed} are allowed")
     return {variable: (tuple(shape), kind) for variable, shape, kind in found}
 
 
@@ -73,16 +75,15 @@ def _hdf5_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], 
 def _load_hdf5(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDArray[np.generic]]:
     with open_hdf5(data, name) as file:
         values: dict[str, NDArray[np.generic]] = {}
+        budget = Budget(name, len(data))
         for item in walk(file, name, patterns, separator="."):
             if item.dataset.dtype.hasobject or "matlabempty" in item.own:
                 continue
-            array = load(item, name).T
+            array = load(item, name, budget).T
             if item.own.get("matlabclass") == "char":
                 # Text is stored as UTF-16 units.
                 array = np.array([[array.astype("<u2").tobytes("F").decode("utf-16-le", "replace")]])
             values[item.path] = array
-            if sum(value.nbytes for value in values.values()) > MAX_BYTES:
-                raise ReaderError("refused", f"{name}: claims more than {MAX_BYTES} bytes when loaded")
         return values
 
 

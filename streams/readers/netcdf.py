@@ -12,9 +12,9 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from streams.readers.hdf5 import Found, join_arrays, load, open_hdf5, walk
+from streams.readers.hdf5 import Budget, Found, join_arrays, load, open_hdf5, walk
 from streams.readers.stated import STORED, Facts, plain_key, rate_of_times, seconds_utc, stated_rate
-from streams.samples import MAX_BYTES, SCALED, ReaderError, Samples, rows_of, stored_as
+from streams.samples import SCALED, ReaderError, Samples, rows_of, stored_as
 
 _TIMES = ("time", "t")
 
@@ -52,15 +52,12 @@ def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str 
 
 def _netcdf4(data: bytes, name: str) -> dict[str, tuple[NDArray[Any], Facts]]:
     arrays: dict[str, tuple[NDArray[Any], Facts]] = {}
-    total = 0
+    budget = Budget(name, len(data))
     with open_hdf5(data, name) as file:
         for item in walk(file, name):
-            if not _is_variable(item):
-                continue
-            total += item.dataset.size * item.dataset.dtype.itemsize
-            if total > MAX_BYTES:
-                raise ReaderError("refused", f"{name}: claims more than {MAX_BYTES} bytes when loaded")
-            arrays[item.path] = load(item, name), item.facts
+            if _is_variable(item):
+                arrays[item.path] = load(item, name, budget), item.facts
+                budget.add_rows(1)
     return arrays
 
 

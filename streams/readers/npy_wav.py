@@ -8,11 +8,25 @@ from math import prod
 import numpy as np
 import soundfile
 
-from streams.readers.complete import npy_header
-from streams.samples import FRACTIONS, MAX_BYTES, VALUES, ReaderError, Samples, rows_of, stored_as
+from streams.files import packed_suffix
+from streams.limits import MAX_BYTES, MAX_DIMENSIONS, max_loaded_bytes
+from streams.readers.child import isolated
+from streams.readers.complete import npy_header, plain_npy_header
+from streams.samples import FRACTIONS, VALUES, ReaderError, Samples, check_rows, rows_of, stored_as
 
 _EXACT_IN_FLOAT32 = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "FLOAT", "ALAW", "ULAW")
 _FLOATING = ("FLOAT", "DOUBLE")
+
+
+def read_plain_npy(data: bytes, name: str) -> Samples:
+    """Read as :func:`read_npy`, in this process where the time and memory for it are bounded by the size of the file.
+
+    So it is where the header is one as numpy writes it, of at most two dimensions, which a pattern recognises without
+    evaluating it, and the numbers are copied once at most. Any other file is read in the child process.
+    """
+    if not packed_suffix(name) and plain_npy_header(data) is not None:
+        return read_npy(data, name)
+    return isolated(read_npy)(data, name)
 
 
 def read_npy(data: bytes, name: str) -> Samples:
@@ -22,7 +36,7 @@ def read_npy(data: bytes, name: str) -> Samples:
 
     Raises:
         ReaderError: ``empty``; ``unreadable`` for pickled objects and for what is no .npy file; ``incomplete``
-            where the header promises more than there is; ``refused`` above ``MAX_BYTES``; ``wrong_shape``.
+            where the header promises more than there is; ``refused`` beyond the limits; ``wrong_shape``.
     """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
@@ -33,6 +47,9 @@ def read_npy(data: bytes, name: str) -> Samples:
         raise ReaderError("unreadable", f"{name}: not a .npy file ({error})") from error
     if dtype.hasobject:
         raise ReaderError("unreadable", f"{name}: holds pickled objects, which are never loaded")
+    if len(shape) > MAX_DIMENSIONS:
+        found = f"{len(shape)} (shape {str(shape)[:60]})"
+        raise ReaderError("wrong_shape", f"{name}: expected 1 or {MAX_DIMENSIONS} dimensions, got {found}")
     declared = prod(shape) * dtype.itemsize
     if declared > MAX_BYTES:
         raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
@@ -55,7 +72,7 @@ def read_wav(data: bytes, name: str) -> Samples:
 
     Raises:
         ReaderError: ``empty``; ``unreadable``; ``incomplete`` where the header promises more than there is; ``refused``
-            above ``MAX_BYTES``.
+            beyond the limits.
     """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
@@ -65,8 +82,10 @@ def read_wav(data: bytes, name: str) -> Samples:
             dtype = "float32" if sound.subtype in _EXACT_IN_FLOAT32 else "float64"
             stored = VALUES if sound.subtype in _FLOATING else FRACTIONS
             declared = sound.frames * sound.channels * np.dtype(dtype).itemsize
-            if declared > MAX_BYTES:
-                raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
+            allowed = max_loaded_bytes(len(data))
+            if declared > allowed:
+                raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {allowed} are allowed")
+            check_rows(sound.channels, name, "channels")
             frames, rate = sound.frames, float(sound.samplerate)
             samples = sound.read(dtype=dtype, always_2d=True)
     except (soundfile.LibsndfileError, RuntimeError, TypeError) as error:

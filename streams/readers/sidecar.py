@@ -66,10 +66,7 @@ def find_sidecar(root: Path, path: str, zone: str = "UTC") -> SideCar | None:
     for candidate in (f"{path}.json", *beside):
         if not os.path.lexists(f"{root}/{candidate}"):
             continue
-        raw = read_guarded(root, candidate)
-        if len(raw) > _MAX_SIDECAR_BYTES:
-            raise ReaderError("refused", f"{candidate}: {len(raw)} bytes, a side-car has at most {_MAX_SIDECAR_BYTES}")
-        return _parsed(raw, candidate, zone)
+        return _parsed(read_guarded(root, candidate, max_bytes=_MAX_SIDECAR_BYTES), candidate, zone)
     return None
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from streams.limits import max_loaded_bytes
 from streams.readers.stated import (
     Facts,
     check_lengths,
@@ -21,11 +22,10 @@ from streams.readers.stated import (
     stated_rate,
     stated_unit,
 )
-from streams.samples import MAX_BYTES, ReaderError, Samples, stack_rows, stored_as
+from streams.samples import ReaderError, Samples, check_rows, stack_rows, stored_as
 
 _LEAD_IN = 28
 _OPEN_END = 0xFFFFFFFFFFFFFFFF
-_MAX_CHANNELS = 4096
 _LABVIEW_ZERO = -2082844800.0
 """Seconds from 1970 to 1904-01-01, the stamp of a waveform whose time was never set."""
 
@@ -42,7 +42,7 @@ def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
 
     Raises:
         ReaderError: ``empty``; ``incomplete`` where a segment is shorter than declared; ``refused`` above
-            ``MAX_BYTES``; ``wrong_shape`` where no channel matches or their lengths differ; ``wrong_rate`` where
+            the limits; ``wrong_shape`` where no channel matches or their lengths differ; ``wrong_rate`` where
             their rates do; ``unreadable``.
     """
     if not data:
@@ -52,9 +52,9 @@ def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
     try:
         with tdms.TdmsFile.open(io.BytesIO(data)) as file:
             wanted = _wanted(file, name, patterns)
-            declared = sum(len(channel) * 8 for channel in wanted)
-            if declared > MAX_BYTES:
-                raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
+            declared, allowed = sum(len(channel) * 8 for channel in wanted), max_loaded_bytes(len(data))
+            if declared > allowed:
+                raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {allowed} are allowed")
             rows = [np.asarray(channel[:]) for channel in wanted]
             properties = [{plain_key(str(k)): v for k, v in channel.properties.items()} for channel in wanted]
             lengths = [len(channel) for channel in wanted]
@@ -116,8 +116,7 @@ def _check_segments(data: bytes, name: str) -> None:
 
 def _wanted(file: Any, name: str, patterns: Sequence[str]) -> list[Any]:
     channels = [channel for group in file.groups() for channel in group.channels()]
-    if len(channels) > _MAX_CHANNELS:
-        raise ReaderError("refused", f"{name}: {len(channels)} channels, {_MAX_CHANNELS} are allowed")
+    check_rows(len(channels), name, "channels")
     numeric = [c for c in channels if c.dtype is not None and np.dtype(c.dtype).kind in "fiu" and len(c)]
     found = [
         channel

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from streams.limits import MIN_COLUMNS_OF_A_ROW
+from streams.readers.numbers import Dialect, first_line_of, is_number, located, parse_columns, parse_row
 from streams.readers.stated import (
     Facts,
     is_date,
@@ -20,44 +19,17 @@ from streams.readers.stated import (
     stated_time,
     stated_unit,
 )
-from streams.samples import ReaderError, Samples
+from streams.samples import ReaderError, Samples, check_rows
 
-_NOT_A_NUMBER = ["nan", "NaN", "NAN", "-nan"]
 _BOM = b"\xef\xbb\xbf"
 _MAX_HEAD_LINES = 200
+_MAX_SNIFFED_CHARACTERS = 1 << 16
 _TIMES = {"time", "times", "timesec", "timeseconds", "timems", "zeit", "zeits", "t", "ts", "tempo", "temps", "xvalue"}
 _SECONDS = ("s", "sec", "second", "seconds", "ms")
 _IN_MS = {"timems"}
 _FACT = re.compile(r"\s*[#%\"]*\s*([A-Za-z][^:=;\t,]{0,60}?)\s*[:=;\t,]\s*(.*?)[\"\s;,]*$")
 _CLOCK_IN_VALUE = re.compile(r"\d:\d\d,\d+$|\d,\s*\d{1,2}:\d\d")
 _UNIT_IN_NAME = re.compile(r"^(.*?)\s*[\[(]([^\])]*)[\])]\s*$")
-
-
-@dataclass(frozen=True)
-class _Dialect:
-    """How the lines of a text are cut; ``separator`` "" stands for any run of blanks."""
-
-    separator: str
-    decimal: str
-
-    def fields(self, line: bytes) -> list[str]:
-        text = line.decode("latin-1")
-        parts = text.split(self.separator) if self.separator else text.split()
-        return [part.strip() for part in parts]
-
-    def is_number(self, field: str) -> bool:
-        return is_number(field, self.decimal)
-
-
-def is_number(field: str, decimal: str = ",") -> bool:
-    """Return whether a field is a number, with a point or the sign given."""
-    if "_" in field:
-        return False
-    try:
-        float(field.replace(decimal, "."))
-    except ValueError:
-        return False
-    return True
 
 
 def read_text(
@@ -69,6 +41,7 @@ def read_text(
     n_columns: int | tuple[int, ...] | None = None,
     columns: tuple[int, ...] | None = None,
     precision: type[np.float32] | type[np.float64] = np.float64,
+    as_row: bool = False,
 ) -> Samples:
     """Read lines of numbers, one line a sample and one column a channel.
 
@@ -81,41 +54,47 @@ def read_text(
         n_columns: the number or numbers of columns that the file may have; None: any.
         columns: which columns to give, counted from 1; None: all.
         precision: float64, or float32 where the numbers have no more than six significant digits.
+        as_row: whether a single line of at least ``MIN_COLUMNS_OF_A_ROW`` numbers without names is one channel.
 
     Returns:
         Samples of shape (column, line), named by the header.
 
     Raises:
         ReaderError: ``empty`` without a line of numbers, ``wrong_shape`` where the columns do not fit, ``incomplete``
-            where the last line breaks off, ``unreadable`` for anything else; the message has line and column.
+            where the last line breaks off, ``refused`` beyond the limits, ``unreadable`` for anything else; the
+            message has line and column.
     """
     body, first_line = _body(data, name)
     head = first_line_of(body)
     dialect = _sniff(head, body, separators)
     names: tuple[str, ...] | None = None
+    width = dialect.count(head)
+    if as_row and width >= MIN_COLUMNS_OF_A_ROW and not body[len(head) :].strip():
+        return Samples(parse_row(body, name, dialect, precision, first_line))
+    check_rows(width, name, "columns")
     if header or (header is None and not any(dialect.is_number(field) for field in dialect.fields(head))):
         names = tuple(field.strip('"') for field in dialect.fields(head))
         body, first_line = body[len(head) + 1 :], first_line + 1
         if not body.strip():
             raise ReaderError("empty", f"{name}: no line of numbers" + (f" after the header {names[0]!r}"[:60]))
-    fields = dialect.fields(first_line_of(body))
-    width = len(fields)
-    if width == 1 and not dialect.is_number(fields[0]):
-        raise _located(body, name, dialect, width, first_line, "no number")
+    head = first_line_of(body)
+    width = dialect.count(head)
+    if width == 1 and not dialect.is_number(dialect.fields(head)[0]):
+        raise located(body, name, dialect, width, first_line, "no number")
+    check_rows(width, name, "columns")
     _check_width(width, n_columns, names, name, first_line)
     if columns is not None and max(columns) > width:
         raise ReaderError("wrong_shape", f"{name}: expected at least {max(columns)} columns, found {width}")
-    values = _parse(body, name, dialect, width, columns, precision, first_line)
+    values = parse_columns(body, name, dialect, width, columns, precision, first_line)
     if columns is None:
         return Samples(values, names or ())
     chosen = tuple(names[i - 1] if names else f"column_{i}" for i in columns)
     return Samples(values, chosen, columns=columns)
 
 
-def first_line_of(body: bytes, begin: int = 0) -> bytes:
-    """Return the line that begins at ``begin``, without its newline."""
-    end = body.find(b"\n", begin)
-    return body[begin:] if end < 0 else body[begin:end]
+def first_characters(data: bytes, name: str) -> str:
+    """Return the first 200 characters of a text."""
+    return data[:200].decode("latin-1")
 
 
 def clean_text(data: bytes, name: str) -> bytes:
@@ -146,11 +125,11 @@ def _body(data: bytes, name: str) -> tuple[bytes, int]:
     return body, first_line
 
 
-def _sniff(head: bytes, body: bytes, separators: str) -> _Dialect:
+def _sniff(head: bytes, body: bytes, separators: str) -> Dialect:
     text = head.decode("latin-1").strip()
     found = next((c for c in separators if (c in text if c != " " else len(text.split()) > 1)), separators[0])
     decimal = "," if found in ";\t" and b"," in body and b"." not in body else "."
-    return _Dialect("" if found == " " else found, decimal)
+    return Dialect("" if found == " " else found, decimal)
 
 
 def _check_width(
@@ -162,72 +141,6 @@ def _check_width(
         raise ReaderError("wrong_shape", f"{name}: line {line}: expected {wanted} columns, found {width}")
     if names is not None and len(names) != width:
         raise ReaderError("wrong_shape", f"{name}: {len(names)} names in the header, {width} columns in line {line}")
-
-
-def _parse(
-    body: bytes,
-    name: str,
-    dialect: _Dialect,
-    width: int,
-    columns: tuple[int, ...] | None,
-    precision: type[np.float32] | type[np.float64],
-    first_line: int,
-) -> NDArray[np.floating]:
-    trimmed = body.rstrip(b"\r\n ")
-    n_lines = trimmed.count(b"\n") + 1
-    # pandas silently drops surplus fields where only some columns are read.
-    if dialect.separator and trimmed.count(dialect.separator.encode()) != n_lines * (width - 1):
-        raise _located(body, name, dialect, width, first_line, "the columns do not agree")
-    try:
-        # A number beyond float32 becomes inf, which the quality stage names.
-        with np.errstate(over="ignore"):
-            values = _parse_with_pandas(trimmed, dialect, columns, precision)
-    except (ValueError, OverflowError) as error:
-        raise _located(body, name, dialect, width, first_line, str(error)) from error
-    if values.shape[1] != n_lines:
-        raise _located(body, name, dialect, width, first_line, f"{n_lines} lines, but {values.shape[1]} of numbers")
-    return values
-
-
-def _parse_with_pandas(
-    body: bytes, dialect: _Dialect, columns: tuple[int, ...] | None, precision: type[np.float32] | type[np.float64]
-) -> NDArray[np.floating]:
-    # The one import here that takes half a second.
-    import pandas as pd
-
-    frame = pd.read_csv(
-        io.BytesIO(body),
-        header=None,
-        sep=dialect.separator or r"\s+",
-        decimal=dialect.decimal,
-        usecols=None if columns is None else [i - 1 for i in columns],
-        dtype=precision,
-        engine="c",
-        quoting=csv.QUOTE_NONE,
-        keep_default_na=False,
-        na_values=_NOT_A_NUMBER,
-        skip_blank_lines=True,
-    )
-    return np.ascontiguousarray(frame.to_numpy(dtype=precision).T)
-
-
-def _located(body: bytes, name: str, dialect: _Dialect, width: int, first_line: int, reason: str) -> ReaderError:
-    """Return the error of the first line that is not ``width`` numbers; slow."""
-    lines = body.rstrip(b"\r\n ").split(b"\n")
-    broken_off = not body.endswith((b"\n", b"\r"))
-    for index, line in enumerate(lines):
-        fields = dialect.fields(line.rstrip(b"\r"))
-        last = broken_off and index == len(lines) - 1
-        where = f"{name}: line {first_line + index}"
-        if len(fields) != width:
-            status = "incomplete" if last and len(fields) < width else "wrong_shape"
-            return ReaderError(status, f"{where}: expected {width} columns, found {len(fields)}")
-        for column, text in enumerate(fields, start=1):
-            if not dialect.is_number(text):
-                shown = re.sub(r"[^ -~]", "?", text[:30])
-                status = "incomplete" if last and column == width else "unreadable"
-                return ReaderError(status, f"{where}, column {column}: expected a number, found {shown!r}")
-    return ReaderError("unreadable", f"{name}: {reason}")
 
 
 @dataclass
@@ -246,7 +159,8 @@ def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
     Above the numbers there may be lines ``KEY: VALUE`` (also with "=", ";", "," or a tab; "#" or "%" before them), a
     line of column names and a line of units. Known are the keys of the sampling rate or interval, the unit and the time
     of the first sample; units also stand behind a name, as ``x [g]``. A column called time (``t``, ``Time [s]``,
-    ``X_Value``) is no channel but states the rate. ``zone`` is the IANA name of the zone of stamps that name none.
+    ``X_Value``) is no channel but states the rate. A single line of many numbers with one name or none is one channel.
+    ``zone`` is the IANA name of the zone of stamps that name none.
 
     Raises:
         ReaderError: as :func:`read_text`; ``wrong_rate`` for uneven times or contradictory rates.
@@ -254,7 +168,7 @@ def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
     body, skipped = _numbers(clean_text(data, name), name)
     head = _head(skipped)
     try:
-        samples = read_text(body, name, header=False)
+        samples = read_text(body, name, header=False, as_row=head.names is None or len(head.names) == 1)
     except ReaderError as error:
         raise _moved(error, name, head.lines) from error
     width = len(samples.names)
@@ -287,7 +201,7 @@ def _numbers(body: bytes, name: str) -> tuple[bytes, list[str]]:
 
 
 def _is_numbers(line: str) -> bool:
-    fields = _fields(line)
+    fields = _fields(line[:_MAX_SNIFFED_CHARACTERS])
     return bool(fields) and any(fields) and is_number(fields[0]) and sum(map(is_number, fields)) * 2 >= len(fields)
 
 

@@ -14,24 +14,34 @@ import resource
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
 
-from streams.samples import MAX_BYTES, ReaderError, Samples
+from streams.files import unpack
+from streams.limits import MAX_BYTES
+from streams.samples import ReaderError, Samples
 
+_LIBRARIES = {
+    "streams.datasets": ("pandas",),
+    "streams.readers.text": ("pandas",),
+    "streams.readers.hdf5": ("h5py",),
+    "streams.readers.mat": ("h5py",),
+    "streams.readers.netcdf": ("h5py",),
+    "streams.readers.tdms": ("nptdms",),
+    "streams.readers.uff": ("pyuff",),
+}
 _FIELDS = ("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp", "stored")
 
 
 def main() -> None:
     """Answer requests until the parent closes its end.
 
-    The arguments are four file descriptors and two limits.
+    The arguments are four file descriptors.
     """
-    requests_fd, answers_fd, input_fd, output_fd, memory, cpu_s = map(int, sys.argv[1:7])
-    # Limits of a parser: its heap, no core dump, no large file.
-    _limit(resource.RLIMIT_AS, memory)
+    requests_fd, answers_fd, input_fd, output_fd = map(int, sys.argv[1:5])
+    # No core dump, no large file; memory and processor time are limited for each file.
     _limit(resource.RLIMIT_CORE, 0)
     _limit(resource.RLIMIT_FSIZE, MAX_BYTES)
     # nptdms logs the bytes of the files that it cannot read.
@@ -39,11 +49,25 @@ def main() -> None:
     warnings.simplefilter("ignore")
     with os.fdopen(requests_fd, "rb") as requests, os.fdopen(answers_fd, "wb") as answers:
         for line in requests:
+            request = json.loads(line)
+            _load_libraries(request["module"])
             # The limit counts all that the process has used, so it moves on with each file.
-            _limit(resource.RLIMIT_CPU, math.ceil(sum(os.times()[:2])) + cpu_s)
-            answer = _answer(json.loads(line), input_fd, output_fd)
+            _limit(resource.RLIMIT_CPU, math.ceil(sum(os.times()[:2])) + request["cpu_s"])
+            _limit(resource.RLIMIT_AS, request["memory"])
+            # From here on the time is that of the file.
+            answers.write(b"\n")
+            answers.flush()
+            answer = _answer(request, input_fd, output_fd)
             answers.write(json.dumps(answer).encode() + b"\n")
             answers.flush()
+
+
+def _load_libraries(module: str) -> None:
+    """Import what a module of readers imports only when it reads; one that is missing is its error."""
+    importlib.import_module(module)
+    for library in _LIBRARIES.get(module, ()):
+        with suppress(ImportError):
+            importlib.import_module(library)
 
 
 def _limit(kind: int, value: int) -> None:
@@ -55,14 +79,15 @@ def _limit(kind: int, value: int) -> None:
 def _answer(request: dict[str, Any], input_fd: int, output_fd: int) -> dict[str, Any]:
     name = request["name"]
     try:
-        data = read_all(input_fd, request["size"])
+        data = unpack(read_all(input_fd, request["size"]), name)
         function = getattr(importlib.import_module(request["module"]), request["function"])
         found = function(data, name, *request["arguments"])
         return _written(found, output_fd) if isinstance(found, Samples) else {"value": found}
     except ReaderError as error:
         return {"status": error.status, "reason": str(error)}
     except MemoryError:
-        return {"status": "refused", "reason": f"{name}: reading it needs more memory than is allowed"}
+        allowed = f"{request['memory'] >> 20} MiB of memory"
+        return {"status": "refused", "reason": f"{name}: reading its {request['size']} bytes needs more than {allowed}"}
     except RecursionError:
         return {"status": "unreadable", "reason": f"{name}: nested too deeply"}
     except Exception as error:

@@ -26,9 +26,9 @@ Reader = Callable[[bytes, str], Samples]
 
 STATUSES = {"empty", "short", "nan", "unreadable", "wrong_shape", "wrong_rate", "incomplete", "refused"}
 CRASHED = {"reader_crashed"}
-IN_PROCESS = ("layout", "npy", "text", "wav")
-"""Readers that stand on no unsafe parser; the others run in the child process, as in use."""
-MAKER_OF = {"hdf5": "x.h5", "layout": "x.csv", "netcdf": "x.nc"}
+IN_PROCESS = ("layout", "npy", "plain_npy", "text", "wav")
+"""Readers that are called here, some of them otherwise than in use; the others run in the child process."""
+MAKER_OF = {"hdf5": "x.h5", "plain_npy": "x.npy", "layout": "x.csv", "netcdf": "x.nc"}
 
 
 def found_readers() -> Iterator[tuple[str, Reader]]:

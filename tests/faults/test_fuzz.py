@@ -8,8 +8,10 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from google_crc32c import value as crc32c
 
 from streams.block import Block, Rejected
+from streams.link.wire import WireError, block_frame, decode_frame, encode_frame
 from streams.open import open_source
 from streams.readers.child import shared_process
 from streams.spec import ChannelSpec, SourceSpec
@@ -17,6 +19,8 @@ from tests.effort import effort_count
 from tests.streams.format_makers import MAKERS, RATE, signal
 
 BINARY = [name for name in MAKERS if name != "x.csv"]
+COLUMN_OF: dict[str, int | str] = dict.fromkeys(("x.npy", "x.wav", "x.flac"), 2)
+"""The second channel by number where the format has no names, else by ``acc_2``."""
 VERDICTS = {
     "empty", "short", "nan", "out_of_range", "wrong_rate", "wrong_shape", "wrong_unit", "unreadable", "incomplete",
     "refused", "reader_crashed",
@@ -66,17 +70,16 @@ def mutate(data: bytes, rng: np.random.Generator) -> bytes:
     return bytes(changed)
 
 
-@pytest.mark.parametrize("name", BINARY)
+@pytest.mark.parametrize("name", MAKERS)
 def test_mutated_files_end_in_a_verdict(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
-    count = effort_count(quick=100, full=2000) // len(BINARY) + 1
+    count = effort_count(quick=110, full=11_000) // len(MAKERS) + 1
     folder = tmp_path_factory.mktemp("fuzz")
     whole = MAKERS[name](signal(2, 600))
-    rng = np.random.default_rng(BINARY.index(name))
+    rng = np.random.default_rng([*BINARY, "x.csv"].index(name))
     for number in range(count):
         (folder / f"{number:04d}_{name}").write_bytes(mutate(whole, rng))
     (folder / f"9999_{name}").write_bytes(whole)
-    column = 2 if name in ("x.npy", "x.wav", "x.flac") else "acc_2"
-    channel = ChannelSpec("a", column=column, unit="g", scale=1.0)
+    channel = ChannelSpec("a", column=COLUMN_OF.get(name, "acc_2"), unit="g", scale=1.0)
     items = list(open_source(SourceSpec("s", f"folder:{folder}", block_s="file", rate=RATE, channels=(channel,))))
     assert len(items) == count + 1
     rejected = Counter(item.status for item in items if isinstance(item, Rejected))
@@ -87,3 +90,30 @@ def test_mutated_files_end_in_a_verdict(name: str, tmp_path_factory: pytest.Temp
     assert isinstance(last, Block)
     np.testing.assert_allclose(last.samples[0], signal(2, 600)[1], atol=1e-9)
     assert shared_process().pid != os.getpid()
+
+
+def mutated_frames(count: int, seed: int = 0) -> list[bytes]:
+    """Return damaged frames, half of them with the right checksum."""
+    rng = np.random.default_rng(seed)
+    samples = signal(2, 600).astype(np.float32)
+    whole = encode_frame(block_frame(Block(samples, RATE, ("a", "b"), ("g", "g"), "s", 1, "1", start=1.7e9)))
+    frames = []
+    for number in range(count):
+        body = mutate(whole[:-4], rng)
+        frames.append(body + struct.pack("<I", crc32c(body)) if number % 2 else body + whole[-4:])
+    return frames
+
+
+def test_mutated_frames_are_decoded_or_refused_in_words() -> None:
+    verdicts: Counter[str] = Counter()
+    longest = 0
+    for frame in mutated_frames(effort_count(quick=200, full=2000)):
+        try:
+            decode_frame(frame)
+            verdicts["read"] += 1
+        except WireError as error:
+            verdicts[error.status] += 1
+            longest = max(longest, len(str(error)))
+    assert verdicts["read"] > 0
+    assert verdicts["unreadable"] > 0
+    assert 0 < longest < 2000

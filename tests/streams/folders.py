@@ -22,6 +22,8 @@ CHANNELS = (ChannelSpec("x", column=1, unit="g"),)
 class SetClock(Clock):
     """A clock that passes only while somebody waits."""
 
+    patience_s = 60.0
+
     def __init__(self) -> None:
         self.now = 1000.0
 

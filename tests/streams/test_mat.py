@@ -81,7 +81,7 @@ def test_truncated_file_is_incomplete(compressed: bool) -> None:
 
 
 def test_claims_are_checked_before_anything_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mat, "MAX_BYTES", 100_000)
+    monkeypatch.setattr(mat, "max_loaded_bytes", lambda stored: 100_000)
     # Zeros compress a thousandfold, and whosmat does not look into a structure.
     data = mat_bytes({"s": {"gs": np.zeros(200_000)}}, compressed=True)
     assert len(data) < 10_000

@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from streams.readers.child import Limits, ReaderProcess, isolated, shared_process
+from streams.limits import ChildLimits
+from streams.readers.child import ReaderProcess, isolated, shared_process
 from streams.readers.mat import mat_variables, read_mat
 from streams.samples import ReaderError, Samples
 from tests.streams import misbehave
@@ -32,7 +33,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def child() -> Iterator[ReaderProcess]:
-    with ReaderProcess(Limits(memory=2 << 30, cpu_s=3, wall_s=8.0, files=5)) as process:
+    with ReaderProcess(ChildLimits(memory=2 << 30, cpu_s=3, wall_s=8.0, files=5)) as process:
         yield process
 
 
@@ -87,7 +88,7 @@ def test_the_child_is_kept_and_then_replaced(child: ReaderProcess) -> None:
         (misbehave.leave, "reader_crashed: .*ended with code 3"),
         (misbehave.sleep, "reader_crashed: .*no answer within 8 s"),
         (misbehave.burn, r"reader_crashed: .*(used more than 3 s of processor time|no answer within 8 s)"),
-        (misbehave.eat, "refused: .*more memory"),
+        (misbehave.eat, "refused: .*4 bytes needs more than 2432 MiB of memory"),
         (misbehave.write_much, "reader_crashed|unreadable"),
         (misbehave.nonsense, "unreadable: .*TypeError"),
         (misbehave.fail, "unreadable: .*ZeroDivisionError"),
@@ -128,7 +129,7 @@ def test_many_threads_take_turns() -> None:
 
 
 def test_closing_ends_a_call_that_is_under_way() -> None:
-    child = ReaderProcess(Limits(wall_s=60.0))
+    child = ReaderProcess(ChildLimits(wall_s=60.0))
     answers: list[object] = []
     child.call(misbehave.pid, b"", "x")
 
