@@ -69,6 +69,8 @@ def store_refusals(config: Config, found: Inspection) -> Iterator[str]:
             return
         # A journal is left by a process that was killed while it made the tables; only a writer can roll it back.
         machine = config.machine
+        if path.is_dir():
+            refuse_unsuitable(path, create=False)
         if path.with_name(f"{path.name}-journal").exists() or damage_of(path, machine.name, machine.records_dir):
             return
         refuse_unsuitable(path, create=False)

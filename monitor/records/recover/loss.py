@@ -35,6 +35,8 @@ class Loss:
 
 def find_loss(path: Path, machine: str, records_dir: Path | None, beat: Beat) -> Loss | None:
     """Return what a store lost, or None; :meth:`Store.open` refuses the database of another program."""
+    if path.is_dir():
+        return None
     files = () if records_dir is None else tuple(published_files(records_dir, machine))
     if not path.exists() or not path.stat().st_size:
         if not files and not _is_logged(path):
@@ -43,7 +45,17 @@ def find_loss(path: Path, machine: str, records_dir: Path | None, beat: Beat) ->
     reason = damage_of(path, machine, records_dir)
     if reason is not None:
         return Loss(f"it was damaged ({reason})", files)
-    return None if records_dir is None else _find_older(path, machine, records_dir, files, beat)
+    if records_dir is None or not _has_blocks(path):
+        return None
+    return _find_older(path, machine, records_dir, files, beat)
+
+
+def _has_blocks(path: Path) -> bool:
+    """Return whether an undamaged file is a database with our ledger."""
+    if not has_header(path):
+        return False
+    with opened(path) as connection:
+        return bool(connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'blocks'").fetchone())
 
 
 def damage_of(path: Path, machine: str, records_dir: Path | None = None) -> str | None:
