@@ -248,6 +248,10 @@ class LiveSource(Protocol):
         """Record that a delivery is committed; only now may a sender discard it."""
         ...
 
+    def assumes_interval(self) -> bool:
+        """Return whether nothing states the interval of its blocks: they are counted by the length of a file."""
+        return False
+
     def backlog(self) -> Backlog:
         """Return the counts."""
         ...

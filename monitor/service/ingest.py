@@ -106,6 +106,12 @@ class Ingest(Closing):
         state = self._states[source]
         return replace(state, alarms=acknowledged(state.alarms, self._acknowledgements.get(source, ())))
 
+    def interval(self, source: str) -> float | None:
+        """Return the usual interval of the blocks of a source, s; None where it is unknown or only assumed."""
+        if any(live.name == source and live.assumes_interval() for live in self.sources):
+            return None
+        return self._states[source].order.interval
+
     def acknowledge(self, source: str, given: AlarmAcknowledgement) -> bool:
         """Release a latched alarm with the next block; return whether there was one."""
         before = self.state(source).alarms

@@ -74,7 +74,7 @@ class MachineStatus:
     def note(self, record: Record) -> None:
         """Note a committed block."""
         self.blocks += 1
-        limit = silence_limit(self._ingest.state(record.source).order.interval)
+        limit = silence_limit(self._ingest.interval(record.source))
         self._latest[record.source] = self._latest[record.source].after(record, self._monotonic(), limit)
 
     def resumed(self) -> None:
@@ -90,7 +90,7 @@ class MachineStatus:
             flowed = 0.0
             if latest.committed is not None and latest.flowing_since is not None:
                 flowed = latest.committed - latest.flowing_since
-            limit = silence_limit(self._ingest.state(source).order.interval)
+            limit = silence_limit(self._ingest.interval(source))
             found[source] = DataFlow(latest.sequence or None, age, limit, flowed)
         return found
 

@@ -237,6 +237,11 @@ class FolderSource(LiveSource):
         times = f" ({self._overflows} times since the start)" if self._overflows > 1 else ""
         return f"{self._root}: more events than the system keeps, some were lost{times}; files are found by scanning"
 
+    def assumes_interval(self) -> bool:
+        """Return whether its files are counted and no ``interval_s`` states how far they are apart."""
+        dater = None if self._loader is None else self._loader.dater
+        return dater is not None and dater.choice.by == "count" and dater.choice.interval is None
+
     def _set_problem(self, problem: str | None) -> None:
         if problem != self._problem:
             _LOG.warning("source %s: %s", self.name, problem or f"{self._root} can be read again")
