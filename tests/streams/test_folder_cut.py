@@ -296,6 +296,7 @@ def test_a_tdms_log_that_grows_is_taken_up_where_the_last_block_ended(tmp_path: 
     assert [block.start for block in blocks(rig)] == pytest.approx([start + 0.1 * k for k in range(6)], abs=1e-6)
 
 
+@pytest.mark.process
 def test_headers_say_how_much_is_to_come(tmp_path: Path) -> None:
     import h5py
     import soundfile
