@@ -8,16 +8,14 @@ from collections.abc import Iterable, Iterator
 from copy import copy
 from dataclasses import replace
 
-import numpy as np
-
 from streams.block import Block, Rejected
 from streams.datasets import FileFacts
 from streams.dater import UndatedError
 from streams.files import unpacked_name
+from streams.folder.copies import Copies
 from streams.folder.raw import Raw, UnfinishedError, is_more_of
 from streams.folder.reading import Background, Result, Task, read_file
-from streams.folder.register import ARCHIVED, MAX_INCOMPLETE_S, Entry, Order, Register
-from streams.listing import stat_file, unshown
+from streams.folder.register import MAX_INCOMPLETE_S, Entry, Order, Register
 from streams.load import Loader, renamed
 from streams.reblock import Cut, Numbering, Reblocker
 from streams.samples import ReaderError, Samples
@@ -32,7 +30,6 @@ _RETRIED = ("unreadable", "short", "wrong_shape", "wrong_rate", "wrong_unit")
 _MAX_RETRY_SETTLES = 10.0
 _GROWS = ("csv", "tdms")
 """Formats whose files are appended to while they are read."""
-
 
 _Loaded = tuple[Entry, Raw, FileFacts, Samples]
 
@@ -64,7 +61,7 @@ class Intake:
         self._grows = self._reblocker is not None and loader.data_set.name in _GROWS
         self._period = spec.block_s if self._grows and spec.block_s != "file" else None
         self._uncommitted: dict[int, str] = {}
-        self._contents: dict[str, Entry] = {}
+        self._copies = Copies(spec.name, loader, ledger, register, self._grows)
         highest, began, dater = ledger.committed(spec.name), ledger.began(spec.name), loader.dater
         self._dated_by = None if dater is None else (dater.choice.by, dater.choice.order)
         self._numbers = Numbering(spec.name, highest, began, None if dater is None else dater.place_time)
@@ -91,7 +88,8 @@ class Intake:
                     break
                 happened = True
                 self._reading = self._begin(entry, now)
-                patience = began + self._patience - time.monotonic()
+                if self._background.last_s <= self._patience:
+                    patience = began + self._patience - time.monotonic()
             if self._reading is not None:
                 if not self._reading[2].is_done(patience):
                     return happened
@@ -131,8 +129,7 @@ class Intake:
                 self._finish(entry, progress)
 
     def _finish(self, entry: Entry, progress: FileProgress) -> None:
-        if self._contents.get(progress.content_hash) is entry:
-            del self._contents[progress.content_hash]
+        self._copies.remove(progress.content_hash, entry)
         self._register.finish(entry, progress)
 
     def _begin(self, entry: Entry, now: float) -> tuple[Entry, FileFacts, Task] | None:
@@ -199,7 +196,7 @@ class Intake:
             raise
         if self._is_reordered(entry):
             return None
-        self._contents[raw.progress.content_hash] = entry
+        self._copies.add(raw.progress.content_hash, entry)
         return entry, raw, facts, samples
 
     def _is_growing(self, entry: Entry) -> bool:
@@ -277,59 +274,24 @@ class Intake:
 
     def _resolve_copy(self, entry: Entry, raw: Raw, result: Result) -> bool:
         """Adopt a renamed file or reject a copy; return whether it is one."""
-        digest = raw.progress.content_hash
-        first = self._waiting_with(digest)
-        if first is not None and first is not entry and not _is_constant(result):
-            self._refuse_copy(entry, raw, first.key, 0 if first.base is None else first.base.samples)
+        copied = self._copies.find(entry, raw, result)
+        if copied is None:
+            return False
+        if copied.kind == "longer":
+            # A log that was copied and continued in the copy: its beginning is committed.
+            entry.fed = copied.samples
+            return False
+        if copied.kind == "rename" and copied.known is not None:
+            self._register.adopt(entry, copied.known)
             return True
-        for known in self._ledger.files_like(self.name, raw.progress.head_hash, digest):
-            if known.path == entry.key or not known.samples or not is_more_of(raw, known):
-                continue
-            if known.verdict == PENDING and (known.content_hash != digest or self._is_gone(known)):
-                continue
-            if known.content_hash != digest:
-                if self._grows:
-                    # A log that was copied and continued in the copy: its beginning is committed.
-                    entry.fed = known.samples
-                    return False
-                continue
-            archived = ARCHIVED in known.path
-            if (
-                not archived
-                and known.inode == entry.stat.inode
-                and stat_file(str(self._loader.root), unshown(known.path)) is None
-            ):
-                self._register.adopt(entry, known)
-                return True
-            if _is_constant(result):
-                continue
-            self._refuse_copy(entry, raw, known.path.partition(ARCHIVED)[0], known.samples)
-            return True
-        return False
-
-    def _is_gone(self, known: FileProgress) -> bool:
-        waiting = self._register.waiting.get(unshown(known.path))
-        return waiting is None or waiting.absent is not None
-
-    def _waiting_with(self, digest: str) -> Entry | None:
-        """Return the file with this content that is read but not committed as a whole, unless it is gone."""
-        entry = self._contents.get(digest)
-        if entry is None:
-            return None
-        current = entry.read is None or entry.read.content_hash == digest
-        if current and entry.absent is None and self._register.waiting.get(entry.path) is entry:
-            return entry
-        del self._contents[digest]
-        return None
-
-    def _refuse_copy(self, entry: Entry, raw: Raw, original: str, samples: int) -> None:
         # The original comes first, though it may have been read ahead only.
         self._deliver_batch()
         digest = raw.progress.content_hash
         number = self._ledger.known(self.name, digest) or max(1, self._numbers.highest)
-        reason = f"{entry.key}: holds the same bytes as {original}"
+        reason = f"{entry.key}: holds the same bytes as {copied.original}"
         rejected = Rejected(self.name, number, entry.key, "duplicate", reason, digest)
-        self._deliver(rejected, [(entry, replace(raw.progress, samples=samples, verdict="duplicate"))])
+        self._deliver(rejected, [(entry, replace(raw.progress, samples=copied.samples, verdict="duplicate"))])
+        return True
 
     def _refuse_taken_number(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
         """Reject a file whose number another block has; return whether it did."""
@@ -435,8 +397,3 @@ class Intake:
             if entry.phase != "held":
                 entry.phase = "delivered"
         self.ready.append(Delivery(item, tuple(entry for entry, _ in pairs), tuple(progress for _, progress in pairs)))
-
-
-def _is_constant(result: Result) -> bool:
-    """Return whether all samples are equal: identical files of a dead sensor."""
-    return isinstance(result, Samples) and bool(np.all(result.values == result.values[:, :1]))

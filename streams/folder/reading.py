@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -73,6 +74,8 @@ class Background:
         self._process: ReaderProcess | None = None
         self._thread: threading.Thread | None = None
         self._keys: tuple[str, ...] = ()
+        self.last_s = 0.0
+        """Duration of the last task."""
         self._noted = False
 
     def start(self, work: Callable[[], Any], keys: tuple[str, ...], size: int) -> Task:
@@ -106,15 +109,19 @@ class Background:
             del task
 
     def _execute(self, task: Task) -> None:
-        self._keys = task.keys
+        self._keys, began = task.keys, time.monotonic()
         if task.size >= LARGE_BYTES:
             self._slow()
         try:
-            task.future.set_result(task.work())
+            result = task.work()
+            # Before the result, by which the source goes on.
+            self.last_s = time.monotonic() - began
+            task.future.set_result(result)
         except MemoryError:
             reason = f"{', '.join(task.keys)}: there is not enough memory for {task.size} bytes"
             task.future.set_exception(ReaderError("refused", reason))
         except BaseException as error:
+            self.last_s = time.monotonic() - began
             task.future.set_exception(error)
         if self._noted:
             self._noted = False

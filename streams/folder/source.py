@@ -42,7 +42,7 @@ class Clock:
         """Return seconds that never decrease."""
         return time.monotonic()
 
-    patience_s = 0.1
+    patience_s = 0.02
     """Time for which a source waits for a file before it lets the others go on."""
 
     def wait(self, event: threading.Event, seconds: float) -> None:
