@@ -154,10 +154,10 @@ def test_the_document_lists_the_variables_as_they_are() -> None:
     rows = [line for line in listed if line.startswith("| `")]
     expected = []
     for variable in VARIABLES.values():
-        dims = ", ".join(variable.dims)
+        dims = f" ({', '.join(variable.dims)})" if variable.dims else ""
         unit = {"time": "time axis", None: ""}.get(variable.units, variable.units)
-        what = variable.long_name + (": " + ", ".join(variable.values) if variable.values else "")
-        expected.append(
-            f"| `{variable.name}` | {dims} | {unit} | {variable.symbol} | {what} | {_short(variable.source)} |"
-        )
+        words = f": {', '.join(variable.values)}" if variable.values else ""
+        what = variable.long_name + (words if len(variable.values) <= 6 else " ([words](statuses.md))")
+        cells = (f"`{variable.name}`{dims}", unit, variable.symbol, what, _short(variable.source))
+        expected.append(f"| {' | '.join(cells)} |")
     assert rows == expected
