@@ -65,7 +65,6 @@ class Dater:
         self._keep, self._names = keep, names
         self._conflicts: dict[str, str] = {}
         self._open: set[str] = set()
-        self._partial: tuple[str, float] | None = None
         self._scanned: set[str] = set()
         self._evidence: dict[Order, str] = {}
 
@@ -256,14 +255,15 @@ class Dater:
 
     def _settled_step(self, path: str, length: float, whole: bool) -> float | None:
         """Return the time between files, chosen at the first whole one; None before."""
-        if self.choice.step is None:
-            partial = self._partial
-            if partial is not None and partial[0] != path:
-                self._set(replace(self.choice, step=partial[1]))
+        choice = self.choice
+        if choice.step is None:
+            if choice.growing not in ("", path):
+                self._set(replace(choice, step=choice.grown))
             elif whole:
-                self._set(replace(self.choice, step=length))
-            else:
-                self._partial = (path, length)
+                self._set(replace(choice, step=length))
+            elif length != choice.grown:
+                # Kept, so that after a restart the next file need not wait for another one.
+                self._set(replace(choice, growing=path, grown=length))
         return self.choice.step
 
     def _resolved(self, stamp: Stamp, path: str) -> float:

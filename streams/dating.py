@@ -29,6 +29,7 @@ class Dating:
         first: the number at ``start``.
         numbers: how many numbers a name has; ``folder`` holds all files that are counted by their names.
         example: the file at which the choice was made.
+        growing: a file whose end was not seen, ``grown`` its length so far, s: the step, once another file comes.
     """
 
     by: By | None = None
@@ -43,6 +44,8 @@ class Dating:
     numbers: int = 0
     folder: str = ""
     example: str = ""
+    growing: str = ""
+    grown: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the choice as plain values for JSON."""
