@@ -51,7 +51,7 @@ def test_metrics_say_what_the_daemon_and_the_store_say(tmp_path: Path) -> None:
     )
     put_blocks(config, 1)
     put_blocks(config, 1, source=1)
-    (tmp_path / "in0" / "f0000.csv").write_bytes(b"words\n" * 30)
+    (tmp_path / "in0" / "f0009.csv").write_bytes(b"words\n" * 30)
     with running(config), page_of(config) as page:
         wait_until(lambda: status(config)["blocks"] == 5)
         blocks = [
