@@ -155,7 +155,7 @@ def test_the_document_lists_the_variables_as_they_are() -> None:
     expected = []
     for variable in VARIABLES.values():
         dims = f" ({', '.join(variable.dims)})" if variable.dims else ""
-        unit = {"time": "time axis", None: ""}.get(variable.units, variable.units)
+        unit = {"time": "time axis"}.get(variable.units or "", variable.units or "")
         words = f": {', '.join(variable.values)}" if variable.values else ""
         what = variable.long_name + (words if len(variable.values) <= 6 else " ([words](statuses.md))")
         cells = (f"`{variable.name}`{dims}", unit, variable.symbol, what, _short(variable.source))
