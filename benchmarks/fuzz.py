@@ -1,14 +1,14 @@
 """Mutated and costly files and mutated frames: verdicts, times, memory, and what another source feels of them.
 
-Run as ``python -m benchmarks.fuzz [--quick] [--json FILE]``. 11,000 (quick: 240) mutated files, and the files made to
+Run as ``python -m benchmarks.fuzz [--quick] [--json FILE]``. 11,004 (quick: 240) mutated files, and the files made to
 cost much, go through the readers as in a recording, and 2,000 (200) mutated frames through the decoder. Tables:
 
 - verdicts by format; a file that is ``read`` was damaged where nothing checks. ``slowest_s`` is the longest time from
   one verdict to the next, starts of child processes included; ``child_mb`` the peak of a child, ``parent_mb`` that of
   this process so far, which commits in the daemon;
 - the costly files one by one;
-- delays: a source gets a block every 50 ms, from its arrival to its commit, while another source has nothing, and while
-  it has all costly files and many mutated ones.
+- delays: a source gets a block every 250 ms (more often counts as a copy in progress), from its arrival to its commit,
+  while other sources have nothing, and while they have all costly files and many mutated ones.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _COUNTED = (
     "nan",
     "reader_crashed",
 )
-_PERIOD_S = 0.05
+_PERIOD_S = 0.25
 _WRITE = """
 import sys
 from pathlib import Path
