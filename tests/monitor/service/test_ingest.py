@@ -57,6 +57,9 @@ class Queue:
         assert self.store.record(delivery.item.source, delivery.item.sequence) is not None
         self.acknowledged.append(delivery.item.sequence)
 
+    def assumes_interval(self) -> bool:
+        return False
+
     def backlog(self) -> Backlog:
         return Backlog(0, 0, 0, len(self.waiting), 0.0)
 
