@@ -22,16 +22,8 @@ from typing import Any
 
 from models.errors import SpallwatchError, WrongInputError
 from monitor import __version__
-from monitor.records.database import (
-    APPLICATION_ID,
-    STORE_VERSION,
-    free_bytes,
-    release_lock,
-    replacing,
-    sync_file,
-    sync_folder,
-    take_lock,
-)
+from monitor.records.database import free_bytes, release_lock, replacing, sync_file, sync_folder, take_lock
+from monitor.records.tables import APPLICATION_ID, STORE_VERSION
 
 STORE, MANIFEST = "state.db", "manifest.json"
 NOTE = "backup.json"

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
-from monitor.records.database import APPLICATION_ID, release_lock, take_lock
+from monitor.records.database import release_lock, take_lock
+from monitor.records.tables import APPLICATION_ID
 
 _LOG = logging.getLogger(__name__)
 RESERVE_BYTES = 4 << 20

@@ -19,12 +19,13 @@ from models.errors import WrongInputError
 from monitor.health.damage.filter.particles import Particles
 from monitor.health.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
 from monitor.health.waterfall import SpectrumRow
-from monitor.records.database import CONDENSED_VERSION, StoreError
+from monitor.records.database import StoreError
 from monitor.records.dataset import words
 from monitor.records.moved_days import absence_text, moved_days
 from monitor.records.publish import PublishError, day_dataset, days
 from monitor.records.spectra import read_spectra
 from monitor.records.store import Store
+from monitor.records.tables import CONDENSED_VERSION
 from monitor.words.numbers import count
 
 Records = xr.Dataset | Store | Path | str

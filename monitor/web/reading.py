@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.records.database import APPLICATION_ID, STORE_VERSION, StoreError, refuse_unsuitable
+from monitor.records.database import StoreError, refuse_unsuitable
 from monitor.records.packing import columns_of, numbers_of, places_of
+from monitor.records.tables import APPLICATION_ID, STORE_VERSION
 from monitor.web.answers import without_folders
 
 _MAX_IDLE = 4

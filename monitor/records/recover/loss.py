@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from monitor.records.condense import has_condensed, identity_of
-from monitor.records.database import APPLICATION_ID, MAGIC, STORE_VERSION, StoreError
+from monitor.records.database import MAGIC, StoreError
 from monitor.records.recover.published import Beat, gather, published_files, remove_database
 from monitor.records.recover.rows import has_header, opened
 from monitor.records.recover.settle import first_change
 from monitor.records.snapshot import Snapshot, read_snapshot
+from monitor.records.tables import APPLICATION_ID, STORE_VERSION
 
 CHECKED_BYTES = 64 << 20
 """A store up to this size is checked as a whole whenever it is opened; of a larger one, the newest blocks."""

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from monitor.records.condense import condensed_up_to, has_condensed
-from monitor.records.database import APPLICATION_ID, MAGIC
+from monitor.records.database import MAGIC
 from monitor.records.ledger import SALVAGED_UP_TO
+from monitor.records.tables import APPLICATION_ID
 
 _APART = ("meta", "published", "layouts", "rollup", "stage_states")
 _ROLLUP_KEYS = {"rolled_up", "rollup_features"}
