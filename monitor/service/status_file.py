@@ -98,7 +98,8 @@ def present_status(
         problems["backup"] = f"the backup of {backup.get('failed_utc')} failed: {backup['problem']}"
     if problems:
         found["problems"] = problems
-        found["status"] = "degraded" if found["status"] == "running" else found["status"]
+        if found.get("status") == "running":
+            found["status"] = "degraded"
     made = backup.get("utc")
     age = None if made is None else round(max(0.0, clock() - datetime.fromisoformat(made).timestamp()), 3)
     return {**found, "last_backup_utc": made, "last_backup_age_s": age}

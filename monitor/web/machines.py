@@ -67,7 +67,6 @@ class Machine:
         with self._lock:
             now = time.monotonic()
             if self._read is None or now - self._read >= _FRESH_S:
-                self._read = now
                 found = {
                     "name": self.name,
                     "timezone": self.config.machine.timezone,
@@ -78,6 +77,7 @@ class Machine:
                 found.pop("last_backup_age_s")
                 problems = found.get("problems", {})
                 found["problems"] = {name: without_folders(problem) for name, problem in problems.items()}
+                self._read = now
                 version = self._status.version + (found != self._status.values)
                 self._status = Status(version, found, self._age())
             return self._status

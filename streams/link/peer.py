@@ -8,6 +8,7 @@ import socket
 import ssl
 from dataclasses import dataclass, field
 
+from models.errors import SpallwatchError
 from streams.link.auth import PROOF_BYTES
 from streams.link.wire import HEAD, HELLO, frame_length, hello_length
 
@@ -23,7 +24,7 @@ class Phase(enum.Enum):
     REFUSED = enum.auto()
 
 
-class ClosedError(Exception):
+class ClosedError(SpallwatchError):
     """The sender closed the connection; ``whole``: between two frames."""
 
     def __init__(self, *, whole: bool) -> None:

@@ -83,7 +83,8 @@ def test_on_a_slow_disk_blocks_wait_in_turn_and_their_age_is_shown(
         assert found["status"] == "running"
         assert min(found["sources"][name]["pending"] for name in ("s0", "s1")) > 10
         taken = order(config)
-        assert abs(taken.count("s0") - taken.count("s1")) <= 2
+        # One read in the background may be ahead on either side.
+        assert abs(taken.count("s0") - taken.count("s1")) <= 4
         # A daemon that is slow is alive: it beats with each block.
         assert len(beats) >= len(taken)
         disk.slow.clear()

@@ -238,4 +238,4 @@ def test_a_daemon_goes_on_is_degraded_and_recovers(tmp_path: Path, monkeypatch: 
         wait_until(lambda: status(path)["status"] == "running" and last(path) == 6)
         assert status(path)["sources"]["s0"]["accepted"] == 3
     with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
-        assert [record.status for record in kept(store)] == ["ok", "ok", "unreadable", "unreadable", "ok", "ok"]
+        assert [record.status for record in kept(store)] == ["ok", "ok", "unreadable", "unreadable", "gap", "ok"]

@@ -209,7 +209,7 @@ def test_what_cannot_be_acknowledged_is_refused(watched: Watched) -> None:
         ("m:1", [1], 400),
         ("m:1", {"who": "a", "note": "x" * 2001}, 400),
         ("m:99999", {"who": "a", "note": ""}, 404),
-        ("m:n5", {"who": "a", "note": ""}, 404),
+        ("m:n99", {"who": "a", "note": ""}, 404),
         ("m:1;", {"who": "a", "note": ""}, 404),
         ("other:1", {"who": "a", "note": ""}, 404),
     ):
