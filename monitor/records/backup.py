@@ -23,6 +23,7 @@ from typing import Any
 from models.errors import SpallwatchError, WrongInputError
 from monitor import __version__
 from monitor.records.database import free_bytes, release_lock, replacing, sync_file, sync_folder, take_lock
+from monitor.records.filing import published_files
 from monitor.records.tables import APPLICATION_ID, STORE_VERSION
 
 STORE, MANIFEST = "state.db", "manifest.json"
@@ -254,7 +255,7 @@ def _write(contents: Contents, folder: Path, utc: float) -> Backup:
 
 def _files(contents: Contents) -> Iterator[tuple[str, Path]]:
     """Yield the name in the backup and the path of each file but the store."""
-    for path in sorted(contents.records_dir.glob(f"{contents.machine}-*.nc")):
+    for path in published_files(contents.records_dir, contents.machine):
         yield f"records/{path.name}", path
     yield from contents.others.items()
 

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import sqlite3
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from monitor.health.record import Record
@@ -32,6 +34,20 @@ class Filing(NamedTuple):
     day: int | None
     time: float
     time_status: Literal["given", "carried", "unknown"]
+
+
+def published_name(machine: str) -> re.Pattern[str]:
+    """Return the pattern of the names of a machine's files of records; its group is the day, or "undated"."""
+    return re.compile(rf"{re.escape(machine)}-(\d{{8}}|undated)\.nc")
+
+
+def published_files(records_dir: Path, machine: str) -> list[Path]:
+    """Return the files of records of a machine, by day; none where the folder cannot be read."""
+    pattern = published_name(machine)
+    try:
+        return sorted(path for path in records_dir.iterdir() if pattern.fullmatch(path.name))
+    except OSError:
+        return []
 
 
 class Stored(NamedTuple):

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from models.errors import WrongInputError
 from monitor.records.database import replacing, sync_file, sync_folder
+from monitor.records.filing import published_files
 
 _LOCK = "days.lock"
 _CHUNK_BYTES = 1 << 20
@@ -76,12 +77,9 @@ def moving_days(store: Path) -> Iterator[None]:
 
 def days_before(records_dir: Path, machine: str, before: date) -> list[Path]:
     """Return the published files of the days before a date, the oldest first."""
-    found = []
-    for path in sorted(records_dir.glob(f"{machine}-*.nc")):
-        label = path.stem.removeprefix(f"{machine}-")
-        if len(label) == 8 and label.isdigit() and label < before.strftime("%Y%m%d"):
-            found.append(path)
-    return found
+    first = f"{machine}-{before:%Y%m%d}.nc"
+    # The undated file sorts after all days.
+    return [path for path in published_files(records_dir, machine) if path.name < first]
 
 
 def move_day(path: Path, machine: str, to: Path, store: Path, utc: float) -> MovedDay:

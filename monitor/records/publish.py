@@ -24,7 +24,7 @@ from monitor.health.schema import SCHEMA_VERSION, VARIABLES
 from monitor.records.condense import condensed_on, condensed_up_to, has_condensed
 from monitor.records.database import replacing
 from monitor.records.dataset import INT_FILL, from_dataset, to_dataset
-from monitor.records.filing import SECONDS_PER_DAY
+from monitor.records.filing import SECONDS_PER_DAY, published_files
 from monitor.records.moved_days import delete_day, moved_days, moving_days
 from monitor.records.second_copy import Kept, keep_larger, ledger_group, log_kept
 from monitor.records.snapshot import Snapshot, snapshot_path, take_snapshot, write_snapshot
@@ -176,7 +176,7 @@ def _snapshot(store: Store) -> Iterator[None]:
 def published_bytes(records_dir: Path, machine: str) -> int:
     """Return the size of all published files of a machine."""
     sizes = []
-    for path in records_dir.glob(f"{machine}-*.nc"):
+    for path in published_files(records_dir, machine):
         with suppress(OSError):
             sizes.append(path.stat().st_size)
     return sum(sizes)

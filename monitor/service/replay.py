@@ -23,9 +23,9 @@ from monitor.health.state import SourceSettings, SourceState
 from monitor.health.step import SourceOutput, step
 from monitor.health.waterfall import SpectrumChange
 from monitor.records.database import StoreError
+from monitor.records.filing import published_files
 from monitor.records.ledger import keep_dating, read_dating
 from monitor.records.publish import publish
-from monitor.records.recover.published import published_files
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
 from monitor.service.resume import resumed_state

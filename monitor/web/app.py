@@ -7,7 +7,6 @@ import json
 import logging
 import mimetypes
 import os
-import re
 import stat
 import threading
 from collections.abc import AsyncGenerator, Callable, Mapping
@@ -26,6 +25,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from monitor.records.database import StoreError
+from monitor.records.filing import published_name
 from monitor.web import api, event_view, map_view
 from monitor.web.answers import Answer, Query, RequestError, answer_of, json_answer, without_folders
 from monitor.web.auth import Doorkeeper
@@ -336,7 +336,7 @@ def open_published(site: Machines, name: str) -> tuple[BinaryIO, int]:
 
 def _published(machine: Machine) -> dict[str, os.stat_result]:
     """Return the files of a machine's folder that have the name of a day or of the undated records; no links."""
-    pattern = re.compile(rf"{re.escape(machine.name)}-(\d{{8}}|undated)\.nc")
+    pattern = published_name(machine.name)
     found: dict[str, os.stat_result] = {}
     try:
         with os.scandir(machine.records_dir) as entries:

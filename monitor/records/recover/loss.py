@@ -11,7 +11,8 @@ from typing import Any
 
 from monitor.records.condense import has_condensed, identity_of
 from monitor.records.database import MAGIC, StoreError
-from monitor.records.recover.published import Beat, gather, published_files, remove_database
+from monitor.records.filing import published_files
+from monitor.records.recover.published import Beat, gather, remove_database
 from monitor.records.recover.rows import has_header, opened
 from monitor.records.recover.settle import first_change
 from monitor.records.snapshot import Snapshot, read_snapshot

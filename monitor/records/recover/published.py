@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import logging
 import math
-import re
 import sqlite3
 import subprocess
 import sys
@@ -60,15 +59,6 @@ class Gathered(NamedTuple):
     def damaged(self) -> int:
         """Number of rows that are not as they were committed."""
         return sum(damaged for _, damaged in self.rows.values())
-
-
-def published_files(records_dir: Path, machine: str) -> list[Path]:
-    """Return the files of records of a machine, by day; none where the folder cannot be read."""
-    pattern = re.compile(rf"{re.escape(machine)}-(\d{{8}}|undated)\.nc")
-    try:
-        return sorted(path for path in records_dir.iterdir() if pattern.fullmatch(path.name))
-    except OSError:
-        return []
 
 
 def gather(files: Sequence[Path], machine: str, scratch: Path, beat: Beat) -> Gathered:

@@ -353,3 +353,14 @@ def test_a_restore_that_is_cut_off_anywhere_left_the_old_or_the_whole_new_state(
         assert not list((target / "state").glob("state.db.restor*"))
     assert seen == {old, 20}
     assert place > 15
+
+
+def test_files_of_a_machine_whose_name_begins_alike_are_left_out(tmp_path: Path) -> None:
+    fill(tmp_path / "state", 1)
+    for name in ("m-20231114.nc", "m-undated.nc", "m-2-20231114.nc", "m-20231114.nc.lost-1"):
+        publish(tmp_path, name, b"x")
+    made, _ = back_up(contents_of(tmp_path), tmp_path / "backups", keep=1, utc=UTC)
+    assert sorted(name for name in made.files if name.startswith("records/")) == [
+        "records/m-20231114.nc",
+        "records/m-undated.nc",
+    ]
