@@ -5,13 +5,22 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from streams.block import Block, Rejected
 from streams.datasets import FileFacts
 from streams.listing import shown
 from streams.reblock import Cut
 from streams.samples import Origin, ReaderError, Samples
+
+
+def copy_error(name: str, original: str) -> ReaderError:
+    """Return the rejection of a file with the content of another."""
+    return ReaderError("duplicate", f"{name}: holds the same bytes as {original}")
+
+
+def taken_error(name: str, number: int, *, same: bool) -> ReaderError:
+    """Return the rejection of a file whose number a block has, of the ``same`` content or not."""
+    reason = f"{name}: block {number} is there already" + ("" if same else ", with other samples")
+    return ReaderError("duplicate" if same else "changed", reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,19 +56,17 @@ class Given:
         Files whose samples are all equal are those of a dead sensor, and no copies.
         """
         if isinstance(loaded.result, Samples):
-            this, values = (loaded.name, 0), loaded.result.values
+            this = (loaded.name, 0)
             first = self._contents.setdefault(loaded.digest, this)
-            if first is not this and not np.all(values == values[:, :1]):
-                error = ReaderError("duplicate", f"{loaded.name}: holds the same bytes as {first[0]}")
+            if first is not this and not loaded.result.is_constant:
+                error = copy_error(loaded.name, first[0])
                 return replace(loaded, result=error, repeats=first[1] or max(1, highest))
         if number is None:
             return loaded
         if number not in self._numbers:
             self._numbers[number] = loaded.digest
             return loaded
-        same = self._numbers[number] == loaded.digest
-        reason = f"{loaded.name}: block {number} is there already" + ("" if same else ", with other samples")
-        error = ReaderError("duplicate" if same else "changed", reason)
+        error = taken_error(loaded.name, number, same=self._numbers[number] == loaded.digest)
         if isinstance(loaded.result, ReaderError):
             error = ReaderError("changed", str(loaded.result))
         return replace(loaded, result=error, repeats=number)

@@ -100,6 +100,11 @@ class Samples:
         return self.rate
 
     @property
+    def is_constant(self) -> bool:
+        """Whether all samples of each row are equal, as those of a dead sensor."""
+        return bool(np.all(self.values == self.values[:, :1]))
+
+    @property
     def end(self) -> int:
         """Index behind the last sample in the origin."""
         return self.offset + self.values.shape[1]

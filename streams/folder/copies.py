@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-
 from streams.folder.raw import Raw, is_more_of
 from streams.folder.reading import Result
 from streams.folder.register import ARCHIVED, Entry, Register
@@ -90,4 +88,4 @@ class Copies:
 
 
 def _is_constant(result: Result) -> bool:
-    return isinstance(result, Samples) and bool(np.all(result.values == result.values[:, :1]))
+    return isinstance(result, Samples) and result.is_constant

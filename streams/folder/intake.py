@@ -16,6 +16,7 @@ from streams.folder.copies import Copies
 from streams.folder.raw import Raw, UnfinishedError, is_more_of
 from streams.folder.reading import Background, Result, Task, read_file
 from streams.folder.register import MAX_INCOMPLETE_S, Entry, Order, Register
+from streams.given import copy_error, taken_error
 from streams.load import Loader, renamed
 from streams.reblock import Cut, Numbering, Reblocker
 from streams.samples import ReaderError, Samples
@@ -151,7 +152,7 @@ class Intake:
         last = entry.read or entry.base
         done = entry.base is not None and entry.base.verdict != PENDING
         known = last.content_hash if last is not None and done else None
-        # The thread must not see what becomes of the entry meanwhile.
+        # The thread must not see later changes of the entry.
         seen, loader = copy(entry), self._loader
         kind = loader.data_set.name if self._is_growing(entry) else None
         task = self._background.start(
@@ -288,9 +289,9 @@ class Intake:
         self._deliver_batch()
         digest = raw.progress.content_hash
         number = self._ledger.known(self.name, digest) or max(1, self._numbers.highest)
-        reason = f"{entry.key}: holds the same bytes as {copied.original}"
-        rejected = Rejected(self.name, number, entry.key, "duplicate", reason, digest)
-        self._deliver(rejected, [(entry, replace(raw.progress, samples=copied.samples, verdict="duplicate"))])
+        error = copy_error(entry.key, copied.original)
+        rejected = self._numbers.rejected(entry.key, error, digest, number)
+        self._deliver(rejected, [(entry, replace(raw.progress, samples=copied.samples, verdict=error.status))])
         return True
 
     def _refuse_taken_number(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
@@ -299,10 +300,9 @@ class Intake:
         if number is None or self._is_free(number):
             return False
         had = self._uncommitted.get(number) or self._ledger.content_of(self.name, number)
-        status = "duplicate" if had == digest else "changed"
-        reason = f"{entry.key}: block {number} is there already" + (", with other samples" if had != digest else "")
-        rejected = Rejected(self.name, number, entry.key, status, reason, digest)
-        self._deliver(rejected, [(entry, replace(raw.progress, verdict=status))])
+        error = taken_error(entry.key, number, same=had == digest)
+        rejected = self._numbers.rejected(entry.key, error, digest, number)
+        self._deliver(rejected, [(entry, replace(raw.progress, verdict=error.status))])
         return True
 
     def _number_of(self, entry: Entry, facts: FileFacts) -> int | None:

@@ -113,7 +113,7 @@ def template(life: Life, tmp_path_factory: pytest.TempPathFactory) -> Path:
         for record, states in zip(life.records[KEPT:PUBLISHED], life.states[KEPT:], strict=False):
             commit(store, record, states)
         log.notice(1.8e9, {"kind": "no_data", "channel": "x"})
-        log.acknowledge("n1", "somebody", "seen", 1.8e9)
+        log.acknowledge("n1", "operator", "seen", 1.8e9)
         assert len(publish(store, folder / "records")) == 2
         (folder / "state").mkdir()
         for suffix in ("", "-wal"):

@@ -66,7 +66,7 @@ def make(path: Path, *, closed: bool) -> None:
             assert store.commit(item, states(item)) == "committed"
             ledger.remember(item.source, [progress(item)])
         with EventLog(whole) as events:
-            events.acknowledge("1", "somebody", "seen", 1.8e9)
+            events.acknowledge("1", "operator", "seen", 1.8e9)
             events.notice(1.8e9, {"kind": "no_data", "channel": "x"})
         if not closed:
             for suffix in ("", "-wal"):
