@@ -109,7 +109,12 @@ def local_files(folder: Path, names: Sequence[str]) -> list[Record]:
     path = folder / "m.toml"
     path.write_text(LOCAL)
     lines = ims_text(4).splitlines(keepends=True)
-    with running(path, clock=lambda: datetime(2026, 12, 1, tzinfo=UTC).timestamp()):
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        running(path, clock=lambda: datetime(2026, 12, 1, tzinfo=UTC).timestamp()),
+    ):
+        # The published file is read afterwards, however long a busy machine takes for it.
+        patch.setattr("monitor.service.companions._LAST_PUBLICATION_S", 600.0)
         for number, name in enumerate(names, 1):
             temporary = folder / "in0" / f".{name}"
             temporary.write_bytes(b"".join(lines[number:] + lines[:number]))
