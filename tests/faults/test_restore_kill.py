@@ -55,7 +55,7 @@ def make_backup(folder: Path, blocks: int) -> Path:
     """Make a backup of a machine with so many blocks and a published file that says how many."""
     folder.mkdir()
     fill(folder / "state", blocks)
-    publish(folder, f"m-of-{blocks}.nc", str(blocks).encode())
+    publish(folder, f"m-2026{blocks:04d}.nc", str(blocks).encode())
     back_up(contents_of(folder), folder / "backups", keep=1, utc=UTC)
     return folder / "backups"
 
@@ -80,7 +80,7 @@ def test_killed_at_any_moment_the_old_or_the_whole_new_state_is_there(tmp_path: 
         assert found in (before, _SIZES[(last + 1) % 2]), (kill, done)
         seen.add(found)
         if found in _SIZES:
-            assert (target / "records" / f"m-of-{found}.nc").read_bytes() == str(found).encode()
+            assert (target / "records" / f"m-2026{found:04d}.nc").read_bytes() == str(found).encode()
         assert not [path for path in (target / "records").glob("*") if path.name.startswith(".")]
         assert not list(database.parent.glob("state.db.restor*"))
         # Nothing was lost on the way: each store that was replaced is there still, whole.

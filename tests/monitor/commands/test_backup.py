@@ -29,7 +29,7 @@ def store_of(config: Path, records: int = 0) -> Path:
     folder.mkdir()
     Store.open(state / "state.db", machine="m").close()
     for number in range(records):
-        (folder / f"m-{number}.nc").write_bytes(b"x")
+        (folder / f"m-2026010{number}.nc").write_bytes(b"x")
     return state / "state.db"
 
 
@@ -89,10 +89,10 @@ def test_the_words_of_both(tmp_path: Path) -> None:
     refused = run_command("restore", tmp_path / "backups", "--config", config)
     assert refused.returncode == 2
     assert "there is a store already; --replace keeps it as state.db.before-restore-..." in refused.stderr
-    (tmp_path / "records" / "m-0.nc").unlink()
+    (tmp_path / "records" / "m-20260100.nc").unlink()
     done = run_command("restore", tmp_path / "backups", "--config", config, "--replace")
     assert done.returncode == 0, done.stderr
-    assert "put back: m-0.nc\n" in done.stdout
+    assert "put back: m-20260100.nc\n" in done.stdout
     assert f"the store before is kept as {database}.before-restore-" in done.stdout
     assert "made with another configuration" in done.stdout
 
