@@ -7,7 +7,7 @@ import os
 import shutil
 import sqlite3
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -307,16 +307,43 @@ def replacing(target: Path, label: str = "") -> Iterator[Path]:
 
 
 def link_durably(source: Path, target: Path) -> None:
-    """Give a file a second name, or copy it where the file system has no links; a missing file is ignored."""
+    """Give a file a second name, or copy it where the file system has no links; a missing file is ignored.
+
+    The name is that of a whole file at any moment. FileExistsError where it is taken.
+    """
     try:
         os.link(source, target)
+    except FileExistsError:
+        raise
     except FileNotFoundError:
         return
     except OSError:
-        with suppress(FileNotFoundError):
-            shutil.copy2(source, target)
-            sync_file(target)
+        if target.exists():
+            raise FileExistsError(target) from None
+        with suppress(FileNotFoundError), replacing(target) as temporary:
+            shutil.copy2(source, temporary)
+        return
     sync_folder(target.parent)
+
+
+def put_in_place(fresh: Path, store: Path, kept: Iterable[tuple[Path, Path]]) -> None:
+    """Replace a database by a whole one; may be repeated after any interruption.
+
+    Args:
+        fresh: the new database, without a log.
+        store: the place of the old one.
+        kept: files of the old one that stay, each with its second name; what is missing, or kept already, is left.
+    """
+    for source, target in kept:
+        if source.exists() and not target.exists():
+            link_durably(source, target)
+    sync_folder(store.parent)
+    # SQLite would apply a remaining log to the new database.
+    for suffix in ("-wal", "-shm"):
+        store.with_name(store.name + suffix).unlink(missing_ok=True)
+    sync_folder(store.parent)
+    fresh.replace(store)
+    sync_folder(store.parent)
 
 
 def same_file(path: Path, other: Path) -> bool:

@@ -6,7 +6,6 @@ The store and the files are made beside their places and verified. The restore i
 
 from __future__ import annotations
 
-import os
 import shutil
 import sqlite3
 from collections.abc import Iterator
@@ -15,7 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from monitor.records.backup import STORE, Backup, BackupError, RefusedError, check_store, copy_durably, stamp_of, verify
-from monitor.records.database import StoreError, release_lock, sync_file, sync_folder, take_lock
+from monitor.records.database import (
+    StoreError,
+    link_durably,
+    put_in_place,
+    release_lock,
+    sync_file,
+    sync_folder,
+    take_lock,
+)
 from monitor.records.events import EventLog
 
 _KEY = "restored"
@@ -133,7 +140,7 @@ def _finish(places: Places) -> None:
             for path in sorted(folder.iterdir()):
                 # Unlike a rename, a link replaces nothing.
                 with suppress(FileExistsError):
-                    _link(path, places.records_dir / path.name)
+                    link_durably(path, places.records_dir / path.name)
             sync_folder(places.records_dir)
         shutil.rmtree(folder)
 
@@ -163,21 +170,11 @@ def _stage(backup: Backup, places: Places, stamp: str, utc: float) -> None:
 
 def _swap(places: Places) -> None:
     """Keep the old store under another name and put the new one in its place; may be repeated."""
-    store = places.store
-    stamp = _stamp_in(places.decided)
-    for path in _parts(store):
-        target = _aside(store, stamp or "unknown")
-        target = target.with_name(target.name + path.name.removeprefix(store.name))
-        # Readers leave an empty log.
-        if path.exists() and path.stat().st_size and not target.exists():
-            _link(path, target)
-    sync_folder(store.parent)
-    # SQLite would apply a remaining log to the new database.
-    for path in (_log_of(store), store.with_name(f"{store.name}-shm")):
-        path.unlink(missing_ok=True)
-    sync_folder(store.parent)
-    places.decided.replace(store)
-    sync_folder(store.parent)
+    aside = _aside(places.store, _stamp_in(places.decided) or "unknown")
+    # Readers leave an empty log.
+    old = [path for path in _parts(places.store) if path.exists() and path.stat().st_size]
+    kept = [(path, aside.with_name(aside.name + path.name.removeprefix(places.store.name))) for path in old]
+    put_in_place(places.decided, places.store, kept)
 
 
 def _fold_log(store: Path) -> None:
@@ -227,20 +224,6 @@ def _free_stamp(places: Places, stamp: str) -> str:
         number += 1
         found = f"{stamp}-{number}"
     return found
-
-
-def _link(source: Path, target: Path) -> None:
-    """Give a file a second name, or copy it where the file system has no links; FileExistsError where that is taken."""
-    try:
-        os.link(source, target)
-    except FileExistsError:
-        raise
-    except OSError:
-        if target.exists():
-            raise FileExistsError(target) from None
-        part = target.with_name(f".{target.name}.part")
-        copy_durably(source, part)
-        part.rename(target)
 
 
 @contextmanager

@@ -157,6 +157,14 @@ def empty(path: Path) -> None:
     lose_log(path)
 
 
+def lose_tables(path: Path) -> None:
+    """Leave what a writer leaves that was killed before it made its tables."""
+    lose_all(path)
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("PRAGMA journal_mode = WAL")
+    assert path.stat().st_size >= 4096
+
+
 def lose_snapshot_too(path: Path) -> None:
     lose_all(path)
     snapshot_path(path.parents[1] / "records", "m").unlink()
@@ -181,7 +189,7 @@ def blocks_of(records_dir: Path) -> int:
 
 
 LOSSES = (
-    *(lose_all, lose_database, lose_log, truncate, truncate_without_log, empty),
+    *(lose_all, lose_database, lose_log, lose_tables, truncate, truncate_without_log, empty),
     *(lose_snapshot_too, damage_snapshot_too),
 )
 

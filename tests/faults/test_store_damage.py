@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from monitor.health.record import Record
+from monitor.records import database
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger
@@ -234,8 +235,10 @@ def test_a_salvage_that_is_cut_off_anywhere_is_done_at_the_next_start(
         path = damaged(stores, tmp_path / f"{place}")
         cut = CutOff(place)
         with monkeypatch.context() as patch:
-            for name in ("sync_folder", "link_durably", "settle", "_close_for_good"):
+            for name in ("put_in_place", "settle", "_close_for_good"):
                 patch.setattr(salvage, name, cut.counted(getattr(salvage, name)))
+            for name in ("sync_folder", "link_durably"):
+                patch.setattr(database, name, cut.counted(getattr(database, name)))
             for name in ("replace", "unlink"):
                 patch.setattr(Path, name, cut.counted(getattr(Path, name)))
             try:

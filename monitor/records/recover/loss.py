@@ -47,17 +47,9 @@ def find_loss(path: Path, machine: str, records_dir: Path | None, beat: Beat) ->
     reason = damage_of(path, machine, records_dir)
     if reason is not None:
         return Loss(f"it was damaged ({reason})", files)
-    if records_dir is None or not _has_blocks(path):
+    if records_dir is None or not has_header(path):
         return None
     return _find_older(path, machine, records_dir, files, beat)
-
-
-def _has_blocks(path: Path) -> bool:
-    """Return whether an undamaged file is a database with our ledger."""
-    if not has_header(path):
-        return False
-    with opened(path) as connection:
-        return bool(connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'blocks'").fetchone())
 
 
 def damage_of(path: Path, machine: str, records_dir: Path | None = None) -> str | None:
@@ -137,8 +129,11 @@ def _find_older(path: Path, machine: str, records_dir: Path, files: Sequence[Pat
     """
     snapshot = read_snapshot(records_dir, machine)
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as connection:
-        if not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
+        if not tables:
             return Loss("it is empty", tuple(files)) if files else None
+        if "blocks" not in tables:
+            return None
         (last,) = connection.execute("SELECT coalesce(max(id), 0) FROM blocks").fetchone()
         noted = set(connection.execute("SELECT file, size FROM published WHERE last_block <= ?", (last,)))
         if snapshot is not None and snapshot.last_block <= last and _knows(connection, snapshot):

@@ -15,14 +15,14 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+from monitor.records.backup import stamp_of
 from monitor.records.condense import condensed_on
 from monitor.records.database import (
     StoreError,
-    link_durably,
+    put_in_place,
     release_lock,
     same_file,
     sync_file,
-    sync_folder,
     take_lock,
 )
 from monitor.records.events import Deliveries, EventLog
@@ -176,7 +176,7 @@ def _close_for_good(fresh: Path) -> None:
 
 def _free_name(path: Path, now: float) -> Path:
     """Return the name under which the damaged database is kept."""
-    stamp = datetime.fromtimestamp(now, UTC).strftime("%Y%m%dT%H%M%SZ")
+    stamp = stamp_of(now)
     name = f"{path.name}.corrupt-{stamp}"
     number = 1
     while path.with_name(name).exists():
@@ -202,14 +202,5 @@ def _swap(path: Path, aside: Path) -> None:
     """Rename the damaged database and put the new one in its place; may be repeated after any interruption."""
     same = [other for other in path.parent.glob(f"{path.name}.corrupt-*") if same_file(path, other)]
     aside = same[0] if same else aside
-    for suffix in ("", "-wal"):
-        source, target = path.with_name(path.name + suffix), aside.with_name(aside.name + suffix)
-        if source.exists() and not target.exists():
-            link_durably(source, target)
-    sync_folder(path.parent)
-    # SQLite would apply a remaining log to the new database.
-    for suffix in ("-wal", "-shm"):
-        path.with_name(path.name + suffix).unlink(missing_ok=True)
-    sync_folder(path.parent)
-    path.with_name(f"{path.name}.salvaged").replace(path)
-    sync_folder(path.parent)
+    kept = [(path.with_name(path.name + suffix), aside.with_name(aside.name + suffix)) for suffix in ("", "-wal")]
+    put_in_place(path.with_name(f"{path.name}.salvaged"), path, kept)

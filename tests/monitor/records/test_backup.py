@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from monitor.records import backup, restore
+from monitor.records import backup, database, restore
 from monitor.records.backup import BackupError, Contents, RefusedError, back_up, backups_of, find_backup, verify
 from monitor.records.events import EventLog
 from monitor.records.recover import published as recover_published
@@ -315,8 +315,9 @@ def test_a_restore_for_which_there_is_no_room_leaves_all_as_it_was(made: Path, m
 def test_a_restore_that_is_cut_off_anywhere_left_the_old_or_the_whole_new_state(
     made: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch, old: int
 ) -> None:
-    names = ("sync_file", "sync_folder", "copy_durably", "check_store", "_link", "_fold_log", "_swap")
+    names = ("sync_file", "sync_folder", "copy_durably", "check_store", "link_durably", "_fold_log", "_swap")
     patch = cut_off_points(restore, names)
+    patch_database = cut_off_points(database, ("sync_folder", "link_durably"))
     monkeypatch.setattr(recover_published, "_in_child", lambda to, files, beat: recover_published.take_files(to, files))
     folder = find_backup(made / "backups", "m")
     seen: set[int] = set()
@@ -330,7 +331,9 @@ def test_a_restore_that_is_cut_off_anywhere_left_the_old_or_the_whole_new_state(
         target = tmp_path_factory.mktemp("target")
         shutil.copytree(before, target, dirs_exist_ok=True)
         with monkeypatch.context() as context:
-            patch(context, CutOff(place))
+            cut = CutOff(place)
+            patch(context, cut)
+            patch_database(context, cut)
             try:
                 restore.restore(folder, "m", places_in(target), replace=True, utc=UTC)
                 ended = False
