@@ -32,7 +32,6 @@ NOTE = "backup.json"
 FORMAT = 1
 _CHUNK_BYTES = 1 << 20
 _NAME = re.compile(r"(?P<machine>.+)-\d{8}T\d{6}Z(-\d+)?")
-_COPIED = ("bytes", "mtime_ns")
 
 
 class BackupError(SpallwatchError):
@@ -100,8 +99,10 @@ def back_up(contents: Contents, folder: Path, *, keep: int, utc: float, min_free
             raise RefusedError(f"{folder}: another backup of machine {contents.machine!r} is being written")
         for left in folder.glob(f".{contents.machine}-*.partial"):
             shutil.rmtree(left)
-        _refuse_full_disk(contents, folder, min_free)
-        backup = _write(contents, folder, utc)
+        earlier = backups_of(folder, contents.machine)
+        before = _read_manifest(earlier[-1]) if earlier else None
+        _refuse_full_disk(contents, folder, min_free, before)
+        backup = _write(contents, folder, utc, before)
         return backup, _prune(folder, contents.machine, keep, backup.folder.name)
     except (OSError, sqlite3.Error) as error:
         raise BackupError(f"{folder}: no backup can be written: {error}; earlier ones are unchanged") from error
@@ -216,16 +217,14 @@ def copy_durably(source: Path, target: Path) -> dict[str, Any]:
     return {"bytes": size, "sha256": digest.hexdigest(), "mtime_ns": found.st_mtime_ns}
 
 
-def _write(contents: Contents, folder: Path, utc: float) -> Backup:
+def _write(contents: Contents, folder: Path, utc: float, before: Backup | None) -> Backup:
     name = _free_name(folder, f"{contents.machine}-{stamp_of(utc)}")
     partial = folder / f".{name}.partial"
-    earlier = backups_of(folder, contents.machine)
     try:
         partial.mkdir()
         rows, meta = _copy_store(contents.store, partial / STORE)
         digest, size = _digest(partial / STORE)
         files = {STORE: {"bytes": size, "sha256": digest}}
-        before = _read_manifest(earlier[-1]) if earlier else None
         for file, source in _files(contents):
             # Files of days may be removed or renamed while they are copied.
             with suppress(FileNotFoundError):
@@ -289,12 +288,7 @@ def _link_or_copy(source: Path, partial: Path, name: str, before: Backup | None)
     """Copy a file, or give that of the earlier backup a second name where it has not changed since."""
     target = partial / name
     known = None if before is None else before.files.get(name)
-    found = source.stat()
-    if (
-        before is not None
-        and known is not None
-        and (found.st_size, found.st_mtime_ns) == tuple(map(known.get, _COPIED))
-    ):
+    if before is not None and known is not None and _is_unchanged(source, known):
         target.parent.mkdir(parents=True, exist_ok=True)
         with suppress(OSError):
             os.link(before.folder / name, target)
@@ -328,16 +322,19 @@ def _settle(path: Path) -> None:
         os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
 
 
-def _refuse_full_disk(contents: Contents, folder: Path, min_free: int) -> None:
+def _is_unchanged(source: Path, known: Mapping[str, Any]) -> bool:
+    """Return whether a file has the size and time that an earlier backup noted; FileNotFoundError where it is gone."""
+    found = source.stat()
+    return (found.st_size, found.st_mtime_ns) == (known.get("bytes"), known.get("mtime_ns"))
+
+
+def _refuse_full_disk(contents: Contents, folder: Path, min_free: int, before: Backup | None) -> None:
     """Refuse a backup for which there is no room, so that it does not stop the daemon."""
     needed = sum(path.stat().st_size for path in _parts(contents.store))
-    earlier = backups_of(folder, contents.machine)
-    before = _read_manifest(earlier[-1]) if earlier else None
     for name, path in _files(contents):
         known = {} if before is None else before.files.get(name, {})
         with suppress(FileNotFoundError):
-            found = path.stat()
-            needed += 0 if (found.st_size, found.st_mtime_ns) == tuple(map(known.get, _COPIED)) else found.st_size
+            needed += 0 if _is_unchanged(path, known) else path.stat().st_size
     kept = min_free if folder.stat().st_dev == contents.store.stat().st_dev else 0
     free = free_bytes(folder)
     if free < needed + kept:
