@@ -36,6 +36,20 @@ def carlson(complement: float) -> tuple[float, float]:
     return float(elliprf(0.0, complement, 1.0)), float(elliprd(0.0, complement, 1.0))
 
 
+def gamma_quantile(shape: float, probability: float) -> float:
+    """Return the quantile of the gamma distribution of scale one."""
+    from scipy.special import gammaincinv
+
+    return float(gammaincinv(shape, probability))
+
+
+def f_quantile(freedom: float, other_freedom: float, probability: float) -> float:
+    """Return the quantile of the F distribution, degrees of freedom of the numerator first."""
+    from scipy.special import fdtri
+
+    return float(fdtri(freedom, other_freedom, probability))
+
+
 def generalised_eigenvalues(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the eigenvalues of a x = lambda b x, ascending, of symmetric matrices, b positive definite."""
     from scipy.linalg import eigh

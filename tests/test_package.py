@@ -84,6 +84,11 @@ def test_help_imports_nothing_heavy():
     assert not modules_after(code) & {*HEAVY, "scipy", "numpy"}
 
 
+@pytest.mark.parametrize("module", ["monitor.service.publisher", "monitor.config.load"])
+def test_what_computes_no_spectrum_loads_no_transforms(module: str) -> None:
+    assert not modules_after(f"import {module}") & {"pyfftw", "scipy.special"}
+
+
 def test_a_committed_block_needs_no_compiler_and_no_plotting():
     """The stages and the store as the daemon uses them, with what it must not load made unimportable."""
     code = """

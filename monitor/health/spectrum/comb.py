@@ -18,7 +18,8 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtri, gammaincinv
+
+from models.numerics import f_quantile, gamma_quantile
 
 HANN_POWER = 1.5
 """Sum of the squares of the Hann bins of a unit line (its equivalent noise bandwidth, in bins)."""
@@ -253,7 +254,7 @@ def _floor_windows(n_bins: int, width: int) -> tuple[NDArray[np.intp], NDArray[n
 @lru_cache(maxsize=256)
 def _median_of_mean(n_averages: int) -> float:
     """Return the median of the gamma distribution of this shape over its mean: ln 2 for one spectrum."""
-    return float(gammaincinv(n_averages, 0.5)) / n_averages
+    return gamma_quantile(n_averages, 0.5) / n_averages
 
 
 def _row_medians(rows: NDArray[np.float64], counts: NDArray[np.intp]) -> NDArray[np.float64]:
@@ -351,7 +352,7 @@ def noise_threshold(
     freedom_lines = 2.0 * n_lines * n_averages * n_bins**2 / covariance
     freedom_floor = 2.0 * max(n_floor, 4.0) * n_averages * _FLOOR_EFFICIENCY
     quantile = 1.0 - false_alarm / max(trials, 1.0)
-    return math.sqrt(float(fdtri(freedom_lines, freedom_floor, quantile)))
+    return math.sqrt(f_quantile(freedom_lines, freedom_floor, quantile))
 
 
 def _check(fundamental: float, n_harmonics: int, search: float, speed_factor: float | None, false_alarm: float) -> None:

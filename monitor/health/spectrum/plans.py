@@ -1,4 +1,7 @@
-"""FFTW plans: fast lengths, reproducible planning, and wisdom to store."""
+"""FFTW plans: fast lengths, reproducible planning, and wisdom to store.
+
+pyFFTW is imported where it is called: it loads half of SciPy, which publisher, page and most commands never use.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,6 @@ import threading
 from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Literal
-
-import pyfftw
 
 Precision = Literal["float32", "float64"]
 Effort = Literal["estimate", "measure"]
@@ -59,6 +60,8 @@ class FftPlan:
 
     def __init__(self, n: int, kind: Literal["real", "inverse"], precision: Precision, effort: Effort) -> None:
         """Plan a real forward or a complex inverse transform of ``n`` samples, not normalised."""
+        import pyfftw
+
         complex_type = "complex64" if precision == "float32" else "complex128"
         if kind == "real":
             self.input = pyfftw.zeros_aligned(n, precision)
@@ -79,6 +82,8 @@ _planner = threading.RLock()
 @contextmanager
 def planning(effort: Effort) -> Generator[None]:
     """Hide the wisdom of an earlier MEASURE from ESTIMATE plans, so that their bits do not depend on it."""
+    import pyfftw
+
     with _planner:
         if effort == "measure":
             yield
@@ -94,6 +99,8 @@ def planning(effort: Effort) -> Generator[None]:
 
 def export_wisdom() -> Wisdom:
     """Return the wisdom of this process, to be stored."""
+    import pyfftw
+
     with _planner:
         return pyfftw.export_wisdom()
 
@@ -104,11 +111,15 @@ def import_wisdom(wisdom: Wisdom) -> bool:
     Returns:
         Whether FFTW accepted all of it; it refuses that of another version or machine.
     """
+    import pyfftw
+
     with _planner:
         return all(pyfftw.import_wisdom(wisdom))
 
 
 def forget_wisdom() -> None:
     """Forget all wisdom of this process; existing plans stay."""
+    import pyfftw
+
     with _planner:
         pyfftw.forget_wisdom()
