@@ -7,8 +7,8 @@ cost much, go through the readers as in a recording, and 2,000 (200) mutated fra
   one verdict to the next, starts of child processes included; ``child_mb`` the peak of a child, ``parent_mb`` that of
   this process so far, which commits in the daemon;
 - the costly files one by one;
-- delays: a source gets a block every 250 ms (more often counts as a copy in progress), from its arrival to its commit,
-  while other sources have nothing, and while they have all costly files and many mutated ones.
+- delays: a source gets a block every 250 or 50 ms, from its arrival to its commit, while other sources have nothing,
+  and while they have all costly files and many mutated ones.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _COUNTED = (
     "nan",
     "reader_crashed",
 )
-_PERIOD_S = 0.25
+_PERIODS_S = (0.25, 0.05)
 _WRITE = """
 import sys
 from pathlib import Path
@@ -168,8 +168,8 @@ def configured(root: Path) -> Config:
     return validate(values, Path("fuzz.toml"))
 
 
-def delays(share: float, count: int, seconds: float, *, damaged: bool) -> Row:
-    """Return the delays of a source, s, beside another that has damaged files or none."""
+def delays(share: float, count: int, seconds: float, period: float, *, damaged: bool) -> Row:
+    """Return the delays of a source, s, with a block every ``period`` s, beside others with damaged files or none."""
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         config = configured(root)
@@ -182,7 +182,7 @@ def delays(share: float, count: int, seconds: float, *, damaged: bool) -> Row:
                     (root / kind / f"{number:05d}_{name}").write_bytes(data)
         arrived: dict[str, float] = {}
         stop = threading.Event()
-        writer = threading.Thread(target=_write_good, args=(root / "good", arrived, stop, seconds))
+        writer = threading.Thread(target=_write_good, args=(root / "good", arrived, stop, seconds, period))
         found: list[float] = []
         others = 0
         with Store.open(root / "state.db", machine="fuzz") as store, Ingest.open(config, store) as ingest:
@@ -195,12 +195,12 @@ def delays(share: float, count: int, seconds: float, *, damaged: bool) -> Row:
                     others += 1
         writer.join()
     found.sort()
-    named: Row = {"other sources": "damaged files" if damaged else "nothing", "their files": others}
+    named: Row = {"period_s": period, "other sources": "damaged files" if damaged else "nothing", "their files": others}
     spread: Row = {"median_s": found[len(found) // 2], "p99_s": found[int(0.99 * len(found))], "longest_s": found[-1]}
     return {**named, "blocks": len(found), **spread, "parent_mb": parent_mb()}
 
 
-def _write_good(folder: Path, arrived: dict[str, float], stop: threading.Event, seconds: float) -> None:
+def _write_good(folder: Path, arrived: dict[str, float], stop: threading.Event, seconds: float, period: float) -> None:
     rng, began, number = np.random.default_rng(SEED), time.monotonic(), 0
     while time.monotonic() - began < seconds:
         number += 1
@@ -208,7 +208,7 @@ def _write_good(folder: Path, arrived: dict[str, float], stop: threading.Event, 
         np.save(folder / f".{name}", rng.normal(size=2560).astype(np.float32))
         arrived[name] = time.monotonic()
         (folder / f".{name}").rename(folder / name)
-        stop.wait(_PERIOD_S)
+        stop.wait(period)
 
 
 def main() -> None:
@@ -221,7 +221,10 @@ def main() -> None:
     print_table("costly files", costly)
     decoded = [frames(200 if options.quick else 2000)]
     print_table("mutated frames", decoded)
-    felt = [delays(share, count, 5.0 if options.quick else 60.0, damaged=damaged) for damaged in (False, True)]
+    seconds = 5.0 if options.quick else 60.0
+    felt = [
+        delays(share, count, seconds, period, damaged=damaged) for period in _PERIODS_S for damaged in (False, True)
+    ]
     print_table("delays of another source", felt)
     write_json(options.json, {"fuzz": rows, "attacks": costly, "frames": decoded, "delays": felt})
 

@@ -21,6 +21,7 @@ from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.store import Store
 from monitor.service.resume import resumed_state
 from monitor.service.setup import source_settings, source_spec
+from monitor.service.turns import Turns
 from streams.block import Block, Rejected
 from streams.open import open_live
 from streams.source import Backlog, Delivery, LiveSource
@@ -68,7 +69,7 @@ class Ingest(Closing):
         self._analysis_errors: dict[str, str] = {}
         self._source_errors: dict[str, str] = {}
         self._retry_at: dict[str, float] = {}
-        self._turn = 0
+        self._turns = Turns(len(self.sources))
 
     @classmethod
     def open(
@@ -131,10 +132,10 @@ class Ingest(Closing):
         """Wait a moment for a delivery and commit it; return its record, None without one or for a refused block."""
         # First a round without waiting: a quiet source does not slow down a busy one.
         for timeout in (0.0, _POLL_S / len(self.sources)):
-            for _ in self.sources:
-                source = self.sources[self._turn]
-                self._turn = (self._turn + 1) % len(self.sources)
+            for number in self._turns.order():
+                source = self.sources[number]
                 delivery = self._next_delivery(source, timeout, stop)
+                self._turns.asked(number, delivered=delivery is not None)
                 if delivery is not None:
                     return self._take(source, delivery, stop)
         return None

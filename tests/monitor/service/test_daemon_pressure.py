@@ -79,12 +79,14 @@ def test_on_a_slow_disk_blocks_wait_in_turn_and_their_age_is_shown(
         put(config, number, source=1)
     with running(config):
         wait_until(lambda: status(config)["sources"]["s0"]["oldest_age_s"] > 1.5)
+        wait_until(lambda: min(order(config).count(name) for name in ("s0", "s1")) >= 5)
         found = status(config)
         assert found["status"] == "running"
         assert min(found["sources"][name]["pending"] for name in ("s0", "s1")) > 10
         taken = order(config)
-        # One read in the background may be ahead on either side.
-        assert abs(taken.count("s0") - taken.count("s1")) <= 4
+        # From where both have a block; one that keeps up for a moment may be four ahead.
+        both = taken[max(taken.index("s0"), taken.index("s1")) :]
+        assert abs(both.count("s0") - both.count("s1")) <= 8
         # A daemon that is slow is alive: it beats with each block.
         assert len(beats) >= len(taken)
         disk.slow.clear()
