@@ -7,6 +7,7 @@ import multiprocessing.process
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,11 @@ from tests.broker import broker_program
 from tests.effort import effort_count
 
 _REPOSITORY = Path(__file__).resolve().parents[1]
+
+# Containers often set PYTHONDONTWRITEBYTECODE. Then each worker rewrites the assertions of all test files again, and
+# each child process compiles the product again: half a minute of every three of processor time.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # No failure depends on the time that an example takes. Quick effort draws the same examples every time.
 settings.register_profile(
