@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import multiprocessing.process
 import os
 import shutil
@@ -63,6 +64,13 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """Return half as many workers again as there are cores: a third of the time of a test of processes is waiting."""
     cores = len(os.sched_getaffinity(0))
     return cores + cores // 2
+
+
+def pytest_collection_finish() -> None:
+    """Exempt the thousands of tests and modules from garbage collection: the collector would visit them again and again."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(10_000, 10, 10)
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
