@@ -30,6 +30,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 settings.register_profile(
     "any machine",
     deadline=None,
+    max_examples=effort_count(quick=25, full=100),
     derandomize=effort_count(quick=1, full=0) == 1,
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
@@ -133,6 +134,17 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     if os.environ.get("CI"):
         pytest.fail(reason, pytrace=False)
     pytest.skip(reason)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def points_of_maps() -> Iterator[None]:
+    """Quick effort measures the errors of maps between their nodes at fewer points."""
+    from models.maps import build
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "_POINTS", effort_count(quick=40, full=200))
+        patch.setattr(build, "_POINTS_OF_FLOORS", effort_count(quick=8, full=40))
+        yield
 
 
 @pytest.fixture

@@ -157,7 +157,7 @@ def test_events_that_the_kernel_dropped_are_told_and_no_file_is_lost_by_it(
 
 
 def test_more_files_than_the_kernel_keeps_events_for(folder: Path, collector: Collector) -> None:
-    count = effort_count(quick=1500, full=30_000)
+    count = effort_count(quick=500, full=30_000)
 
     def produce() -> None:
         for number in range(count):

@@ -71,7 +71,7 @@ class Hands:
                 path.write_bytes(data)
 
 
-@pytest.mark.parametrize("seed", range(effort_count(quick=3, full=300)))
+@pytest.mark.parametrize("seed", range(effort_count(quick=1, full=300)))
 def test_each_content_is_accepted_once(tmp_path: Path, seed: int) -> None:
     generator = random.Random(seed)
     rig = Rig(tmp_path, format="csv", settle_s=1.0)

@@ -10,7 +10,7 @@ from streams.block import Block, Rejected
 from tests.effort import effort_count
 from tests.streams.folders import Rig
 
-COUNT = effort_count(quick=500, full=30_000)
+COUNT = effort_count(quick=300, full=30_000)
 
 
 def write(folder: Path, number: int) -> None:

@@ -70,7 +70,7 @@ def test_against_the_one_scene_solver() -> None:
 @pytest.mark.parametrize("rows", [1, 2])
 def test_against_the_oracle(rows: int) -> None:
     defect = replace(SCENE.defect or Defect(0.0, 0.0), rows=rows)
-    periods, rtol = effort_count(quick=16, full=24), 1e-8
+    periods, rtol = effort_count(quick=16, full=24), 10.0 ** -effort_count(quick=6, full=8)
     truth = simulate_oracle(Case(40.0, 4000.0, defect.dphi_d, defect.h_d, rows=rows), periods=periods, rtol=rtol).rms
     found = simulate_lanes([replace(SCENE, defect=defect)]).rms[0]
     assert found == pytest.approx(truth, rel=2e-3)

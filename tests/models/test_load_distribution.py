@@ -20,6 +20,7 @@ from models.load_distribution import (
     stiffness_over_passage,
 )
 from models.scene import Defect
+from tests.effort import effort_count
 
 BEARING = from_catalogue("1205 ETN9")
 ROLLER = from_catalogue("NU 202 ECP")
@@ -29,7 +30,8 @@ clearances = st.one_of(st.just(0.0), st.floats(-7.0, -4.0).map(lambda x: 10.0**x
 
 @given(st.floats(0.001, 0.5), st.sampled_from([1.5, 10.0 / 9.0]))
 def test_load_integral_is_the_mean_over_the_ring(extent: float, exponent: float) -> None:
-    psi = (np.arange(400_000) + 0.5) * (2.0 * math.pi / 400_000) - math.pi
+    count = effort_count(quick=100_000, full=400_000)
+    psi = (np.arange(count) + 0.5) * (2.0 * math.pi / count) - math.pi
     share = np.maximum(1.0 - (1.0 - np.cos(psi)) / (2.0 * extent), 0.0) ** exponent * np.cos(psi)
     assert load_integral(extent, exponent) == pytest.approx(float(np.mean(share)), rel=1e-6)
 
@@ -44,7 +46,8 @@ def test_load_integral_refuses_what_no_ring_has(extent: float) -> None:
 def test_smeared_elements_carry_the_load(log_load: float, clearance: float) -> None:
     load = 10.0**log_load
     approach = ring_approach(BEARING, load, K_C, clearance)
-    psi = (np.arange(200_000) + 0.5) * (2.0 * math.pi / 200_000) - math.pi
+    count = effort_count(quick=50_000, full=200_000)
+    psi = (np.arange(count) + 0.5) * (2.0 * math.pi / count) - math.pi
     delta = np.maximum(approach * np.cos(psi) - clearance, 0.0)
     assert 24 * float(np.mean(K_C * delta**1.5 * np.cos(psi))) == pytest.approx(load, rel=1e-4)
     largest = largest_element_load(BEARING, load, K_C, clearance)

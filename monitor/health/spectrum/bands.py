@@ -67,7 +67,7 @@ def find_band(blocks: Sequence[NDArray[np.number]], rate: float, fundamentals: M
     Raises:
         ValueError: as ``rank_bands``.
     """
-    ranked = rank_bands(blocks, rate, fundamentals)
+    ranked = _ranked(blocks, rate, fundamentals, complete=False)
     best = max(ranked, key=lambda candidate: candidate.score)
     return best.band if best.score > 0.0 and best.kurtosis >= _MIN_KURTOSIS else ranked[0].band
 
@@ -86,6 +86,13 @@ def rank_bands(
         ValueError: no block, different lengths, a sample that is not finite, or a rate too low to demodulate five
             harmonics of the highest fundamental.
     """
+    return _ranked(blocks, rate, fundamentals, complete=True)
+
+
+def _ranked(
+    blocks: Sequence[NDArray[np.number]], rate: float, fundamentals: Mapping[str, float], *, complete: bool
+) -> tuple[BandScore, ...]:
+    """Return all candidates as :func:`rank_bands`; see :func:`_score` for ``complete``."""
     if not blocks:
         raise ValueError("no block to find a band from")
     if len({block.shape for block in blocks}) > 1:
@@ -97,7 +104,7 @@ def rank_bands(
     spectra = [_spectrum(block[:n_used]) for block in chosen]
     races = [fundamentals[fault] for fault in fundamentals if fault != "cage"]
     return tuple(
-        _score(spectra, n_used, rate, band, (0.8 * min(races), (_LINES + 0.1) * max(races)))
+        _score(spectra, n_used, rate, band, (0.8 * min(races), (_LINES + 0.1) * max(races)), complete)
         for band in candidate_bands(rate, max(races))
     )
 
@@ -138,17 +145,24 @@ def _spectrum(x: NDArray[np.number]) -> NDArray[np.complexfloating]:
 
 
 def _score(
-    spectra: Sequence[NDArray[np.complexfloating]], n_used: int, rate: float, band: Band, lines: tuple[float, float]
+    spectra: Sequence[NDArray[np.complexfloating]],
+    n_used: int,
+    rate: float,
+    band: Band,
+    lines: tuple[float, float],
+    complete: bool,
 ) -> BandScore:
-    """Score one band over all blocks."""
+    """Score one band over all blocks.
+
+    Without ``complete``, depth and contrast are NaN where the kurtosis alone makes the score zero.
+    """
     resolution = rate / n_used
     first, last = band_bins(band, n_used, rate)
     length = envelope_length(last - first + 1, n_used, 2.0)
     low = max(2, round(lines[0] / resolution))
     high = min(math.ceil(lines[1] / resolution), last - first, length // 2)
     n_segments = max(1, int(n_used / rate / max(_MIN_SEGMENT_S, 16.0 / lines[0])))
-    hann = (0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)).astype(np.float32)
-    powers: list[NDArray[np.float32]] = []
+    envelopes: list[NDArray[np.float32]] = []
     kurtoses: list[float] = []
     for spectrum in spectra:
         analytic = np.fft.ifft(spectrum[first : last + 1], length, norm="forward")
@@ -159,17 +173,23 @@ def _score(
         envelope /= np.float32(mean)
         square = np.square(envelope[: length - length % n_segments]).reshape(n_segments, -1)
         kurtoses.extend(np.mean(np.square(square), axis=1) / np.mean(square, axis=1) ** 2 - 2.0)
+        envelopes.append(envelope)
+    if not envelopes or high - low < 8:
+        return BandScore(band, 0.0, 0.0, 0.0, 0.0)
+    kurtosis = float(np.median(kurtoses))
+    if kurtosis <= 0.0 and not complete:
+        return BandScore(band, math.nan, math.nan, kurtosis, 0.0)
+    hann = (0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)).astype(np.float32)
+    powers: list[NDArray[np.float32]] = []
+    for envelope in envelopes:
         amplitude = np.abs(np.fft.rfft((envelope - np.float32(1.0)) * hann)[low:high]) * (4.0 / length)
         powers.append(np.square(amplitude))
-    if not powers or high - low < 8:
-        return BandScore(band, 0.0, 0.0, 0.0, 0.0)
     power = np.median(powers, axis=0).astype(np.float64) if len(powers) > 2 else np.mean(powers, axis=0)
     floor = noise_floor(power, MIN_FLOOR_BINS)
     stands_out = power > floor * (1.0 + _LINE_OVER_FLOOR / math.sqrt(len(powers)))
     excess = np.where(stands_out, power - floor, 0.0)
     depth = math.sqrt(float(excess.sum()) / 1.5)
     contrast = float(np.divide(excess, floor, out=np.zeros_like(floor), where=floor > 0.0).sum())
-    kurtosis = float(np.median(kurtoses))
     impulsive = max(kurtosis, 0.0)
     return BandScore(band, depth, contrast, kurtosis, contrast * depth * impulsive / (1.0 + impulsive))
 

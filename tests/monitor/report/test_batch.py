@@ -41,6 +41,8 @@ from tests.oracles.lives import GRAVITY, life
 from tests.oracles.page import Page
 
 START = 1_700_000_000.0
+# Pages of one section, where what they hold is another matter.
+SHORT_PAGES = BatchSettings(Options(sections=frozenset({"quality"})))
 
 
 def store_at(folder: Path, made: list[Record], machine: str = "press") -> Path:
@@ -110,15 +112,13 @@ def test_a_batch_reports_what_it_can_and_lists_the_rest(fleet: Path, tmp_path: P
 
 
 def test_a_second_batch_makes_only_what_changed(fleet: Path, tmp_path: Path) -> None:
-    # Pages of one section: what they hold is another matter.
-    settings = BatchSettings(Options(sections=frozenset({"quality"})))
-    first = run_batch(find_runs(fleet, recordings=False), tmp_path, settings, workers=1)
+    first = run_batch(find_runs(fleet, recordings=False), tmp_path, SHORT_PAGES, workers=1)
     before = (tmp_path / "hall_A-one" / "report.html").stat().st_mtime_ns
     seen: list[int] = []
     again = run_batch(
         find_runs(fleet, recordings=False),
         tmp_path,
-        settings,
+        SHORT_PAGES,
         workers=1,
         progress=lambda done, total: seen.append(done),
     )
@@ -128,7 +128,7 @@ def test_a_second_batch_makes_only_what_changed(fleet: Path, tmp_path: Path) -> 
     assert seen == [3, 4]
     (tmp_path / "hall_A-two" / "report.html").unlink()
     (tmp_path / "hall_B-one" / "run.json").write_text("{ cut off")
-    third = run_batch(find_runs(fleet, recordings=False), tmp_path, settings, workers=1)
+    third = run_batch(find_runs(fleet, recordings=False), tmp_path, SHORT_PAGES, workers=1)
     assert [outcome.reused for outcome in third] == [False, True, False, False]
     smaller = Options(sections=frozenset({"trends"}))
     fourth = run_batch(find_runs(fleet, recordings=False), tmp_path, BatchSettings(smaller), workers=1)
@@ -142,12 +142,12 @@ def test_reading_a_store_for_the_first_time_is_no_change_of_it(tmp_path: Path, l
         (tmp_path / "in" / "a" / "state.db").rename(tmp_path / "in" / "a" / "old.db")
     (item,) = find_runs(tmp_path / "in", recordings=False)
     for expected in (False, True):
-        (outcome,) = run_batch([item], tmp_path / "out", BatchSettings(Options()), workers=1)
+        (outcome,) = run_batch([item], tmp_path / "out", SHORT_PAGES, workers=1)
         assert outcome.error == ""
         assert outcome.reused is expected
     with Store.open(tmp_path / "in" / "a" / ("old.db" if loose else "state.db"), machine="press") as store:
         store.commit(life(61, onset=100, learn=40)[60], {})
-    assert not run_batch([item], tmp_path / "out", BatchSettings(Options()), workers=1)[0].reused
+    assert not run_batch([item], tmp_path / "out", SHORT_PAGES, workers=1)[0].reused
 
 
 def dies(task: Task) -> Outcome:
@@ -245,9 +245,7 @@ def test_stores_of_the_same_machine_are_runs_of_their_own(tmp_path: Path) -> Non
 
 
 def test_a_summary_comes_back_from_json_as_it_was(fleet: Path, tmp_path: Path) -> None:
-    (outcome,) = run_batch(
-        find_runs(fleet / "hall A" / "one", recordings=False), tmp_path, BatchSettings(Options()), workers=1
-    )
+    (outcome,) = run_batch(find_runs(fleet / "hall A" / "one", recordings=False), tmp_path, SHORT_PAGES, workers=1)
     summary = outcome.summaries[0]
     stored = json.loads(json.dumps(summary.to_dict(), allow_nan=False))
     assert RunSummary.from_dict(stored) == summary

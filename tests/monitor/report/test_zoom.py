@@ -48,6 +48,12 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def page(stored: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The report of the life, which several tests read."""
+    return build_report(stored, tmp_path_factory.mktemp("page") / "a.html").read_text(encoding="utf-8")
+
+
 def drawn(time: np.ndarray, lines: list[np.ndarray], bins: int) -> dict[str, Any]:
     _, (axes,) = new_figure(3.0)
     axes.set_ylabel("RMS (g)")
@@ -94,9 +100,8 @@ def test_what_is_the_same_line_stands_once() -> None:
     assert len(data["columns"]) == 1
 
 
-def test_the_charts_hold_what_the_pictures_show(stored: Path, tmp_path: Path) -> None:
-    text = build_report(stored, tmp_path / "a.html").read_text(encoding="utf-8")
-    charts = charts_of(text)
+def test_the_charts_hold_what_the_pictures_show(page: str) -> None:
+    text, charts = page, charts_of(page)
     names = re.findall(r'<figure data-name="(\w+)"(?:(?!</figure>).)*?<script', text, re.DOTALL)
     assert len(charts) == len(names)
     assert {"trends", "damage", "forecast"} <= set(names)
@@ -116,9 +121,8 @@ def test_the_charts_hold_what_the_pictures_show(stored: Path, tmp_path: Path) ->
     assert trends["panels"][0]["levels"][0]["value"] == pytest.approx(shown["rms_learned_g"], rel=1e-3)
 
 
-def test_only_the_script_of_the_page_may_run(stored: Path, tmp_path: Path) -> None:
-    text = build_report(stored, tmp_path / "a.html").read_text(encoding="utf-8")
-    scripts = re.findall(r"<script([^>]*)>(.*?)</script>", text, re.DOTALL)
+def test_only_the_script_of_the_page_may_run(page: str) -> None:
+    text, scripts = page, re.findall(r"<script([^>]*)>(.*?)</script>", page, re.DOTALL)
     running = [body for attributes, body in scripts if "application/json" not in attributes]
     assert len(running) == 1
     assert all("src" not in attributes for attributes, _ in scripts)
