@@ -68,7 +68,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 
 def pytest_collection_finish() -> None:
-    """Exempt the thousands of tests and modules from garbage collection: the collector would visit them again and again."""
+    """Exempt the thousands of tests and modules from garbage collection, which would visit them again and again."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(10_000, 10, 10)
