@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import random
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from tests.effort import effort_count
+from tests.forks import Fork, Messages
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import Stall
 
@@ -24,19 +24,14 @@ pytestmark = pytest.mark.process
 
 KILLS = effort_count(quick=3, full=200)
 FILES_A_KILL = 12
-_ROOT = Path(__file__).parents[2]
 _RATE = 2560
-_CHILD = """
-import sys, threading
-from pathlib import Path
-from monitor.records.store import Store
-from monitor.service.ingest import Ingest
-from tests.faults.test_folder_kill import config
 
-with Store.open(Path(sys.argv[2]), machine="m") as store, Ingest.open(config(sys.argv[1]), store) as ingest:
-    print("open", flush=True)
-    ingest.run(threading.Event(), lambda record: print(record.sequence, flush=True))
-"""
+
+def ingest_for_ever(messages: Messages, folder: Path, database: Path) -> None:
+    """Ingest the files of a folder, and send the number of each block that is committed."""
+    with Store.open(database, machine="m") as store, Ingest.open(config(str(folder)), store) as ingest:
+        messages.send("open")
+        ingest.run(threading.Event(), lambda record: messages.send(record.sequence))
 
 
 def config(folder: str) -> Config:
@@ -105,31 +100,19 @@ def test_every_file_is_in_the_ledger_once_however_often_the_reader_is_killed(tmp
     folder.mkdir()
     number = blocks = committed = 0
     for kill in range(KILLS):
-        child = subprocess.Popen(
-            [sys.executable, "-c", _CHILD, str(folder), str(database)],
-            cwd=_ROOT,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert child.stdout is not None
+        child = Fork(ingest_for_ever, folder, database)
+        messages: list[Any] = []
         if generator.random() < 0.8:
-            assert child.stdout.readline() == "open\n"
+            messages.append(child.receive())
         for _ in range(FILES_A_KILL):
             number += 1
             blocks += write(folder, number, generator)
         time.sleep(generator.uniform(0.0, 1.2))
-        output = ""
         # On a busy machine none may have come as far as a commit; the last one does.
-        while kill == KILLS - 1 and not output[-2:-1].isdigit():
-            line = child.stdout.readline()
-            assert line
-            output += line
-        child.kill()
-        output += child.stdout.read()
-        child.stdout.close()
-        child.wait()
-        lines = output[: output.rfind("\n") + 1].split()
-        committed = max([committed, *(int(line) for line in lines if line != "open")])
+        while kill == KILLS - 1 and messages[-1:] in ([], ["open"]):
+            messages.append(child.receive())
+        messages += child.kill()
+        committed = max([committed, *(number for number in messages if number != "open")])
     drain(folder, database)
     with Store.open(database, machine="m") as store, StoreLedger(store) as ledger:
         assert store.check() == []

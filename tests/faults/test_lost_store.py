@@ -6,8 +6,6 @@ import json
 import random
 import shutil
 import sqlite3
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from contextlib import closing
@@ -34,7 +32,9 @@ from monitor.service.resume import resumed_state
 from streams.block import Block, Rejected
 from streams.source import FileProgress
 from tests.effort import effort_count
-from tests.faults.daemons import ROOT, make_machine, start, status
+from tests.faults.daemons import make_machine, start, status
+from tests.faults.victims import salvage
+from tests.forks import Fork
 from tests.monitor.service.test_ingest import settings_of
 from tests.steps import Steps
 from tests.streams.folders import csv_bytes, noise
@@ -322,15 +322,6 @@ def test_files_of_older_versions_give_their_values_and_count_as_unproven(machine
         assert resumed_state(store, settings()).to_stored() == life.states[PUBLISHED - 1]
 
 
-_CHILD = """
-import sys
-from pathlib import Path
-from monitor.records.recover.salvage import open_or_salvage
-print("begins", flush=True)
-open_or_salvage(Path(sys.argv[1]), machine="m", records_dir=Path(sys.argv[2]))[0].close()
-"""
-
-
 @pytest.mark.timeout(effort_count(quick=900, full=7200))
 def test_killed_while_it_is_made_again_each_block_is_there_once(template: Path, tmp_path: Path, life: Life) -> None:
     generator = random.Random(20261122)
@@ -340,16 +331,14 @@ def test_killed_while_it_is_made_again_each_block_is_there_once(template: Path, 
         shutil.copytree(template, folder)
         path = folder / "state" / "state.db"
         generator.choice([lose_all, lose_log, truncate])(path)
-        command = [sys.executable, "-c", _CHILD, str(path), str(folder / "records")]
-        with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as child:
-            assert child.stdout is not None
-            child.stdout.readline()
-            began = time.monotonic()
-            try:
-                child.wait(generator.uniform(0.0, seconds))
-                seconds = max(0.3, time.monotonic() - began)
-            except subprocess.TimeoutExpired:
-                child.kill()
+        child = Fork(salvage, path, folder / "records")
+        child.receive()
+        began, until = time.monotonic(), time.monotonic() + generator.uniform(0.0, seconds)
+        while child.alive and time.monotonic() < until:
+            time.sleep(0.01)
+        if not child.alive:
+            seconds = max(0.3, time.monotonic() - began)
+        child.kill()
         store, _ = opened(path)
         with store:
             assert list(store.records()) == life.records[:PUBLISHED]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import random
 import socket
-import subprocess
-import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ import pytest
 
 from monitor.config.load import Config, validate
 from monitor.records.store import Store
+from monitor.service.ingest import Ingest
 from streams.block import Block
 from streams.link.mqtt import MqttLink
 from streams.link.sender import Link, Sender, TcpLink
@@ -23,6 +23,7 @@ from streams.reblock import samples_hash
 from streams.spec import parse_address
 from tests.broker import Broker
 from tests.effort import effort_count
+from tests.forks import Fork, Messages
 from tests.proxy import Proxy
 from tests.waiting import wait_until
 
@@ -30,29 +31,8 @@ pytestmark = pytest.mark.process
 
 KILLS = effort_count(quick=2, full=50)
 """Of each kind."""
-_ROOT = Path(__file__).parents[2]
 _RATE, _SAMPLES = 2560.0, 256
 _LAST = 10**6
-
-_RECEIVER = """
-import sys, threading
-from pathlib import Path
-from monitor.records.store import Store
-from monitor.service.ingest import Ingest
-from tests.faults.test_network_kill import config
-
-with Store.open(Path(sys.argv[2]), machine="m") as store, Ingest.open(config(sys.argv[1]), store) as ingest:
-    print("open", flush=True)
-    ingest.run(threading.Event(), lambda record: print(record.sequence, flush=True))
-"""
-_SENDER = """
-import sys
-from tests.faults.test_network_kill import Made, link
-from streams.link.sender import Sender
-
-print("open", flush=True)
-Sender(Made(), link(sys.argv[1]), pace=4.0, stall=2.0, patience=1e9).run()
-"""
 
 
 class Made:
@@ -91,29 +71,38 @@ def config(url: str) -> Config:
     )
 
 
+def receive(messages: Messages, url: str, database: Path) -> None:
+    """Commit whatever comes."""
+    with Store.open(database, machine="m") as store, Ingest.open(config(url), store) as ingest:
+        messages.send("open")
+        ingest.run(threading.Event(), lambda record: None)
+
+
+def send(messages: Messages, url: str) -> None:
+    """Send a recording that never ends."""
+    messages.send("open")
+    Sender(Made(), link(url), pace=4.0, stall=2.0, patience=1e9).run()
+
+
 class Child:
     """A process of the test that can be killed and started again."""
 
-    def __init__(self, program: str, *arguments: str) -> None:
-        self._command = [sys.executable, "-c", program, *arguments]
-        self._process: subprocess.Popen[str] | None = None
+    def __init__(self, target: Callable[..., None], *arguments: object) -> None:
+        self._target, self._arguments = target, arguments
+        self._process: Fork | None = None
 
     def start(self) -> None:
-        self._process = subprocess.Popen(self._command, cwd=_ROOT, stdout=subprocess.PIPE, text=True)
+        self._process = Fork(self._target, *self._arguments)
 
-    def wait_for_line(self) -> None:
+    def wait_for_message(self) -> None:
         assert self._process is not None
-        assert self._process.stdout is not None
-        assert self._process.stdout.readline(), "the process ended"
+        self._process.receive()
 
     def kill(self) -> None:
         if self._process is not None:
-            assert self._process.poll() is None, "the process ended by itself"
-            self._process.kill()
-            assert self._process.stdout is not None
-            self._process.stdout.close()
-            self._process.wait()
-            self._process = None
+            process, self._process = self._process, None
+            assert process.alive, "the process ended by itself"
+            process.kill()
 
     def restart(self) -> None:
         self.kill()
@@ -126,7 +115,7 @@ def running(*children: Child) -> Iterator[None]:
         for child in children:
             child.start()
         for child in children:
-            child.wait_for_line()
+            child.wait_for_message()
         yield
     finally:
         for child in children:
@@ -178,10 +167,10 @@ def kill_at_random(
 
 def test_tcp_with_connection_sender_and_receiver_killed(tmp_path: Path) -> None:
     generator, database, port = random.Random(7), tmp_path / "state.db", free_port()
-    receiver = Child(_RECEIVER, f"tcp://127.0.0.1:{port}", str(database))
+    receiver = Child(receive, f"tcp://127.0.0.1:{port}", database)
     with Proxy(port) as proxy:
         url = f"tcp://127.0.0.1:{proxy.port}"
-        sender = Child(_SENDER, url)
+        sender = Child(send, url)
         with running(receiver, sender):
 
             def finish(last: int) -> None:
@@ -201,7 +190,7 @@ def test_mqtt_with_connection_sender_broker_and_receiver_killed(tmp_path: Path) 
     generator, database = random.Random(8), tmp_path / "state.db"
     with Broker(tmp_path / "broker") as broker, Proxy(broker.port) as proxy:
         url = f"mqtt://127.0.0.1:{proxy.port}/plant/press"
-        receiver, sender = Child(_RECEIVER, url, str(database)), Child(_SENDER, url)
+        receiver, sender = Child(receive, url, database), Child(send, url)
 
         def restart_broker() -> None:
             broker.kill()

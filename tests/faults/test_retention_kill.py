@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import random
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -18,37 +16,14 @@ from tests.faults.daemons import make_machine, start, status
 from tests.faults.test_daemon_kill import published_blocks
 from tests.faults.test_folder_kill import write
 from tests.faults.test_store_kill import block
+from tests.faults.victims import commit_and_condense
+from tests.forks import Fork
 from tests.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process
 
 KILLS = effort_count(quick=4, full=200)
 DAEMON_KILLS = effort_count(quick=1, full=40)
-_ROOT = Path(__file__).parents[2]
-_CHILD = """
-import sys
-from pathlib import Path
-import monitor.records.compact as compact
-from tests.faults.test_store_kill import block
-from monitor.records.condense import condense
-from monitor.records.store import Published, Store
-
-compact.RESERVE_BYTES = 0
-with Store.open(Path(sys.argv[1]), machine="m") as store:
-    print("open", flush=True)
-    sequence = store.last("s")
-    while True:
-        for _ in range(16):
-            sequence += 1
-            store.commit(block(sequence), {"detect:x": {"seen": sequence}})
-        print(sequence, flush=True)
-        for day, last in store.rows("SELECT day, max(id) FROM blocks GROUP BY day"):
-            store.note_published(Published(f"m-{day}.nc", day, last, 1))
-        with store.transaction() as connection:
-            condense(connection, 200.0, 24)
-        with store.maintenance() as connection:
-            compact.shorten(connection, 8)
-"""
 
 
 def test_each_block_is_there_once_through_kills_during_rollup_and_retention(tmp_path: Path) -> None:
@@ -56,18 +31,11 @@ def test_each_block_is_there_once_through_kills_during_rollup_and_retention(tmp_
     path = tmp_path / "state.db"
     acknowledged = 0
     for kill in range(KILLS):
-        child = subprocess.Popen(
-            [sys.executable, "-c", _CHILD, str(path)], cwd=_ROOT, stdout=subprocess.PIPE, text=True
-        )
-        assert child.stdout is not None
-        head = "".join(child.stdout.readline() for _ in range(20 if kill == 0 else 2))
+        child = Fork(commit_and_condense, path)
+        messages = [child.receive() for _ in range(20 if kill == 0 else 2)]
         time.sleep(generator.uniform(0.0, 0.2))
-        child.kill()
-        output = head + child.stdout.read()
-        child.stdout.close()
-        child.wait()
-        whole = output[: output.rfind("\n") + 1].split()
-        acknowledged = max([acknowledged, *(int(line) for line in whole if line != "open")])
+        messages += child.kill()
+        acknowledged = max([acknowledged, *(number for number in messages if number != "open")])
     with Store.open(path, machine="m") as store, StoreLedger(store) as ledger:
         count = store.last("s")
         assert count >= acknowledged > 100

@@ -66,7 +66,18 @@ def replayed(config: Path, source: Path, out: Path, *limits: int) -> Path:
     for number, limit in enumerate([*limits, FILES * 2]):
         options = ["--resume"] if number else []
         made = call(
-            *("replay", str(source), "--config", str(config), "--out", str(out), "--json", "--limit", str(limit)),
+            *(
+                "replay",
+                str(source),
+                "--config",
+                str(config),
+                "--out",
+                str(out),
+                "--json",
+                "--no-report",
+                "--limit",
+                str(limit),
+            ),
             *options,
         )
         assert made.returncode == 0, made.stderr

@@ -7,12 +7,13 @@ to a system call, by ``strace``.
 
 from __future__ import annotations
 
-import json
+import ctypes
 import os
+import re
 import shutil
+import signal
 import sqlite3
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,13 +27,14 @@ from monitor.records.store import Store
 from streams.source import FileProgress
 from tests.effort import effort_count
 from tests.faults.test_store_kill import block
+from tests.forks import Fork, Messages
+from tests.waiting import finish, wait_until
 
-ROOT = Path(__file__).parents[2]
 BEFORE = 3
 """Blocks that are there before the one that meets the error."""
 STRACE = shutil.which("strace")
 CALLS = ("pwrite64", "fdatasync", "pread64")
-NEVER = 65535
+PR_SET_PTRACER = 0x59616D61
 
 
 def long_block(sequence: int) -> Record:
@@ -156,17 +158,11 @@ def test_an_error_at_any_call_commits_nothing(
     assert refused >= (n - 1 if said == "interrupted" else 3)
 
 
-_STARVED = """
-import json, sys
-from pathlib import Path
-from monitor.records.store import Store
-from tests.faults.test_store_errors import begun, starve, with_error
-
-with begun(Path(sys.argv[1])) as store:
-    print(json.dumps(with_error(store, int(sys.argv[2]), starve)), flush=True)
-    import os
-    os._exit(0)
-"""
+def commit_starved(messages: Messages, path: Path, n: int) -> None:
+    """Commit while no memory is left from the n-th call on, send the answer and end as if killed."""
+    with begun(path) as store:
+        messages.send(with_error(store, n, starve))
+        os._exit(0)
 
 
 @pytest.mark.process
@@ -175,9 +171,7 @@ def test_without_memory_nothing_is_committed(tmp_path: Path, n: int) -> None:
     # The limit cannot be raised again, so that each is a process of its own, which ends as if it were killed.
     step = effort_count(quick=5, full=1)
     path = tmp_path / "state.db"
-    child = [sys.executable, "-c", _STARVED, str(path), str(n * step)]
-    done = subprocess.run(child, cwd=ROOT, capture_output=True, text=True, check=True)
-    answer, calls = json.loads(done.stdout)
+    ((answer, calls),) = Fork(commit_starved, path, n * step).finish()
     with Store.open(path, machine="m") as store:
         assert_whole(store, BEFORE + (answer == "committed"))
         if answer != "committed":
@@ -188,39 +182,46 @@ def test_without_memory_nothing_is_committed(tmp_path: Path, n: int) -> None:
         assert_whole(store, BEFORE + 1)
 
 
-_COMMITS = """
-import json, sys
-from pathlib import Path
-from monitor.records.database import StoreError
-from monitor.records.ledger import StoreLedger
-from monitor.records.store import Store
-from tests.faults.test_store_errors import commit
-from tests.faults.test_store_kill import block
+def commit_eight(messages: Messages, path: Path) -> None:
+    """Commit eight blocks once a tracer lets this process go on, and send the answers."""
+    # The tracer is no ancestor.
+    ctypes.CDLL(None).prctl(PR_SET_PTRACER, ctypes.c_ulong(-1), 0, 0, 0)
+    os.kill(os.getpid(), signal.SIGSTOP)
+    answers: list[tuple[int, str]] = []
+    try:
+        with Store.open(path, machine="m") as store:
+            StoreLedger(store).close()
+            for sequence in range(1, 9):
+                try:
+                    answers.append((sequence, commit(store, block(sequence))))
+                except StoreError as error:
+                    answers.append((sequence, str(error)))
+    except StoreError as error:
+        answers.append((0, str(error)))
+    messages.send(answers)
 
-answers = []
-try:
-    with Store.open(Path(sys.argv[1]), machine="m") as store:
-        StoreLedger(store).close()
-        for sequence in range(1, 9):
-            try:
-                answers.append([sequence, commit(store, block(sequence))])
-            except StoreError as error:
-                answers.append([sequence, str(error)])
-except StoreError as error:
-    answers.append([0, str(error)])
-print(json.dumps(answers))
-"""
+
+def status_of(process: Fork, field: str) -> str:
+    """Return a field of a process in /proc."""
+    (line,) = re.findall(rf"^{field}:\s+(.*)$", Path(f"/proc/{process.pid}/status").read_text(), re.MULTILINE)
+    return line
 
 
 def answers_under(path: Path, *inject: str) -> list[tuple[int, str]]:
     """Commit eight blocks while the kernel refuses some calls on the database; return the answers."""
     assert STRACE is not None
+    child = Fork(commit_eight, path)
+    wait_until(lambda: status_of(child, "State").startswith("T"))
     files = [part for suffix in ("", "-wal", "-journal") for part in ("-P", f"{path}{suffix}")]
-    command = [STRACE, "-f", "-q", "-o", f"{path}.trace", *files, "-e", f"trace={','.join(CALLS)}", *inject]
-    child = [*command, sys.executable, "-c", _COMMITS, str(path)]
-    done = subprocess.run(child, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return [(sequence, answer) for sequence, answer in json.loads(done.stdout)]
+    command = [STRACE, "-q", "-p", str(child.pid), "-o", f"{path}.trace", *files, "-e", f"trace={','.join(CALLS)}"]
+    with subprocess.Popen([*command, *inject], stderr=subprocess.PIPE, text=True) as tracer:
+        wait_until(lambda: status_of(child, "TracerPid") != "0" or tracer.poll() is not None)
+        assert tracer.poll() is None, tracer.communicate()[1]
+        os.kill(child.pid, signal.SIGCONT)
+        (answers,) = child.finish()
+        said = finish(tracer)
+    assert tracer.returncode == 0, said
+    return answers
 
 
 @pytest.mark.process

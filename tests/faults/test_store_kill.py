@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import random
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -13,25 +11,22 @@ import pytest
 from monitor.health.record import Record
 from monitor.records.store import Store
 from tests.effort import effort_count
+from tests.forks import Fork, Messages
 
 pytestmark = pytest.mark.process
 
 KILLS = effort_count(quick=5, full=200)
-_ROOT = Path(__file__).parents[2]
-_CHILD = """
-import sys
-from pathlib import Path
-from tests.faults.test_store_kill import block
-from monitor.records.store import Store
 
-with Store.open(Path(sys.argv[1]), machine="m") as store:
-    print("open", flush=True)
-    sequence = store.last("s")
-    while True:
-        sequence += 1
-        if store.commit(block(sequence), {"detect:x": {"seen": sequence}}) == "committed":
-            print(sequence, flush=True)
-"""
+
+def commit_for_ever(messages: Messages, path: Path) -> None:
+    """Commit block after block, and send the number of each that is acknowledged."""
+    with Store.open(path, machine="m") as store:
+        messages.send("open")
+        sequence = store.last("s")
+        while True:
+            sequence += 1
+            if store.commit(block(sequence), {"detect:x": {"seen": sequence}}) == "committed":
+                messages.send(sequence)
 
 
 def block(sequence: int) -> Record:
@@ -57,20 +52,12 @@ def test_every_acknowledged_block_survives_sigkill(tmp_path: Path) -> None:
             # A store grown over many kills would make each look at it slower, and the first moments are special.
             path = tmp_path / f"{kill}.db"
             acknowledged = 0
-        child = subprocess.Popen(
-            [sys.executable, "-c", _CHILD, str(path)], cwd=_ROOT, stdout=subprocess.PIPE, text=True
-        )
-        assert child.stdout is not None
+        child = Fork(commit_for_ever, path)
         # The first child is killed after it has acknowledged a block, however slow the machine is.
-        lines = 2 if kill == 0 else int(generator.random() < 0.7)
-        head = "".join(child.stdout.readline() for _ in range(lines))
+        messages = [child.receive() for _ in range(2 if kill == 0 else int(generator.random() < 0.7))]
         time.sleep(generator.uniform(0.0, 0.2))
-        child.kill()
-        output = head + child.stdout.read()
-        child.stdout.close()
-        child.wait()
-        whole_lines = output[: output.rfind("\n") + 1].split()
-        acknowledged = max([acknowledged, *(int(line) for line in whole_lines if line != "open")])
+        messages += child.kill()
+        acknowledged = max([acknowledged, *(number for number in messages if number != "open")])
         total = max(total, acknowledged)
         with Store.open(path, machine="m") as store:
             assert store.check() == []
