@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import atexit
+import logging
 import multiprocessing
-from collections.abc import Callable
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection
+from pathlib import Path
+from signal import SIGKILL, Signals
 from typing import Any
 
 from tests.waiting import wait_until
 
 _CONTEXT = multiprocessing.get_context("forkserver")
-_CONTEXT.set_forkserver_preload(["pytest", "monitor.service.ingest", "monitor.records.recover.salvage"])
+_CONTEXT.set_forkserver_preload(["pytest", "monitor.cli", "monitor.commands.run", "monitor.service.daemon"])
 
 
 class Fork:
@@ -59,3 +68,72 @@ class Fork:
 
 Messages = Connection
 """Where a forked function sends its messages."""
+
+
+def _run_program(words: Sequence[str], folder: Path, environment: Mapping[str, str], errors: str) -> None:
+    """Become the program: its words, folder, environment and standard error; end as it does."""
+    from monitor.cli import main
+
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ.update(environment)
+    time.tzset()
+    os.dup2(os.open(errors, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), 2)
+    sys.argv = ["spallwatch", *words]
+    try:
+        main()
+    finally:
+        # A process of multiprocessing ends without them.
+        atexit._run_exitfuncs()
+        logging.shutdown()
+
+
+class ForkedProgram:
+    """The program spallwatch in a fork, with those methods of a :class:`subprocess.Popen` that tests need."""
+
+    def __init__(self, *words: str, folder: Path, errors: str | None = None) -> None:
+        """Start it with these words after its name; its standard error goes to a file, which is returned at its end."""
+        self._own: Path | None = None
+        if errors is None:
+            descriptor, errors = tempfile.mkstemp()
+            os.close(descriptor)
+            self._own = Path(errors)
+        self._process = _CONTEXT.Process(target=_run_program, args=(words, folder, dict(os.environ), errors))
+        self._process.start()
+        assert self._process.pid is not None
+        self.pid = self._process.pid
+
+    @property
+    def returncode(self) -> int | None:
+        """Exit code, negative for a signal, or None while it runs."""
+        return self._process.exitcode
+
+    def poll(self) -> int | None:
+        """Return the exit code, or None while it runs."""
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int | None:
+        """Wait for its end; return its exit code."""
+        self._process.join(timeout)
+        if self.returncode is None:
+            raise subprocess.TimeoutExpired("spallwatch", timeout or 0.0)
+        return self.returncode
+
+    def communicate(self, *, timeout: float | None = None) -> tuple[str, str]:
+        """Wait for its end; return "" and its standard error."""
+        self.wait(timeout)
+        if self._own is None:
+            return "", ""
+        own, self._own = self._own, None
+        said = own.read_text()
+        own.unlink()
+        return "", said
+
+    def send_signal(self, number: Signals) -> None:
+        """Send a signal, unless it has ended."""
+        if self.returncode is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """Kill it, unless it has ended."""
+        self.send_signal(SIGKILL)

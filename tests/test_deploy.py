@@ -24,7 +24,7 @@ from monitor.config.fleet import load_fleet
 from monitor.config.load import load_config
 from monitor.records.store import Store
 from tests.effort import effort_count
-from tests.faults.daemons import make_machine, start, status
+from tests.faults.daemons import make_machine, start_program, status
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import stop, wait_until
 
@@ -331,7 +331,7 @@ def test_the_service_gets_what_it_needs_and_no_tools_of_development() -> None:
 @contextmanager
 def daemon_of(config: Path, **more: Any) -> Iterator[None]:
     """Run a daemon, which must end in order."""
-    daemon = start(config, **more)
+    daemon = start_program(config, **more)
     try:
         yield
         log = stop(daemon)

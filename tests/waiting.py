@@ -10,12 +10,47 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from os import sysconf
 from pathlib import Path
+from typing import Any, Protocol
 
 PATIENCE_S = 120.0
 """Time without progress after which a wait fails; also the timeout of a test's connections."""
 MIN_WORK_S = 0.05 * PATIENCE_S
 """Processor time that counts as progress: an idle daemon uses less in that time."""
 _TICKS_PER_S = sysconf("SC_CLK_TCK")
+
+
+class Running(Protocol):
+    """A process that was started: a :class:`subprocess.Popen` or a fork."""
+
+    @property
+    def pid(self) -> int:
+        """Its number."""
+        ...
+
+    @property
+    def returncode(self) -> Any:
+        """Exit code, or None while it runs."""
+        ...
+
+    def poll(self) -> int | None:
+        """Return the exit code, or None while it runs."""
+        ...
+
+    def wait(self, timeout: float | None = None) -> int | None:
+        """Wait for its end."""
+        ...
+
+    def communicate(self, *, timeout: float | None = None) -> tuple[Any, Any]:
+        """Wait for its end; return its standard output and standard error."""
+        ...
+
+    def send_signal(self, sig: signal.Signals, /) -> None:
+        """Send a signal."""
+        ...
+
+    def kill(self) -> None:
+        """Kill it."""
+        ...
 
 
 def work_of_others() -> float:
@@ -85,7 +120,7 @@ def wait_until(
         time.sleep(every)
 
 
-def finish(process: subprocess.Popen[str]) -> str:
+def finish(process: Running) -> str:
     """Wait for the end of a process; return its standard error."""
     stall = Stall()
     while True:
@@ -95,7 +130,7 @@ def finish(process: subprocess.Popen[str]) -> str:
             stall.check()
 
 
-def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGTERM) -> str:
+def stop(process: Running, number: signal.Signals = signal.SIGTERM) -> str:
     """Send a signal to a process and wait for its end; return its standard error."""
     process.send_signal(number)
     return finish(process)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.faults.daemons import start
+from tests.forks import ForkedProgram
 from tests.waiting import stop, wait_until
 
 RATE = 2560
@@ -91,7 +91,7 @@ class Served:
         self.config = folder / "m.toml"
         self.config.write_text(machine_text(name, self.inbox, channels, web))
         self.files = self.trapped = 0
-        self._process: subprocess.Popen[str] | None = None
+        self._process: ForkedProgram | None = None
 
     def start(self) -> None:
         """Start the daemon and wait for its page."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.commands import run_command
+from tests.forks import ForkedProgram
 
 ROOT = Path(__file__).parents[2]
 RATE = 2560
@@ -63,8 +64,13 @@ def free_port() -> int:
         return found.getsockname()[1]
 
 
-def start(config: Path, *options: str, prefix: Sequence[str] = (), **more: Any) -> subprocess.Popen[str]:
-    """Start a daemon; the prefix is a program, with its options, that starts it."""
+def start(config: Path, *options: str, errors: Path | None = None) -> ForkedProgram:
+    """Start a daemon in a fork; its standard error is appended to a file, or returned at its end."""
+    return ForkedProgram("run", "--config", str(config), *options, folder=ROOT, errors=errors and str(errors))
+
+
+def start_program(config: Path, *options: str, prefix: Sequence[str] = (), **more: Any) -> subprocess.Popen[str]:
+    """Start a daemon as a new program; the prefix is a program, with its options, that starts it."""
     command = [*prefix, sys.executable, "-c", _CLI, "run", "--config", str(config), *options]
     return subprocess.Popen(command, cwd=ROOT, text=True, **{"stderr": subprocess.PIPE, **more})
 

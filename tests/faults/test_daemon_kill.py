@@ -20,7 +20,7 @@ from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from tests.effort import effort_count
-from tests.faults.daemons import ROOT, call, make_machine, start, status
+from tests.faults.daemons import ROOT, call, make_machine, start, start_program, status
 from tests.faults.test_folder_kill import write
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import Stall, at_most, slowness, stop, wait_until
@@ -118,7 +118,7 @@ def test_killed_at_random_nothing_is_lost_and_nothing_comes_twice(tmp_path: Path
 def test_a_stop_is_clean_and_publishes_what_there_is(tmp_path: Path, number: signal.Signals) -> None:
     config = make_machine(tmp_path)
     config.write_text(config.read_text().replace("interval_s = 0.3", "interval_s = 3600"))
-    daemon = start(config)
+    daemon = start_program(config)
     wait_until(lambda: (tmp_path / "records").exists() or status(config).get("pid") == daemon.pid)
     for k in range(3):
         (tmp_path / "in0" / f"f{k}.csv").write_bytes(csv_bytes(noise(512, k)))

@@ -69,12 +69,8 @@ class Machine:
         self.config.write_text(text)
         self._said = folder / "said"
         self._feeder = Feeder(port)
-        self.process = self.start()
+        self.process = start(self.config, errors=self._said)
         self._feeder.start()
-
-    def start(self) -> subprocess.Popen[str]:
-        with self._said.open("a") as said:
-            return start(self.config, stderr=said)
 
     @property
     def acknowledged(self) -> int:

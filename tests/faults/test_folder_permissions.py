@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from streams.listing import list_files
-from tests.faults.daemons import ROOT, make_machine, start, status
+from tests.faults.daemons import ROOT, make_machine, start_program, status
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import finish, stop, wait_until
 
@@ -69,7 +69,7 @@ def test_so_is_one_below_a_folder_that_may_not_be_searched(folder: Path, tmp_pat
     config.write_text(config.read_text().replace(str(folder), str(tmp_path / "hidden" / "in")))
     (tmp_path / "hidden").chmod(0o600)
     try:
-        daemon = start(config, prefix=BOUND)
+        daemon = start_program(config, prefix=BOUND)
         said = finish(daemon)
     finally:
         (tmp_path / "hidden").chmod(0o755)
@@ -87,7 +87,7 @@ def test_it_is_a_problem_while_the_daemon_runs(folder: Path, tmp_path: Path) -> 
     def accepted() -> int:
         return status(config).get("sources", {}).get("s0", {}).get("accepted", 0)
 
-    daemon = start(config, prefix=BOUND)
+    daemon = start_program(config, prefix=BOUND)
     try:
         wait_until(lambda: accepted() == 1)
         for mode in (0o000, 0o600):
@@ -117,7 +117,7 @@ def test_it_is_a_problem_while_the_daemon_runs(folder: Path, tmp_path: Path) -> 
 def test_a_folder_that_is_not_there_is_waited_for(folder: Path, tmp_path: Path) -> None:
     folder.rmdir()
     config = tmp_path / "m.toml"
-    daemon = start(config, prefix=BOUND)
+    daemon = start_program(config, prefix=BOUND)
     try:
         wait_until(lambda: "No such file" in status(config).get("problems", {}).get("s0", ""))
         folder.mkdir()

@@ -354,12 +354,16 @@ def test_a_daemon_whose_store_is_deleted_takes_no_file_twice_and_says_it(tmp_pat
         (tmp_path / "in0" / f"f{number:05d}.csv").write_bytes(csv_bytes(noise(512, number)))
     daemon = start(config, "--quiet")
     wait_until(lambda: status(config).get("blocks") == 16)
+    # The last publication is given three seconds at the stop, which a busy machine may not keep.
+    wait_until(lambda: blocks_of(tmp_path / "records") == 16, every=0.1)
     stop(daemon)
     for path in (tmp_path / "state").glob("state.db*"):
         path.unlink()
     daemon = start(config, "--quiet")
     (tmp_path / "in0" / "f00008.csv").write_bytes(csv_bytes(noise(512, 8)))
     wait_until(lambda: status(config).get("pid") == daemon.pid and status(config)["blocks"] >= 2)
+    wait_until(lambda: status(config)["sources"]["s0"]["pending"] == 0)
+    wait_until(lambda: blocks_of(tmp_path / "records") == 18, every=0.1)
     now = status(config)
     said = stop(daemon)
     assert daemon.returncode == 0, said

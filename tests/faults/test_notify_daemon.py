@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import subprocess
 import time
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from tests.effort import effort_count
 from tests.faults.daemons import free_port, make_machine, start, status
 from tests.receivers import Certificate, Hook, Mail, make_certificate, subscribed
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import stop, wait_until
+from tests.waiting import Running, stop, wait_until
 
 pytestmark = pytest.mark.process
 
@@ -51,7 +50,7 @@ def machine(folder: Path, *sections: str) -> Path:
     return config
 
 
-def end(daemon: subprocess.Popen[str]) -> str:
+def end(daemon: Running) -> str:
     said = stop(daemon)
     assert daemon.returncode == 0, said
     return said

@@ -30,7 +30,7 @@ from streams.block import Block
 from streams.link.sender import Sender, TcpLink
 from streams.spec import parse_address
 from tests.effort import effort_count
-from tests.faults.daemons import free_port, start, status, tcp_machine_text
+from tests.faults.daemons import free_port, start, start_program, status, tcp_machine_text
 from tests.faults.test_daemon_kill import published_blocks
 from tests.faults.test_network_kill import block
 from tests.waiting import Stall, stop, wait_until
@@ -109,7 +109,7 @@ def watched(config: Path, kind: str) -> list[Path]:
 def under_strace(config: Path, kind: str, call: str, n: int) -> list[str]:
     """Return the command that kills whichever process comes to its n-th call that concerns the files."""
     assert STRACE is not None
-    command = [STRACE, "-f", "-q", "-o", str(config.parent / "strace")]
+    command = [STRACE, "-f", "--seccomp-bpf", "-q", "-o", str(config.parent / "strace")]
     for path in watched(config, kind):
         command += ["-P", str(path)]
     return [*command, "-e", f"trace={','.join(CALLS)}", "-e", f"inject={call}:signal=SIGKILL:when={n}"]
@@ -161,7 +161,7 @@ def killed_at(config: Path, kind: str, call: str, n: int, sending: Sending) -> b
     All the while every published file is opened and read.
     """
     trace = config.parent / "strace"
-    daemon = start(config, "--quiet", prefix=under_strace(config, kind, call, n))
+    daemon = start_program(config, "--quiet", prefix=under_strace(config, kind, call, n))
     asked, stall = False, Stall(lambda: sending.acknowledged)
     while daemon.poll() is None:
         stall.check()

@@ -18,6 +18,7 @@ import pytest
 
 from tests.faults.daemons import ROOT, call, start
 from tests.fleet import add_machine
+from tests.forks import ForkedProgram
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import PATIENCE_S, finish, stop, wait_until
 
@@ -40,8 +41,8 @@ def started(folder: Path, *options: str, **more: Any) -> Iterator[tuple[subproce
 
 
 @contextmanager
-def daemon_of(config: Path) -> Iterator[subprocess.Popen[str]]:
-    process = start(config, "--no-page", "--quiet", stderr=subprocess.DEVNULL)
+def daemon_of(config: Path) -> Iterator[ForkedProgram]:
+    process = start(config, "--no-page", "--quiet")
     try:
         yield process
     finally:
