@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from tests.browser.machine import Served
 from tests.conftest import chromium_program
@@ -21,17 +23,20 @@ expect.set_options(timeout=PATIENCE_MS)
 class Visit:
     """A page and what went wrong on it."""
 
-    def __init__(self, context: BrowserContext, url: str) -> None:
+    def __init__(self, page: Page, url: str) -> None:
         """Open nothing yet; ``url`` is the page's address."""
-        self.page = context.new_page()
+        self.page = page
         self.url = url
         self.trouble: list[str] = []
         self.addresses: list[str] = []
-        self.page.on("console", lambda message: self._console(message.type, message.text))
-        self.page.on("pageerror", lambda error: self.trouble.append(f"error: {error}"))
-        self.page.on("response", lambda response: self._answered(response.status, response.url))
-        self.page.on("request", lambda request: self._asked(request.url))
-        self.page.set_default_timeout(PATIENCE_MS)
+        self._listeners: dict[Any, Callable[..., None]] = {
+            "console": lambda message: self._console(message.type, message.text),
+            "pageerror": lambda error: self.trouble.append(f"error: {error}"),
+            "response": lambda response: self._answered(response.status, response.url),
+            "request": lambda request: self._asked(request.url),
+        }
+        for name, listener in self._listeners.items():
+            self.page.on(name, listener)
 
     def _console(self, kind: str, text: str) -> None:
         # What failed to load is written down with its address.
@@ -53,6 +58,18 @@ class Visit:
         self.page.goto(self.url + view)
         return self.page
 
+    def forget(self) -> None:
+        """Leave the page as it was before the visit."""
+        for name, listener in self._listeners.items():
+            self.page.remove_listener(name, listener)
+        self.page.unroute_all()
+        self.page.emulate_media(media="null")
+        if self.page.url.startswith("http"):
+            self.page.evaluate("localStorage.clear(); sessionStorage.clear()")
+        self.page.context.clear_cookies()
+        self.page.mouse.move(0, 0)
+        self.page.goto("about:blank")
+
 
 Visitor = Callable[..., Visit]
 
@@ -68,26 +85,44 @@ def browser() -> Iterator[Browser]:
         found.close()
 
 
-@pytest.fixture
-def visitor(browser: Browser) -> Iterator[Visitor]:
-    """Open pages; at the end of the test nothing may have gone wrong on any, but for what was taken from its list."""
-    contexts: list[BrowserContext] = []
-    visits: list[Visit] = []
+Screen = tuple[int, int, bool, bool]
+"""Width and height, whether the system is dark, whether scripts run."""
 
-    def open_page(url: str, *, width: int = 1400, height: int = 900, dark: bool = False, script: bool = True) -> Visit:
-        context = browser.new_context(
+
+@pytest.fixture(scope="module")
+def screens(browser: Browser) -> Callable[[Screen], Page]:
+    """Pages of the browser, one for each screen: most of the work of a new one is to compile its program again."""
+
+    @cache
+    def opened(screen: Screen) -> Page:
+        width, height, dark, script = screen
+        page = browser.new_page(
             viewport={"width": width, "height": height},
             color_scheme="dark" if dark else "light",
             java_script_enabled=script,
             reduced_motion="reduce",
         )
-        contexts.append(context)
-        visits.append(Visit(context, url))
+        page.set_default_timeout(PATIENCE_MS)
+        return page
+
+    return opened
+
+
+@pytest.fixture
+def visitor(screens: Callable[[Screen], Page]) -> Iterator[Visitor]:
+    """Visit pages that remember nothing of another test, one visit at a time on a screen.
+
+    At the end of the test nothing may have gone wrong on any, but for what was taken from its list.
+    """
+    visits: list[Visit] = []
+
+    def open_page(url: str, *, width: int = 1400, height: int = 900, dark: bool = False, script: bool = True) -> Visit:
+        visits.append(Visit(screens((width, height, dark, script)), url))
         return visits[-1]
 
     yield open_page
-    for context in contexts:
-        context.close()
+    for visit in visits:
+        visit.forget()
     assert [visit.trouble for visit in visits if visit.trouble] == []
 
 

@@ -109,7 +109,7 @@ def watched(config: Path, kind: str) -> list[Path]:
 def under_strace(config: Path, kind: str, call: str, n: int) -> list[str]:
     """Return the command that kills whichever process comes to its n-th call that concerns the files."""
     assert STRACE is not None
-    command = [STRACE, "-f", "--seccomp-bpf", "-q", "-o", str(config.parent / "strace")]
+    command = [STRACE, "-f", "-q", "-o", str(config.parent / "strace")]
     for path in watched(config, kind):
         command += ["-P", str(path)]
     return [*command, "-e", f"trace={','.join(CALLS)}", "-e", f"inject={call}:signal=SIGKILL:when={n}"]
