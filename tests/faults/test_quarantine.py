@@ -8,12 +8,19 @@ from pathlib import Path
 import pytest
 
 from monitor.records.events import EventLog
+from monitor.records.store import Store
 from tests.faults.attacks import wide_text
 from tests.faults.daemons import call, make_machine, start, status
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process
+
+
+def reasons(config: Path) -> list[str]:
+    """Return why blocks were rejected."""
+    with Store.open(config.parent / "state" / "state.db", read_only=True) as store:
+        return [record.reason or "" for record in store.records()]
 
 
 def test_a_file_of_which_the_daemon_dies_twice(tmp_path: Path) -> None:
@@ -36,6 +43,8 @@ def test_a_file_of_which_the_daemon_dies_twice(tmp_path: Path) -> None:
     assert (done.returncode, "poisoned are: 1.csv (s0)" in done.stderr) == (1, True)
     done = call("release", "1.csv", "--config", str(config), "--json")
     assert json.loads(done.stdout) == {"released": [{"source": "s0", "file": "1.csv"}]}
+    # The count of rejected files is the same before the file is read again.
+    wait_until(lambda: any("column 2000001" in reason for reason in reasons(config)), every=0.05)
     wait_until(lambda: not status(config)["poisoned"] and status(config)["sources"]["s0"]["pending"] == 0)
     counts = status(config)["sources"]["s0"]
     assert [counts[name] for name in ("offered", "accepted", "rejected")] == [2, 1, 1]
