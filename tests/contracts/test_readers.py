@@ -96,7 +96,7 @@ def test_noise_is_refused(kind: str) -> None:
 
 
 @each_reader
-@settings(max_examples=effort_count(quick=60, full=2000))
+@settings(max_examples=effort_count(quick=24, full=2000))
 @given(data=st.data())
 def test_changed_bytes_and_cut_ends(kind: str, data: st.DataObject) -> None:
     changed = bytearray(GOOD[kind])
@@ -106,7 +106,7 @@ def test_changed_bytes_and_cut_ends(kind: str, data: st.DataObject) -> None:
 
 
 @each_reader
-@settings(max_examples=effort_count(quick=60, full=2000))
+@settings(max_examples=effort_count(quick=24, full=2000))
 @given(data=st.binary(max_size=300))
 def test_any_bytes(kind: str, data: bytes) -> None:
     outcome(kind, data)

@@ -77,7 +77,7 @@ def test_each_content_is_accepted_once(tmp_path: Path, seed: int) -> None:
     rig = Rig(tmp_path, format="csv", settle_s=1.0)
     hands = Hands(tmp_path, generator)
     settled: set[str] = set()
-    for _ in range(40):
+    for _ in range(effort_count(quick=20, full=40)):
         for _ in range(generator.choice([1, 1, 3, 12])):
             hands.act()
         rig.run(generator.choice([0.3, 2.0, 15.0]), most=generator.choice([None, None, 2]))

@@ -207,7 +207,7 @@ def test_slip_against_the_oracle() -> None:
     group = new_group([replace(SCENE, defect=defect)], 384, slip)
     group.run_block(draws)
     oracle = SlipOracle(Case(40.0, 4000.0, defect.dphi_d, defect.h_d, rows=2), draws[:, :, 0])
-    factor = 4
+    factor = effort_count(quick=2, full=4)
     truth = oracle.acceleration(factor * group.grid.steps)[::factor]
     assert np.sqrt(np.mean((group.wave[:, 0, 0] - truth) ** 2) / np.mean(truth**2)) < 0.03
     assert np.sqrt(np.mean(group.wave[:, 0, 0] ** 2) / np.mean(truth**2)) == pytest.approx(1.0, abs=5e-3)

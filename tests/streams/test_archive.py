@@ -31,7 +31,7 @@ def test_every_compression(tmp_path: Path, ending: str) -> None:
 
 
 @settings(
-    max_examples=effort_count(quick=12, full=100),
+    max_examples=effort_count(quick=5, full=100),
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(order=st.permutations(list(range(1, 7))), gap=st.integers(0, 6), first=st.sampled_from([0, 40]))

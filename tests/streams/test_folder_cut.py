@@ -209,7 +209,7 @@ def said(item: Block | Rejected) -> tuple[object, ...]:
 CUTS = st.lists(st.integers(1, 260), min_size=1, max_size=8)
 
 
-@settings(max_examples=effort_count(quick=25, full=300))
+@settings(max_examples=effort_count(quick=10, full=300))
 @given(cuts=CUTS, gap_after=st.integers(0, 8), restarts=st.sets(st.integers(0, 12)), seed=st.integers(0, 99))
 def test_dated_files_give_the_same_blocks_however_they_were_cut(
     tmp_path_factory: pytest.TempPathFactory, cuts: list[int], gap_after: int, restarts: set[int], seed: int

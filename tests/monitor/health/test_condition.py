@@ -43,7 +43,7 @@ def machine(speed: float, seconds: float = 5.0, seed: int = 0, *, damaged: bool 
 
 
 @given(speed=st.floats(12.0, 55.0), seed=st.integers(0, 1000), damaged=st.booleans())
-@settings(max_examples=effort_count(quick=15, full=300))
+@settings(max_examples=effort_count(quick=6, full=300))
 def test_a_speed_that_is_called_is_right(speed: float, seed: int, damaged: bool) -> None:
     found = estimate_speed(machine(speed, seed=seed, damaged=damaged), RATE, BEARING, (10.0, 60.0))
     if found.status == SpeedStatus.OK:

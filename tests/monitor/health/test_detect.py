@@ -18,6 +18,7 @@ from monitor.health.detect import (
     step,
     threshold_for,
 )
+from tests.effort import effort_count
 
 SETTINGS = DetectSettings()
 
@@ -155,7 +156,7 @@ def test_learning_by_time():
     assert next(i for i, o in enumerate(outputs) if o.stage == "healthy") == 100
 
 
-@settings(max_examples=25)
+@settings(max_examples=effort_count(quick=10, full=25))
 @given(cut=st.integers(1, 399), seed=st.integers(0, 2**31))
 def test_a_restart_from_json_changes_nothing(cut, seed):
     rng = np.random.default_rng(seed)
@@ -173,7 +174,7 @@ def test_a_restart_from_json_changes_nothing(cut, seed):
     assert outputs == whole_outputs
 
 
-@settings(max_examples=25)
+@settings(max_examples=effort_count(quick=10, full=25))
 @given(gain=st.floats(1e-6, 1e6), seed=st.integers(0, 2**31))
 def test_the_unit_does_not_matter(gain, seed):
     rng = np.random.default_rng(seed)

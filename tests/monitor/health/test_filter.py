@@ -116,7 +116,7 @@ def test_lines_of_bpfo_narrow_the_interval_that_rms_alone_leaves_wide() -> None:
     assert width(with_lines) < 0.8 * width(without)
 
 
-@settings(max_examples=effort_count(quick=15, full=200))
+@settings(max_examples=effort_count(quick=6, full=200))
 @given(st.integers(0, 2**32 - 1), st.integers(1, 12))
 def test_the_kalman_filters_of_a_path_are_one_large_gaussian(seed: int, blocks: int) -> None:
     rng = np.random.default_rng(seed)

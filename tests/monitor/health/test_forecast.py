@@ -80,7 +80,7 @@ def check_curve(fit: QuadraticFit | None, exact: tuple[float, float, float], spa
     assert fit.r_squared == pytest.approx(r_squared, abs=1e-9)
 
 
-@settings(max_examples=effort_count(quick=80, full=1500))
+@settings(max_examples=effort_count(quick=32, full=1500))
 @given(histories())
 def test_running_and_batch_fit_are_the_exact_one(history: tuple[Floats, Floats]) -> None:
     times, values = history
@@ -227,7 +227,7 @@ def test_repeated_times_alone_determine_nothing() -> None:
     assert fit_quadratic([0, 60, 60, 60], [1, 2, 3, 2.5]) is None
 
 
-@settings(max_examples=effort_count(quick=40, full=400))
+@settings(max_examples=effort_count(quick=16, full=400))
 @given(histories())
 def test_restarting_from_the_stored_state_changes_nothing(history: tuple[Floats, Floats]) -> None:
     thresholds = (1e-8, 3e-8, 5e-8)
@@ -240,7 +240,7 @@ def test_restarting_from_the_stored_state_changes_nothing(history: tuple[Floats,
     assert restarted == straight
 
 
-@settings(max_examples=effort_count(quick=80, full=800))
+@settings(max_examples=effort_count(quick=32, full=800))
 @given(
     st.floats(-1e-3, 1e-3),
     st.floats(-1, 1),

@@ -63,7 +63,7 @@ def test_unseen_lives_are_covered_and_better_known_than_by_their_age(features: s
     asked = LibrarySettings(features=features)
     covered, covered_v, errors, scores, ages = [], [], [], [], []
     lifetimes = np.array([life.crossing(THRESHOLD) for life in toy_lives(150)])
-    for number in range(1000, 1000 + effort_count(quick=50, full=400)):
+    for number in range(1000, 1000 + effort_count(quick=30, full=400)):
         life = toy_life(number)
         crossing = life.crossing(THRESHOLD)
         _, results = follow([b for b in blocks_of(life) if b.time <= 0.75 * crossing], toy_library(), asked)
@@ -130,7 +130,7 @@ def test_alike_moments_are_the_nearest_of_all(away: float) -> None:
         assert own not in fit.life[fit.nearest_moments(target, said, ln_elapsed, 50, without=own)]
 
 
-@settings(max_examples=effort_count(quick=50, full=500))
+@settings(max_examples=effort_count(quick=20, full=500))
 @given(st.lists(st.floats(0.0, 1e5), min_size=1, max_size=40), st.floats(0.0, 1e5))
 def test_crps_is_the_mean_distance_less_half_the_mean_difference(values: list[float], truth: float) -> None:
     slow = np.mean([abs(v - truth) for v in values]) - 0.5 * np.mean([abs(a - b) for a in values for b in values])
@@ -181,8 +181,9 @@ def test_quantiles_rise_and_agree_with_the_interval_and_the_window() -> None:
 
 
 def test_a_rig_that_lives_thirty_times_faster_is_the_same_to_its_library() -> None:
-    _, slow = follow(blocks_of(toy_life(2002)), toy_library(40))
-    _, fast = follow(blocks_of(toy_life(2002, interval=INTERVAL / 30.0)), toy_library(40, interval=INTERVAL / 30.0))
+    count = effort_count(quick=20, full=40)
+    _, slow = follow(blocks_of(toy_life(2002)), toy_library(count))
+    _, fast = follow(blocks_of(toy_life(2002, interval=INTERVAL / 30.0)), toy_library(count, interval=INTERVAL / 30.0))
     assert len(slow) == len(fast)
     for a, b in zip(slow, fast, strict=True):
         assert b.damage.v_eq == pytest.approx(a.damage.v_eq, rel=1e-4)
@@ -191,7 +192,7 @@ def test_a_rig_that_lives_thirty_times_faster_is_the_same_to_its_library() -> No
 
 def test_load_and_speed_may_change_from_block_to_block_as_in_the_lives_of_the_library() -> None:
     errors = []
-    for number in range(3000, 3010):
+    for number in range(3000, 3000 + effort_count(quick=5, full=10)):
         life = toy_life(number, varying=True)
         _, results = follow(blocks_of(life), toy_library(75, varying=True))
         half = len(results) // 2

@@ -52,7 +52,7 @@ def errors(known: Library, numbers: range, left: float, features: str) -> tuple[
 def test_runs_of_a_rig_that_fails_early_put_it_right(features: str) -> None:
     runs = [recorded(number, left=0.6) for number in range(5000, 5012)]
     known = calibrate(toy_library(), runs, features=features, threshold=THRESHOLD)
-    unseen = range(6000, 6000 + effort_count(quick=40, full=200))
+    unseen = range(6000, 6000 + effort_count(quick=25, full=200))
     before, covered_before = errors(toy_library(), unseen, 0.6, features)
     after, covered_after = errors(known, unseen, 0.6, features)
     assert after < 0.8 * before

@@ -183,7 +183,7 @@ def test_the_average_of_equal_spectra_is_each_of_them() -> None:
     np.testing.assert_allclose(two, 2.0 * row, rtol=1e-6)
 
 
-@settings(max_examples=25)
+@settings(max_examples=effort_count(quick=10, full=25))
 @given(gain=st.floats(1e-6, 1e6), seed=st.integers(0, 2**20), fault=st.sampled_from(FAULTS))
 def test_the_scale_of_the_signal_does_not_matter(gain: float, seed: int, fault: str) -> None:
     _, lines = bearing_lines("6205", 30.0)
@@ -196,7 +196,7 @@ def test_the_scale_of_the_signal_does_not_matter(gain: float, seed: int, fault: 
     assert other.evidence.depth == pytest.approx(one.evidence.depth, rel=1e-3)
 
 
-@settings(max_examples=25)
+@settings(max_examples=effort_count(quick=10, full=25))
 @given(depth=st.floats(0.05, 0.5), seed=st.integers(0, 2**20))
 def test_depth_is_the_modulation_without_the_noise(depth: float, seed: int) -> None:
     """For lines on bins of a spectrum of Gaussian noise: an absolute figure, whatever the noise."""

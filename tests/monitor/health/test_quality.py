@@ -15,6 +15,7 @@ from monitor.health.quality import (
     rejected,
     with_flags,
 )
+from tests.effort import effort_count
 
 RNG = np.random.default_rng(0)
 NOISE = RNG.standard_normal(12800).astype(np.float32)
@@ -115,7 +116,7 @@ def test_order_state_survives_json():
         OrderState.from_dict({**state.to_dict(), "version": 9})
 
 
-@settings(max_examples=50)
+@settings(max_examples=effort_count(quick=20, full=50))
 @given(st.lists(st.floats(-1e4, 1e4, width=32), min_size=1, max_size=300), st.booleans())
 def test_every_block_gets_a_verdict_without_warnings(values, absolute):
     verdict = check_samples(np.asarray(values, np.float32), absolute=absolute)

@@ -33,7 +33,7 @@ def runs(draw: st.DrawFn, most: int = WHOLE) -> tuple[np.ndarray, np.ndarray]:
     return times, np.cumsum(random.normal(size=(count, 2)), axis=0)
 
 
-@settings(max_examples=effort_count(quick=40, full=400))
+@settings(max_examples=effort_count(quick=16, full=400))
 @given(runs())
 def test_summary_is_that_of_the_whole_history(run: tuple[np.ndarray, np.ndarray]) -> None:
     times, values = run
@@ -42,7 +42,7 @@ def test_summary_is_that_of_the_whole_history(run: tuple[np.ndarray, np.ndarray]
     np.testing.assert_allclose(fast, summarise_slowly(times, values, INTERVAL), rtol=1e-9, atol=1e-9)
 
 
-@settings(max_examples=effort_count(quick=10, full=100))
+@settings(max_examples=effort_count(quick=4, full=100))
 @given(runs(), st.sampled_from([2.0**-7, 0.25, 8.0, 1024.0]))
 def test_only_the_ratio_of_times_to_the_interval_counts(run: tuple[np.ndarray, np.ndarray], factor: float) -> None:
     times, values = run

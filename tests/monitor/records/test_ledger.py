@@ -62,7 +62,7 @@ def answers(ledger: Ledger) -> list[object]:
     ]
 
 
-@settings(max_examples=effort_count(quick=15, full=200))
+@settings(max_examples=effort_count(quick=6, full=200))
 @given(steps=STEPS)
 def test_both_ledgers_say_the_same(tmp_path_factory: pytest.TempPathFactory, steps: list[object]) -> None:
     path = tmp_path_factory.mktemp("ledger") / "state.db"

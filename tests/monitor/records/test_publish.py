@@ -45,7 +45,7 @@ def names(paths: list[Path]) -> list[str]:
 
 
 @given(st.lists(records(bands=2), min_size=1, max_size=5, unique_by=lambda record: record.sequence))
-@settings(max_examples=effort_count(quick=25, full=400))
+@settings(max_examples=effort_count(quick=10, full=400))
 def test_the_dataset_holds_what_the_records_hold(tmp_path_factory: pytest.TempPathFactory, made: list[Record]) -> None:
     with Store.open(tmp_path_factory.mktemp("store") / "state.db", machine="m") as store:
         store.commit_many([(record, {}) for record in made])

@@ -40,7 +40,7 @@ def folder(tmp_path: Path) -> Path:
     cut=st.integers(0, 30),
     factor=st.integers(1, 12),
 )
-@settings(max_examples=effort_count(quick=60, full=2000))
+@settings(max_examples=effort_count(quick=24, full=2000))
 def test_buckets_can_be_cut_joined_and_written_at_will(
     time: list[float], data: st.DataObject, cut: int, factor: int
 ) -> None:

@@ -151,7 +151,7 @@ def test_batches_leave_the_rows_that_single_blocks_leave(tmp_path: Path, undistu
 
 
 @given(cuts=st.sets(st.integers(1, 79), max_size=6), lost=st.booleans())
-@settings(max_examples=effort_count(quick=6, full=100))
+@settings(max_examples=effort_count(quick=4, full=100))
 def test_restarts_and_failed_commits_leave_the_same_rows(
     tmp_path_factory: pytest.TempPathFactory, undisturbed: Path, cuts: set[int], lost: bool
 ) -> None:
@@ -295,7 +295,7 @@ def test_a_part_of_the_rows_can_be_asked_for(undisturbed: Path) -> None:
     rows=st.integers(1, 12),
     onset=st.integers(0, 400),
 )
-@settings(max_examples=effort_count(quick=60, full=2000))
+@settings(max_examples=effort_count(quick=24, full=2000))
 def test_there_are_never_too_many_and_never_two_too_close(steps: list[float], rows: int, onset: int) -> None:
     plan = WaterfallSettings(rows=rows, interval=60.0)
     state, now = WaterfallState(), 0.0
@@ -333,7 +333,7 @@ def test_a_pin_is_not_thinned_and_the_last_before_it_is_found() -> None:
     values=st.lists(st.floats(0.0, 1e30), min_size=1, max_size=50),
     scale=st.sampled_from((1e-12, 1.0, 1e6)),
 )
-@settings(max_examples=effort_count(quick=200, full=5000))
+@settings(max_examples=effort_count(quick=80, full=5000))
 def test_what_is_lost_by_halving_the_digits_is_as_stated(values: list[float], scale: float) -> None:
     amplitude = np.array(values) * scale
     packed, unit = pack_amplitude(amplitude)

@@ -99,7 +99,7 @@ def unhurried() -> Any:
     batch=st.integers(1, 9),
     max_records=st.sampled_from((0, 8, 20_000)),
 )
-@settings(max_examples=effort_count(quick=15, full=1000))
+@settings(max_examples=effort_count(quick=6, full=1000))
 def test_extremes_are_those_over_all_records(
     tmp_path_factory: pytest.TempPathFactory,
     made: list[Record],
@@ -141,7 +141,7 @@ def test_extremes_are_those_over_all_records(
 
 
 @given(record=records(bands=2), names=st.lists(st.sampled_from(sorted(VARIABLES)), unique=True, max_size=9))
-@settings(max_examples=effort_count(quick=60, full=1000))
+@settings(max_examples=effort_count(quick=24, full=1000))
 def test_a_part_of_a_row_is_what_the_whole_row_says(record: Record, names: list[str]) -> None:
     layout, row = pack(record.channels)
     whole, numbers = unpack(layout, row), numbers_of(row)[None, :]

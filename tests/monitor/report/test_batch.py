@@ -42,7 +42,7 @@ from tests.oracles.page import Page
 
 START = 1_700_000_000.0
 # Pages of one section, where what they hold is another matter.
-SHORT_PAGES = BatchSettings(Options(sections=frozenset({"quality"})))
+SHORT_PAGES = BatchSettings(Options(sections=frozenset({"quality"})), tables=False)
 
 
 def store_at(folder: Path, made: list[Record], machine: str = "press") -> Path:

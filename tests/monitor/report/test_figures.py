@@ -302,7 +302,7 @@ def test_moments_are_written_in_the_zone_that_was_asked() -> None:
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False, width=32))
-@settings(max_examples=effort_count(quick=100, full=2000))
+@settings(max_examples=effort_count(quick=40, full=2000))
 def test_numbers_keep_three_figures(value: float) -> None:
     said = figure(value).replace("−", "-").replace(",", "")
     assert float(said) == pytest.approx(value, rel=5.1e-3)
@@ -310,7 +310,7 @@ def test_numbers_keep_three_figures(value: float) -> None:
 
 
 @given(st.lists(st.floats(allow_nan=True, allow_infinity=True, width=32), max_size=300))
-@settings(max_examples=effort_count(quick=50, full=500))
+@settings(max_examples=effort_count(quick=20, full=500))
 def test_sparklines_stay_in_their_box(values: list[float]) -> None:
     y = np.array(values, dtype=np.float64)
     svg = str(sparkline(np.arange(y.size, dtype=np.float64), y, 'RMS of "<b>"'))

@@ -340,7 +340,7 @@ def test_long_lives_make_no_long_pages(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.none() | st.floats(-1e6, 1e6), min_size=2, max_size=400), st.integers(4, 30))
-@settings(max_examples=60)
+@settings(max_examples=effort_count(quick=24, full=60))
 def test_thinning_keeps_the_extremes_and_the_breaks(values: list[float | None], bins: int) -> None:
     y = np.array(values, dtype=float)
     x = np.arange(y.size, dtype=float)

@@ -61,7 +61,7 @@ def drawn(time: np.ndarray, lines: list[np.ndarray], bins: int) -> dict[str, Any
     return zoom_data(time_axis(time, Clock(True)), time, [panel], bins=bins)
 
 
-@settings(max_examples=effort_count(quick=30, full=400))
+@settings(max_examples=effort_count(quick=12, full=400))
 @given(st.integers(2, 400), st.integers(1, 3), st.integers(2, 20), st.integers(0, 2**32 - 1))
 def test_every_kept_value_is_a_block_and_no_extreme_is_lost(size: int, lines: int, bins: int, seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -200,7 +200,7 @@ def test_notices_and_events_of_other_kinds_let_go_of_nothing(machine: Machine) -
     assert len(machine.alarms) == 2
 
 
-@settings(max_examples=effort_count(quick=25, full=500))
+@settings(max_examples=effort_count(quick=10, full=500))
 @given(
     loud=st.lists(st.sampled_from([1.0, 4.0, 8.0]), min_size=4, max_size=14),
     acts=st.lists(st.sampled_from(["", "ack", "kill", "ack+kill"]), min_size=14, max_size=14),

@@ -84,7 +84,7 @@ def test_a_jump_of_the_computers_clock_flags_what_seems_to_lie_ahead_and_is_over
     assert [record.time for record in records] == times
 
 
-@settings(max_examples=effort_count(quick=30, full=1000))
+@settings(max_examples=effort_count(quick=12, full=1000))
 @given(
     stamps=st.lists(st.floats(-1e10, 1e11, allow_nan=False), min_size=1, max_size=12),
     clock=st.lists(st.floats(-1e10, 1e11, allow_nan=False), min_size=12, max_size=12),

@@ -83,7 +83,7 @@ def test_what_cannot_be_logged_is_logged_later(opened: tuple[Store, EventLog], m
     assert found.problem is None
 
 
-@settings(max_examples=effort_count(quick=50, full=2000))
+@settings(max_examples=effort_count(quick=20, full=2000))
 @given(gaps=st.lists(st.sampled_from([1.0, 5.0, 30.0, 59.0, 61.0, 300.0]), min_size=1, max_size=60))
 def test_whatever_the_rhythm_notices_alternate_and_none_comes_within_a_silence_limit(
     tmp_path_factory: pytest.TempPathFactory, gaps: list[float]
