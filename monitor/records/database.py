@@ -7,6 +7,7 @@ import os
 import shutil
 import sqlite3
 import threading
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -18,6 +19,8 @@ from streams.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
 _MAX_IDLE_LOG_BYTES = 64 << 20
 """Size to which the write-ahead log is cut after a checkpoint."""
+
+_LOCK_WAIT_S, _LOCK_POLL_S = 2.0, 0.05
 
 MAGIC = b"SQLite format 3\x00"
 
@@ -247,15 +250,21 @@ class SharedConnection(Closing):
 def take_lock(path: Path) -> int | None:
     """Take the lock beside a file; return its descriptor, or None where another process holds it.
 
-    The kernel releases it when the process ends. OSError where the lock file cannot be made.
+    The kernel releases it when the process ends. A child that was being started when the process was killed holds it
+    until it has become another program, which is waited for. OSError where the lock file cannot be made.
     """
     descriptor = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(descriptor)
-        return None
-    return descriptor
+    until = time.monotonic() + _LOCK_WAIT_S
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            if time.monotonic() < until:
+                time.sleep(_LOCK_POLL_S)
+                continue
+            os.close(descriptor)
+            return None
+        return descriptor
 
 
 def release_lock(descriptor: int | None) -> None:

@@ -6,17 +6,22 @@ connection is not seen by others, and the last one that they see removes the log
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 from monitor.health.record import Record
-from monitor.records.database import StoreError
+from monitor.records.database import StoreError, release_lock, take_lock
+from monitor.records.recover.published import gather
 from monitor.records.store import Store
 from monitor.web.reading import StoreReader
 from tests.faults.daemons import ROOT
+from tests.forks import Fork, Messages
+from tests.waiting import wait_until
 
 _COUNT = "SELECT count(*) FROM blocks"
 _ACKNOWLEDGE = """
@@ -73,3 +78,35 @@ def test_a_reader_is_told_what_is_no_store(tmp_path: Path, content: bytes, says:
     (tmp_path / "state.db").write_bytes(content)
     with pytest.raises(StoreError, match=says):
         Store.open(tmp_path / "state.db", read_only=True)
+
+
+def test_a_lock_that_a_child_of_a_killed_process_holds_for_a_moment_is_waited_for(tmp_path: Path) -> None:
+    """Between fork and exec a child holds the descriptors of its parent, which may be killed meanwhile."""
+    path = tmp_path / "state.db"
+    held = take_lock(path)
+    assert held is not None
+    releasing = threading.Timer(0.3, release_lock, (held,))
+    releasing.start()
+    taken = take_lock(path)
+    releasing.join()
+    assert taken is not None
+    release_lock(taken)
+
+
+@pytest.mark.process
+def test_the_process_that_reads_published_files_ends_with_its_parent(tmp_path: Path) -> None:
+    """A process that outlives its parent would write into the scratch store of the next recovery."""
+    slow = tmp_path / "slow.nc"
+    os.mkfifo(slow)
+    parent = Fork(_gather, tmp_path, slow)
+    parent.receive()
+    children = Path(f"/proc/{parent.pid}/task/{parent.pid}/children")
+    wait_until(lambda: len(children.read_text().split()) == 1)
+    (child,) = children.read_text().split()
+    parent.kill()
+    wait_until(lambda: not Path(f"/proc/{child}/cmdline").exists() or not Path(f"/proc/{child}/cmdline").read_bytes())
+
+
+def _gather(messages: Messages, folder: Path, file: Path) -> None:
+    messages.send("begun")
+    gather([file], "m", folder / "scratch.db", lambda: None)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+import os
 import sqlite3
 import subprocess
 import sys
@@ -29,8 +30,10 @@ from monitor.records.packing import entries_of
 from monitor.records.store import Store
 
 _LOG = logging.getLogger(__name__)
+# Without its parent it would go on, and write into the scratch store of the next attempt.
 _START = """
-import json, sys
+import json, os, sys, threading
+threading.Thread(target=lambda: (os.read(0, 1), os._exit(1)), daemon=True).start()
 sys.path[:] = json.loads(sys.argv.pop())
 from monitor.records.recover.published import main
 main()
@@ -72,12 +75,20 @@ def gather(files: Sequence[Path], machine: str, scratch: Path, beat: Beat) -> Ga
 
 def _in_child(scratch: Path, files: Sequence[Path], beat: Beat) -> dict[str, tuple[int, int]]:
     command = [sys.executable, "-c", _START, str(scratch), *map(str, files), json.dumps(sys.path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
-        while True:
-            with suppress(subprocess.TimeoutExpired):
-                answer, said = child.communicate(timeout=_BEAT_S)
-                break
-            beat()
+    # The child ends when the other end of its standard input is closed, by this process or by its death.
+    theirs, ours = os.pipe()
+    try:
+        with subprocess.Popen(
+            command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as child:
+            while True:
+                with suppress(subprocess.TimeoutExpired):
+                    answer, said = child.communicate(timeout=_BEAT_S)
+                    break
+                beat()
+    finally:
+        os.close(theirs)
+        os.close(ours)
     if child.returncode != 0:
         _LOG.error("the published files cannot be read: %s", said.strip() or child.returncode)
         return {}
