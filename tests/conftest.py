@@ -62,16 +62,14 @@ def missing_for_pdf() -> str:
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """Return half as many workers again as there are cores: a third of the time of a test of processes is waiting."""
-    cores = len(os.sched_getaffinity(0))
-    return cores + cores // 2
+    """Return twice as many workers as there are cores: almost half of the time of a test of processes is waiting."""
+    return 2 * len(os.sched_getaffinity(0))
 
 
 def pytest_collection_finish() -> None:
     """Exempt the thousands of tests and modules from garbage collection, which would visit them again and again."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(10_000, 10, 10)
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
