@@ -124,11 +124,11 @@ def running(folder: Path, state: Path | None = None, records: Path | None = None
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of 5 MB."""
+    """A file system of 12 MB: the log of the store may take 4 MB before it is taken into the database."""
     folder = tmp_path / "disk"
     folder.mkdir()
     mount = shutil.which("mount")
-    options = ["-t", "tmpfs", "-o", "size=5m", "tmpfs", str(folder)]
+    options = ["-t", "tmpfs", "-o", "size=12m", "tmpfs", str(folder)]
     if mount is None or subprocess.run([mount, *options], capture_output=True, check=False).returncode:
         pytest.skip("needs the right to mount a small file system")
     try:

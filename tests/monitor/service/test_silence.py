@@ -135,6 +135,8 @@ def test_a_daemon_logs_silence_and_its_end_and_a_restart_while_silent_says_nothi
         put(config, 1)
         put(config, 1, source=1)
         wait_until(lambda: last(config) == last(config, "s1") == 2)
+        # The time of a block is taken after its commit, and before the status that counts it.
+        wait_until(lambda: status(config)["blocks"] == 4)
         assert notices() == []
         # Blocks without a date: ten minutes are the limit. s1 goes on, s0 does not.
         late[0] += 599.0
