@@ -1,13 +1,17 @@
-"""Geometry and kinematics of rolling bearings, and the catalogue (bearings.toml)."""
+"""Geometry and kinematics of rolling bearings, and the catalogue: bearings.toml, then the series of models/catalogue."""
 
 from __future__ import annotations
 
 import math
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
-from typing import Literal
+from typing import Any, Literal
+
+from models.catalogue.designation import compact
+from models.catalogue.series import Geometry, Kind, Origin, families, geometry, uncertain_counts
 
 
 @dataclass(frozen=True)
@@ -96,13 +100,53 @@ _LENGTHS_MM = (
 )
 
 
+@dataclass(frozen=True)
+class CatalogueEntry:
+    """A bearing of the catalogue, and where its values come from.
+
+    Attributes:
+        origins: by field of ``Bearing``, of the values that are known; a count of uncertain spread is estimated.
+        counts: numbers of elements in a row and their probabilities, the likeliest first.
+        clearance_range: least and largest play between the rings of its clearance class, m (ISO 5753-1), or None; half
+            of it is the clearance of the models.
+        notes: what the suffixes mean.
+        dimensions: bore, outside diameter and width, m, or None where they are not known.
+    """
+
+    bearing: Bearing
+    origins: Mapping[str, Origin]
+    counts: tuple[tuple[int, float], ...]
+    clearance_range: tuple[float, float] | None = None
+    notes: tuple[str, ...] = ()
+    dimensions: tuple[float, float, float] | None = None
+
+    @property
+    def estimated(self) -> bool:
+        """Whether the fault frequencies rest on an estimate."""
+        return any(
+            origin.kind == "estimated"
+            for name, origin in self.origins.items()
+            if name in ("n_elements", "element_diameter", "pitch_diameter", "contact_angle")
+        )
+
+
+_ORIGIN_FIELDS = (
+    "n_elements",
+    "contact_angle",
+    "dynamic_load_rating",
+    *_LENGTHS_MM,
+)
+
+
 @cache
-def catalogue() -> dict[str, Bearing]:
-    """Return the bearings of ``models/bearings.toml`` by designation."""
+def _entries() -> tuple[dict[str, Bearing], dict[str, Kind]]:
+    """Return the bearings of ``models/bearings.toml`` by designation, and the kinds of their values."""
     text = resources.files("models").joinpath("bearings.toml").read_text(encoding="utf-8")
     bearings: dict[str, Bearing] = {}
+    kinds: dict[str, Kind] = {}
     for entry in tomllib.loads(text)["bearing"]:
-        fields = dict(entry)
+        fields: dict[str, Any] = dict(entry)
+        kinds[fields["designation"]] = fields.pop("origin")
         for name in _LENGTHS_MM:
             if f"{name}_mm" in fields:
                 fields[name] = fields.pop(f"{name}_mm") * 1e-3
@@ -110,16 +154,111 @@ def catalogue() -> dict[str, Bearing]:
         if "dynamic_load_rating_newton" in fields:
             fields["dynamic_load_rating"] = fields.pop("dynamic_load_rating_newton")
         bearings[fields["designation"]] = Bearing(**fields)
-    return bearings
+    return bearings, kinds
+
+
+def catalogue() -> dict[str, Bearing]:
+    """Return the bearings of ``models/bearings.toml`` by designation."""
+    return _entries()[0]
 
 
 def from_catalogue(designation: str) -> Bearing:
-    """Return one bearing of the catalogue.
+    """Return one bearing of the catalogue (see ``catalogue_entry``).
 
     Raises:
-        KeyError: if it is not there; the message lists the known ones.
+        KeyError: if it is not there or has an unknown suffix; the message lists the known ones.
     """
-    known = catalogue()
-    if designation not in known:
-        raise KeyError(f"bearing {designation!r} is not in the catalogue; known are: {', '.join(sorted(known))}")
-    return known[designation]
+    return catalogue_entry(designation).bearing
+
+
+@cache
+def catalogue_entry(designation: str) -> CatalogueEntry:
+    """Return one bearing of the catalogue with the origins of its values.
+
+    The bearings of ``models/bearings.toml`` come first, in any spelling and with suffixes that leave the internal
+    design alone; then the standard series.
+
+    Raises:
+        KeyError: if it is not there or has an unknown suffix; the message lists the known ones.
+    """
+    known, kinds = _entries()
+    spelled = {compact(name): name for name in known}
+    exact = spelled.get(compact(designation))
+    whole = exact is not None
+    try:
+        found = geometry(designation)
+    except ValueError as error:
+        if exact is None:
+            raise KeyError(str(error)) from None
+        found = None
+    except LookupError:
+        found = None
+    if exact is None and found is not None and not found.design_changed:
+        exact = spelled.get(found.base)
+    if exact is not None:
+        entry = _known_entry(known[exact], kinds[exact], found)
+        return entry if whole or found is None or not found.count_uncertain else _with_uncertain_count(entry)
+    if found is None:
+        raise KeyError(
+            f"bearing {designation!r} is not in the catalogue; known are: {', '.join(sorted(known))}; and the series "
+            f"{', '.join(_series_ranges())}"
+        )
+    return _series_entry(found)
+
+
+def _known_entry(bearing: Bearing, kind: Kind, found: Geometry | None) -> CatalogueEntry:
+    """Return the entry of a bearing of ``models/bearings.toml``; estimated ones have the spreads of their series."""
+    note = bearing.source
+    origins = {
+        name: Origin(kind, _spread(name, kind, found), note)
+        for name in _ORIGIN_FIELDS
+        if getattr(bearing, name) is not None
+    }
+    counts: tuple[tuple[int, float], ...] = ((bearing.n_elements, 1.0),)
+    if kind == "estimated" and found is not None:
+        shift = bearing.n_elements - found.n_elements
+        counts = tuple((count + shift, probability) for count, probability in found.counts)
+    if found is None:
+        return CatalogueEntry(bearing, origins, counts)
+    dimensions = (found.bore, found.outside, found.width)
+    return CatalogueEntry(bearing, origins, counts, found.clearance_range, found.notes, dimensions)
+
+
+def _with_uncertain_count(entry: CatalogueEntry) -> CatalogueEntry:
+    """Return the entry where a suffix stands for a cage or a design that may hold another number of elements."""
+    counts = uncertain_counts(entry.bearing.n_elements)
+    spread = math.sqrt(sum(share * (count / counts[0][0] - 1.0) ** 2 for count, share in counts))
+    note = "a suffix stands for a cage or design that may hold another number"
+    origins = {**entry.origins, "n_elements": Origin("estimated", spread, note)}
+    return replace(entry, counts=counts, origins=origins)
+
+
+def _spread(name: str, kind: Kind, found: Geometry | None) -> float:
+    if kind != "estimated" or found is None or name not in found.origins:
+        return 0.0
+    return found.origins[name].spread
+
+
+def _series_entry(found: Geometry) -> CatalogueEntry:
+    bearing = Bearing(
+        designation=found.designation,
+        n_elements=found.n_elements,
+        element_diameter=found.element_diameter,
+        pitch_diameter=found.pitch_diameter,
+        contact_angle=found.contact_angle,
+        rows=found.rows,
+        element="ball" if found.effective_length is None else "roller",
+        effective_length=found.effective_length,
+        dynamic_load_rating=found.dynamic_load_rating,
+        source=found.source,
+    )
+    dimensions = (found.bore, found.outside, found.width)
+    return CatalogueEntry(bearing, found.origins, found.counts, found.clearance_range, found.notes, dimensions)
+
+
+def _series_ranges() -> list[str]:
+    """Return the series with their first and last number, such as "6200 to 6221"."""
+    bounds: dict[str, list[str]] = {}
+    for base in families():
+        bounds.setdefault(base[:-2], []).append(base)
+    return [f"{min(numbers)} to {max(numbers)}" for numbers in bounds.values()]

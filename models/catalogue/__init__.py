@@ -1,0 +1,1 @@
+"""Geometry of standard bearings by their designation: tables of series, rules of design, suffixes, clearances."""
