@@ -1,10 +1,10 @@
 """Derive count and size of the elements of models/catalogue/*.csv from the published load ratings beside them.
 
 python -m benchmarks.catalogue_ratings rewrites the derived columns; without a change of the published ones it changes
-nothing. Of each candidate count the size follows from the static rating (ISO 76); the dynamic rating (ISO 281), sizes in
-which elements are made, and the room between the elements select the candidate. The effective lengths of cylindrical
-rollers are whole millimetres (less 0.6 mm for diameters from 15 to 18 mm, 0.4 mm from 25 mm), which selects the count that the two ratings
-alone leave open.
+nothing. Of each candidate count the size follows from the static rating (ISO 76); the dynamic rating (ISO 281), the
+sizes in which elements are made, and the room between the elements select the candidate. The effective lengths of
+cylindrical rollers are whole millimetres (less 0.6 mm for diameters from 15 to 18 mm, 0.4 mm from 25 mm), which selects
+the count that the two ratings alone leave open.
 """
 
 from __future__ import annotations

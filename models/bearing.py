@@ -1,4 +1,4 @@
-"""Geometry and kinematics of rolling bearings, and the catalogue: bearings.toml, then the series of models/catalogue."""
+"""Geometry and kinematics of rolling bearings, and the catalogue: bearings.toml, then models/catalogue."""
 
 from __future__ import annotations
 
@@ -111,6 +111,7 @@ class CatalogueEntry:
             of it is the clearance of the models.
         notes: what the suffixes mean.
         dimensions: bore, outside diameter and width, m, or None where they are not known.
+        series_length: effective length of a roller that its series has, m, or None; for bearings without one.
     """
 
     bearing: Bearing
@@ -119,6 +120,7 @@ class CatalogueEntry:
     clearance_range: tuple[float, float] | None = None
     notes: tuple[str, ...] = ()
     dimensions: tuple[float, float, float] | None = None
+    series_length: float | None = None
 
     @property
     def estimated(self) -> bool:
@@ -221,7 +223,9 @@ def _known_entry(bearing: Bearing, kind: Kind, found: Geometry | None) -> Catalo
     if found is None:
         return CatalogueEntry(bearing, origins, counts)
     dimensions = (found.bore, found.outside, found.width)
-    return CatalogueEntry(bearing, origins, counts, found.clearance_range, found.notes, dimensions)
+    return CatalogueEntry(
+        bearing, origins, counts, found.clearance_range, found.notes, dimensions, found.effective_length
+    )
 
 
 def _with_uncertain_count(entry: CatalogueEntry) -> CatalogueEntry:

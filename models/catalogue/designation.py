@@ -120,8 +120,6 @@ def suffixes(family: Family) -> dict[str, Suffix]:
         if family not in entry.get("families", (family,)):
             continue
         for text in entry["texts"]:
-            suffix = Suffix(
-                text, entry["meaning"], entry.get("design"), entry.get("angle_deg"), entry.get("clearance")
-            )
+            suffix = Suffix(text, entry["meaning"], entry.get("design"), entry.get("angle_deg"), entry.get("clearance"))
             found.setdefault(compact(text), suffix)
     return found

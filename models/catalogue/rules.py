@@ -1,7 +1,7 @@
 """Rules of design from which the internal geometry follows where only boundary dimensions are known.
 
-The constants are means and standard deviations over the bearings of even bore code of each series whose geometry follows
-from published load ratings (models/catalogue/*.csv); those of odd bore code were held out and measure the error
+The constants are means and standard deviations over the bearings of even bore code of each series whose geometry
+follows from published load ratings (models/catalogue/*.csv); those of odd bore code were held out and measure the error
 (docs/evidence/catalogue.md). Series without ratings (64, 160) have the rule of their neighbour with a wider spread.
 """
 

@@ -172,11 +172,20 @@ def geometry(text: str) -> Geometry:
         clearance_range=clearance_range(designation, bore),
         notes=tuple(f"{suffix.text}: {suffix.meaning}" for suffix in designation.suffixes),
         design_changed=any(
-            suffix.design in ("reinforced", "narrow") or suffix.angle_deg is not None
-            for suffix in designation.suffixes
+            suffix.design in ("reinforced", "narrow") or suffix.angle_deg is not None for suffix in designation.suffixes
         ),
         count_uncertain=any(suffix.design == "count" for suffix in designation.suffixes),
     )
+
+
+def published_row(text: str) -> Row:
+    """Return what the table of its series holds for a designation, as text: mm, kN.
+
+    Raises:
+        LookupError: if its base number is not in the series.
+        ValueError: if a suffix is unknown.
+    """
+    return _row_of(read_designation(text))[0]
 
 
 def _row_of(designation: Designation) -> tuple[Row, str]:

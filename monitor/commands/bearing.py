@@ -11,7 +11,8 @@ from typing import Any
 import click
 import numpy as np
 
-from models.bearing import Bearing, kinematics
+from models.bearing import Bearing, CatalogueEntry, kinematics
+from models.contact_estimates import StiffnessEstimate, estimate_stiffness
 from models.hertz import contact_patches, contact_stiffness, l10h_life, mean_bearing_stiffness
 from models.load_distribution import (
     StiffnessPassage,
@@ -23,7 +24,8 @@ from models.load_distribution import (
 from models.published.thesis import published_figures
 from models.scene import Defect, Rig, natural_frequencies
 from monitor.commands import option
-from monitor.commands.common import InputError, emit, find_bearing, read_machine
+from monitor.commands.bearing_origins import origin_lines, origin_values
+from monitor.commands.common import InputError, emit, find_entry, read_machine
 from monitor.config.load import Config
 
 LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -32,6 +34,7 @@ _PRINTED = ("place", "quantity", "condition", "unit", "relation", "printed", "ob
 
 
 @click.command("bearing")
+@click.argument("designation", required=False)
 @option.config
 @option.bearing
 @click.option("--load-newton", type=option.POSITIVE, help="Radial load.")
@@ -41,6 +44,7 @@ _PRINTED = ("place", "quantity", "condition", "unit", "relation", "printed", "ob
 @click.option("--h-d-um", type=option.NOT_NEGATIVE, default=500.0, help="Depth of the defect.")
 @option.output
 def command(
+    designation: str | None,
     config_path: Path | None,
     name: str | None,
     load_newton: float | None,
@@ -55,10 +59,14 @@ def command(
 
     With --dphi-deg the stiffness of the damaged bearing is printed beside that of the healthy one.
 
+    DESIGNATION, or --bearing, is a bearing of the configuration or of the catalogue, such as 6205-2RS/C3 or NU205.
     Without a configuration, the test bench of the thesis is used: a 1205 ETN9 at 40 Hz and 4000 N.
     """
+    if designation is not None and name is not None:
+        raise InputError(f"{designation!r} and --bearing {name!r}: give one of them")
     config = read_machine(config_path)
-    bearing, clearance = find_bearing(config, name)
+    entry, clearance = find_entry(config, designation if name is None else name)
+    bearing = entry.bearing
     speed = speed_hz if speed_hz is not None else config.operating.speed_hz
     load = load_newton if load_newton is not None else config.operating.load_newton
     if speed is None or not load:
@@ -68,21 +76,26 @@ def command(
     defect = None if dphi_deg is None else Defect(math.radians(dphi_deg), h_d_um * 1e-6)
     if defect is not None and bearing.element != "ball":
         raise InputError(f"--dphi-deg: {bearing.designation} has rollers, whose path over a defect is not modelled")
-    values = describe(config, bearing, load, speed, clearance, defect)
+    values = describe(config, entry, load, speed, clearance, defect)
     emit(values, _lines(bearing, load, speed, values), as_json=as_json)
 
 
 def describe(
-    config: Config, bearing: Bearing, load: float, speed: float, clearance: float, defect: Defect | None = None
+    config: Config, entry: CatalogueEntry, load: float, speed: float, clearance: float, defect: Defect | None = None
 ) -> dict[str, Any]:
     """Return the keys of the interface; None for values that need data missing from the catalogue."""
+    bearing = entry.bearing
     lines = kinematics(bearing, speed)
     rig = config.rig.to_rig()
     # k_c of [rig] belongs to the first bearing of the configuration.
     own = bearing == config.bearing[0].to_bearing() and bearing.element == "ball"
     k_c = rig.k_c if own else None
     geometry, elliptic = contact_stiffnesses(bearing)
+    estimate = None if geometry is not None and not entry.estimated else _estimate(entry)
     used = k_c if k_c is not None else geometry
+    if used is None and estimate is not None:
+        used = estimate.value
+    filled = bearing if estimate is None else estimate.bearing
     life = None
     if bearing.dynamic_load_rating is not None:
         life = l10h_life(bearing.dynamic_load_rating, load, speed, bearing.element) / 86400.0
@@ -96,8 +109,10 @@ def describe(
         "k_c_newton_per_m15": k_c,
         f"k_c_geometry_newton_per_{_power(bearing)}": geometry,
         "k_c_elliptic_newton_per_m15": elliptic,
+        f"k_c_estimate_newton_per_{_power(bearing)}": None if estimate is None else _bounded(estimate),
+        **origin_values(entry),
         **statics(bearing, rig, load, used, clearance, defect),
-        "contact_areas_um": None if geometry is None or used is None else _areas(bearing, load, used, clearance),
+        "contact_areas_um": None if used is None else _areas_known(filled, load, used, clearance),
         "l10h_days": life,
         "published": [
             {
@@ -118,6 +133,22 @@ def contact_stiffnesses(bearing: Bearing) -> tuple[float | None, float | None]:
     except ValueError:
         return None, None
     return geometry, contact_stiffness(bearing, method="elliptic") if bearing.element == "ball" else None
+
+
+def _estimate(entry: CatalogueEntry) -> StiffnessEstimate | None:
+    try:
+        return estimate_stiffness(entry)
+    except ValueError:
+        return None
+
+
+def _bounded(estimate: StiffnessEstimate) -> dict[str, Any]:
+    return {
+        "value": estimate.value,
+        "low": estimate.low,
+        "high": estimate.high,
+        "estimated": list(estimate.estimated),
+    }
 
 
 _STATICS = (
@@ -183,6 +214,14 @@ def _passage(passage: StiffnessPassage) -> dict[str, float]:
     }
 
 
+def _areas_known(bearing: Bearing, load: float, k_c: float, clearance: float) -> dict[str, dict[str, float]] | None:
+    """Return ``_areas``, or None where a radius is unknown."""
+    try:
+        return _areas(bearing, load, k_c, clearance)
+    except ValueError:
+        return None
+
+
 def _areas(bearing: Bearing, load: float, k_c: float, clearance: float) -> dict[str, dict[str, float]]:
     """Return half length and half width of the most loaded contacts, um."""
     patches = contact_patches(bearing, float(load_distribution(bearing, load, k_c, clearance=clearance).loads.max()))
@@ -198,14 +237,21 @@ def _lines(bearing: Bearing, load: float, speed: float, values: dict[str, Any]) 
     yield f"outer race (BPFO)   {values['bpfo_hz']:9.2f} Hz"
     yield f"inner race (BPFI)   {values['bpfi_hz']:9.2f} Hz"
     yield f"element spin (BSF)  {values['bsf_hz']:9.2f} Hz, its defect shows at {2 * values['bsf_hz']:.2f} Hz"
+    yield from origin_lines(values)
     unit = "N/m^1.5" if bearing.element == "ball" else "N/m^(10/9)"
+    estimate = values[f"k_c_estimate_newton_per_{_power(bearing)}"]
     for key, words in (
         ("k_c_newton_per_m15", "configured"),
         (f"k_c_geometry_newton_per_{_power(bearing)}", "geometry"),
         ("k_c_elliptic_newton_per_m15", "geometry, exact elliptic Hertz"),
     ):
-        if values[key] is not None:
+        if values[key] is not None and (estimate is None or words == "configured"):
             yield f"contact stiffness   {values[key]:9.4g} {unit} ({words})"
+    if estimate is not None:
+        yield (
+            f"contact stiffness   {estimate['value']:9.4g} {unit} (estimated, {estimate['low']:.3g} to "
+            f"{estimate['high']:.3g}; estimates: {', '.join(estimate['estimated'])})"
+        )
     if values["k_xx_newton_per_m"] is None:
         yield "radial stiffness    not computed: the catalogue lacks radii of races or grooves"
     else:

@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from models.bearing import Bearing, catalogue, from_catalogue
+from models.bearing import Bearing, CatalogueEntry, catalogue_entry
 from models.errors import WrongInputError
 from monitor.config.load import Config, ConfigError, load_config, validate
 
@@ -67,15 +67,26 @@ def find_bearing(config: Config, name: str | None) -> tuple[Bearing, float]:
     Raises:
         InputError: if there is none of that name.
     """
+    entry, clearance = find_entry(config, name)
+    return entry.bearing, clearance
+
+
+def find_entry(config: Config, name: str | None) -> tuple[CatalogueEntry, float]:
+    """Return a bearing by its configured name or its designation with its origins, and its configured clearance, m.
+
+    Raises:
+        InputError: if there is none of that name.
+    """
     if name is None:
-        return config.bearing[0].to_bearing(), config.bearing[0].clearance_um * 1e-6
+        return config.bearing[0].to_entry(), config.bearing[0].clearance_um * 1e-6
     for section in config.bearing:
         if section.name == name:
-            return section.to_bearing(), section.clearance_um * 1e-6
-    if name in catalogue():
-        return from_catalogue(name), 0.0
-    known = ", ".join([section.name for section in config.bearing] + sorted(catalogue()))
-    raise InputError(f"--bearing {name!r} is neither configured nor in the catalogue; known are: {known}")
+            return section.to_entry(), section.clearance_um * 1e-6
+    try:
+        return catalogue_entry(name), 0.0
+    except KeyError as error:
+        configured = ", ".join(section.name for section in config.bearing)
+        raise InputError(f"--bearing: {error.args[0]}; configured are: {configured}") from None
 
 
 @contextmanager

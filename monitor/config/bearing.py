@@ -8,10 +8,12 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from models.bearing import Bearing, catalogue, from_catalogue
+from models.bearing import Bearing, CatalogueEntry, catalogue_entry
+from models.catalogue.series import Origin
 from models.scene import Rig
 from monitor.config.fields import Name, NotNegative, Positive, Section
 
+_NO_DIMENSIONS = ("element", "rows", "rotating_ring")
 _REQUIRED = ("n_elements", "element_diameter_mm", "pitch_diameter_mm")
 
 
@@ -30,18 +32,22 @@ class BearingSection(Section):
     inner_groove_radius_mm: Positive | None = None
     outer_groove_radius_mm: Positive | None = None
     element: Literal["ball", "roller"] | None = None
+    element_length_mm: Positive | None = None
     rotating_ring: Literal["inner", "outer"] = "inner"
     clearance_um: NotNegative = 0.0
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
         if self.designation is not None:
-            if self.designation not in catalogue():
+            try:
+                entry = catalogue_entry(self.designation)
+            except KeyError as error:
                 raise ValueError(
-                    f"designation {self.designation!r} is not in the catalogue; known are "
-                    f"{', '.join(sorted(catalogue()))}; or give n_elements, element_diameter_mm and pitch_diameter_mm"
-                )
+                    f"designation: {error.args[0]}; or give n_elements, element_diameter_mm and pitch_diameter_mm"
+                ) from None
+            self._check_length(self.element or entry.bearing.element)
             return self
+        self._check_length(self.element or "ball")
         missing = [key for key in _REQUIRED if getattr(self, key) is None]
         if missing:
             raise ValueError(f"without a designation it needs {', '.join(missing)}")
@@ -49,21 +55,41 @@ class BearingSection(Section):
             raise ValueError("element_diameter_mm must be smaller than pitch_diameter_mm")
         return self
 
+    def _check_length(self, element: str) -> None:
+        if self.element_length_mm is not None and element != "roller":
+            raise ValueError("element_length_mm is the length of the contact of a roller; this bearing has balls")
+
     def to_bearing(self) -> Bearing:
         """Return the geometry in SI; keys of the configuration take precedence over the catalogue."""
+        return self.to_entry().bearing
+
+    def to_entry(self) -> CatalogueEntry:
+        """Return the geometry in SI with the origin of each value; keys given here take precedence."""
+        given = self._given()
+        origins = {name: Origin("configured") for name in given if name not in _NO_DIMENSIONS}
+        if self.designation is None:
+            bearing = Bearing(designation=self.name, source="configuration", **given)
+            return CatalogueEntry(bearing, origins, ((bearing.n_elements, 1.0),))
+        entry = catalogue_entry(self.designation)
+        bearing = replace(entry.bearing, **given)
+        counts = entry.counts if self.n_elements is None else ((bearing.n_elements, 1.0),)
+        return replace(entry, bearing=bearing, origins={**entry.origins, **origins}, counts=counts)
+
+    def _given(self) -> dict[str, Any]:
+        """Return the fields of a bearing that are given here, SI."""
         given: dict[str, Any] = {}
         for key, value in self:
             if value is None or key in ("name", "designation", "clearance_um"):
                 continue
-            if key.endswith("_mm"):
+            if key == "element_length_mm":
+                given["effective_length"] = value * 1e-3
+            elif key.endswith("_mm"):
                 given[key.removesuffix("_mm")] = value * 1e-3
             elif key.endswith("_deg"):
                 given[key.removesuffix("_deg")] = math.radians(value)
             else:
                 given[key] = value
-        if self.designation is None:
-            return Bearing(designation=self.name, source="configuration", **given)
-        return replace(from_catalogue(self.designation), **given)
+        return given
 
 
 class RigSection(Section):

@@ -10,7 +10,7 @@ from typing import Any, Self, get_args
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from models.bearing import Bearing
+from models.bearing import Bearing, CatalogueEntry
 from models.errors import WrongInputError
 from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import BearingSection, RigSection
@@ -69,7 +69,11 @@ class Config(Section):
 
     def bearing_of(self, channel: ChannelSection) -> Bearing:
         """Return the geometry of the bearing of a channel."""
-        return next(bearing.to_bearing() for bearing in self.bearing if bearing.name == channel.bearing)
+        return self.entry_of(channel).bearing
+
+    def entry_of(self, channel: ChannelSection) -> CatalogueEntry:
+        """Return the geometry of the bearing of a channel with the origins of its values."""
+        return next(bearing.to_entry() for bearing in self.bearing if bearing.name == channel.bearing)
 
     @property
     def hash(self) -> str:

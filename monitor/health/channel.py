@@ -21,6 +21,7 @@ from monitor.health.quality import Verdict, check_samples
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes, candidate_bands
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.spectrum.search import family_searches
 from monitor.health.spectrum.transform import Band
 from monitor.health.state import ChannelSettings, ChannelState, Named
 
@@ -82,6 +83,7 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
             rms_band=settings.rms_band,
             speed=lines.speed,
             average_blocks=settings.average_blocks,
+            searches=family_searches(settings.uncertainty),
         ),
         state.spectra if verdict.for_baseline else None,
     )
@@ -89,7 +91,7 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
     naming: Naming | None = None
     leading = 0
     if verdict.for_baseline:
-        state, naming, leading = _name(state, features, lines, settings.average_blocks)
+        state, naming, leading = _name(state, features, lines, settings)
     usable = is_for_detector(state, verdict, settings, band_source)
     given = detect_input(features, block, absolute=settings.absolute, usable=usable)
     detector, detection = detect.step(state.detect, given, settings.detect)
@@ -150,16 +152,17 @@ def _vote(state: ChannelState, block: ChannelBlock, lines: Kinematics) -> Channe
 
 
 def _name(
-    state: ChannelState, features: BlockFeatures, lines: Kinematics, average_blocks: int
+    state: ChannelState, features: BlockFeatures, lines: Kinematics, settings: ChannelSettings
 ) -> tuple[ChannelState, Naming, int]:
     """Name the damaged part; the number is the place of the band that shows it, 0 where no part is named."""
+    searches = family_searches(settings.uncertainty)
     namings = [
-        name_fault(spectrum, lines, families)
+        name_fault(spectrum, lines, families, searches)
         for spectrum, families in zip(features.sought, features.families, strict=True)
     ]
     place = max(range(len(namings)), key=lambda i: (namings[i].fault is not None, namings[i].relative_score))
     best = namings[place]
-    kept = features.recent if average_blocks > 1 else RecentSpectra()
+    kept = features.recent if settings.average_blocks > 1 else RecentSpectra()
     return replace(state, spectra=kept), best, place if best.fault is not None else 0
 
 

@@ -11,7 +11,8 @@ only if its comb of lines
 * is not the shaft's own: four times the shaft is within half a percent of the ball frequency of some bearings with
   eight balls; if the harmonics between its lines stand at the same speed, the comb is that of the shaft.
 
-Two families that the resolution or the search cannot separate are named together (``inner|ball``).
+Families that the resolution or the search cannot separate are named together (``inner|ball``); where the geometry of
+the bearing is an estimate, the search of each family is as wide as the estimate is uncertain.
 """
 
 from __future__ import annotations
@@ -19,12 +20,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
 from models.bearing import Kinematics
 from monitor.health.spectrum.comb import SEARCH, FaultLines, LineSpectrum, comb_grid
 from monitor.health.spectrum.features import FAULTS, N_HARMONICS, fundamentals, highest_rival
+from monitor.health.spectrum.search import PLAIN, FamilySearch
 
 _SPEED_ERROR = 0.025
 """How far from the stated speed the shaft is sought: a little beyond the search, which slip and geometry widen."""
@@ -38,6 +41,7 @@ _CLEARANCE = 9.1
 MIN_DEPTH = 0.2
 """Least root sum of squares of the five lines over the mean envelope, without the noise under them."""
 _MIN_BINS = 40
+_NO_SEARCHES: Mapping[str, FamilySearch] = MappingProxyType({})
 _SIMPLE_RATIOS = sorted({p / q for p in range(1, N_HARMONICS + 1) for q in range(1, N_HARMONICS + 1)})
 
 
@@ -77,7 +81,12 @@ def score_threshold(n_averages: int) -> float:
     return _LONG_AVERAGE_SCORE + _CLEARANCE / math.sqrt(n_averages)
 
 
-def name_fault(spectrum: LineSpectrum, kinematics: Kinematics, families: Mapping[str, FaultLines]) -> Naming:
+def name_fault(
+    spectrum: LineSpectrum,
+    kinematics: Kinematics,
+    families: Mapping[str, FaultLines],
+    searches: Mapping[str, FamilySearch] = _NO_SEARCHES,
+) -> Naming:
     """Name the damaged part from one envelope spectrum.
 
     Args:
@@ -85,6 +94,7 @@ def name_fault(spectrum: LineSpectrum, kinematics: Kinematics, families: Mapping
             their mean in power.
         kinematics: kinematic frequencies at the stated shaft speed.
         families: lines of each fault family in it.
+        searches: range in which each family was sought, of those whose frequency is an estimate.
     """
     threshold = score_threshold(spectrum.n_averages)
     shown = {name: lines for name, lines in families.items() if lines.resolved.all()}
@@ -97,7 +107,8 @@ def name_fault(spectrum: LineSpectrum, kinematics: Kinematics, families: Mapping
     rival = _best_rival(spectrum, kinematics, found.fundamental)
     if found.comb_score <= rival or _is_of_shaft(spectrum, kinematics.speed, found.fundamental):
         return Naming(None, best, rival, threshold, shown)
-    return Naming(_joined(best, shown, spectrum.resolution, kinematics), best, rival, threshold, shown)
+    joined = _joined(best, shown, spectrum.resolution, fundamentals(kinematics), searches)
+    return Naming(joined, best, rival, threshold, shown)
 
 
 def _is_of_shaft(spectrum: LineSpectrum, speed: float, fundamental: float) -> bool:
@@ -147,9 +158,14 @@ def _best_rival(spectrum: LineSpectrum, kinematics: Kinematics, fundamental: flo
     return float(np.max(scores, where=unrelated, initial=0.0))
 
 
-def _joined(best: str, families: Mapping[str, FaultLines], resolution: float, kinematics: Kinematics) -> str:
-    """Join the names of the families that cannot be separated from ``best``."""
-    lines = fundamentals(kinematics)
+def _joined(
+    best: str,
+    families: Mapping[str, FaultLines],
+    resolution: float,
+    lines: Mapping[str, float],
+    searches: Mapping[str, FamilySearch],
+) -> str:
+    """Join the names of the families that cannot be separated from ``best``; ``lines`` are the nominal ones, Hz."""
     found = families[best].fundamental
     names = [
         name
@@ -157,7 +173,7 @@ def _joined(best: str, families: Mapping[str, FaultLines], resolution: float, ki
         if name == best
         or (
             name in families
-            and (abs(lines[name] - lines[best]) < resolution or abs(found / lines[name] - 1.0) <= SEARCH)
+            and (abs(lines[name] - lines[best]) < resolution or searches.get(name, PLAIN).holds(found / lines[name]))
         )
     ]
     return "|".join(names)

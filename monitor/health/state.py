@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
 from models.bearing import Bearing
+from models.kinematic_uncertainty import KNOWN, KinematicUncertainty
 from monitor.health.alarms import AlarmSettings, AlarmState
 from monitor.health.condition import ConditionSettings
 from monitor.health.damage.filter.particle_filter import FilterState
@@ -40,6 +41,7 @@ class ChannelSettings:
         sensitivity_mv_per_g: of the sensor, for "V".
         signal_range: full scale, m/s2, or None where unknown.
         samples: nominal samples of a block, or None where blocks have no nominal length.
+        uncertainty: of the fault frequencies, by which the search of the families widens.
         bands: bands to demodulate, Hz, or None: chosen on the learning window.
         rms_band: band of RMS and A*, Hz, or None for the full bandwidth.
         average_blocks: envelope spectra averaged to name the damaged part.
@@ -54,6 +56,7 @@ class ChannelSettings:
     sensitivity_mv_per_g: float | None = None
     signal_range: float | None = None
     samples: int | None = None
+    uncertainty: KinematicUncertainty = KNOWN
     bands: tuple[Band, ...] | None = None
     rms_band: Band | None = None
     average_blocks: int = 1

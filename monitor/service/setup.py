@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from models.bearing import Bearing
+from models.kinematic_uncertainty import kinematics_uncertainty
 from models.lives.population import Population
 from models.maps.data import OutsideMapError, RmsMap
 from models.maps.file import load_map
@@ -191,6 +192,7 @@ def _channel_settings(
     return ChannelSettings(
         name=channel.name,
         bearing=config.bearing_of(channel),
+        uncertainty=kinematics_uncertainty(config.entry_of(channel)),
         unit=channel.unit,
         scale=1.0 if channel.scale is None else channel.scale,
         sensitivity_mv_per_g=channel.sensitivity_mv_per_g,

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from models.bearing import Kinematics
 from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.comb import SEARCH, FaultLines, LineSpectrum, fault_lines, line_spectrum
+from monitor.health.spectrum.comb import FALSE_ALARM, SEARCH, FaultLines, LineSpectrum, fault_lines, line_spectrum
 from monitor.health.spectrum.indicators import TimeIndicators, time_indicators
 from monitor.health.spectrum.plans import Effort, Precision
+from monitor.health.spectrum.search import FamilySearch
 from monitor.health.spectrum.transform import (
     AmplitudeSpectrum,
     Band,
@@ -53,6 +54,7 @@ class FeatureSettings:
         speed: stated shaft speed, Hz, or None: then lines of the shaft are not separated.
         average_blocks: neighbouring blocks in whose mean envelope spectrum the families are sought.
         search: half width of the range of the speed factor.
+        searches: range of each family whose nominal frequency is an estimate; the others have ``search``.
         precision: arithmetic of the transforms.
         effort: planning of the transforms; "estimate" gives the same bits everywhere and every time.
     """
@@ -64,6 +66,7 @@ class FeatureSettings:
     speed: float | None = None
     average_blocks: int = 1
     search: float = SEARCH
+    searches: Mapping[str, FamilySearch] = field(default_factory=dict[str, FamilySearch])
     precision: Precision = "float32"
     effort: Effort = "estimate"
 
@@ -181,7 +184,7 @@ def block_features(
         raise ValueError(f"the settings are for {settings.rate:g} Hz, the block has {rate:g} Hz")
     outer = settings.fundamentals["outer"]
     # Rounded up to a power of two so that a speed that varies from block to block does not ask for ever new plans.
-    limit = N_RAW_HARMONICS * outer * (1.0 + settings.search) + _RAW_MARGIN_BINS * rate / x.size
+    limit = N_RAW_HARMONICS * outer * _reach(settings, "outer") + _RAW_MARGIN_BINS * rate / x.size
     transform = get_transform(
         x.size,
         rate,
@@ -203,7 +206,7 @@ def block_features(
     )
     families = tuple(_families(spectrum, settings) for spectrum in sought)
     lines = tuple(map(partial(_own_lines, settings, averaged=recent.count > 1), spectra.envelopes, relative, families))
-    raw = _raw_lines(spectra.raw, _leader(families, ("outer",)), settings)
+    raw, outer = _raw_lines(spectra.raw, _leader(families, ("outer",)), settings)
     shown = raw.resolved & _inside(settings.rms_band, outer * raw.speed_factor)
     amplitude = np.where(shown, raw.amplitude, 0.0)
     indicators = time_indicators(x)
@@ -232,18 +235,49 @@ def highest_rival(fundamentals: Mapping[str, float], speed: float | None) -> flo
 
 def _relative(envelope: EnvelopeSpectrum, settings: FeatureSettings) -> NDArray[np.float32]:
     """Return an envelope spectrum over the mean envelope, as far as combs are sought."""
-    highest = N_HARMONICS * highest_rival(settings.fundamentals, settings.speed) * 1.05
+    families = {fault: line * _margin(settings, fault) for fault, line in settings.fundamentals.items()}
+    highest = N_HARMONICS * highest_rival(families, settings.speed) * 1.05
     needed = math.ceil(highest / envelope.resolution) + 10
     mean = max(envelope.mean, float(np.finfo(np.float32).tiny))
     return np.asarray(envelope.amplitude[:needed], dtype=np.float32) / np.float32(mean)
 
 
+def _margin(settings: FeatureSettings, fault: str) -> float:
+    """Return by how much a family of estimated frequency can stand above its nominal one."""
+    return _reach(settings, fault) if fault in settings.searches else 1.0
+
+
+def _reach(settings: FeatureSettings, fault: str) -> float:
+    """Return the highest factor of the nominal frequency at which a family is sought."""
+    search = settings.searches.get(fault)
+    return 1.0 + settings.search if search is None else max(search.places) * (1.0 + search.width)
+
+
 def _families(spectrum: LineSpectrum, settings: FeatureSettings) -> dict[str, FaultLines]:
     """Return the lines of each fault family, each at its own speed factor."""
-    return {
-        fault: fault_lines(spectrum, settings.fundamentals[fault], n_harmonics=N_HARMONICS, search=settings.search)
-        for fault in FAULTS
-    }
+    return {fault: _family(spectrum, settings, fault) for fault in FAULTS}
+
+
+def _family(spectrum: LineSpectrum, settings: FeatureSettings, fault: str) -> FaultLines:
+    """Return the lines of a family, at the highest comb of the places where it may stand."""
+    nominal, search = settings.fundamentals[fault], settings.searches.get(fault)
+    if search is None:
+        return fault_lines(spectrum, nominal, n_harmonics=N_HARMONICS, search=settings.search)
+    alarm = FALSE_ALARM / len(search.places)
+    return max(
+        (
+            fault_lines(spectrum, nominal * place, n_harmonics=N_HARMONICS, search=search.width, false_alarm=alarm)
+            for place in search.places
+        ),
+        key=lambda found: found.comb_score,
+    )
+
+
+def _nominal(settings: FeatureSettings, fault: str, found: FaultLines | None) -> float:
+    """Return the frequency to which the speed factor of a family refers, Hz: that of the number of elements found."""
+    if found is None or fault not in settings.searches:
+        return settings.fundamentals[fault]
+    return found.fundamental / found.speed_factor
 
 
 def _own_lines(
@@ -259,20 +293,22 @@ def _own_lines(
         return {fault: found.scaled(envelope.mean) for fault, found in families.items()}
     own = line_spectrum(relative, envelope.resolution, speed=settings.speed)
     return {
-        fault: fault_lines(own, settings.fundamentals[fault], speed_factor=found.speed_factor).scaled(envelope.mean)
+        fault: fault_lines(own, _nominal(settings, fault, found), speed_factor=found.speed_factor).scaled(envelope.mean)
         for fault, found in families.items()
     }
 
 
-def _raw_lines(raw: AmplitudeSpectrum, found: FaultLines | None, settings: FeatureSettings) -> FaultLines:
-    """BPFO harmonics of the raw spectrum, at the speed that the envelope shows, or else at the best one."""
-    return fault_lines(
+def _raw_lines(raw: AmplitudeSpectrum, found: FaultLines | None, settings: FeatureSettings) -> tuple[FaultLines, float]:
+    """BPFO harmonics of the raw spectrum, at the speed of the envelope or the best one, and the nominal BPFO."""
+    nominal, search = _nominal(settings, "outer", found), settings.searches.get("outer")
+    lines = fault_lines(
         line_spectrum(raw.amplitude, raw.resolution, speed=settings.speed),
-        settings.fundamentals["outer"],
+        nominal,
         n_harmonics=N_RAW_HARMONICS,
-        search=settings.search,
+        search=settings.search if search is None else search.width,
         speed_factor=None if found is None else found.speed_factor,
     )
+    return lines, nominal
 
 
 def _leader(lines: Sequence[Mapping[str, FaultLines]], faults: Sequence[str]) -> FaultLines | None:

@@ -1,0 +1,100 @@
+"""Contact stiffness k_c where the geometry that it needs is not known, with its bound.
+
+Rules: races at the pitch radius less and plus the element's radius times the cosine of the contact angle; grooves of
+0.52 of the ball diameter, between 0.515 and 0.53 (ISO 76 and ISO 281 rate bearings up to 0.52 inside and 0.53 outside);
+the outer race of a two-row ball bearing a sphere (self-aligning); a roller as long as in its series within 20 %, else 1.2
+times as long as its diameter, between 0.8 and 1.6. Line contacts follow Palmgren: 8.06e4 N/mm^(10/9) per mm^(8/9),
+which is his delta = 3.84e-5 Q^0.9 / L^0.8 (mm, N; printed by Ceruti, 2021, section 2.2).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from models.bearing import Bearing, CatalogueEntry
+from models.hertz import contact_stiffness
+
+_CONFORMITY = (0.515, 0.52, 0.53)
+_ROLLER_PROPORTION = (0.8, 1.2, 1.6)
+_LENGTH_RANGE = 0.2
+_DEVIATIONS = 2.0
+
+
+@dataclass(frozen=True)
+class StiffnessEstimate:
+    """k_c and its bound, N/m^1.5 (balls) or N/m^(10/9) (rollers).
+
+    Attributes:
+        low, high: the bound: every estimated value moved over its range, two standard deviations for those that have
+            one, and the effects added in quadrature.
+        bearing: the bearing with the estimated values in the place of unknown ones.
+        estimated: names of the fields that are estimates.
+    """
+
+    value: float
+    low: float
+    high: float
+    bearing: Bearing
+    estimated: tuple[str, ...]
+
+
+def estimate_stiffness(entry: CatalogueEntry) -> StiffnessEstimate:
+    """Return k_c of one element between both rings, unknown values of its geometry estimated, and its bound.
+
+    Known values that are estimates widen the bound.
+
+    Raises:
+        ValueError: if a known radius does not conform.
+    """
+    bearing, origins = entry.bearing, entry.origins
+    ranges = _unknown_ranges(bearing)
+    if "effective_length" in ranges and entry.series_length is not None:
+        length = entry.series_length
+        ranges["effective_length"] = ((1.0 - _LENGTH_RANGE) * length, length, (1.0 + _LENGTH_RANGE) * length)
+    filled = replace(bearing, **{name: values[1] for name, values in ranges.items()})
+    value = contact_stiffness(filled)
+    estimated = list(ranges)
+    moved = {name: (values[0], values[2]) for name, values in ranges.items()}
+    for name in ("element_diameter", "effective_length"):
+        origin = origins.get(name)
+        known = getattr(bearing, name)
+        if origin is not None and origin.kind == "estimated" and known is not None:
+            reach = _DEVIATIONS * origin.spread
+            moved[name] = (known * (1.0 - reach), known * (1.0 + reach))
+            estimated.append(name)
+    lower = upper = 0.0
+    for name, ends in moved.items():
+        effects = [math.log(_moved_stiffness(bearing, filled, name, end) / value) for end in ends]
+        lower = math.hypot(lower, min(*effects, 0.0))
+        upper = math.hypot(upper, max(*effects, 0.0))
+    return StiffnessEstimate(value, value * math.exp(-lower), value * math.exp(upper), filled, tuple(estimated))
+
+
+def _unknown_ranges(bearing: Bearing) -> dict[str, tuple[float, float, float]]:
+    """Return least, likeliest and largest value of each unknown length that k_c needs, m."""
+    radius = 0.5 * bearing.element_diameter * math.cos(bearing.contact_angle)
+    inner, outer = 0.5 * bearing.pitch_diameter - radius, 0.5 * bearing.pitch_diameter + radius
+    # Races lie where the elements touch them, within one per cent of the pitch radius.
+    ranges: dict[str, tuple[float, float, float]] = {
+        "inner_race_radius": (0.99 * inner, inner, 1.01 * inner),
+        "outer_race_radius": (0.99 * outer, outer, 1.01 * outer),
+    }
+    if bearing.element == "ball":
+        low, usual, high = (share * bearing.element_diameter for share in _CONFORMITY)
+        ranges["inner_groove_radius"] = ranges["outer_groove_radius"] = (low, usual, high)
+        if bearing.rows == 2:
+            race = bearing.outer_race_radius or outer
+            ranges["outer_groove_radius"] = (0.99 * race, race, 1.01 * race)
+    else:
+        low, usual, high = (share * bearing.element_diameter for share in _ROLLER_PROPORTION)
+        ranges["effective_length"] = (low, usual, high)
+    return {name: values for name, values in ranges.items() if getattr(bearing, name) is None}
+
+
+def _moved_stiffness(bearing: Bearing, filled: Bearing, name: str, value: float) -> float:
+    """Return k_c with one field of the geometry at another value; another diameter moves what follows from it."""
+    if name != "element_diameter":
+        return contact_stiffness(replace(filled, **{name: value}))
+    moved = replace(bearing, element_diameter=value, effective_length=filled.effective_length)
+    return contact_stiffness(replace(moved, **{key: ends[1] for key, ends in _unknown_ranges(moved).items()}))
