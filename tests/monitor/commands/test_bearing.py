@@ -27,9 +27,13 @@ def test_keys_of_every_bearing_are_the_same() -> None:
     known, unknown = values(), values("--bearing", "6205")
     # The exponent is part of one name, and both are balls.
     assert set(known) == set(unknown)
-    for key in ("k_xx_newton_per_m", "load_distribution", "stiffness_over_passage", "contact_areas_um", "l10h_days"):
+    for key in ("k_c_geometry_newton_per_m15", "l10h_days"):
         assert known[key] is not None
         assert unknown[key] is None
+    assert known["k_c_estimate_newton_per_m15"] is None
+    estimate = unknown["k_c_estimate_newton_per_m15"]
+    assert estimate["low"] < estimate["value"] < estimate["high"]
+    assert "inner_groove_radius" in estimate["estimated"]
     assert unknown["published"] == []
 
 
@@ -77,3 +81,52 @@ def test_published_figures_stand_beside_ours() -> None:
     assert printed["printed"] == 102.3
     assert printed["difference_percent"] == pytest.approx(-0.33, abs=0.01)
     assert "printed figures" in run()
+
+
+def test_a_designation_of_the_series_says_what_is_estimated() -> None:
+    text = run("NU205")
+    assert "number of elements         13" in text
+    assert "(estimated)" in text
+    assert "13 (85 %), 12 (8 %), 14 (8 %)" in text
+    assert "outer|ball: naming may answer with both" in text
+    assert "20 to 45 um by ISO 5753-1" in text
+    found = values("NU205")
+    assert found["geometry"]["element_diameter"]["source"] == "estimated"
+    assert found["geometry"]["element_diameter"]["value"] == pytest.approx(6.5)
+    assert found["geometry"]["dynamic_load_rating"]["source"] == "table"
+    assert 0.0 < found["bpfo_uncertainty"] < found["bsf_uncertainty"]
+    assert found["l10h_days"] is not None
+
+
+def test_suffixes_of_a_measured_bearing_change_its_clearance_alone() -> None:
+    plain, suffixed = values("6205"), values("6205-2RS/C3")
+    assert plain["clearance_range_um"] == pytest.approx([5.0, 20.0])
+    assert suffixed["clearance_range_um"] == pytest.approx([13.0, 28.0])
+    assert suffixed["suffixes"] == ["2RS: seals on both sides", "C3: radial clearance larger than normal"]
+    assert suffixed["bpfo_hz"] == plain["bpfo_hz"]
+    assert {row["source"] for row in plain["geometry"].values()} == {"measured"}
+    assert plain["bpfo_uncertainty"] == 0.0
+
+
+def test_the_support_bearing_of_the_example_is_an_estimate() -> None:
+    found = values("22207")
+    assert found["geometry"]["n_elements"]["source"] == "estimated"
+    assert found["count_probabilities"]["15"] == pytest.approx(0.65)
+    estimate = found["k_c_estimate_newton_per_m109"]
+    assert estimate["low"] < estimate["value"] < estimate["high"]
+    assert found["k_xx_newton_per_m"] is not None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("6205-QX",), ("unknown suffix 'QX'", "2RS1")),
+        (("9999",), ("'9999' is not in the catalogue", "6200 to 6221")),
+        (("6205", "--bearing", "6206"), ("give one of them",)),
+    ],
+)
+def test_a_designation_that_is_unknown(arguments: tuple[str, ...], words: tuple[str, ...]) -> None:
+    result = call(*arguments)
+    assert result.returncode == 2
+    for word in words:
+        assert word in result.stderr

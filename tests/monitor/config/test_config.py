@@ -107,6 +107,8 @@ def test_every_key_of_the_root_configuration_is_commented():
         (changed("channel", column=1, key="x"), ["column or key"]),
         (changed("channel", average_blocks=0), ["channel[0].average_blocks", "greater than or equal to 1"]),
         (changed("bearing", designation="6999"), ["bearing[0] (test)", "'6999'", "6205"]),
+        (changed("bearing", designation="6205-QX"), ["bearing[0] (test)", "unknown suffix 'QX'"]),
+        (changed("bearing", element_length_mm=8.0), ["bearing[0] (test)", "element_length_mm", "balls"]),
         (changed("bearing", designation=None), ["bearing[0] (test)", "n_elements"]),
         (changed("operating", speed_hz=-5), ["operating.speed_hz", "-5", "greater than 0"]),
         (changed("operating", speed_hz=float("nan")), ["operating.speed_hz", "nan"]),
@@ -202,3 +204,25 @@ def test_the_schema_covers_every_section():
     schema = Config.model_json_schema()
     assert set(schema["properties"]) == set(Config.model_fields)
     assert schema["additionalProperties"] is False
+
+
+def test_the_length_of_a_roller_and_other_keys_take_precedence() -> None:
+    values = changed("bearing", designation="NU205 ECP/C3", element_length_mm=7.5, n_elements=12)
+    entry = Config.model_validate(values).bearing[0].to_entry()
+    assert entry.bearing.effective_length == pytest.approx(7.5e-3)
+    assert entry.bearing.n_elements == 12
+    assert entry.bearing.element_diameter == pytest.approx(7.5e-3)
+    assert {name: entry.origins[name].kind for name in ("effective_length", "n_elements", "element_diameter")} == {
+        "effective_length": "configured",
+        "n_elements": "configured",
+        "element_diameter": "estimated",
+    }
+    assert entry.counts == ((12, 1.0),)
+
+
+def test_geometry_without_a_designation_is_taken_as_exact() -> None:
+    given = {"n_elements": 9, "element_diameter_mm": 7.9, "pitch_diameter_mm": 39.0, "element": "roller"}
+    values = changed("bearing", designation=None, element_length_mm=8.0, **given)
+    entry = Config.model_validate(values).bearing[0].to_entry()
+    assert entry.bearing.effective_length == pytest.approx(8e-3)
+    assert not entry.estimated
