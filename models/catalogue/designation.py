@@ -54,7 +54,8 @@ class Designation:
     @property
     def clearance_class(self) -> ClearanceClass:
         """Class that a suffix states; N where none does."""
-        return next((suffix.clearance for suffix in self.suffixes if suffix.clearance is not None), "N")
+        stated: list[ClearanceClass] = [suffix.clearance for suffix in self.suffixes if suffix.clearance is not None]
+        return stated[0] if stated else "N"
 
 
 def compact(text: str) -> str:

@@ -9,13 +9,10 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal, cast
+from typing import Literal
 
 from models.catalogue.designation import BALLS, ROLLERS, Designation, Family, parse
 from models.catalogue.rules import Estimate, estimate
-
-if TYPE_CHECKING:
-    from models.catalogue.designation import ClearanceClass
 
 Kind = Literal["measured", "table", "estimated", "configured"]
 Row = dict[str, str]
@@ -279,7 +276,7 @@ def clearance_range(designation: Designation, bore_mm: float) -> tuple[float, fl
         return None
     for row in _clearances():
         if row["family"] == designation.family and float(row["over"]) < bore_mm <= float(row["to"]):
-            named = cast("ClearanceClass", designation.clearance_class)
+            named = designation.clearance_class
             return 1e-6 * float(row[f"{named}_low"]), 1e-6 * float(row[f"{named}_high"])
     return None
 
