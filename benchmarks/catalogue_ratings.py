@@ -1,20 +1,24 @@
 """Derive count and size of the elements of models/catalogue/*.csv from the published load ratings beside them.
 
-python -m benchmarks.catalogue_ratings rewrites the derived columns; without a change of the published ones it changes
-nothing. Of each candidate count the size follows from the static rating (ISO 76); the dynamic rating (ISO 281), the
-sizes in which elements are made, and the room between the elements select the candidate. The effective lengths of
-cylindrical rollers are whole millimetres (less 0.6 mm for diameters from 15 to 18 mm, 0.4 mm from 25 mm), which selects
-the count that the two ratings alone leave open.
+python -m benchmarks.catalogue_ratings rewrites the derived columns and prints the rules of design that follow from the
+even bore codes; without a change of the published columns it changes nothing. Of each candidate count the size follows
+from the static rating (ISO 76); the dynamic rating (ISO 281), the sizes in which elements are made, and the room between
+the elements select the candidate. The effective lengths of cylindrical rollers are whole millimetres (less 0.6 mm for
+diameters from 15 to 18 mm, 0.4 mm from 25 mm), which selects the count that the two ratings alone leave open.
 """
 
 from __future__ import annotations
 
 import csv
 import math
+import statistics
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
 from models.catalogue.ratings import Family, Internal, dynamic_rating, static_rating
+from models.catalogue.rules import Rule
+from models.catalogue.series import families, geometry, series_of
 from models.numerics import find_root
 
 FOLDER = Path(__file__).resolve().parents[1] / "models" / "catalogue"
@@ -24,21 +28,15 @@ _DYNAMIC_SD = 0.006
 _ROOM = {"E": (1.25, 0.06), "": (1.40, 0.12)}
 """Pitch of the rollers over their diameter, and its spread, of the reinforced and the ordinary cylindrical design."""
 _TAPERED_ROOM, _SPHERICAL_ROOM = 1.10, 1.15
+LEAST_SHARE_SPREAD, LEAST_ROOM_SPREAD = 0.02, 0.02
+"""Spreads below these are those of one maker's series; other makers differ by as much."""
 _SPHERICAL_PITCH = 1.02
 """Pitch diameter over the mean of bore and outside diameter of spherical roller bearings (22317: 135.08 to 132.5)."""
 
 
 def main() -> None:
     """Rewrite the derived columns of all series."""
-    derive: dict[Family, Callable[[Row], dict[str, str]]] = {
-        "deep_groove": _deep_groove,
-        "angular_contact": _angular_contact,
-        "self_aligning": _self_aligning,
-        "cylindrical": _cylindrical,
-        "tapered": lambda row: _inclined(row, "tapered"),
-        "spherical": lambda row: _inclined(row, "spherical"),
-    }
-    for family, function in derive.items():
+    for family, function in DERIVE.items():
         path = FOLDER / f"{family}.csv"
         text = path.read_text(encoding="utf-8").splitlines()
         comments = [line for line in text if line.startswith("#")]
@@ -51,6 +49,44 @@ def main() -> None:
             writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
             writer.writeheader()
             writer.writerows(rows)
+    for series, rule in fitted_rules().items():
+        print(f'    "{series}": {rule},')
+
+
+def fitted_rules() -> dict[str, Rule]:
+    """Return the rule of each series with ratings: means and relative standard deviations over even bore codes."""
+    found: dict[str, list[tuple[float, float, float, float | None]]] = defaultdict(list)
+    for base, family in families().items():
+        if base.startswith("NJ") or int(base[-2:]) % 2:
+            continue
+        for design in ("", "E") if family == "cylindrical" else ("",):
+            bearing = geometry(base + design)
+            if "derived" not in bearing.source:
+                continue
+            size, mean = bearing.element_diameter, 0.5 * (bearing.bore + bearing.outside)
+            found[series_of(base) + design].append(
+                (
+                    size / (0.5 * (bearing.outside - bearing.bore)),
+                    math.pi * bearing.pitch_diameter / (bearing.n_elements * size),
+                    bearing.pitch_diameter / mean,
+                    None if bearing.effective_length is None else bearing.effective_length / bearing.width,
+                )
+            )
+    return {series: _rule(rows) for series, rows in found.items()}
+
+
+def _rule(rows: list[tuple[float, float, float, float | None]]) -> Rule:
+    shares, rooms, pitches = ([row[i] for row in rows] for i in range(3))
+    share, room = statistics.mean(shares), statistics.mean(rooms)
+    lengths = [length for *_, length in rows if length is not None]
+    return Rule(
+        round(share, 3),
+        round(max(statistics.stdev(shares) / share, LEAST_SHARE_SPREAD), 3),
+        round(room, 3),
+        round(max(statistics.stdev(rooms) / room, LEAST_ROOM_SPREAD), 3),
+        round(statistics.mean(pitches), 3),
+        round(statistics.mean(lengths), 3) if lengths else None,
+    )
 
 
 def _mean(row: Row) -> float:
@@ -164,6 +200,17 @@ def _inclined(row: Row, family: Family) -> dict[str, str]:
         "roller": f"{found.element_diameter:.2f}",
         "length": f"{found.effective_length:.2f}",
     }
+
+
+DERIVE: dict[Family, Callable[[Row], dict[str, str]]] = {
+    "deep_groove": _deep_groove,
+    "angular_contact": _angular_contact,
+    "self_aligning": _self_aligning,
+    "cylindrical": _cylindrical,
+    "tapered": lambda row: _inclined(row, "tapered"),
+    "spherical": lambda row: _inclined(row, "spherical"),
+}
+"""The derivation of each family: columns of a row, as text, to the derived ones."""
 
 
 if __name__ == "__main__":

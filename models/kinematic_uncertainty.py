@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _LEAST_PROBABILITY = 0.02
 _SIZE_EXPONENT = -0.5
-"""Of the element diameter with the number of elements: -0.53 over 91 bearings of even bore code whose number differs
+"""Of the element diameter with the number of elements: -0.54 over 92 bearings of even bore code whose number differs
 from that of the rule of their series (docs/evidence/catalogue.md)."""
 
 

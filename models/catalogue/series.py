@@ -28,7 +28,7 @@ _RIGHT_COUNT = {
     "tapered": 0.65,
     "spherical": 0.65,
 }
-"""Probability that another maker's bearing has the derived count; the neighbours share the rest."""
+"""Probability that another maker's bearing has the derived count, a judgement; the neighbours share the rest."""
 _SIZE_SPREAD = {
     "deep_groove": 0.02,
     "angular_contact": 0.02,

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.catalogue import bearing_of, internal, known_bearings, published_ratings
+from benchmarks.catalogue_ratings import fitted_rules
 from models.bearing import catalogue, catalogue_entry, from_catalogue, kinematics
 from models.catalogue.designation import BALLS, compact, suffixes
 from models.catalogue.ratings import Internal, dynamic_rating, static_factor, static_rating
@@ -203,6 +204,11 @@ def test_probabilities_of_a_count(mean: float, spread: float) -> None:
     assert sum(probability for _, probability in counts) == pytest.approx(1.0)
     assert abs(counts[0][0] - mean) <= 0.5 + 1e-9
     assert [share for _, share in counts] == sorted((share for _, share in counts), reverse=True)
+
+
+def test_the_rules_are_those_that_the_even_bore_codes_give() -> None:
+    for series, rule in fitted_rules().items():
+        assert RULES[series] == rule, series
 
 
 def test_a_rule_scales_with_the_bearing() -> None:
