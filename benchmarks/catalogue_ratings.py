@@ -2,8 +2,8 @@
 
 python -m benchmarks.catalogue_ratings rewrites the derived columns and prints the rules of design that follow from the
 even bore codes; without a change of the published columns it changes nothing. Of each candidate count the size follows
-from the static rating (ISO 76); the dynamic rating (ISO 281), the sizes in which elements are made, and the room between
-the elements select the candidate. The effective lengths of cylindrical rollers are whole millimetres (less 0.6 mm for
+from the static rating (ISO 76); the dynamic rating (ISO 281), the sizes in which elements are made, and the room
+between the elements select the candidate. The effective lengths of cylindrical rollers are whole millimetres (less 0.6 mm for
 diameters from 15 to 18 mm, 0.4 mm from 25 mm), which selects the count that the two ratings alone leave open.
 """
 
@@ -76,7 +76,7 @@ def fitted_rules() -> dict[str, Rule]:
 
 
 def _rule(rows: list[tuple[float, float, float, float | None]]) -> Rule:
-    shares, rooms, pitches = ([row[i] for row in rows] for i in range(3))
+    shares, rooms, pitches = [row[0] for row in rows], [row[1] for row in rows], [row[2] for row in rows]
     share, room = statistics.mean(shares), statistics.mean(rooms)
     lengths = [length for *_, length in rows if length is not None]
     return Rule(
