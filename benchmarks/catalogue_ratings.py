@@ -3,8 +3,8 @@
 python -m benchmarks.catalogue_ratings rewrites the derived columns and prints the rules of design that follow from the
 even bore codes; without a change of the published columns it changes nothing. Of each candidate count the size follows
 from the static rating (ISO 76); the dynamic rating (ISO 281), the sizes in which elements are made, and the room
-between the elements select the candidate. The effective lengths of cylindrical rollers are whole millimetres (less 0.6 mm for
-diameters from 15 to 18 mm, 0.4 mm from 25 mm), which selects the count that the two ratings alone leave open.
+between the elements select the candidate. The effective lengths of cylindrical rollers are whole millimetres (less
+0.6 mm for diameters from 15 to 18 mm, 0.4 mm from 25 mm), which selects the count that the ratings leave open.
 """
 
 from __future__ import annotations
