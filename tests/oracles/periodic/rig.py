@@ -1,0 +1,164 @@
+"""The oracle's own description of a scene in plain numbers, its statics and the resonances of the linearised rig."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+BALL_EXPONENT, ROLLER_EXPONENT = 1.5, 10.0 / 9.0
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """One bearing: elements in a row, radii, m, contact angle, rad, and the radius r_o of the outer race."""
+
+    name: str
+    element: str
+    n_elements: int
+    rows: int
+    element_radius: float
+    pitch_radius: float
+    contact_angle: float
+    outer_race_radius: float
+
+
+@dataclass(frozen=True)
+class Rough:
+    """A rough floor: sd after filtering, m, sample pitch, rad, cut-off, cycles per metre, and seed."""
+
+    sd: float
+    pitch: float
+    cutoff: float
+    seed: int
+
+
+@dataclass(frozen=True)
+class OracleScene:
+    """One scene, SI units: shaft speed in Hz, extent in rad; masses, stiffness and damping as in the thesis, Table 18.
+
+    ``rows`` is the number of damaged rows, from the first on; none is a healthy bearing. ``highest`` is the highest
+    resonance of the linearised rig over the ball rate; ``beyond`` whether it exceeds what an engine must take.
+    """
+
+    speed: float
+    load: float
+    clearance: float
+    extent: float
+    depth: float
+    rows: int
+    geometry: Geometry
+    rough: Rough | None
+    m_i: float
+    m_o: float
+    m_r: float
+    m_b: float
+    k_i: float
+    k_r: float
+    k_c: float
+    c_i: float
+    c_r: float
+    alpha_c: float
+    beta_c: float
+    position: float = 0.0
+    kind: str = "any"
+    beyond: bool = False
+
+    @property
+    def exponent(self) -> float:
+        return BALL_EXPONENT if self.geometry.element == "ball" else ROLLER_EXPONENT
+
+    @property
+    def omega_c(self) -> float:
+        """Cage speed, rad/s (Eq. 33)."""
+        g = self.geometry
+        return math.pi * self.speed * (1.0 - g.element_radius / g.pitch_radius * math.cos(g.contact_angle))
+
+    @property
+    def pitch(self) -> float:
+        """Spacing of the elements of a row, rad."""
+        return 2.0 * math.pi / self.geometry.n_elements
+
+    @property
+    def period(self) -> float:
+        """Time in which an element of a row takes the place of the next one, s."""
+        return self.pitch / self.omega_c
+
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """Angles of all elements from the load at cage angle zero, rad, row after row (Eq. 32); rows evenly staggered."""
+        g = self.geometry
+        rows = np.repeat(np.arange(g.rows), g.n_elements)
+        return rows * self.pitch / g.rows + np.tile(np.arange(g.n_elements), g.rows) * self.pitch
+
+    @cached_property
+    def approach(self) -> float:
+        """Relative displacement along the load at rest, m: the elements lie symmetrically about it (Eqs. 20-25)."""
+        c = np.cos(self.angles)
+
+        def missing(u: float) -> float:
+            pressed = np.maximum((self.clearance + u) * c - self.clearance, 0.0)
+            return float(np.sum(self.k_c * pressed**self.exponent * c)) / self.load - 1.0
+
+        # One element alone in the load direction is pressed the most that any load can press it.
+        most = (self.load / self.k_c) ** (1.0 / self.exponent)
+        return self.clearance + float(brentq(missing, 0.0, 1.000001 * most, xtol=1e-24, rtol=1e-15))
+
+    def contact_stiffness(self, approach: float | None = None) -> tuple[float, float]:
+        """Return the tangent stiffness of the bearing along and across the load, N/m (Eq. 61), by default at rest."""
+        u = self.approach if approach is None else approach
+        c, s = np.cos(self.angles), np.sin(self.angles)
+        pressed = np.maximum(u * c - self.clearance, 0.0)
+        tangent = np.where(pressed > 0.0, self.exponent * self.k_c * pressed ** (self.exponent - 1.0), 0.0)
+        return float(np.sum(tangent * c * c)), float(np.sum(tangent * s * s))
+
+    def rates(self) -> NDArray[np.complex128]:
+        """Return the twelve eigenvalues of the linearised damped rig at rest, 1/s."""
+        found = []
+        mass = np.diag([self.m_i, self.m_o, self.m_r])
+        spring = self.k_r * np.array([[0, 0, 0], [0, 1, -1], [0, -1, 1]])
+        dashpot = self.c_r * np.array([[0, 0, 0], [0, 1, -1], [0, -1, 1]])
+        contact = np.array([[1, -1, 0], [-1, 1, 0], [0, 0, 0]])
+        touching = float(np.sum(self.approach * np.cos(self.angles) > self.clearance))
+        for k_b in self.contact_stiffness():
+            k = spring + k_b * contact + np.diag([self.k_i, 0.0, 0.0])
+            c_b = self.beta_c * k_b / self.exponent + self.alpha_c * self.m_b * touching
+            c = dashpot + c_b * contact + np.diag([self.c_i, 0.0, 0.0])
+            inverse = np.linalg.inv(mass)
+            matrix = np.block([[np.zeros((3, 3)), np.eye(3)], [-inverse @ k, -inverse @ c]])
+            found.append(np.linalg.eigvals(matrix))
+        return np.concatenate(found)
+
+    def highest_resonance(self, approach: float | None = None) -> float:
+        """Return the highest natural frequency of the undamped linearised rig, Hz, by default at rest (Eqs. 59, 60)."""
+        root = np.sqrt(np.array([self.m_i, self.m_o, self.m_r]))
+        highest = 0.0
+        for k_b in self.contact_stiffness(approach):
+            k = np.array(
+                [[k_b + self.k_i, -k_b, 0.0], [-k_b, k_b + self.k_r, -self.k_r], [0.0, -self.k_r, self.k_r]]
+            )
+            highest = max(highest, float(np.linalg.eigvalsh(k / np.outer(root, root))[-1]))
+        return math.sqrt(highest) / (2.0 * math.pi)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fields as plain numbers, for JSON."""
+        return asdict(self)
+
+    def key(self) -> str:
+        """Return a digest of all fields, by which stored results are found again."""
+        return hashlib.sha256(json.dumps(self.as_dict(), sort_keys=True).encode()).hexdigest()[:16]
+
+
+def from_dict(fields: dict[str, object]) -> OracleScene:
+    """Return the scene of ``as_dict``."""
+    values = dict(fields)
+    values["geometry"] = Geometry(**values["geometry"])  # type: ignore[arg-type]
+    rough = values["rough"]
+    values["rough"] = None if rough is None else Rough(**rough)  # type: ignore[arg-type]
+    return OracleScene(**values)  # type: ignore[arg-type]

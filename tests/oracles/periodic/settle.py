@@ -1,0 +1,252 @@
+"""Simulation from rest until the level settles, with its own error estimate from a run at a tenth of the tolerance."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.oracles.periodic import kernel
+from tests.oracles.periodic.path import intervals, pieces_of
+from tests.oracles.periodic.rig import OracleScene
+
+TOLERANCE = 1e-9
+# Two halves of a window whose levels differ by less are the same level.
+SETTLED = 1e-6
+# States a period apart that differ by less, relative to the largest of the period, are the same motion.
+REPEATS = 1e-4
+MULTIPLES = 12
+FEWEST_PERIODS, MOST_PERIODS = 4, 4000
+MOST_STEPS = 8_000_000
+# Periods with a standard error are needed at least, so that a motion that does not repeat has a mean.
+BLOCKS = 20
+
+
+@dataclass(frozen=True)
+class Caps:
+    """Largest number of ball periods and of steps of one run."""
+
+    periods: int = MOST_PERIODS
+    steps: int = MOST_STEPS
+
+
+@dataclass
+class History:
+    """One run: what every ball period gave."""
+
+    power: list[float] = field(default_factory=list)
+    lines: list[NDArray[np.float64]] = field(default_factory=list)
+    peaks: list[float] = field(default_factory=list)
+    driven: list[float] = field(default_factory=list)
+    lost: list[float] = field(default_factory=list)
+    distances: list[float] = field(default_factory=list)
+    widest: list[float] = field(default_factory=list)
+    multiple: int = 0
+    settled: bool = False
+    steps: int = 0
+
+
+@dataclass(frozen=True)
+class OracleResult:
+    """The settled vibration of the casing along the load, SI units.
+
+    Attributes:
+        status: "settled" (the level no longer changes), "not_periodic" (stationary mean with a standard error) or
+            "unresolved" (a cap was met before either, or the state left the finite numbers).
+        rms: root of the mean power over the settled window, m/s2; ``standard_error`` that of its mean where the motion
+            does not repeat, else 0; ``spread`` the standard deviation of the RMS of single periods.
+        repeats: whether one ball period is like the next; ``multiple`` after how many periods the motion repeats, 0 if
+            after none up to MULTIPLES.
+        lines: single-sided amplitudes of BPFO lines 1..6 (of the mean power), m/s2.
+        motion_resonance: highest resonance over the ball rate, linearised at the largest displacement of the window.
+        imbalance: work put in less work of damping over the window, relative to the latter.
+        error: relative difference of the RMS to a run at a tenth of the tolerance, NaN without one.
+    """
+
+    status: str
+    rms: float
+    spread: float
+    standard_error: float
+    repeats: bool
+    multiple: int
+    lines: tuple[float, ...]
+    peak: float
+    motion_resonance: float
+    imbalance: float
+    periods: int
+    steps: int
+    seconds: float
+    error: float = math.nan
+
+
+class Problem:
+    """One scene as an initial value problem in the kernel's arrays."""
+
+    def __init__(self, scene: OracleScene) -> None:
+        """Find the kinks of the path and the static equilibrium."""
+        self.scene = scene
+        pieces = pieces_of(scene)
+        self.rough = pieces.rough
+        self.bounds, self.codes, self.middles = intervals(scene, pieces)
+        self.directions = np.stack((np.cos(scene.angles), np.sin(scene.angles)), axis=1)
+        g, p = scene.geometry, np.zeros(kernel.PARAMETERS)
+        p[kernel.P_M_I], p[kernel.P_M_O], p[kernel.P_M_R] = scene.m_i, scene.m_o, scene.m_r
+        p[kernel.P_K_I], p[kernel.P_C_I] = scene.k_i, scene.c_i
+        p[kernel.P_K_R], p[kernel.P_C_R] = scene.k_r, scene.c_r
+        p[kernel.P_K_C], p[kernel.P_EXPONENT] = scene.k_c, scene.exponent
+        p[kernel.P_DAMPING], p[kernel.P_BETA] = scene.alpha_c * scene.m_b, scene.beta_c * scene.k_c
+        p[kernel.P_CLEARANCE], p[kernel.P_OMEGA] = scene.clearance, scene.omega_c
+        p[kernel.P_LOAD], p[kernel.P_APPROACH], p[kernel.P_PITCH] = scene.load, scene.approach, scene.pitch
+        p[kernel.P_RACE], p[kernel.P_ELEMENT] = g.outer_race_radius, g.element_radius
+        p[kernel.P_COSINE], p[kernel.P_HALF] = math.cos(g.contact_angle), 0.5 * scene.extent
+        p[kernel.P_DEPTH], p[kernel.P_POSITION] = scene.depth, scene.position
+        p[kernel.P_ROUGHNESS] = pieces.roughness
+        p[kernel.P_SPACING] = 2.0 * math.pi / max(1, len(self.rough))
+        self.p = p
+        rates = scene.rates()
+        self.fastest = float(np.max(np.abs(rates)))
+        self.slowest = float(np.min(-rates.real[-rates.real > 1e-9 * self.fastest], initial=self.fastest))
+        squeeze = scene.approach - scene.clearance
+        sizes = np.array([squeeze, scene.load / scene.k_i, scene.load / scene.k_r])
+        # A provisional scale of the first period: small against any motion that matters.
+        self.first_scale = np.concatenate((1e-3 * sizes, 1e-3 * sizes * self.fastest, [math.inf]))
+
+    def run(self, tolerance: float, caps: Caps) -> History:
+        """Simulate on from rest until the level settles or a cap is met."""
+        history, y, scale = History(), np.zeros(12), self.first_scale
+        sums, largest = np.zeros(kernel.SUMS), np.zeros(6)
+        h = min(0.01 / self.fastest, self.scene.period)
+        last: list[NDArray[np.float64]] = [y.copy()]
+        while len(history.power) < caps.periods:
+            status, steps, h, peak = kernel.ball_period(
+                y,
+                h,
+                tolerance,
+                scale,
+                self.bounds,
+                self.codes,
+                self.middles,
+                self.directions,
+                self.p,
+                self.rough,
+                caps.steps - history.steps,
+                sums,
+                largest,
+            )
+            history.steps += steps
+            if status != kernel.NO_ERROR:
+                break
+            self._record(history, sums, peak)
+            history.widest.append(float(largest[0]))
+            largest = np.maximum(largest, 1e-12 * self.first_scale[:6])
+            size = np.repeat(largest, 2)
+            gaps = [float(np.max(np.abs(y - before) / size)) for before in last]
+            history.distances.append(gaps[0])
+            history.multiple = next((k + 1 for k, gap in enumerate(gaps) if gap < REPEATS), 0)
+            last = [y.copy(), *last[: MULTIPLES - 1]]
+            # Sizes may fall only slowly, so that a quiet period does not tighten the next one.
+            quiet = np.concatenate((largest, [max(10.0 * sums[0], 1e-300)]))
+            scale = quiet if scale is self.first_scale else np.maximum(quiet, 0.9 * scale)
+            history.settled = is_settled(history, self.scene.period * self.slowest)
+            if history.settled:
+                break
+        return history
+
+    def _record(self, history: History, sums: NDArray[np.float64], peak: float) -> None:
+        duration = self.scene.period
+        history.power.append(float(sums[0]) / duration)
+        history.driven.append(float(sums[1]))
+        history.lost.append(float(sums[2]))
+        history.lines.append(2.0 / duration * np.hypot(sums[3::2], sums[4::2]))
+        history.peaks.append(peak)
+
+
+def is_settled(history: History, decay: float) -> bool:
+    """Return whether the level of a run no longer changes; free vibrations lose ``decay`` e-folds in a period."""
+    n = len(history.power)
+    if n < FEWEST_PERIODS or n % max(1, n // 16) != 0:
+        return False
+    # A direction that no contact holds fast drifts slowly; where it does, the distance is more than the rounding.
+    recent = history.distances[n // 2 :]
+    if n * decay < 5.0 and not (max(recent) < 1e-7 and min(recent) < 1e-3 * decay):
+        return False
+    if _is_steady(history, 12):
+        return True
+    quarter = n // 4
+    late, early, earlier = (float(np.mean(history.power[n - (k + 1) * quarter : n - k * quarter])) for k in range(3))
+    close = max(abs(late - early), abs(late - earlier)) <= 2.0 * SETTLED * late
+    return close and history.multiple > 0
+
+
+def _is_steady(history: History, count: int) -> bool:
+    """Return whether the states of the last periods agree so well that what is left to decay is negligible."""
+    if len(history.distances) < 2 * count:
+        return False
+    now, before = max(history.distances[-3:]), max(history.distances[-3 - count : -count])
+    if now >= 1e-7 or before <= 0.0:
+        return now == 0.0
+    fall = min((now / before) ** (1.0 / count), 1.0 - 1e-12)
+    return now * fall / (1.0 - fall) < SETTLED
+
+
+def summarise(scene: OracleScene, history: History, seconds: float) -> OracleResult:
+    """Return the level of the last part of a run, with what it can be trusted for."""
+    n = len(history.power)
+    if n < 4:
+        return OracleResult("unresolved", *[math.nan] * 3, False, 0, (), *[math.nan] * 3, n, history.steps, seconds)
+    # A settled run needs its end only; a long one is averaged over its last three quarters.
+    settled = history.settled
+    window = max(2, n // 4) if settled else max(2, (3 * n) // 4)
+    power = np.array(history.power[-window:])
+    mean, levels = float(np.mean(power)), np.sqrt(power)
+    rms, spread = math.sqrt(mean), float(np.std(levels))
+    error, drift = _standard_error(power)
+    status = "settled"
+    if not settled:
+        status = "not_periodic" if window >= 10 * BLOCKS and drift < 4.0 else "unresolved"
+    lines = np.sqrt(np.mean(np.square(history.lines[-window:]), axis=0))
+    lost = float(np.sum(history.lost[-window:]))
+    imbalance = (float(np.sum(history.driven[-window:])) - lost) / lost if lost > 0.0 else 0.0
+    return OracleResult(
+        status=status,
+        rms=rms,
+        spread=spread,
+        standard_error=0.0 if settled else error * rms,
+        repeats=history.multiple == 1 and spread < 1e-4 * rms,
+        multiple=history.multiple,
+        lines=tuple(float(a) for a in lines),
+        peak=float(np.max(history.peaks[-window:])),
+        motion_resonance=scene.highest_resonance(scene.approach + max(history.widest[-window:])) * scene.period,
+        imbalance=imbalance,
+        periods=n,
+        steps=history.steps,
+        seconds=seconds,
+    )
+
+
+def _standard_error(power: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the relative standard error of the RMS from means of blocks, and the drift of halves in such errors."""
+    size = max(1, len(power) // BLOCKS)
+    blocks = power[len(power) % size :].reshape(-1, size).mean(axis=1)
+    mean, half = float(np.mean(blocks)), len(blocks) // 2
+    error = float(np.std(blocks, ddof=1)) / math.sqrt(len(blocks)) if len(blocks) > 1 else 0.0
+    drift = abs(float(np.mean(blocks[:half]) - np.mean(blocks[half:]))) / (2.0 * error) if error > 0.0 else 0.0
+    return (0.5 * error / mean if mean > 0.0 else 0.0), drift
+
+
+def simulate_oracle(
+    scene: OracleScene, *, tolerance: float = TOLERANCE, caps: Caps | None = None, estimate: bool = True
+) -> OracleResult:
+    """Return the settled response of a scene; ``estimate`` adds the error, from a run at a tenth of the tolerance."""
+    caps = Caps() if caps is None else caps
+    begun = time.thread_time()
+    problem = Problem(scene)
+    result = summarise(scene, problem.run(tolerance, caps), time.thread_time() - begun)
+    if not estimate or result.status == "unresolved":
+        return result
+    fine = summarise(scene, problem.run(0.1 * tolerance, Caps(caps.periods, 2 * caps.steps)), 0.0)
+    error = abs(fine.rms - result.rms) / result.rms if result.rms > 0.0 else 0.0
+    return OracleResult(**{**vars(result), "error": error, "seconds": time.thread_time() - begun})
