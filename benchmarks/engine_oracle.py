@@ -1,10 +1,10 @@
 """The engine held against the independent oracle (tests/oracles/periodic) on random scenes.
 
-    python -m benchmarks.engine_oracle --set development --count 300 --hours 2     simulate scenes with the oracle
-    python -m benchmarks.engine_oracle --set development --count 300 --judge       compare the engine with what is stored
+    python -m benchmarks.engine_oracle --set development --count 300 --hours 2    simulate scenes with the oracle
+    python -m benchmarks.engine_oracle --set development --count 300 --judge      compare the engine with them
 
-The first command appends one JSON line per scene to benchmarks/results/engine_oracle_SET.jsonl as soon as it is done, by
-the scene's digest: stopped and started again it goes on. The held-out set is meant to be used once.
+The first command appends one JSON line per scene to benchmarks/results/engine_oracle_SET.jsonl as soon as it is done,
+found again by the scene's digest: stopped and started again it goes on. The held-out set is meant to be used once.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tests.oracles.periodic.settle import Caps, simulate_oracle
 
 RESULTS = Path(__file__).parent / "results"
 # Steps of a run, about 4 us each; the run at a tenth of the tolerance may take twice as many.
-MOST_STEPS = 8_000_000
+MOST_STEPS = 16_000_000
 MOST_PROCESSES = 2
 
 
@@ -56,6 +56,10 @@ def run(path: Path, todo: list[OracleScene], hours: float, processes: int, steps
     """Simulate scenes and append their results, until all are done or the time is over."""
     end = time.monotonic() + 3600.0 * hours
     pending: Iterator[OracleScene] = iter(todo)
+    if path.exists() and not path.read_bytes().endswith(b"\n"):
+        # Ends a line that was cut off, so that the next one is not lost with it.
+        with path.open("a") as out:
+            out.write("\n")
     with path.open("a") as out, ProcessPoolExecutor(processes, get_context("spawn")) as pool:
         running = {pool.submit(solve, scene, steps) for scene in islice(pending, processes)}
         while running:

@@ -64,7 +64,7 @@ ON_RACE, ON_ENTRY, ON_EXIT, ON_FLOOR, PAST_REACH = range(5)
 LINES = 6
 SUMS = 3 + 2 * LINES
 NO_ERROR, TOO_MANY_STEPS, NOT_FINITE = range(3)
-SAFETY, SHRINK, GROW = 0.9, 0.333, 6.0
+SAFETY, SHRINK, GROW, EVENT_CARE = 0.9, 0.333, 6.0, 100.0
 
 
 @numba.njit(cache=True)
@@ -78,7 +78,10 @@ def edge_depth(b: float, race: float, element: float) -> tuple[float, float]:
 
 @numba.njit(cache=True)
 def floor_depth(x: float, p: Floats, rough: Floats) -> tuple[float, float]:
-    """Return depth, m, and slope, m/rad, of the floor at an angle of the race; ``rough`` (pieces, 4), low power first."""
+    """Return depth, m, and slope, m/rad, of the floor at an angle of the race.
+
+    ``rough`` (pieces, 4) holds the cubic pieces of the rough profile, lowest power first.
+    """
     pieces = rough.shape[0]
     if pieces == 0:
         return p[P_DEPTH], 0.0
@@ -119,8 +122,8 @@ def derivative(
     directions: Floats,
     p: Floats,
     rough: Floats,
-) -> tuple[float, float, float]:
-    """Write dy/dt and return a_o along the load, m/s2, the power put in and the power of damping, W.
+) -> tuple[float, float, float, int]:
+    """Write dy/dt; return a_o along the load, m/s2, the powers put in and lost, W, and a bit per element in contact.
 
     ``code`` and ``middle`` (elements): branch of each element's path, and its angle from the defect's centre where the
     cage angle is ``place``. ``directions`` (elements, 2): cosine and sine at cage angle zero.
@@ -130,7 +133,7 @@ def derivative(
     u1, u2 = p[P_APPROACH] + y[0], y[1]
     w1, w2 = y[6] + omega * u2, y[7] - omega * u1
     exponent = p[P_EXPONENT] - 1.0
-    f1, f2, driven, lost = -p[P_LOAD], 0.0, 0.0, 0.0
+    f1, f2, driven, lost, touching = -p[P_LOAD], 0.0, 0.0, 0.0, 0
     for j in range(directions.shape[0]):
         n1 = c * directions[j, 0] - s * directions[j, 1]
         n2 = s * directions[j, 0] + c * directions[j, 1]
@@ -143,6 +146,7 @@ def derivative(
             delta -= d
             if delta <= 0.0:
                 continue
+        touching |= 1 << j
         power = math.sqrt(delta) if exponent == 0.5 else delta**exponent
         rate = w1 * n1 + w2 * n2 - omega * slope
         damping = (p[P_DAMPING] + p[P_BETA] * power) * rate
@@ -161,7 +165,7 @@ def derivative(
         dy[axis], dy[2 + axis], dy[4 + axis] = y[6 + axis], v_o, v_e
         dy[6 + axis], dy[8 + axis], dy[10 + axis] = inner - outer, outer, -pull / p[P_M_R] - outer
         lost += p[P_C_I] * v_i * v_i + p[P_C_R] * v_e * v_e
-    return dy[8], driven, lost
+    return dy[8], driven, lost, touching
 
 
 @numba.njit(cache=True)
@@ -220,9 +224,11 @@ def attempt(
 ) -> float:
     """Write the state a step of h s later to ``trial`` and the stages' values of the sums to ``nodes`` (STAGES, 3).
 
-    Return the estimated error of the step in units of ``scale`` (Hairer's combination of orders 5 and 3).
+    Return the estimated error of the step in units of ``scale`` (Hairer's combination of orders 5 and 3), times
+    EVENT_CARE where a contact opens or closes within the step: the force is not smooth there, and the estimate with it.
     """
     k, stage = np.empty((STAGES, 12)), np.empty(12)
+    before, care = 0, 1.0
     for i in range(STAGES):
         for m in range(12):
             stage[m] = y[m]
@@ -232,9 +238,11 @@ def attempt(
                 for m in range(12):
                     stage[m] += factor * k[j, m]
         where = theta + p[P_OMEGA] * C[i] * h
-        nodes[i, 0], nodes[i, 1], nodes[i, 2] = derivative(
-            where, stage, k[i], place, code, middle, directions, p, rough
-        )
+        a, driven, lost, touching = derivative(where, stage, k[i], place, code, middle, directions, p, rough)
+        nodes[i, 0], nodes[i, 1], nodes[i, 2] = a, driven, lost
+        if i > 0 and touching != before:
+            care = EVENT_CARE
+        before = touching
     fifth, third = 0.0, 0.0
     for m in range(12):
         total, e5, e3 = 0.0, 0.0, 0.0
@@ -252,7 +260,30 @@ def attempt(
     fifth += (e5 / scale[6]) ** 2
     third += (e3 / scale[6]) ** 2
     norm = math.sqrt(13.0 * (fifth + 0.01 * third))
-    return h * fifth / norm if norm > 0.0 else 0.0
+    return care * h * fifth / norm if norm > 0.0 else 0.0
+
+
+@numba.njit(cache=True)
+def fitted(h: float, left: float) -> tuple[float, bool]:
+    """Return the step to try where ``left`` s remain of an interval, and whether it ends there."""
+    if h >= 0.999 * left:
+        return left, True
+    return (0.5 * left if h > 0.55 * left else h), False
+
+
+@numba.njit(cache=True)
+def accept(
+    y: Floats, trial: Floats, nodes: Floats, theta: float, h: float, p: Floats, sums: Floats, largest: Floats
+) -> None:
+    """Take a step of h s: add its share to ``sums``, write the new state to ``y``, and keep the largest values."""
+    lines_per_rad = 2.0 * math.pi / p[P_PITCH]
+    for i in range(STAGES):
+        if B[i] != 0.0:
+            where = theta + p[P_OMEGA] * C[i] * h
+            add_sums(sums, B[i] * h, where, lines_per_rad, nodes[i, 0], nodes[i, 1], nodes[i, 2])
+    for m in range(12):
+        y[m] = trial[m]
+        largest[m // 2] = max(largest[m // 2], abs(trial[m]))
 
 
 @numba.njit(cache=True)
@@ -277,7 +308,7 @@ def ball_period(
     velocities, and of the first of ``sums``. ``sums`` (SUMS) and ``largest`` (6, largest absolute values of the groups
     of the state) are written. Return a status, the steps tried, the next step, s, and the largest absolute a_o, m/s2.
     """
-    omega, lines_per_rad = p[P_OMEGA], 2.0 * math.pi / p[P_PITCH]
+    omega = p[P_OMEGA]
     trial, nodes, dy = np.empty(12), np.empty((STAGES, 3)), np.empty(12)
     times, values = np.zeros(3), np.zeros(3)
     h, steps, peak = begin, 0, 0.0
@@ -290,11 +321,7 @@ def ball_period(
         t, seen, growth = 0.0, 0, GROW
         while t < span:
             whole = h
-            last = h >= 0.999 * (span - t)
-            if last:
-                h = span - t
-            elif h > 0.55 * (span - t):
-                h = 0.5 * (span - t)
+            h, last = fitted(h, span - t)
             steps += 1
             if steps > most:
                 return TOO_MANY_STEPS, steps, h, peak
@@ -306,13 +333,7 @@ def ball_period(
                 if h < 1e-20:
                     return NOT_FINITE, steps, h, peak
                 continue
-            for i in range(STAGES):
-                if B[i] != 0.0:
-                    where = theta + omega * C[i] * h
-                    add_sums(sums, B[i] * h, where, lines_per_rad, nodes[i, 0], nodes[i, 1], nodes[i, 2])
-            for m in range(12):
-                y[m] = trial[m]
-                largest[m // 2] = max(largest[m // 2], abs(trial[m]))
+            accept(y, trial, nodes, theta, h, p, sums, largest)
             seen = push(times, values, t, nodes[0, 0], seen)
             peak = max(peak, crest(times, values) if seen > 2 else abs(nodes[0, 0]))
             t = span if last else t + h
@@ -321,7 +342,7 @@ def ball_period(
             if last:
                 # A step that the end of an interval cut short says little about the next one.
                 h = max(whole, h)
-        a, _, _ = derivative(bounds[interval + 1], y, dy, place, code, middle, directions, p, rough)
+        a, _, _, _ = derivative(bounds[interval + 1], y, dy, place, code, middle, directions, p, rough)
         seen = push(times, values, span, a, seen)
         peak = max(peak, crest(times, values) if seen > 2 else abs(a))
     return NO_ERROR, steps, h, peak

@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 BALL_EXPONENT, ROLLER_EXPONENT = 1.5, 10.0 / 9.0
 
@@ -40,21 +41,9 @@ class Rough:
 
 
 @dataclass(frozen=True)
-class OracleScene:
-    """One scene, SI units: shaft speed in Hz, extent in rad; masses, stiffness and damping as in the thesis, Table 18.
+class Parameters:
+    """Masses, stiffness and damping of the rig, SI units, by the symbols of the thesis (Table 18)."""
 
-    ``rows`` is the number of damaged rows, from the first on; none is a healthy bearing. ``highest`` is the highest
-    resonance of the linearised rig over the ball rate; ``beyond`` whether it exceeds what an engine must take.
-    """
-
-    speed: float
-    load: float
-    clearance: float
-    extent: float
-    depth: float
-    rows: int
-    geometry: Geometry
-    rough: Rough | None
     m_i: float
     m_o: float
     m_r: float
@@ -66,6 +55,25 @@ class OracleScene:
     c_r: float
     alpha_c: float
     beta_c: float
+
+
+@dataclass(frozen=True)
+class OracleScene:
+    """One scene, SI units: shaft speed in Hz, extent and position (of the defect's centre from the load) in rad.
+
+    ``rows`` is the number of damaged rows, from the first on; none is a healthy bearing. ``beyond``: the highest
+    resonance exceeds what an engine must take.
+    """
+
+    speed: float
+    load: float
+    clearance: float
+    extent: float
+    depth: float
+    rows: int
+    geometry: Geometry
+    rough: Rough | None
+    parameters: Parameters
     position: float = 0.0
     kind: str = "any"
     beyond: bool = False
@@ -92,7 +100,7 @@ class OracleScene:
 
     @property
     def angles(self) -> NDArray[np.float64]:
-        """Angles of all elements from the load at cage angle zero, rad, row after row (Eq. 32); rows evenly staggered."""
+        """Angles of all elements from the load at cage angle zero, rad (Eq. 32): row after row, evenly staggered."""
         g = self.geometry
         rows = np.repeat(np.arange(g.rows), g.n_elements)
         return rows * self.pitch / g.rows + np.tile(np.arange(g.n_elements), g.rows) * self.pitch
@@ -104,32 +112,34 @@ class OracleScene:
 
         def missing(u: float) -> float:
             pressed = np.maximum((self.clearance + u) * c - self.clearance, 0.0)
-            return float(np.sum(self.k_c * pressed**self.exponent * c)) / self.load - 1.0
+            return float(np.sum(self.parameters.k_c * pressed**self.exponent * c)) / self.load - 1.0
 
         # One element alone in the load direction is pressed the most that any load can press it.
-        most = (self.load / self.k_c) ** (1.0 / self.exponent)
-        return self.clearance + float(brentq(missing, 0.0, 1.000001 * most, xtol=1e-24, rtol=1e-15))
+        most = (self.load / self.parameters.k_c) ** (1.0 / self.exponent)
+        return self.clearance + _root(missing, 1.000001 * most)
 
     def contact_stiffness(self, approach: float | None = None) -> tuple[float, float]:
         """Return the tangent stiffness of the bearing along and across the load, N/m (Eq. 61), by default at rest."""
         u = self.approach if approach is None else approach
         c, s = np.cos(self.angles), np.sin(self.angles)
         pressed = np.maximum(u * c - self.clearance, 0.0)
-        tangent = np.where(pressed > 0.0, self.exponent * self.k_c * pressed ** (self.exponent - 1.0), 0.0)
+        tangent = np.where(pressed > 0.0, self.exponent * self.parameters.k_c * pressed ** (self.exponent - 1.0), 0.0)
         return float(np.sum(tangent * c * c)), float(np.sum(tangent * s * s))
 
     def rates(self) -> NDArray[np.complex128]:
         """Return the twelve eigenvalues of the linearised damped rig at rest, 1/s."""
         found = []
-        mass = np.diag([self.m_i, self.m_o, self.m_r])
-        spring = self.k_r * np.array([[0, 0, 0], [0, 1, -1], [0, -1, 1]])
-        dashpot = self.c_r * np.array([[0, 0, 0], [0, 1, -1], [0, -1, 1]])
+        mass = np.diag([self.parameters.m_i, self.parameters.m_o, self.parameters.m_r])
+        spring = self.parameters.k_r * np.array([[0, 0, 0], [0, 1, -1], [0, -1, 1]])
+        dashpot = self.parameters.c_r * np.array([[0, 0, 0], [0, 1, -1], [0, -1, 1]])
         contact = np.array([[1, -1, 0], [-1, 1, 0], [0, 0, 0]])
         touching = float(np.sum(self.approach * np.cos(self.angles) > self.clearance))
         for k_b in self.contact_stiffness():
-            k = spring + k_b * contact + np.diag([self.k_i, 0.0, 0.0])
-            c_b = self.beta_c * k_b / self.exponent + self.alpha_c * self.m_b * touching
-            c = dashpot + c_b * contact + np.diag([self.c_i, 0.0, 0.0])
+            k = spring + k_b * contact + np.diag([self.parameters.k_i, 0.0, 0.0])
+            c_b = (
+                self.parameters.beta_c * k_b / self.exponent + self.parameters.alpha_c * self.parameters.m_b * touching
+            )
+            c = dashpot + c_b * contact + np.diag([self.parameters.c_i, 0.0, 0.0])
             inverse = np.linalg.inv(mass)
             matrix = np.block([[np.zeros((3, 3)), np.eye(3)], [-inverse @ k, -inverse @ c]])
             found.append(np.linalg.eigvals(matrix))
@@ -137,11 +147,15 @@ class OracleScene:
 
     def highest_resonance(self, approach: float | None = None) -> float:
         """Return the highest natural frequency of the undamped linearised rig, Hz, by default at rest (Eqs. 59, 60)."""
-        root = np.sqrt(np.array([self.m_i, self.m_o, self.m_r]))
+        root = np.sqrt(np.array([self.parameters.m_i, self.parameters.m_o, self.parameters.m_r]))
         highest = 0.0
         for k_b in self.contact_stiffness(approach):
             k = np.array(
-                [[k_b + self.k_i, -k_b, 0.0], [-k_b, k_b + self.k_r, -self.k_r], [0.0, -self.k_r, self.k_r]]
+                [
+                    [k_b + self.parameters.k_i, -k_b, 0.0],
+                    [-k_b, k_b + self.parameters.k_r, -self.parameters.k_r],
+                    [0.0, -self.parameters.k_r, self.parameters.k_r],
+                ]
             )
             highest = max(highest, float(np.linalg.eigvalsh(k / np.outer(root, root))[-1]))
         return math.sqrt(highest) / (2.0 * math.pi)
@@ -155,10 +169,19 @@ class OracleScene:
         return hashlib.sha256(json.dumps(self.as_dict(), sort_keys=True).encode()).hexdigest()[:16]
 
 
-def from_dict(fields: dict[str, object]) -> OracleScene:
+def _root(function: Callable[[float], float], high: float) -> float:
+    """Return the root of a rising function that is negative at zero, by bisection to the last digit."""
+    low = 0.0
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if function(middle) > 0.0 else (middle, high)
+    return 0.5 * (low + high)
+
+
+def from_dict(fields: dict[str, Any]) -> OracleScene:
     """Return the scene of ``as_dict``."""
     values = dict(fields)
-    values["geometry"] = Geometry(**values["geometry"])  # type: ignore[arg-type]
-    rough = values["rough"]
-    values["rough"] = None if rough is None else Rough(**rough)  # type: ignore[arg-type]
-    return OracleScene(**values)  # type: ignore[arg-type]
+    values["geometry"] = Geometry(**values["geometry"])
+    values["parameters"] = Parameters(**values["parameters"])
+    values["rough"] = None if values["rough"] is None else Rough(**values["rough"])
+    return OracleScene(**values)

@@ -17,12 +17,12 @@ highest resonance, linearised at rest, exceeds MAX_RESONANCE ball rates are mark
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from tests.oracles.periodic.path import cutoff_of
-from tests.oracles.periodic.rig import Geometry, OracleScene, Rough
+from tests.oracles.periodic.rig import Geometry, OracleScene, Parameters, Rough
 
 # Two disjoint sets. The second is drawn once, when the engine no longer changes.
 DEVELOPMENT, HELD_OUT = 20261122, 90210914
@@ -43,19 +43,19 @@ GEOMETRIES = (
     Geometry("22207", "roller", 15, 2, 5.0 * _MM, 26.75 * _MM, 12.0 * _DEG, 31.6407 * _MM),
 )
 _WEIGHTS = (0.3, 0.1, 0.1, 0.1, 0.1, 0.15, 0.15)
-THESIS_RIG = {
-    "m_i": 3.48,
-    "m_o": 5.79,
-    "m_r": 3.01,
-    "m_b": 1.47e-3,
-    "k_i": 75e6,
-    "k_r": 4.25e9,
-    "k_c": 5927e6,
-    "c_i": 2834.1,
-    "c_r": 186.0,
-    "alpha_c": 154.9,
-    "beta_c": 2.5e-5,
-}
+THESIS_RIG = Parameters(
+    m_i=3.48,
+    m_o=5.79,
+    m_r=3.01,
+    m_b=1.47e-3,
+    k_i=75e6,
+    k_r=4.25e9,
+    k_c=5927e6,
+    c_i=2834.1,
+    c_r=186.0,
+    alpha_c=154.9,
+    beta_c=2.5e-5,
+)
 # Both line contacts of a steel roller 5.6 mm long (thesis, Eqs. 15 and 16), N/m^(10/9).
 ROLLER_K_C = 3.72e8
 _ROUGH_PITCH = 2e-3
@@ -73,7 +73,7 @@ def _between(rng: np.random.Generator, low: float, high: float) -> float:
 def _scene(rng: np.random.Generator) -> OracleScene:
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     geometry = GEOMETRIES[int(rng.choice(len(GEOMETRIES), p=_WEIGHTS))] if kind == "any" else THESIS_BEARING
-    rig = dict(THESIS_RIG)
+    rig = asdict(THESIS_RIG)
     if geometry.element == "roller":
         rig["k_c"] = ROLLER_K_C
     if kind == "any":
@@ -100,8 +100,8 @@ def _scene(rng: np.random.Generator) -> OracleScene:
         rows=0 if healthy else int(rng.integers(1, geometry.rows + 1)),
         geometry=geometry,
         rough=None if healthy else rough,
+        parameters=Parameters(**rig),
         position=float(rng.uniform(-30.0, 30.0)) * _DEG if not healthy and rng.random() < 0.2 else 0.0,
         kind=kind,
-        **rig,
     )
     return replace(scene, beyond=scene.highest_resonance() * scene.period > MAX_RESONANCE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,13 @@ SETTLED = 1e-6
 # States a period apart that differ by less, relative to the largest of the period, are the same motion.
 REPEATS = 1e-4
 MULTIPLES = 12
-FEWEST_PERIODS, MOST_PERIODS = 4, 4000
+FEWEST_PERIODS, STILL_PERIODS, MOST_PERIODS = 4, 400, 4000
 MOST_STEPS = 8_000_000
-# Periods with a standard error are needed at least, so that a motion that does not repeat has a mean.
-BLOCKS = 20
+# A motion that does not repeat is averaged in so many blocks, over so many periods at least, until the standard error
+# of its RMS is this small (relative) or a cap is met.
+BLOCKS, FEWEST_AVERAGED, ENOUGH = 20, 60, 3e-3
+# State a period earlier, relative to the largest of the period, from which on a motion is restless.
+RESTLESS = 1e-2
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,8 @@ class OracleResult:
         lines: single-sided amplitudes of BPFO lines 1..6 (of the mean power), m/s2.
         motion_resonance: highest resonance over the ball rate, linearised at the largest displacement of the window.
         imbalance: work put in less work of damping over the window, relative to the latter.
-        error: relative difference of the RMS to a run at a tenth of the tolerance, NaN without one.
+        error: relative difference of the RMS to a run at a tenth of the tolerance; NaN without one, and where the
+            motion does not repeat (two runs of it are two samples of one mean).
     """
 
     status: str
@@ -92,12 +96,12 @@ class Problem:
         self.rough = pieces.rough
         self.bounds, self.codes, self.middles = intervals(scene, pieces)
         self.directions = np.stack((np.cos(scene.angles), np.sin(scene.angles)), axis=1)
-        g, p = scene.geometry, np.zeros(kernel.PARAMETERS)
-        p[kernel.P_M_I], p[kernel.P_M_O], p[kernel.P_M_R] = scene.m_i, scene.m_o, scene.m_r
-        p[kernel.P_K_I], p[kernel.P_C_I] = scene.k_i, scene.c_i
-        p[kernel.P_K_R], p[kernel.P_C_R] = scene.k_r, scene.c_r
-        p[kernel.P_K_C], p[kernel.P_EXPONENT] = scene.k_c, scene.exponent
-        p[kernel.P_DAMPING], p[kernel.P_BETA] = scene.alpha_c * scene.m_b, scene.beta_c * scene.k_c
+        g, rig, p = scene.geometry, scene.parameters, np.zeros(kernel.PARAMETERS)
+        p[kernel.P_M_I], p[kernel.P_M_O], p[kernel.P_M_R] = rig.m_i, rig.m_o, rig.m_r
+        p[kernel.P_K_I], p[kernel.P_C_I] = rig.k_i, rig.c_i
+        p[kernel.P_K_R], p[kernel.P_C_R] = rig.k_r, rig.c_r
+        p[kernel.P_K_C], p[kernel.P_EXPONENT] = rig.k_c, scene.exponent
+        p[kernel.P_DAMPING], p[kernel.P_BETA] = rig.alpha_c * rig.m_b, rig.beta_c * rig.k_c
         p[kernel.P_CLEARANCE], p[kernel.P_OMEGA] = scene.clearance, scene.omega_c
         p[kernel.P_LOAD], p[kernel.P_APPROACH], p[kernel.P_PITCH] = scene.load, scene.approach, scene.pitch
         p[kernel.P_RACE], p[kernel.P_ELEMENT] = g.outer_race_radius, g.element_radius
@@ -110,7 +114,7 @@ class Problem:
         self.fastest = float(np.max(np.abs(rates)))
         self.slowest = float(np.min(-rates.real[-rates.real > 1e-9 * self.fastest], initial=self.fastest))
         squeeze = scene.approach - scene.clearance
-        sizes = np.array([squeeze, scene.load / scene.k_i, scene.load / scene.k_r])
+        sizes = np.array([squeeze, scene.load / rig.k_i, scene.load / rig.k_r])
         # A provisional scale of the first period: small against any motion that matters.
         self.first_scale = np.concatenate((1e-3 * sizes, 1e-3 * sizes * self.fastest, [math.inf]))
 
@@ -151,7 +155,7 @@ class Problem:
             quiet = np.concatenate((largest, [max(10.0 * sums[0], 1e-300)]))
             scale = quiet if scale is self.first_scale else np.maximum(quiet, 0.9 * scale)
             history.settled = is_settled(history, self.scene.period * self.slowest)
-            if history.settled:
+            if history.settled or is_averaged(history, self.scene.period * self.slowest):
                 break
         return history
 
@@ -169,9 +173,11 @@ def is_settled(history: History, decay: float) -> bool:
     n = len(history.power)
     if n < FEWEST_PERIODS or n % max(1, n // 16) != 0:
         return False
-    # A direction that no contact holds fast drifts slowly; where it does, the distance is more than the rounding.
+    # A direction that no contact holds at rest drifts slowly there; where it does, the states tell.
     recent = history.distances[n // 2 :]
-    if n * decay < 5.0 and not (max(recent) < 1e-7 and min(recent) < 1e-3 * decay):
+    still = max(recent) < 1e-7 and min(recent) < 1e-3 * decay
+    still = still or (n >= STILL_PERIODS and max(recent) < 1e-6)
+    if n * decay < 5.0 and not still:
         return False
     if _is_steady(history, 12):
         return True
@@ -179,6 +185,22 @@ def is_settled(history: History, decay: float) -> bool:
     late, early, earlier = (float(np.mean(history.power[n - (k + 1) * quarter : n - k * quarter])) for k in range(3))
     close = max(abs(late - early), abs(late - earlier)) <= 2.0 * SETTLED * late
     return close and history.multiple > 0
+
+
+def is_averaged(history: History, decay: float) -> bool:
+    """Return whether a motion that does not repeat has been simulated for long enough to know its mean level."""
+    n = len(history.power)
+    if n < 400 or n % 50 != 0 or n * decay < 10.0 or not is_restless(history):
+        return False
+    error, drift = _standard_error(np.array(history.power[n // 4 :]))
+    return error < ENOUGH and drift < 3.0
+
+
+def is_restless(history: History) -> bool:
+    """Return whether the states of successive periods stay apart, and by no less than before."""
+    n = len(history.distances)
+    before, now = (float(np.median(history.distances[a:b])) for a, b in ((n // 4, n // 2), (3 * n // 4, n)))
+    return history.multiple == 0 and now > RESTLESS and now > 0.3 * before
 
 
 def _is_steady(history: History, count: int) -> bool:
@@ -196,7 +218,22 @@ def summarise(scene: OracleScene, history: History, seconds: float) -> OracleRes
     """Return the level of the last part of a run, with what it can be trusted for."""
     n = len(history.power)
     if n < 4:
-        return OracleResult("unresolved", *[math.nan] * 3, False, 0, (), *[math.nan] * 3, n, history.steps, seconds)
+        nothing = math.nan
+        return OracleResult(
+            "unresolved",
+            nothing,
+            nothing,
+            nothing,
+            False,
+            0,
+            (),
+            nothing,
+            nothing,
+            nothing,
+            n,
+            history.steps,
+            seconds,
+        )
     # A settled run needs its end only; a long one is averaged over its last three quarters.
     settled = history.settled
     window = max(2, n // 4) if settled else max(2, (3 * n) // 4)
@@ -206,7 +243,7 @@ def summarise(scene: OracleScene, history: History, seconds: float) -> OracleRes
     error, drift = _standard_error(power)
     status = "settled"
     if not settled:
-        status = "not_periodic" if window >= 10 * BLOCKS and drift < 4.0 else "unresolved"
+        status = "not_periodic" if window >= FEWEST_AVERAGED and drift < 4.0 and is_restless(history) else "unresolved"
     lines = np.sqrt(np.mean(np.square(history.lines[-window:]), axis=0))
     lost = float(np.sum(history.lost[-window:]))
     imbalance = (float(np.sum(history.driven[-window:])) - lost) / lost if lost > 0.0 else 0.0
@@ -245,8 +282,8 @@ def simulate_oracle(
     begun = time.thread_time()
     problem = Problem(scene)
     result = summarise(scene, problem.run(tolerance, caps), time.thread_time() - begun)
-    if not estimate or result.status == "unresolved":
+    if not estimate or result.status != "settled":
         return result
     fine = summarise(scene, problem.run(0.1 * tolerance, Caps(caps.periods, 2 * caps.steps)), 0.0)
     error = abs(fine.rms - result.rms) / result.rms if result.rms > 0.0 else 0.0
-    return OracleResult(**{**vars(result), "error": error, "seconds": time.thread_time() - begun})
+    return replace(result, error=error, seconds=time.thread_time() - begun)

@@ -13,9 +13,7 @@ STAGES = 12
 # Rows of the triangle of coefficients, as (column, value).
 _ROWS: tuple[tuple[tuple[int, float], ...], ...] = (
     (),
-    (
-        (0, 0.05260015195876773),
-    ),
+    ((0, 0.05260015195876773),),
     (
         (0, 0.0197250569845379),
         (1, 0.0591751709536137),

@@ -16,7 +16,15 @@ from tests.oracles import six_dof_oracle
 from tests.oracles.periodic import kernel, tableau
 from tests.oracles.periodic.path import cutoff_of, pieces_of
 from tests.oracles.periodic.rig import OracleScene, Rough, from_dict
-from tests.oracles.periodic.scenes import DEVELOPMENT, GEOMETRIES, HELD_OUT, THESIS_BEARING, THESIS_RIG, scenes
+from tests.oracles.periodic.scenes import (
+    DEVELOPMENT,
+    GEOMETRIES,
+    HELD_OUT,
+    ROLLER_K_C,
+    THESIS_BEARING,
+    THESIS_RIG,
+    scenes,
+)
 from tests.oracles.periodic.settle import Caps, Problem, simulate_oracle
 
 STORED = json.loads((Path(__file__).parents[2] / "data" / "engine_oracle.json").read_text())
@@ -33,15 +41,13 @@ def thesis_scene(
     rough: Rough | None = None,
 ) -> OracleScene:
     rows = 1 if extent_deg else 0
-    return OracleScene(
-        speed, load, clearance, math.radians(extent_deg), depth, rows, THESIS_BEARING, rough, **THESIS_RIG
-    )
+    return OracleScene(speed, load, clearance, math.radians(extent_deg), depth, rows, THESIS_BEARING, rough, THESIS_RIG)
 
 
 SPALL = thesis_scene(40.0, 4000.0, 20.0, 20e-6)
 PIT = thesis_scene(30.0, 2000.0, 1.3, 1e-3)
 BOUNCING = thesis_scene(24.3, 38.6, 34.0, 18.6e-6, clearance=11.8e-6, rough=replace(ROUGH, seed=0))
-ROLLERS = replace(SPALL, geometry=GEOMETRIES[-1], k_c=3.72e8, rows=2, rough=ROUGH)
+ROLLERS = replace(SPALL, geometry=GEOMETRIES[-1], parameters=replace(THESIS_RIG, k_c=ROLLER_K_C), rows=2, rough=ROUGH)
 
 
 def test_the_coefficients_satisfy_the_conditions_of_order_8() -> None:
@@ -61,7 +67,7 @@ def test_static_displacement_of_the_thesis(load: float, displacement: float) -> 
 def test_the_elements_carry_the_load_at_rest() -> None:
     for scene in scenes(DEVELOPMENT, 40):
         c, s = np.cos(scene.angles), np.sin(scene.angles)
-        pressed = np.maximum(scene.approach * c - scene.clearance, 0.0) ** scene.exponent * scene.k_c
+        pressed = np.maximum(scene.approach * c - scene.clearance, 0.0) ** scene.exponent * scene.parameters.k_c
         assert np.sum(pressed * c) == pytest.approx(scene.load, rel=1e-6)
         assert np.sum(pressed * s) == pytest.approx(0.0, abs=1e-6 * scene.load)
 
@@ -125,6 +131,27 @@ def test_the_shaft_puts_in_what_damping_takes_out(scene: OracleScene) -> None:
     result = simulate_oracle(scene, estimate=False)
     assert result.status == "settled"
     assert abs(result.imbalance) < 1e-6
+
+
+def test_a_smooth_piece_is_integrated_with_order_8() -> None:
+    """Half the step leaves a 2^8th of the error where no contact opens and the path is smooth."""
+    problem = Problem(thesis_scene(40.0, 4000.0))
+    begin = np.concatenate(([1e-6, 1e-7, 0.0, 0.0, 1e-8, 0.0], np.zeros(6)))
+    still = np.full(7, 1.0)
+
+    def after(steps: int) -> np.ndarray:
+        y, trial, nodes, h = begin.copy(), np.empty(12), np.empty((tableau.STAGES, 3)), 4e-4 / steps
+        for i in range(steps):
+            where = 0.1 + problem.scene.omega_c * h * i
+            arrays = 0.0, problem.codes[0], problem.middles[0], problem.directions, problem.p, problem.rough
+            kernel.attempt(where, h, y, trial, nodes, still, *arrays)
+            y[:] = trial
+        return y[6:] / 1e-2
+
+    truth = after(512)
+    errors = [float(np.max(np.abs(after(n) - truth))) for n in (16, 32, 64)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(np.abs(orders - 8.0) < 1.0), orders
 
 
 @pytest.mark.parametrize("scene", [SPALL, PIT, ROLLERS])
