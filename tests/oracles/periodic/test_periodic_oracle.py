@@ -122,8 +122,8 @@ def test_a_second_integrator_gives_the_same_motion(scene: OracleScene) -> None:
 
 def test_another_oracle_with_its_own_equations_agrees() -> None:
     case = six_dof_oracle.Case(40.0, 4000.0, SPALL.extent, SPALL.depth)
-    other = six_dof_oracle.simulate_oracle(case, periods=24, rtol=1e-8)
-    assert simulate_oracle(SPALL, estimate=False).rms == pytest.approx(other.rms, rel=2e-4)
+    other = six_dof_oracle.simulate_oracle(case, periods=18, rtol=1e-7, samples=1500)
+    assert simulate_oracle(SPALL, estimate=False).rms == pytest.approx(other.rms, rel=3e-4)
 
 
 @pytest.mark.parametrize("scene", [SPALL, PIT, ROLLERS, replace(ROLLERS, load=200.0, clearance=5e-6)])
