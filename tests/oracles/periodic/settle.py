@@ -118,9 +118,10 @@ class Problem:
         # A provisional scale of the first period: small against any motion that matters.
         self.first_scale = np.concatenate((1e-3 * sizes, 1e-3 * sizes * self.fastest, [math.inf]))
 
-    def run(self, tolerance: float, caps: Caps) -> History:
-        """Simulate on from rest until the level settles or a cap is met."""
-        history, y, scale = History(), np.zeros(12), self.first_scale
+    def run(self, tolerance: float, caps: Caps, start: NDArray[np.float64] | None = None) -> History:
+        """Simulate on from rest, or from a deviation from it (12), until the level settles or a cap is met."""
+        history, scale = History(), self.first_scale
+        y = np.zeros(12) if start is None else start.copy()
         sums, largest = np.zeros(kernel.SUMS), np.zeros(6)
         h = min(0.01 / self.fastest, self.scene.period)
         last: list[NDArray[np.float64]] = [y.copy()]
@@ -192,8 +193,13 @@ def is_averaged(history: History, decay: float) -> bool:
     n = len(history.power)
     if n < 400 or n % 50 != 0 or n * decay < 10.0 or not is_restless(history):
         return False
-    error, drift = _standard_error(np.array(history.power[n // 4 :]))
-    return error < ENOUGH and drift < 3.0
+    power = np.array(history.power[n // 2 :])
+    blocks = np.array([np.mean(block) for block in np.array_split(power, BLOCKS)])
+    away = np.abs(blocks - np.median(blocks))
+    # The end of a transient is a block unlike all others; a mean over it would be neither of the two levels.
+    transient = float(np.max(away)) > 8.0 * float(np.median(away))
+    error, drift = _standard_error(power)
+    return error < ENOUGH and drift < 3.0 and not transient
 
 
 def is_restless(history: History) -> bool:
@@ -234,9 +240,9 @@ def summarise(scene: OracleScene, history: History, seconds: float) -> OracleRes
             history.steps,
             seconds,
         )
-    # A settled run needs its end only; a long one is averaged over its last three quarters.
+    # A settled run needs its end only; one that does not repeat may begin with a long transient.
     settled = history.settled
-    window = max(2, n // 4) if settled else max(2, (3 * n) // 4)
+    window = max(2, n // 4 if settled else n // 2)
     power = np.array(history.power[-window:])
     mean, levels = float(np.mean(power)), np.sqrt(power)
     rms, spread = math.sqrt(mean), float(np.std(levels))
@@ -265,13 +271,18 @@ def summarise(scene: OracleScene, history: History, seconds: float) -> OracleRes
 
 
 def _standard_error(power: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the relative standard error of the RMS from means of blocks, and the drift of halves in such errors."""
+    """Return the relative standard error of the RMS from means of blocks, and how many of its own standard errors the
+    means of both halves differ by.
+    """
     size = max(1, len(power) // BLOCKS)
     blocks = power[len(power) % size :].reshape(-1, size).mean(axis=1)
-    mean, half = float(np.mean(blocks)), len(blocks) // 2
-    error = float(np.std(blocks, ddof=1)) / math.sqrt(len(blocks)) if len(blocks) > 1 else 0.0
-    drift = abs(float(np.mean(blocks[:half]) - np.mean(blocks[half:]))) / (2.0 * error) if error > 0.0 else 0.0
-    return (0.5 * error / mean if mean > 0.0 else 0.0), drift
+    early, late = np.array_split(blocks, 2)
+    if len(late) < 2 or not np.mean(blocks) > 0.0:
+        return 0.0, 0.0
+    error = float(np.std(blocks, ddof=1)) / math.sqrt(len(blocks))
+    apart = math.hypot(*(float(np.std(half, ddof=1)) / math.sqrt(len(half)) for half in (early, late)))
+    drift = abs(float(np.mean(early) - np.mean(late))) / apart if apart > 0.0 else 0.0
+    return 0.5 * error / float(np.mean(blocks)), drift
 
 
 def simulate_oracle(
@@ -287,3 +298,22 @@ def simulate_oracle(
     fine = summarise(scene, problem.run(0.1 * tolerance, Caps(caps.periods, 2 * caps.steps)), 0.0)
     error = abs(fine.rms - result.rms) / result.rms if result.rms > 0.0 else 0.0
     return replace(result, error=error, seconds=time.thread_time() - begun)
+
+
+def other_levels(scene: OracleScene, count: int = 6, caps: Caps | None = None) -> list[float]:
+    """Return the settled RMS, m/s2, from ``count`` random starts: a rig with clearance may have several motions.
+
+    A start displaces inner and outer ring by up to the static approach, with velocities of the slower resonances.
+    """
+    problem, caps = Problem(scene), Caps() if caps is None else caps
+    rng = np.random.default_rng(0)
+    rate = float(np.median(np.abs(scene.rates())))
+    found: list[float] = []
+    for _ in range(count):
+        start = np.zeros(12)
+        start[:4] = scene.approach * rng.uniform(-1.0, 1.0, 4)
+        start[6:10] = rate * scene.approach * rng.uniform(-1.0, 1.0, 4)
+        result = summarise(scene, problem.run(TOLERANCE, caps, start), 0.0)
+        if result.status != "unresolved":
+            found.append(result.rms)
+    return found

@@ -25,7 +25,7 @@ from tests.oracles.periodic.scenes import (
     THESIS_RIG,
     scenes,
 )
-from tests.oracles.periodic.settle import Caps, Problem, simulate_oracle
+from tests.oracles.periodic.settle import Caps, History, Problem, is_averaged, other_levels, simulate_oracle
 
 STORED = json.loads((Path(__file__).parents[2] / "data" / "engine_oracle.json").read_text())
 ROUGH = Rough(1e-6, 2e-3, cutoff_of(THESIS_BEARING.element_radius), 3)
@@ -167,6 +167,21 @@ def test_a_motion_that_does_not_repeat_gets_a_mean_and_a_standard_error() -> Non
     assert (result.status, result.repeats, result.multiple) == ("not_periodic", False, 0)
     assert result.spread > 0.01 * result.rms
     assert other.rms == pytest.approx(result.rms, abs=5.0 * math.hypot(result.standard_error, other.standard_error))
+
+
+def test_a_rig_with_clearance_may_have_two_motions() -> None:
+    scene = next(s for s in scenes(DEVELOPMENT, 60) if s.key() == "d4837986f8ac85ca")
+    levels = other_levels(scene, 3)
+    assert {round(level, 3) for level in levels} == {0.593, 0.662}
+
+
+def test_a_long_transient_is_not_averaged() -> None:
+    """Half a thousand periods at twice the level come before the motion in which the run ends."""
+    power = np.concatenate((np.full(450, 400.0), np.full(850, 100.0)))
+    noise = np.random.default_rng(1).normal(1.0, 0.02, len(power))
+    history = History(power=list(power * noise), distances=[0.3] * len(power))
+    assert not is_averaged(History(history.power[:800], distances=[0.3] * 800), 1.0)
+    assert is_averaged(history, 1.0)
 
 
 def test_a_cap_is_said() -> None:
