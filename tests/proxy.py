@@ -18,6 +18,8 @@ class Proxy:
     def __init__(self, target: int) -> None:
         """Listen; ``target`` need not be there yet."""
         self._target = target
+        self.lets_through = True
+        """Whether new connections are forwarded; else they are closed at once."""
         self._server = socket.create_server(("127.0.0.1", 0))
         self.port: int = self._server.getsockname()[1]
         self._pairs: list[tuple[socket.socket, socket.socket]] = []
@@ -31,6 +33,9 @@ class Proxy:
                 near, _ = self._server.accept()
             except OSError:
                 return
+            if not self.lets_through:
+                near.close()
+                continue
             try:
                 far = socket.create_connection(("127.0.0.1", self._target), 2.0)
             except OSError:
