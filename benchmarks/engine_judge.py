@@ -44,7 +44,7 @@ def engine_scene(scene: OracleScene) -> Scene:
     )
     floor = Floor() if rough is None else Floor("rough", rough.sd, rough.pitch, rough.cutoff, rough.seed)
     defect = Defect(scene.extent, scene.depth, floor, scene.position, scene.rows) if scene.rows else None
-    rig = Rig(**asdict(scene.parameters))
+    rig = Rig(**asdict(scene.parameters), element="ball" if g.element == "ball" else "roller")
     return Scene(scene.speed, scene.load, bearing, rig, defect, scene.clearance)
 
 

@@ -12,15 +12,17 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
+from models.dynamics.rows import simulate_row
 from models.maps.build import build_map
 from models.maps.ensemble import ensemble_nodes, ensemble_options, step_error
-from models.maps.nodes import scene_at, simulate_node_row, steps_of
+from models.maps.nodes import MAP_ACCURACY, scene_at, simulate_node_row
 from models.maps.plan import MapPlan
 from models.scene import Floor, Slip
 
@@ -66,18 +68,23 @@ def map_row(plan: MapPlan) -> Row:
 
 
 def solver_rows(plan: MapPlan) -> list[Row]:
-    """Return what a scene costs either solver, and how far each is from rows of four times as many steps (rms)."""
+    """Return what a scene costs either solver, and how far each is from rows of a tenth of their accuracy (rms)."""
     extents, seeds = np.array(plan.dphi_d), range(plan.floors)
 
-    def rows_of(asked: MapPlan) -> NDArray[np.float64]:
-        rows = [[simulate_node_row(asked, 4000.0, 40.0, h, extents, seed).rms for seed in seeds] for h in asked.h_d[1:]]
-        return np.asarray(np.mean(rows, axis=1), dtype=np.float64)
+    def rows_of(row: Callable[[float, int], NDArray[np.float64]]) -> NDArray[np.float64]:
+        return np.asarray(np.mean([[row(h, seed) for seed in seeds] for h in plan.h_d[1:]], axis=1), dtype=np.float64)
 
-    steps = steps_of(plan, scene_at(plan, 4000.0, 40.0, plan.h_d[-1], plan.dphi_d[-1]))
-    true = rows_of(replace(plan, steps_per_period=4 * steps))
+    def node_row(h_d: float, seed: int) -> NDArray[np.float64]:
+        return simulate_node_row(plan, 4000.0, 40.0, h_d, extents, seed).rms
+
+    def fine_row(h_d: float, seed: int) -> NDArray[np.float64]:
+        scene = scene_at(plan, 4000.0, 40.0, h_d, float(extents[-1]), seed)
+        return simulate_row(scene, extents, accuracy=0.1 * MAP_ACCURACY, band=plan.rms_band).rms
+
+    true = rows_of(fine_row)
     damaged = replace(plan, h_d=plan.h_d[1:])
     rows: list[Row] = []
-    for name, make in (("rows", lambda: rows_of(plan)), ("lanes", lambda: ensemble_nodes(damaged).rms[0, 0])):
+    for name, make in (("rows", lambda: rows_of(node_row)), ("lanes", lambda: ensemble_nodes(damaged).rms[0, 0])):
         start = time.process_time()
         found = make()
         seconds = time.process_time() - start

@@ -1,7 +1,7 @@
 """What a simulated life costs, with and without slip of the balls, and how far its figures are from longer simulations.
 
 Run as ``python -m benchmarks.lives [--quick] [--json FILE]``. Times are thread times, compilation aside. Without slip
-the error is that of the steps, against the finest grade of ``models.simulate``; with slip it is that of the short
+the error is that of the steps, against ``models.simulate`` asked for 1e-4; with slip it is that of the short
 record (four times seven ball periods), against records ten times as long. Blocks of damage at random places of lives,
 no noise.
 """
@@ -26,6 +26,7 @@ from models.simulate import simulate
 BAND = (0.0, 9500.0)
 SLIPS = (0.002, 0.005, 0.01)
 _LONG = 40
+_FINE = 1e-4
 
 
 def cost_rows(lives: int) -> list[Row]:
@@ -69,7 +70,7 @@ def _against_finer(lives: int) -> Row:
         scenes = _scenes(draw_life(Population(), number), 8, None)
         levels, harmonics = settled_levels(scenes, BAND)
         for scene, level, harmonic in zip(scenes, levels, harmonics, strict=True):
-            fine = simulate(scene, band=BAND)
+            fine = simulate(scene, band=BAND, accuracy=_FINE)
             rms.append(level / fine.rms - 1.0)
             lines.append(harmonic[0] / fine.harmonics[0] - 1.0)
     return _row("finer steps", 0.0, rms, lines)

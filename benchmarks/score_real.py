@@ -129,7 +129,7 @@ def map_of(config: Config) -> RmsMap:
             h_d=tuple(2e-6 * i for i in range(33)),
             dphi_d=tuple(math.radians(i) for i in range(51)),
             bearing=config.bearing_of(config.channel[0]),
-            rig=config.rig.to_rig(),
+            rig=config.rig_of(config.entry_of(config.channel[0])),
             rms_band=None,
         ),
         workers=1,
@@ -143,7 +143,7 @@ def library_of(config: Config, thresholds: Sequence[float], lives: int) -> Libra
     low, high = BACKGROUND
     population = Population(
         bearing=bearing,
-        rig=config.rig.to_rig(),
+        rig=config.rig_of(config.entry_of(config.channel[0])),
         load=LOADS,
         speed=SPEEDS,
         durations=DURATIONS,

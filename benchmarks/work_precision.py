@@ -21,12 +21,13 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
 from benchmarks import opponents as op
-from models.dynamics.orbit import find_orbit
-from models.dynamics.six_dof import prepare
+from models.kernels.orbit import PLAIN_FIRST, settle
+from models.kernels.step import P_OMEGA, P_PITCH
 from models.path.defect import RaceProfile, ball_path
 from models.scene import Defect, Floor, Scene
 from models.simulate import steering
 from tests.oracles import six_dof_oracle as oracle
+from tests.periods import new_wave, period_of, run
 
 WARM, KEPT = 4, 7
 DT0 = 1.0 / 51200.0
@@ -75,10 +76,14 @@ class Problem:
         rest = self.exact.at_rest()
         self.rest = np.array([rest[1], rest[0], rest[3], rest[2], rest[5], rest[4], *np.zeros(6)])
         self.arrays = self._arrays()
-        self.fine = prepare(scene, REFERENCE_STEPS)
-        orbit = find_orbit(self.fine, tolerance=1e-10, max_periods=200, steering=steering(replace(scene, defect=None)))
-        self.state, self.status = orbit.state, orbit.status
-        self.wave = np.ascontiguousarray(orbit.waves[-1, :, 0])
+        self.fine = period_of(scene, REFERENCE_STEPS)
+        self.state, wave, steer = np.empty((2, 6)), new_wave(self.fine), steering(replace(scene, defect=None))
+        found = settle(
+            *(np.zeros((2, 6)), self.state, wave, self.fine),
+            *(np.eye(12) if steer is None else steer, PLAIN_FIRST, 1e-10, 200),
+        )
+        self.settled = found[3]
+        self.wave = np.ascontiguousarray(wave[:, 0])
         self.rms = math.sqrt(float(self.fine.weight @ self.wave**2))
 
     def _arrays(self) -> op.Scene:
@@ -122,7 +127,7 @@ class Problem:
     def reference(self, when: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the casing's acceleration of the settled motion, m/s2; at a kink that after it."""
         fine, values = self.fine, np.empty(len(when))
-        phase = np.mod(when + op.NUDGE, fine.duration)
+        phase = np.mod(when + op.NUDGE, float(fine.parameter[P_PITCH] / fine.parameter[P_OMEGA]))
         starts = np.array([fine.time[fine.first[k] + k] for k in range(len(fine.first) - 1)])
         place = np.clip(np.searchsorted(starts, phase, "right") - 1, 0, len(starts) - 1)
         for k in range(len(starts)):
@@ -315,7 +320,7 @@ def run_scipy(problem: Problem, method: str, rtol: float, atol: NDArray[np.float
 
 def run_product(problem: Problem, steps: int) -> Callable[[], Run]:
     """Return the project's own kernel on ``steps`` steps a ball period, its tables made beforehand."""
-    period = prepare(problem.scene, steps)
+    period = period_of(problem.scene, steps)
     segments = np.repeat(np.arange(len(period.first) - 1), np.diff(period.first) + 1)
     first = np.append(True, np.diff(segments) > 0)
     last = np.append(np.diff(segments) > 0, True)
@@ -323,15 +328,15 @@ def run_product(problem: Problem, steps: int) -> Callable[[], Run]:
     count = WARM + KEPT
 
     def work() -> Run:
-        state, wave = problem.state, period.new_wave()
+        state, wave = problem.state, new_wave(period)
         for _ in range(count):
-            state, _ = period.run(state, wave)
+            state = run(period, state, wave)
         shown = np.append(times + (count - 1) * problem.period, problem.end)
         return Run(
             np.concatenate(([0.0], shown[:-1])),
             np.concatenate(([0.0], wave[:, 0])),
             np.concatenate(([0.0], period.weight * problem.period)),
-            4 * period.steps * count,
+            4 * int(period.first[-1]) * count,
         )
 
     return work

@@ -13,6 +13,8 @@ from typing import Any, Literal
 from models.catalogue.designation import compact
 from models.catalogue.series import Geometry, Kind, Origin, families, geometry, uncertain_counts
 
+Element = Literal["ball", "roller"]
+
 
 @dataclass(frozen=True)
 class Bearing:
@@ -37,7 +39,7 @@ class Bearing:
     pitch_diameter: float
     contact_angle: float = 0.0
     rows: int = 1
-    element: Literal["ball", "roller"] = "ball"
+    element: Element = "ball"
     rotating_ring: Literal["inner", "outer"] = "inner"
     outer_race_radius: float | None = None
     inner_race_radius: float | None = None

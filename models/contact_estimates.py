@@ -20,6 +20,8 @@ _CONFORMITY = (0.51, 0.52, 0.54)
 _ROLLER_PROPORTION = (0.8, 1.2, 1.6)
 _LENGTH_RANGE = 0.2
 _DEVIATIONS = 2.0
+# Density of bearing steel, kg/m3.
+_STEEL = 7810.0
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,15 @@ class StiffnessEstimate:
     high: float
     bearing: Bearing
     estimated: tuple[str, ...]
+
+
+def element_mass(bearing: Bearing) -> float:
+    """Return the mass of one rolling element of steel, kg; a roller needs its length."""
+    if bearing.element == "ball":
+        return _STEEL * math.pi / 6.0 * bearing.element_diameter**3
+    if bearing.effective_length is None:
+        raise ValueError(f"the rollers of {bearing.designation} have no effective_length")
+    return _STEEL * math.pi / 4.0 * bearing.element_diameter**2 * bearing.effective_length
 
 
 def estimate_stiffness(entry: CatalogueEntry) -> StiffnessEstimate:

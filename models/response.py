@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Sensor = Literal["mo", "mr"]
-Status = Literal["converged", "not_periodic", "not_converged"]
-STATUSES: tuple[Status, ...] = ("converged", "not_periodic", "not_converged")
+Status = Literal["converged", "not_periodic", "not_converged", "inaccurate"]
+STATUSES: tuple[Status, ...] = ("converged", "not_periodic", "not_converged", "inaccurate")
 
 HARMONICS = 6
 # Share of the Nyquist frequency below the transition band of a recorder's anti-alias filter.
@@ -30,12 +30,18 @@ class Response:
     Attributes:
         rms, peak: RMS (over several periods where the motion does not repeat) and largest absolute value of a_o in
             ``rms_band``, m/s2; ``rms_resonator`` and ``peak_resonator`` the same of a_r.
+        rms_error: relative error of ``rms``, estimated: that of the steps from halving them, or the standard error of
+            the mean where the motion does not repeat.
         bpfo: ball-pass frequency over the outer race, Hz, with which the motion repeats.
         harmonics: single-sided amplitudes of the first six lines k * bpfo of a_o, m/s2, shape (6,).
+        harmonics_error: their estimated errors, m/s2, NaN where the motion does not repeat.
         period_change: relative change of the full-bandwidth RMS between the last two of ``periods`` ball periods.
         spread: standard deviation of that RMS from period to period, m/s2; zero if the motion repeats, NaN if it
             diverged (then the status is "not_converged").
-        status: "converged", "not_periodic" (a mean and a spread are given) or "not_converged" (unusable).
+        multiplier: largest absolute Floquet multiplier of the motion that repeats; beyond 1 it is unstable, and what is
+            simulated instead is given. NaN where none was found.
+        status: "converged" (it repeats, is stable, and ``rms_error`` is within what was asked), "inaccurate" (it is
+            not), "not_periodic" (a mean and a spread are given) or "not_converged" (unusable).
         rms_band: the band (lo, hi), Hz, to which RMS and peak refer, or None for the full bandwidth.
         coefficients: complex Fourier coefficients c_k of exp(2 pi i k bpfo t), k = 0..K, of a_o and a_r, m/s2, shape
             (2, K + 1). The amplitude of line k is 2 |c_k|. Where the motion does not repeat, their amplitudes are
@@ -43,14 +49,17 @@ class Response:
     """
 
     rms: float
+    rms_error: float
     peak: float
     rms_resonator: float
     peak_resonator: float
     bpfo: float
     harmonics: NDArray[np.float64]
+    harmonics_error: NDArray[np.float64]
     periods: int
     period_change: float
     spread: float
+    multiplier: float
     model: str
     status: Status
     rms_band: tuple[float, float] | None

@@ -11,12 +11,35 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from models.bearing import Bearing, from_catalogue
+from models.bearing import Bearing, Element, from_catalogue
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Part = Literal["outer", "inner", "ball"]
+Race = Literal["outer", "inner"]
+
+
+def _check_numbers(owner: object, prefix: str, rule: str, *names: str) -> None:
+    """Raise a ValueError that names a field which breaks a rule: "positive", "not negative" or "finite"."""
+    for name in names:
+        value = getattr(owner, name)
+        met = {"positive": value > 0.0, "not negative": value >= 0.0, "finite": True}[rule]
+        if not (met and math.isfinite(value)):
+            wanted = {"positive": "positive and finite", "not negative": "finite and not negative"}.get(rule, rule)
+            raise ValueError(f"{prefix}{name} must be {wanted}, got {value!r}")
+
+
+def _check_choice(value: str, field_name: str, choices: tuple[str, ...]) -> None:
+    """Raise a ValueError that names a field whose value is none of the choices."""
+    if value not in choices:
+        raise ValueError(f"{field_name} must be one of {', '.join(map(repr, choices))}, got {value!r}")
+
+
+def _check_whole(value: float, field_name: str, least: int) -> None:
+    """Raise a ValueError that names a field which is not a whole number from ``least`` on."""
+    if isinstance(value, bool) or not math.isfinite(value) or value != int(value) or value < least:
+        raise ValueError(f"{field_name} must be a whole number of at least {least}, got {value!r}")
 
 
 @dataclass(frozen=True)
@@ -28,9 +51,11 @@ class Rig:
             resonator, and of one rolling element, kg.
         k_i, c_i: stiffness, N/m, and damping, N s/m, of the shaft to ground.
         k_r, c_r: the same between resonator and casing.
-        k_c: contact stiffness of one rolling element between both rings, N/m^1.5 (Eq. 35).
+        k_c: contact stiffness of one rolling element between both rings, N/m^1.5 of a ball, N/m^(10/9) of a roller
+            (Eq. 35).
         alpha_c: mass coefficient of the contact damping, 1/s (Eq. 39).
         beta_c: stiffness coefficient of the contact damping, s (Eq. 39).
+        element: the rolling element that ``k_c`` belongs to; a scene refuses a bearing with another.
         calibrated: whether the parameters were identified on the machine itself.
     """
 
@@ -45,7 +70,14 @@ class Rig:
     c_r: float = 186.0
     alpha_c: float = 154.9
     beta_c: float = 2.5e-5
+    element: Element = "ball"
     calibrated: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names the field of an unusable value."""
+        _check_numbers(self, "rig.", "positive", "m_i", "m_o", "m_r", "k_i", "k_r", "k_c")
+        _check_choice(self.element, "rig.element", ("ball", "roller"))
+        _check_numbers(self, "rig.", "not negative", "m_b", "c_i", "c_r", "alpha_c", "beta_c")
 
 
 def natural_frequencies(rig: Rig, k_xx: float, k_yy: float) -> NDArray[np.float64]:
@@ -115,6 +147,13 @@ class Floor:
     cutoff: float | None = None
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names the field of an unusable value."""
+        _check_choice(self.kind, "floor.kind", ("smooth", "rough"))
+        _check_numbers(self, "floor.", "not negative", "sd")
+        _check_numbers(self, "floor.", "positive", "pitch", *(["cutoff"] if self.cutoff is not None else []))
+        _check_whole(self.seed, "floor.seed", 0)
+
 
 @dataclass(frozen=True)
 class Defect:
@@ -138,6 +177,17 @@ class Defect:
     part: Part = "outer"
     first_row: int = 0
 
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names the field of an unusable value."""
+        if not 0.0 <= self.dphi_d <= 2.0 * math.pi:
+            raise ValueError(f"dphi_d must lie between 0 and 2 pi rad, got {self.dphi_d!r}")
+        if not self.h_d >= 0.0:
+            raise ValueError(f"h_d must not be negative, got {self.h_d!r} m")
+        _check_numbers(self, "defect.", "finite", "position")
+        _check_choice(self.part, "defect.part", ("outer", "inner", "ball"))
+        _check_whole(self.rows, "defect.rows", 1)
+        _check_whole(self.first_row, "defect.first_row", 0)
+
 
 @dataclass(frozen=True)
 class Waviness:
@@ -152,8 +202,14 @@ class Waviness:
 
     amplitude: float
     order: int
-    race: Literal["outer", "inner"] = "outer"
+    race: Race = "outer"
     phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names the field of an unusable value."""
+        _check_numbers(self, "waviness.", "finite", "amplitude", "phase")
+        _check_whole(self.order, "waviness.order", 1)
+        _check_choice(self.race, "waviness.race", ("outer", "inner"))
 
 
 @dataclass(frozen=True)
@@ -179,8 +235,8 @@ class Slip:
         """Raise a ValueError that names the field of an unusable value."""
         if not 0.0 <= self.phi_slip < 0.5:
             raise ValueError(f"slip.phi_slip must lie between 0 and 0.5 rad, got {self.phi_slip!r}")
-        if self.rule not in ("per_passage", "mean_force"):
-            raise ValueError(f"slip.rule must be 'per_passage' or 'mean_force', got {self.rule!r}")
+        _check_choice(self.rule, "slip.rule", ("per_passage", "mean_force"))
+        _check_whole(self.seed, "slip.seed", 0)
 
     @property
     def redraws(self) -> bool:
@@ -217,11 +273,34 @@ class Scene:
     gravity_angle: float = 0.0
     slip: Slip | None = None
 
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names the field of an unusable value."""
+        _check_numbers(self, "", "positive", "speed")
+        _check_numbers(self, "", "not negative", "load", "clearance", "unbalance", "gravity")
+        _check_numbers(self, "", "finite", "gravity_angle")
+        if self.rig.element != self.bearing.element:
+            raise ValueError(
+                f"rig.k_c is that of a {self.rig.element}, {self.bearing.designation} has {self.bearing.element}s"
+            )
+        defect, rows = self.defect, self.bearing.rows
+        if defect is not None and defect.first_row + defect.rows > rows:
+            raise ValueError(
+                f"defect.rows {defect.rows!r} from defect.first_row {defect.first_row!r} on exceed the bearing's {rows}"
+            )
+
+    @property
+    def repeats(self) -> bool:
+        """Whether nothing but the passages of the balls drives the motion, with which it then repeats."""
+        return (
+            self.unbalance == 0.0
+            and (self.slip is None or self.slip.phi_slip == 0.0 or self.defect is None)
+            and all(wave.race == "outer" or wave.amplitude == 0.0 for wave in self.waviness)
+            and (self.defect is None or self.defect.part == "outer")
+        )
+
     @property
     def effects(self) -> tuple[str, ...]:
-        """Names of the effects that ``models.dynamics.time_domain`` models (of slip, ``models.dynamics.lanes`` too);
-        without any, the motion is periodic with the ball passage and ``models.simulate.simulate`` solves it.
-        """
+        """Names of the effects beyond a defect of the outer race from the first row on."""
         named = {
             "waviness": any(w.amplitude != 0.0 for w in self.waviness),
             "unbalance": self.unbalance != 0.0,

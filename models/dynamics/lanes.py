@@ -220,6 +220,8 @@ def _shared_grid(scenes: Sequence[Scene], options: LaneOptions) -> Grid:
                 raise ValueError(
                     f"scenes side by side must share {name}, got {getattr(first, name)!r} and {getattr(scene, name)!r}"
                 )
+    if first.bearing.element != "ball":
+        raise ValueError(f"lanes model balls, {first.bearing.designation} has {first.bearing.element}s")
     for load in {scene.load for scene in scenes}:
         check_scene(replace(first, load=load, slip=None))
     grid = grid_of(first.bearing, first.rig, first.clearance, first.speed, options.steps_per_period)

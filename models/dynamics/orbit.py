@@ -1,176 +1,130 @@
-"""The settled motion of a periodically driven model: a fixed point of its map over one period.
+"""The settled motion of a periodically driven model: a fixed point of its map over one period, or what it is instead.
 
 Plain iteration (simulating on) settles with the slowest mode of the contact, slowly with clearance and a light load.
 Anderson acceleration of depth 5, with the residual preconditioned by the Jacobian of the healthy bearing, needs several
-times fewer periods. Where it does not settle the motion is simulated plainly; a status says if it does not repeat.
+times fewer periods. It also finds fixed points that repel: a motion near them does not stay there. The Jacobian of the
+period map at the fixed point tells them apart (Floquet multipliers); where one is beyond the unit circle, or nothing
+was found, the motion is simulated on plainly, from rest or from where the search ended.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.kernels.orbit import SILENCE
+from models.kernels.lines import fourier_coefficients
+from models.kernels.orbit import SILENCE, mean_square
+from models.kernels.period import ball_period
+from models.kernels.step import STATUS_OK
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.response import Status
+    from models.kernels.period import Period
 
-# Sizes of the state that count as one: displacements, velocities, and for the stiff resonator a smaller displacement.
-STATE_SCALE = np.array([1e-6, 1e-2, 1e-6, 1e-2, 2e-7, 1e-2])
-SCALE = np.tile(STATE_SCALE, 2)
-WINDOW = 40
-ACCELERATED = 60
-
-
-class PeriodMap(Protocol):
-    """One period of a model, and the search for its settled motion: see models.dynamics.six_dof.BallPeriod."""
-
-    @property
-    def weight(self) -> NDArray[np.float64]:
-        """Weights of the recorded values, so that ``weight @ x`` is a mean over the period."""
-        ...
-
-    def run(self, state: NDArray[np.float64], wave: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
-        """Return the state one period later and a status; write the accelerations."""
-        ...
-
-    def settle(
-        self,
-        state: NDArray[np.float64],
-        wave: NDArray[np.float64],
-        scale: NDArray[np.float64],
-        steering: NDArray[np.float64],
-        tolerance: float,
-        cap: int,
-    ) -> tuple[NDArray[np.float64], int, float, float, bool]:
-        """Return the last state, periods, relative change and value of the RMS, and whether it settled."""
-        ...
-
-    def new_wave(self) -> NDArray[np.float64]:
-        """Return an array that ``run`` can write to."""
-        ...
+# Shares of the periods that are simulated on: dropped at the beginning, then averaged.
+_DROPPED = 0.3
+# Standard errors by which the levels of two spans may differ, and parts of a half that these come from.
+_SAME = 4.0
+_PARTS = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Orbit:
-    """The settled motion.
+class Motion:
+    """A motion that was simulated on plainly.
 
     Attributes:
-        waves: accelerations over the last period, or over WINDOW periods where it does not repeat, shape
-            (periods kept, values, sensors), m/s2.
-        state: at the start of the last period, shape (2, 6).
-        period_change: relative change of the RMS of sensor 0 between the last two of ``periods`` that were simulated.
-        spread: standard deviation of that RMS from period to period, m/s2; zero where the motion repeats.
-        status: "converged", "not_periodic" (bounded and stationary, but it does not repeat), "not_converged".
+        state: at its end, (2, 6).
+        periods: that were simulated.
+        change: relative change of the RMS of the casing between the last two.
+        settled: whether it came to repeat; the levels are then unknown.
+        power: mean squares of both sensors over the periods that were kept, m2/s4, (2,).
+        peak: largest absolute values, m/s2, (2,).
+        coefficients: Fourier coefficients of the last period with the mean power of all that were kept, m/s2,
+            (2, lines + 1).
+        levels: RMS of the casing of each period that was kept, m/s2.
     """
 
-    waves: NDArray[np.float64]
     state: NDArray[np.float64]
     periods: int
-    period_change: float
-    spread: float
-    status: Status
-
-
-@dataclass
-class _Watch:
-    """Count periods; the RMS has settled after two successive changes below the tolerance."""
-
-    period: PeriodMap
-    tolerance: float
-    periods: int
     change: float
-    rms: float
-    calm: int = 0
-
-    def run(self, state: NDArray[np.float64], wave: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Return the state one period later, or None where it left the finite numbers."""
-        after, status = self.period.run(state, wave)
-        self.periods += 1
-        if status != 0:
-            self.calm, self.change, self.rms = 0, float("inf"), float("nan")
-            return None
-        rms = float(np.sqrt(max(0.0, self.period.weight @ (wave[:, 0] * wave[:, 0]))))
-        self.change = 0.0 if max(rms, self.rms) <= SILENCE else abs(rms - self.rms) / max(rms, SILENCE)
-        if not np.isfinite(self.change):
-            self.change = float("inf")
-        self.calm = self.calm + 1 if self.change < self.tolerance else 0
-        self.rms = rms
-        return after
+    settled: bool
+    power: NDArray[np.float64]
+    peak: NDArray[np.float64]
+    coefficients: NDArray[np.complex128]
+    levels: NDArray[np.float64]
 
     @property
-    def settled(self) -> bool:
-        return self.calm >= 2
+    def spread(self) -> float:
+        """Standard deviation of the RMS from period to period, m/s2."""
+        return float(np.std(self.levels)) if len(self.levels) else math.nan
+
+    @property
+    def standard_error(self) -> float:
+        """Relative standard error of the RMS, from means of ten parts: neighbouring periods are alike."""
+        squares = self.levels**2
+        if len(squares) < 20 or not squares.any():
+            return math.nan
+        parts = np.array([part.mean() for part in np.array_split(squares, 10)])
+        return 0.5 * float(np.std(parts, ddof=1)) / math.sqrt(10.0) / float(squares.mean())
+
+    @property
+    def stationary(self) -> bool:
+        """Whether the level neither drifts nor steps, within its scatter.
+
+        The first quarter is compared with the last half, and the last quarter with the first half, each within the
+        scatter of that half: the scatter of the whole would be as wide as what is sought.
+        """
+        squares = self.levels**2
+        if len(squares) < 20:
+            return False
+        half, quarter = len(squares) // 2, len(squares) // 4
+        for side, other in ((squares[half:], squares[:quarter]), (squares[:half], squares[-quarter:])):
+            parts = [part.mean() for part in np.array_split(side, _PARTS)]
+            # Of the mean over the half, and over a quarter with twice its variance; a cycle of a few periods leaves
+            # the parts alike and yet the ends of spans unlike.
+            error = math.sqrt(max(3.0 * float(np.var(parts, ddof=1)) / _PARTS, float(np.var(side)) / quarter))
+            if abs(float(np.mean(side) - np.mean(other))) > max(_SAME * error, 1e-3 * float(np.mean(squares))):
+                return False
+        return True
 
 
-def find_orbit(
-    period: PeriodMap, *, tolerance: float, max_periods: int, steering: NDArray[np.float64] | None = None
-) -> Orbit:
-    """Return the settled motion, starting from the static equilibrium at rest.
+def simulate_on(period: Period, state: NDArray[np.float64], periods: int, tolerance: float, count: int) -> Motion:
+    """Simulate plainly until the motion repeats or ``periods`` periods are over.
 
     Args:
-        tolerance: relative change of the RMS that counts as none; it must stay below it twice in succession.
-        max_periods: periods to simulate at most, at least 2 (fewer than 4 cannot settle).
-        steering: approximation of (identity minus Jacobian)^-1 of the scaled period map, by which residuals are
-            multiplied, shape (12, 12); None is the identity.
-
-    Raises:
-        ValueError: if tolerance is not positive or max_periods is less than 2.
+        state: to begin from, (2, 6).
+        tolerance: relative change of the RMS from period to period that counts as none; it repeats where the change
+            stays below it three times in succession.
+        count: of the lines.
     """
-    if not tolerance > 0.0:
-        raise ValueError(f"tolerance must be positive, got {tolerance!r}")
-    if max_periods < 2:
-        raise ValueError(f"max_periods must be at least 2, got {max_periods!r}")
-    wave, cap = period.new_wave(), min(ACCELERATED, max_periods)
-    steering = np.eye(12) if steering is None else steering
-    state, periods, change, rms, settled = period.settle(np.zeros((2, 6)), wave, SCALE, steering, tolerance, cap)
-    if settled:
-        return Orbit(wave[None], state, periods, change, 0.0, "converged")
-    return _simulate_on(_Watch(period, tolerance, periods, change, rms), wave, state, max_periods)
-
-
-def _simulate_on(watch: _Watch, wave: NDArray[np.float64], state: NDArray[np.float64], max_periods: int) -> Orbit:
-    """Simulate plainly until the motion settles; where it does not, keep the last WINDOW periods and judge them."""
-    window = min(WINDOW, max(2, max_periods // 4))
-    values: list[float] = []
-    waves: list[NDArray[np.float64]] = []
-    while watch.periods < max_periods and not watch.settled:
-        here = state
-        after = watch.run(here, wave)
-        state = np.zeros((2, 6)) if after is None else after
-        if after is None:
-            values.clear()
-            waves.clear()
-            continue
-        values.append(watch.rms)
-        waves.append(wave.copy())
-        del values[:-window], waves[:-window]
-        if watch.settled:
-            return Orbit(wave[None], here, watch.periods, watch.change, 0.0, "converged")
-    if not waves:
-        return Orbit(wave[None], state, watch.periods, watch.change, float("nan"), "not_converged")
-    spread = float(np.std(values))
-    half = len(values) // 2
-    early, late = float(np.mean(values[:half] or values)), float(np.mean(values[half:]))
-    stationary = half >= 2 and abs(early - late) <= 3.0 * spread * np.sqrt(2.0 / half)
-    status: Status = "not_periodic" if stationary else "not_converged"
-    return Orbit(np.array(waves), state, watch.periods, watch.change, spread, status)
-
-
-def period_jacobian(period: PeriodMap, size: float = 1e-2) -> NDArray[np.float64]:
-    """Return the Jacobian of the scaled period map minus identity at the equilibrium, by differences, (12, 12).
-
-    ``size`` of the differences in scaled coordinates must be small against the static approach of the contacts.
-    """
-    scale, wave = SCALE, period.new_wave()
-    base = period.run(np.zeros((2, 6)), wave)[0].ravel() / scale
-    columns: list[NDArray[np.float64]] = []
-    for k in range(12):
-        x = np.zeros(12)
-        x[k] = size
-        columns.append((period.run((x * scale).reshape(2, 6), wave)[0].ravel() / scale - base) / size)
-    return np.array(columns).T - np.eye(12)
+    wave, after = np.empty((len(period.time), 2)), np.empty((2, 6))
+    state = state.copy()
+    power, peak, spectrum = np.zeros(2), np.zeros(2), np.zeros((2, count + 1))
+    last = np.zeros((2, count + 1), dtype=np.complex128)
+    levels: list[float] = []
+    rms, change, calm, done = math.nan, math.inf, 0, 0
+    while done < periods and calm < 3:
+        done += 1
+        if ball_period(state, after, wave, period) != STATUS_OK:
+            return Motion(state, done, math.inf, False, power * math.nan, peak * math.nan, last * math.nan, np.empty(0))
+        state[:] = after
+        squares = np.array([mean_square(wave, period.weight, k) for k in (0, 1)])
+        before, rms = rms, math.sqrt(squares[0])
+        change = 0.0 if max(rms, before) <= SILENCE else abs(rms - before) / max(rms, SILENCE)
+        calm = calm + 1 if change < tolerance else 0
+        if done > _DROPPED * periods:
+            last = fourier_coefficients(wave, period, count)
+            power += squares
+            spectrum += np.abs(last) ** 2
+            peak = np.maximum(peak, np.abs(wave).max(axis=0))
+            levels.append(rms)
+    kept = max(len(levels), 1)
+    size = np.abs(last)
+    phases = np.where(size > 0.0, last / np.where(size > 0.0, size, 1.0), 1.0)
+    return Motion(
+        state, done, change, calm >= 3, power / kept, peak, np.sqrt(spectrum / kept) * phases, np.array(levels)
+    )

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.bearing import kinematics
 from models.dynamics.lanes import LaneOptions, LaneRunner
-from models.dynamics.orbit import ACCELERATED, SCALE
-from models.dynamics.six_dof import check_scene, check_steps, damaged_rows, defect_arrays, operating_point, steps_for
-from models.kernels import orbit as kernels
+from models.dynamics.six_dof import check_scene, damaged_rows, defect_arrays, operating_point
+from models.kernels import settled as kernels
 from models.kernels.lanes import LANES
 from models.kernels.path import D_HALF
-from models.response import HARMONICS, STATUSES, check_band
-from models.simulate import DEFAULT_TOLERANCE, check_resolved, simulate, steering, steps_to_resolve
+from models.response import HARMONICS, STATUSES
+from models.simulate import CHANGE_TO_ERROR, DEFAULT_ACCURACY, effort_for, simulate, steering
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,35 +35,41 @@ class Row:
 
     Attributes:
         rms: RMS in the band, m/s2, shape (extents,).
+        rms_error: its relative error due to the steps, estimated, shape (extents,).
         change: relative change of the full-bandwidth RMS between the last two periods, shape (extents,).
-        settled: where the search for the settled motion ended; elsewhere the other fields mean nothing.
+        settled: where a stable motion was found that repeats; elsewhere the other fields mean nothing.
+        multiplier: largest absolute Floquet multiplier, shape (extents,).
         harmonics: single-sided amplitudes of the first six lines k * bpfo, m/s2, shape (extents, 6).
+        harmonics_error: their estimated errors, m/s2, shape (extents, 6).
     """
 
     rms: NDArray[np.float64]
+    rms_error: NDArray[np.float64]
     change: NDArray[np.float64]
     settled: NDArray[np.bool_]
+    multiplier: NDArray[np.float64]
     periods: NDArray[np.int64]
     harmonics: NDArray[np.float64]
+    harmonics_error: NDArray[np.float64]
 
 
 def simulate_row(
     scene: Scene,
     extents: NDArray[np.float64],
     *,
-    steps_per_period: int,
-    tolerance: float = DEFAULT_TOLERANCE,
+    accuracy: float = DEFAULT_ACCURACY,
+    steps_per_period: int | None = None,
+    tolerance: float | None = None,
     band: tuple[float, float] | None = None,
 ) -> Row:
     """Return the settled vibration of a scene for several extents of its defect.
 
-    The same as ``models.simulate.simulate`` of each of them, to the digits that ``tolerance`` leaves. The interpreter
+    The same as ``models.simulate.simulate`` of each of them, to the digits that the tolerance leaves. The interpreter
     lock is free meanwhile, so that rows can share the cores of a machine as threads.
 
     Args:
         extents: angular extents, rad, shape (extents,); that of the scene's own defect is not used.
-        tolerance: relative change of the RMS from period to period that counts as none.
-        band: frequencies (lo, hi), Hz, in which the RMS is taken; None is the full bandwidth.
+        accuracy, steps_per_period, tolerance, band: as in ``models.simulate.simulate``.
 
     Raises:
         ValueError: if the scene or an argument is outside what the model describes; the message names it.
@@ -75,56 +78,41 @@ def simulate_row(
     if defect is None:
         raise ValueError("a row of defects needs a scene with a defect, got None")
     check_scene(scene)
-    check_steps(steps_per_period)
     narrowest, widest = (replace(defect, dphi_d=float(x)) for x in (np.min(extents), np.max(extents)))
     defect_arrays(scene.bearing, narrowest)
     path, profile = defect_arrays(scene.bearing, widest)
     paths = np.tile(path, (len(extents), 1))
     paths[:, D_HALF] = 0.5 * extents
     healthy = replace(scene, defect=None)
-    point, steer = operating_point(healthy), steering(healthy)
-    low, high = _lines(band, steps_per_period, point.omega / point.pitch)
-    out = np.empty((len(extents), kernels.RESULT + HARMONICS))
-    kernels.settle_row(
+    steer = steering(healthy)
+    found = np.empty((len(extents), kernels.R_LINES + 2 * HARMONICS))
+    kernels.solve_row(
         paths,
         profile,
         np.asarray(extents > 0.0),
-        point.positions,
-        point.rows,
-        point.offsets[: damaged_rows(widest)],
-        point.pitch,
-        steps_per_period,
-        point.omega,
-        point.linear,
-        point.parameter,
-        SCALE,
+        damaged_rows(widest),
+        operating_point(healthy),
         np.eye(12) if steer is None else steer,
-        tolerance,
-        ACCELERATED,
-        low,
-        high,
-        out,
+        effort_for(scene, accuracy, tolerance, steps_per_period, band),
+        found,
     )
-    return _as_row(out)
+    return _as_row(found)
 
 
-def _as_row(out: NDArray[np.float64]) -> Row:
+def _as_row(found: NDArray[np.float64]) -> Row:
     """Return the kernel's results by name."""
+    lines = found[:, kernels.R_LINES :]
+    radius = found[:, kernels.R_RADIUS]
     return Row(
-        rms=out[:, kernels.R_RMS],
-        change=out[:, kernels.R_CHANGE],
-        settled=out[:, kernels.R_SETTLED] > 0.0,
-        periods=out[:, kernels.R_PERIODS].astype(np.int64),
-        harmonics=out[:, kernels.RESULT :],
+        rms=found[:, kernels.R_RMS],
+        rms_error=found[:, kernels.R_ERROR],
+        change=found[:, kernels.R_CHANGE],
+        settled=(found[:, kernels.R_SETTLED] > 0.0) & (radius < 1.0),
+        multiplier=radius,
+        periods=found[:, kernels.R_PERIODS].astype(np.int64),
+        harmonics=lines[:, :HARMONICS],
+        harmonics_error=np.abs(lines[:, HARMONICS:]) * CHANGE_TO_ERROR,
     )
-
-
-def _lines(band: tuple[float, float] | None, steps: int, bpfo: float) -> tuple[int, int]:
-    """Return the first and the last line of a band; none for the full bandwidth."""
-    if band is None:
-        return 1, 0
-    check_resolved(check_band(band), steps, 1.0 / bpfo)
-    return max(1, math.ceil(band[0] / bpfo)), math.floor(band[1] / bpfo)
 
 
 def settled_levels(
@@ -148,14 +136,11 @@ def _periodic(scene: Scene, band: tuple[float, float] | None) -> tuple[float, ND
     defect = scene.defect
     if defect is None:
         raise ValueError("a block of a life needs a scene with a defect, got None")
-    steps = steps_for(scene, _ACCURACY)
-    if band is not None:
-        steps = max(steps, steps_to_resolve(band[1], 1.0 / kinematics(scene.bearing, scene.speed).bpfo))
-    row = simulate_row(scene, np.array([defect.dphi_d]), steps_per_period=steps, band=band)
+    row = simulate_row(scene, np.array([defect.dphi_d]), accuracy=_ACCURACY, band=band)
     if row.settled[0]:
         return float(row.rms[0]), row.harmonics[0]
     # Scenes that have not settled are simulated further; some never repeat.
-    response = simulate(scene, steps_per_period=steps, band=band)
+    response = simulate(scene, accuracy=_ACCURACY, band=band)
     if response.status == "not_converged":
         return float("nan"), np.full(HARMONICS, np.nan)
     return response.rms, response.harmonics

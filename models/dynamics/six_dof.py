@@ -1,4 +1,4 @@
-"""The six-degree-of-freedom model of a bearing on its rig (thesis, Eqs. 32-52 and 83-89), set up for its kernel.
+"""The six-degree-of-freedom model of a bearing on its rig (thesis, Eqs. 32-52 and 83-89), set up for its kernels.
 
 Without slip the settled motion repeats exactly with every passage of a ball of one row, T = 1 / BPFO.
 
@@ -11,18 +11,17 @@ one-sided slope at either side, without which the error falls only slowly with t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from models.bearing import kinematics
-from models.hertz import BALL_EXPONENT, element_angles, static_equilibrium
+from models.hertz import contact_exponent, element_angles, static_equilibrium
 from models.kernels import path as kernel_path
-from models.kernels import six_dof as kernels
-from models.kernels.orbit import settle
-from models.kernels.period_setup import arc_distance, set_up
+from models.kernels import step as kernels
+from models.kernels.period_setup import Point, arc_distance
 from models.path.defect import ball_path
 
 if TYPE_CHECKING:
@@ -31,205 +30,104 @@ if TYPE_CHECKING:
     from models.bearing import Bearing
     from models.scene import Defect, Rig, Scene
 
-    _Floats = NDArray[np.float64]
-    _Arguments = tuple[
-        NDArray[np.int64], _Floats, _Floats, _Floats, _Floats, _Floats, _Floats, int, _Floats, _Floats, _Floats
-    ]
-
-# Longest step, s, and fewest steps a period with a relative error of the RMS below the key (rms over
-# scenes); benchmarks/six_dof.py prints the actual error. The default is the finest.
-GRADES = {2e-3: (28e-6, 128), 1e-3: (20e-6, 128), 2e-4: (10e-6, 512)}
-
 # Read-only as the profiles of rough floors are: another type of array would be another kernel.
 _NO_PROFILE = np.zeros((4, 0))
 _NO_PROFILE.flags.writeable = False
 
-
-@dataclass(frozen=True, eq=False)
-class BallPeriod:
-    """One ball period of one scene, ready for the kernel (array shapes: models/kernels/six_dof.py).
-
-    Attributes:
-        duration: T = 1 / BPFO, s.
-        time: time of each recorded value since the start of the period, s, shape (steps + segments,); the ends of
-            neighbouring segments are recorded twice, once from either side.
-        weight: quadrature weights of the recorded values divided by the period, so that ``weight @ x`` is a mean.
-    """
-
-    duration: float
-    steps: int
-    parameter: NDArray[np.float64]
-    first: NDArray[np.int64]
-    flow: NDArray[np.float64]
-    part: NDArray[np.float64]
-    turn: NDArray[np.float64]
-    advance: NDArray[np.float64]
-    damaged: NDArray[np.float64]
-    plain: NDArray[np.float64]
-    near: int
-    depth: NDArray[np.float64]
-    rate: NDArray[np.float64]
-    time: NDArray[np.float64]
-    weight: NDArray[np.float64]
-
-    def run(self, state: NDArray[np.float64], wave: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
-        """Return the state (2, 6) after one period and the kernel's status; write accelerations into ``wave``.
-
-        ``state`` is the deviation from the static equilibrium at the start, m and m/s; ``wave``, shape
-        (steps + segments, 2), takes the acceleration of m_o and m_r along the load, m/s2.
-        """
-        after = np.empty((2, 6))
-        return after, kernels.ball_period(state, after, wave, *self._arguments())
-
-    def settle(
-        self,
-        state: NDArray[np.float64],
-        wave: NDArray[np.float64],
-        scale: NDArray[np.float64],
-        steering: NDArray[np.float64],
-        tolerance: float,
-        cap: int,
-    ) -> tuple[NDArray[np.float64], int, float, float, bool]:
-        """Search from ``state`` for the motion that repeats, in at most ``cap`` periods (models.kernels.orbit.settle).
-
-        Returns:
-            State at the start of the last period, periods, relative change and value of the RMS, whether it settled.
-        """
-        last = np.empty((2, 6))
-        found = settle(state, last, wave, *self._arguments(), self.weight, scale, steering, tolerance, cap)
-        return last, *found
-
-    def _arguments(self) -> _Arguments:
-        """Return the arguments that both kernels share, in their order."""
-        return (
-            self.first,
-            self.flow,
-            self.part,
-            self.turn,
-            self.advance,
-            self.damaged,
-            self.plain,
-            self.near,
-            self.depth,
-            self.rate,
-            self.parameter,
-        )
-
-    def new_wave(self) -> NDArray[np.float64]:
-        """Return an array for ``run`` to write to."""
-        return np.empty((len(self.time), 2))
+# The coarsest grid. Longest step times the angular frequency of the resonator (whose motion the contact follows) and of
+# the rings on the contacts, and times the damping rate of the contacts.
+_RESONATOR_ANGLE = 2.0
+_CONTACT_ANGLE = 0.5
+_DAMPING_STEP = 1.0
+# Contacts are stiffer in the motion than at rest, where balls are pressed harder.
+_STIFFENING = 1.5
+FEWEST_STEPS = 64
+LEAST_IN_SEGMENT = 2
+# Of independent samples of a rough floor a step.
+_FLOOR_SAMPLES = 2.0
+# Steps in a period of the finest grid: less than half a gigabyte of tables, half a minute.
+MOST_STEPS = 2_000_000
 
 
 def check_scene(scene: Scene) -> None:
     """Raise a ValueError that names a field which the model does not describe, its value and the expected one."""
-    if scene.effects:
+    if not scene.repeats:
         raise ValueError(f"{', '.join(scene.effects)}: only models.dynamics.time_domain.simulate_time models this")
-    if scene.bearing.element != "ball":
-        raise ValueError(f"six_dof models ball bearings, {scene.bearing.designation} has {scene.bearing.element}s")
     if scene.bearing.rotating_ring != "inner":
         raise ValueError("six_dof models a turning inner ring; rotating_ring is 'outer'")
-    for name, value in (("load", scene.load), ("clearance", scene.clearance)):
-        if not (math.isfinite(value) and value >= 0.0):
-            raise ValueError(f"{name} must be finite and not negative, got {value!r}")
-    for name in ("m_i", "m_o", "m_r", "k_i", "k_r", "k_c"):
-        value = getattr(scene.rig, name)
-        if not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"rig.{name} must be positive and finite, got {value!r}")
-    for name in ("m_b", "c_i", "c_r", "alpha_c", "beta_c"):
-        value = getattr(scene.rig, name)
-        if not (math.isfinite(value) and value >= 0.0):
-            raise ValueError(f"rig.{name} must be finite and not negative, got {value!r}")
-    if scene.defect is not None and not 1 <= scene.defect.rows <= scene.bearing.rows:
-        raise ValueError(f"defect.rows must lie between 1 and {scene.bearing.rows}, got {scene.defect.rows!r}")
 
 
-def check_steps(steps_per_period: int) -> None:
-    """Raise a ValueError for fewer than 8 steps, with which nothing can be integrated."""
-    if steps_per_period < 8:
-        raise ValueError(f"steps_per_period must be at least 8, got {steps_per_period!r}")
-
-
-def steps_for(scene: Scene, accuracy: float | None = None) -> int:
-    """Return the default number of steps per ball period of a scene.
-
-    ``accuracy`` is the target of the relative error of the RMS (rms over scenes), at least 2e-4, the default.
+def steps_for(scene: Scene) -> int:
+    """Return the least steps in a ball period of the coarsest grid of a scene, from its stiffest rates and its floor.
 
     Raises:
-        ValueError: if accuracy is finer than the finest grade, or not a number.
+        ValueError: if they are more than MOST_STEPS / 2: the ball rate is too low for such a stiff rig.
     """
-    grades = [grade for grade in GRADES if accuracy is None or grade <= accuracy]
-    if not grades:
-        raise ValueError(f"accuracy must be at least {min(GRADES)!r}, got {accuracy!r}; name steps_per_period for less")
-    step, fewest = GRADES[min(grades) if accuracy is None else max(grades)]
-    return max(fewest, math.ceil(1.0 / (kinematics(scene.bearing, scene.speed).bpfo * step)))
-
-
-def prepare(scene: Scene, steps_per_period: int | None = None, accuracy: float | None = None) -> BallPeriod:
-    """Return one ball period of a scene.
-
-    ``steps_per_period`` is a minimum (steps end on kinks, so a few more are taken), by default that of ``accuracy``.
-
-    Raises:
-        ValueError: if the scene is outside the model, steps_per_period is less than 8, or accuracy too fine.
-    """
-    check_scene(scene)
-    bpfo = kinematics(scene.bearing, scene.speed).bpfo
-    if steps_per_period is None:
-        steps_per_period = steps_for(scene, accuracy)
-    check_steps(steps_per_period)
-    point = operating_point(replace(scene, defect=None))
-    path, profile = defect_arrays(scene.bearing, scene.defect)
-    found = set_up(
-        path,
-        profile,
-        point.positions,
-        point.rows,
-        point.offsets[: damaged_rows(scene.defect)],
-        point.pitch,
-        steps_per_period,
-        point.omega,
-        point.linear,
+    duration = 1.0 / kinematics(scene.bearing, scene.speed).bpfo
+    parameter = operating_point(replace(scene, defect=None)).parameter
+    inverse_mass = float(parameter[kernels.P_INV_M_I] + parameter[kernels.P_INV_M_O])
+    resonance = math.sqrt(float(parameter[kernels.P_SQUARE_R]))
+    pressed = math.hypot(parameter[kernels.P_U_1], parameter[kernels.P_U_2]) - scene.clearance
+    force = math.hypot(parameter[kernels.P_LOAD_1], parameter[kernels.P_LOAD_2])
+    stiffness = _STIFFENING * contact_exponent(scene.bearing) * force / pressed if pressed > 0.0 else 0.0
+    damping = scene.rig.beta_c * stiffness + float(parameter[kernels.P_ALPHA]) * len(scene_positions(scene))
+    step = min(
+        _RESONATOR_ANGLE / resonance,
+        _CONTACT_ANGLE / math.sqrt(stiffness * inverse_mass) if stiffness > 0.0 else math.inf,
+        _DAMPING_STEP / (damping * inverse_mass) if damping > 0.0 else math.inf,
     )
-    return BallPeriod(1.0 / bpfo, len(found[3]), point.parameter, *found)
+    steps = max(FEWEST_STEPS, math.ceil(duration / step))
+    defect = scene.defect
+    if defect is not None and defect.floor.kind == "rough":
+        pitch = float(parameter[kernels.P_PITCH])
+        steps = max(steps, math.ceil(pitch / (_FLOOR_SAMPLES * defect.floor.pitch)))
+    if steps > MOST_STEPS // 2:
+        raise ValueError(
+            f"the stiffest motion of the rig needs {steps} steps in a ball period of {duration:.3g} s, "
+            f"at most {MOST_STEPS // 2} are taken: the speed, {scene.speed!r} Hz, is too low for it"
+        )
+    return steps
 
 
-@dataclass(frozen=True, eq=False)
-class OperatingPoint:
-    """What all scenes of one operating point share (arrays: models.kernels.period_setup.set_up)."""
-
-    positions: NDArray[np.float64]
-    rows: NDArray[np.int64]
-    offsets: NDArray[np.float64]
-    pitch: float
-    omega: float
-    linear: NDArray[np.float64]
-    parameter: NDArray[np.float64]
+def scene_positions(scene: Scene) -> NDArray[np.float64]:
+    """Return the angles of all rolling elements at the start of a period, rad."""
+    return operating_point(replace(scene, defect=None)).positions
 
 
 @lru_cache(maxsize=512)
-def operating_point(scene: Scene) -> OperatingPoint:
+def operating_point(scene: Scene) -> Point:
     """Return what scenes share that differ from this one, which is healthy, in their defect only."""
-    bearing, rig = scene.bearing, scene.rig
+    bearing = scene.bearing
     pitch = 2.0 * math.pi / bearing.n_elements
-    omega = pitch * kinematics(bearing, scene.speed).bpfo
     offsets = np.linspace(0.0, pitch, bearing.rows, endpoint=False)
     places = [(offset + k * pitch, row) for row, offset in enumerate(offsets) for k in range(bearing.n_elements)]
     places.sort(key=lambda place: arc_distance(place[0], pitch, 0.0))
-    reduced = rig.m_o * rig.m_r / (rig.m_o + rig.m_r)
-    return OperatingPoint(
+    return Point(
+        parameter=scene_parameters(scene),
         positions=np.array([start for start, _ in places]),
         rows=np.array([row for _, row in places], dtype=np.int64),
         offsets=offsets,
-        pitch=pitch,
-        omega=omega,
-        linear=np.array([rig.k_i / rig.m_i, rig.c_i / rig.m_i, rig.k_r / reduced, rig.c_r / reduced]),
-        parameter=_parameters(scene, omega),
+        waves=np.array(
+            [
+                [w.amplitude * math.cos(bearing.contact_angle), float(w.order), w.phase]
+                for w in scene.waviness
+                if w.amplitude != 0.0
+            ]
+        ).reshape(-1, 3),
+        power=contact_power(bearing),
     )
 
 
-def damaged_rows(defect: Defect | None) -> int:
-    """Return the number of rows with a defect that moves a ball."""
-    return 0 if defect is None or defect.dphi_d == 0.0 or defect.h_d == 0.0 else defect.rows
+def contact_power(bearing: Bearing) -> float | None:
+    """Return the kernels' ``power`` of the contacts of a bearing."""
+    return None if bearing.element == "ball" else contact_exponent(bearing) - 1.0
+
+
+def damaged_rows(defect: Defect | None) -> tuple[int, int]:
+    """Return the first row with a defect that moves a ball, and the one after the last; equal where there is none."""
+    if defect is None or defect.dphi_d == 0.0 or defect.h_d == 0.0:
+        return 0, 0
+    return defect.first_row, defect.first_row + defect.rows
 
 
 def defect_arrays(bearing: Bearing, defect: Defect | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -252,28 +150,39 @@ def defect_arrays(bearing: Bearing, defect: Defect | None) -> tuple[NDArray[np.f
 @lru_cache(maxsize=512)
 def _unit_equilibrium(bearing: Bearing) -> NDArray[np.float64]:
     """Return the displacement of a bearing without clearance where load over contact stiffness is one."""
-    return static_equilibrium(element_angles(bearing), 1.0, 1.0)
+    return static_equilibrium(element_angles(bearing), 1.0, 1.0, exponent=contact_exponent(bearing))
 
 
-def _equilibrium(scene: Scene) -> NDArray[np.float64]:
-    """Return the static displacement along and across the load, m."""
-    k_c = scene.rig.k_c
-    if scene.clearance == 0.0:
-        # All contact forces then grow with the power 3/2 of the displacement.
-        return _unit_equilibrium(scene.bearing) * (scene.load / k_c) ** (1.0 / BALL_EXPONENT)
-    return static_equilibrium(element_angles(scene.bearing), scene.load, k_c, clearance=scene.clearance)
+def _equilibrium(scene: Scene, force: tuple[float, float]) -> tuple[float, float]:
+    """Return the static displacement along and across the load under a force, m."""
+    # It is sought in a frame whose first axis lies along the force.
+    size, angle = math.hypot(*force), math.atan2(force[1], force[0])
+    k_c, exponent = scene.rig.k_c, contact_exponent(scene.bearing)
+    if scene.clearance == 0.0 and angle == 0.0:
+        # All contact forces then grow with the same power of the displacement.
+        u = _unit_equilibrium(scene.bearing) * (size / k_c) ** (1.0 / exponent)
+    else:
+        angles = element_angles(scene.bearing, -angle)
+        u = static_equilibrium(angles, size, k_c, clearance=scene.clearance, exponent=exponent)
+    c, s = math.cos(angle), math.sin(angle)
+    return float(u[0] * c - u[1] * s), float(u[0] * s + u[1] * c)
 
 
-def _parameters(scene: Scene, omega: float) -> NDArray[np.float64]:
-    """Return the kernel's ``parameter`` array."""
-    parameter = rig_parameters(scene.rig, scene.clearance, omega)
-    parameter[kernels.P_LOAD] = scene.load
-    parameter[kernels.P_U_1], parameter[kernels.P_U_2] = _equilibrium(scene)
+def scene_parameters(scene: Scene) -> NDArray[np.float64]:
+    """Return the kernels' ``parameter`` array, for a sensor along the load."""
+    rig, pitch = scene.rig, 2.0 * math.pi / scene.bearing.n_elements
+    parameter = rig_parameters(rig, scene.clearance, pitch * kinematics(scene.bearing, scene.speed).bpfo)
+    weight = scene.gravity * (rig.m_o + rig.m_r)
+    force = (scene.load + weight * math.cos(scene.gravity_angle), weight * math.sin(scene.gravity_angle))
+    parameter[kernels.P_PITCH] = pitch
+    parameter[kernels.P_LOAD_1], parameter[kernels.P_LOAD_2] = force
+    parameter[kernels.P_U_1], parameter[kernels.P_U_2] = _equilibrium(scene, force)
     return parameter
 
 
 def rig_parameters(rig: Rig, clearance: float, omega: float) -> NDArray[np.float64]:
-    """Return the kernel's ``parameter`` array without load and equilibrium; ``omega`` is that of the cage, rad/s."""
+    """Return the kernels' ``parameter`` array without load and equilibrium; ``omega`` is that of the cage, rad/s."""
+    reduced = rig.m_o * rig.m_r / (rig.m_o + rig.m_r)
     parameter = np.zeros(kernels.PARAMETERS)
     parameter[kernels.P_K_C] = rig.k_c
     parameter[kernels.P_ALPHA] = rig.alpha_c * rig.m_b
@@ -287,4 +196,9 @@ def rig_parameters(rig: Rig, clearance: float, omega: float) -> NDArray[np.float
     parameter[kernels.P_SHARE_R] = rig.m_r / (rig.m_o + rig.m_r)
     parameter[kernels.P_K_R] = rig.k_r
     parameter[kernels.P_C_R] = rig.c_r
+    parameter[kernels.P_SQUARE_I] = rig.k_i / rig.m_i
+    parameter[kernels.P_DAMPING_I] = rig.c_i / rig.m_i
+    parameter[kernels.P_SQUARE_R] = rig.k_r / reduced
+    parameter[kernels.P_DAMPING_R] = rig.c_r / reduced
+    parameter[kernels.P_DIRECTION_1] = 1.0
     return parameter

@@ -21,6 +21,7 @@ from models.bearing import kinematics
 from models.dynamics.six_dof import check_scene
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
+from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
 from models.numerics import filter_valid, kaiser_order
 from models.response import PASSBAND, SENSORS, Status, check_band
 
@@ -133,7 +134,8 @@ def simulate_time(
     margin = len(taps) // 2
     begin = max(margin, math.ceil(settle * rate) * oversampling)
     wave = np.empty((begin + samples * oversampling + margin, 2))
-    plan = prepare_plan(scene, len(wave) * h)._replace(direction=unit)
+    plan = prepare_plan(scene, len(wave) * h)
+    plan.parameter[P_DIRECTION_1], plan.parameter[P_DIRECTION_2] = unit
     status = kernels.run(np.zeros((2, 6)), wave, h, plan)
     settled = wave[begin : begin + samples * oversampling]
     window = wave[begin - margin : begin + (samples - 1) * oversampling + margin + 1]
@@ -154,23 +156,13 @@ def simulate_time(
         kinematics=lines,
         step=h,
         model=scene.model,
-        status=_status(scene, levels, finite=status == kernels.STATUS_OK),
-    )
-
-
-def _repeats(scene: Scene) -> bool:
-    """Return whether the motion repeats with the ball passage."""
-    return (
-        scene.unbalance == 0.0
-        and (scene.slip is None or scene.slip.phi_slip == 0.0)
-        and all(w.race == "outer" or w.amplitude == 0.0 for w in scene.waviness)
-        and (scene.defect is None or scene.defect.part == "outer")
+        status=_status(scene, levels, finite=status == STATUS_OK),
     )
 
 
 def _block_rate(scene: Scene, lines: Kinematics) -> float:
     """Return how many blocks a second has: the slowest of the frequencies with which the level swings, Hz."""
-    if _repeats(scene):
+    if scene.repeats:
         return lines.bpfo
     return lines.ftf if scene.defect is not None and scene.defect.part == "ball" else lines.speed
 
@@ -224,7 +216,7 @@ def _status(scene: Scene, levels: _Levels, *, finite: bool) -> Status:
     # The difference of two halves has twice the standard error of the whole.
     if levels.drift > max(8.0 * levels.error, _SAME_LEVEL * levels.rms):
         return "not_converged"
-    return "converged" if _repeats(scene) and levels.spread <= _SAME_PERIOD * levels.rms else "not_periodic"
+    return "converged" if scene.repeats and levels.spread <= _SAME_PERIOD * levels.rms else "not_periodic"
 
 
 def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:
@@ -241,22 +233,10 @@ def _check(scene: Scene) -> None:
     """Raise a ValueError that names a field which the model does not describe, its value and the expected one."""
     if scene.model != "six_dof":
         raise ValueError(f"unknown model {scene.model!r}; known are: six_dof")
-    check_scene(replace(scene, defect=None, waviness=(), unbalance=0.0, gravity=0.0, slip=None))
-    for name in ("unbalance", "gravity"):
-        value = getattr(scene, name)
-        if not (math.isfinite(value) and value >= 0.0):
-            raise ValueError(f"{name} must be finite and not negative, got {value!r}")
-    for wave in scene.waviness:
-        if not math.isfinite(wave.amplitude) or wave.order < 1:
-            raise ValueError(f"waviness needs a finite amplitude and an order of at least 1, got {wave!r}")
+    check_scene(replace(scene, defect=None, waviness=(), unbalance=0.0, slip=None))
     defect = scene.defect
     if defect is None:
         return
-    rows = scene.bearing.rows
-    if not (defect.first_row >= 0 and 1 <= defect.rows <= rows - defect.first_row):
-        raise ValueError(
-            f"defect.rows {defect.rows!r} from defect.first_row {defect.first_row!r} exceed the bearing's {rows} rows"
-        )
     if scene.slip is None or scene.slip.phi_slip == 0.0:
         return
     if scene.slip.rule != "per_passage":

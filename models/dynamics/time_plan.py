@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
-from models.hertz import element_angles, static_equilibrium
+from models.dynamics.six_dof import contact_power, scene_parameters
+from models.hertz import element_angles
 from models.kernels import time_domain as kernels
+from models.kernels.step import NEAR_SLOPE, P_RATE, Balls
 from models.path.contour import Pieces, part_paths, pieces
 
 if TYPE_CHECKING:
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 
 # Events closer than this are one, s.
 _SAME_TIME = 1e-10
-_NEAR_ANGLE = math.pi / 2.0 + math.atan(kernels.NEAR_SLOPE)
+_NEAR_ANGLE = math.pi / 2.0 + math.atan(NEAR_SLOPE)
 
 
 def prepare_plan(scene: Scene, duration: float) -> kernels.Plan:
@@ -48,10 +50,15 @@ def prepare_plan(scene: Scene, duration: float) -> kernels.Plan:
     place[order] = np.arange(len(order))
     row = meetings.row[record]
     ball = (meetings.ball[record] + turns[interval]) % bearing.n_elements
+    parameter = scene_parameters(scene)
+    parameter[P_RATE] = along
+    slots = np.stack((np.cos(sorted_angles), np.sin(sorted_angles), np.ldexp(1.0, np.arange(len(order)))))
+    power = contact_power(bearing)
+    none, moves = slots[:, :0].copy(), bool(waves) or len(record) > 0
+    near = len(order) if waves else int(np.sum(off <= _NEAR_ANGLE))
     return kernels.Plan(
-        parameter=_parameters(scene, omega, along),
-        slots=np.stack((np.cos(sorted_angles), np.sin(sorted_angles), np.ldexp(1.0, np.arange(len(order))))),
-        near=len(order) if waves else int(np.sum(off <= _NEAR_ANGLE)),
+        parameter=parameter,
+        balls=Balls(slots, none, near, 0, power) if moves else Balls(none, slots, 0, near, power),
         bounds=bounds,
         turns=turns,
         first=first,
@@ -76,8 +83,7 @@ def prepare_plan(scene: Scene, duration: float) -> kernels.Plan:
         crests=np.stack((np.cos(orders * sorted_angles), np.sin(orders * sorted_angles)), axis=1)
         if waves
         else np.zeros((0, 2, len(order))),
-        push=np.array([scene.unbalance * shaft * shaft, shaft, 0.0]),
-        direction=np.array([1.0, 0.0]),
+        push=np.array([scene.unbalance * shaft * shaft, shaft, 0.0]) if scene.unbalance else None,
     )
 
 
@@ -143,41 +149,3 @@ def _intervals(
     by_time = np.argsort(interval, kind="stable")
     first = np.concatenate(([0], np.cumsum(np.bincount(interval, minlength=len(bounds))))).astype(np.int64)
     return np.append(bounds, duration + 1.0), turns, first, record[by_time], interval[by_time]
-
-
-def _parameters(scene: Scene, omega: float, along: float) -> NDArray[np.float64]:
-    """Return the kernel's ``parameter`` array."""
-    rig = scene.rig
-    weight = scene.gravity * (rig.m_o + rig.m_r)
-    force = (scene.load + weight * math.cos(scene.gravity_angle), weight * math.sin(scene.gravity_angle))
-    # The equilibrium is sought in a frame whose first axis lies along the force.
-    size, angle = math.hypot(*force), math.atan2(force[1], force[0])
-    u = static_equilibrium(element_angles(scene.bearing, -angle), size, rig.k_c, clearance=scene.clearance)
-    reduced = rig.m_o * rig.m_r / (rig.m_o + rig.m_r)
-    values = {
-        kernels.P_K_C: rig.k_c,
-        kernels.P_ALPHA: rig.alpha_c * rig.m_b,
-        kernels.P_BETA: rig.beta_c * rig.k_c,
-        kernels.P_CLEARANCE: scene.clearance,
-        kernels.P_OMEGA: omega,
-        kernels.P_PITCH: 2.0 * math.pi / scene.bearing.n_elements,
-        kernels.P_LOAD_1: force[0],
-        kernels.P_LOAD_2: force[1],
-        kernels.P_U_1: u[0] * math.cos(angle) - u[1] * math.sin(angle),
-        kernels.P_U_2: u[0] * math.sin(angle) + u[1] * math.cos(angle),
-        kernels.P_INV_M_I: 1.0 / rig.m_i,
-        kernels.P_INV_M: 1.0 / (rig.m_o + rig.m_r),
-        kernels.P_INV_M_O: 1.0 / rig.m_o,
-        kernels.P_INV_M_R: 1.0 / rig.m_r,
-        kernels.P_SHARE_R: rig.m_r / (rig.m_o + rig.m_r),
-        kernels.P_K_R: rig.k_r,
-        kernels.P_C_R: rig.c_r,
-        kernels.P_SQUARE_I: rig.k_i / rig.m_i,
-        kernels.P_DAMPING_I: rig.c_i / rig.m_i,
-        kernels.P_SQUARE_R: rig.k_r / reduced,
-        kernels.P_DAMPING_R: rig.c_r / reduced,
-        kernels.P_RATE: along,
-    }
-    parameter = np.zeros(kernels.PARAMETERS)
-    parameter[list(values)] = list(values.values())
-    return parameter

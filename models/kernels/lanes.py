@@ -1,6 +1,6 @@
 """Kernels of the six-degree-of-freedom model for many scenes at once: one scene a lane, Lawson-RK4 with equal steps.
 
-Coordinates, equations and signs are those of models/kernels/six_dof.py. The layout is made for vector instructions:
+Coordinates, equations and signs are those of models/kernels/step.py. The layout is made for vector instructions:
 LANES scenes of one bearing, rig, clearance and speed stand side by side in the last, contiguous axis of every array,
 and the innermost loops hold no branch, no trigonometry and no evaluation of a path. All lanes share the cage angle;
 displacements are turned into the frame of the cage, in which the direction of a ball is constant.
@@ -23,8 +23,8 @@ for the beginning, middle and end of a step:
 - ``damaged`` (k, 3, L), ``plain`` (j, 2, L): cosine and sine of the slot in the frame of the cage, and for damaged ones
   the share of a ball that they stand for (1, or a weight where a force is averaged).
 - ``depth``, ``rate`` (n, 3, k, L): d and omega_c d', m and m/s.
-- ``flow`` (10): step, s, and the propagators over half of it, as in six_dof.
-- ``parameter`` (15): as in six_dof; the static displacements and load in it are not used.
+- ``flow`` (10): step, s, and the propagators over half of it, as in step.py.
+- ``parameter``: as in step.py; the static displacements and load in it are not used.
 - ``lane`` (3, L): static load, N, and static displacements along and across the load, m.
 - ``state`` (12, L): state along the load and across it, updated in place.
 - ``wave`` (n, 2, L), written: acceleration along the load of outer ring and resonator at the beginning of each step,
@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.kernels.jit import inlined, kernel
-from models.kernels.six_dof import (
+from models.kernels.step import (
     P_ALPHA,
     P_BETA,
     P_C_R,
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.kernels.jit import Index
-    from models.kernels.six_dof import Axis, Flow
+    from models.kernels.step import Axis, Flow
 
     # Scale of displacements, share of the resonator in the mass, cage speed; 1 / m_i, 1 / (m_o + m_r), 1 / m_o.
     Relative = tuple[float, float, float]
@@ -210,10 +210,10 @@ def _start(
         wave[n, 1, i] = pull * b_r
         _store(w, _Y, i, propagate(x1, e))
         _store(w, _Y + 6 * LANES, i, propagate(x2, e))
-        _store(w, _X, i, propagate(kick(x1, h / 6.0 * g1, b_i, b_m, b_o), e))
-        _store(w, _X + 6 * LANES, i, propagate(kick(x2, h / 6.0 * g2, b_i, b_m, b_o), e))
-        z1 = propagate(kick(x1, 0.5 * h * g1, b_i, b_m, b_o), e)
-        z2 = propagate(kick(x2, 0.5 * h * g2, b_i, b_m, b_o), e)
+        _store(w, _X, i, propagate(kick(x1, h / 6.0 * g1, 0.0, b_i, b_m, b_o), e))
+        _store(w, _X + 6 * LANES, i, propagate(kick(x2, h / 6.0 * g2, 0.0, b_i, b_m, b_o), e))
+        z1 = propagate(kick(x1, 0.5 * h * g1, 0.0, b_i, b_m, b_o), e)
+        z2 = propagate(kick(x2, 0.5 * h * g2, 0.0, b_i, b_m, b_o), e)
         _approach(w, i, z1, z2, cm, sm, relative)
 
 
@@ -223,10 +223,10 @@ def _middle(w: NDArray[np.float64], cm: float, sm: float, h: float, inverse: Inv
     b_i, b_m, b_o = inverse
     for i in range(LANES):
         g1, g2 = _force(w, i, cm, sm)
-        _store(w, _X, i, kick(_load(w, _X, i), h / 3.0 * g1, b_i, b_m, b_o))
-        _store(w, _X + 6 * LANES, i, kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, b_i, b_m, b_o))
-        z1 = kick(_load(w, _Y, i), 0.5 * h * g1, b_i, b_m, b_o)
-        z2 = kick(_load(w, _Y + 6 * LANES, i), 0.5 * h * g2, b_i, b_m, b_o)
+        _store(w, _X, i, kick(_load(w, _X, i), h / 3.0 * g1, 0.0, b_i, b_m, b_o))
+        _store(w, _X + 6 * LANES, i, kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, 0.0, b_i, b_m, b_o))
+        z1 = kick(_load(w, _Y, i), 0.5 * h * g1, 0.0, b_i, b_m, b_o)
+        z2 = kick(_load(w, _Y + 6 * LANES, i), 0.5 * h * g2, 0.0, b_i, b_m, b_o)
         _approach(w, i, z1, z2, cm, sm, relative)
 
 
@@ -246,10 +246,10 @@ def _end(
     b_i, b_m, b_o = inverse
     for i in range(LANES):
         g1, g2 = _force(w, i, cm, sm)
-        _store(w, _X, i, propagate(kick(_load(w, _X, i), h / 3.0 * g1, b_i, b_m, b_o), e))
-        _store(w, _X + 6 * LANES, i, propagate(kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, b_i, b_m, b_o), e))
-        z1 = propagate(kick(_load(w, _Y, i), h * g1, b_i, b_m, b_o), e)
-        z2 = propagate(kick(_load(w, _Y + 6 * LANES, i), h * g2, b_i, b_m, b_o), e)
+        _store(w, _X, i, propagate(kick(_load(w, _X, i), h / 3.0 * g1, 0.0, b_i, b_m, b_o), e))
+        _store(w, _X + 6 * LANES, i, propagate(kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, 0.0, b_i, b_m, b_o), e))
+        z1 = propagate(kick(_load(w, _Y, i), h * g1, 0.0, b_i, b_m, b_o), e)
+        z2 = propagate(kick(_load(w, _Y + 6 * LANES, i), h * g2, 0.0, b_i, b_m, b_o), e)
         _approach(w, i, z1, z2, c, s, relative)
 
 
@@ -315,8 +315,8 @@ def advance(
         _contact(w, n, np.int64(2), near, damaged, plain, depth, rate, scale, gap, alpha, beta)
         for i in range(LANES):
             g1, g2 = _force(w, i, ce, se)
-            _store(w, _X, i, kick(_load(w, _X, i), h / 6.0 * g1, inverse[0], inverse[1], inverse[2]))
-            z2 = kick(_load(w, _X + 6 * LANES, i), h / 6.0 * g2, inverse[0], inverse[1], inverse[2])
+            _store(w, _X, i, kick(_load(w, _X, i), h / 6.0 * g1, 0.0, inverse[0], inverse[1], inverse[2]))
+            z2 = kick(_load(w, _X + 6 * LANES, i), h / 6.0 * g2, 0.0, inverse[0], inverse[1], inverse[2])
             _store(w, _X + 6 * LANES, i, z2)
     return _store_lanes(w, state)
 

@@ -1,25 +1,41 @@
-"""Kernels that set up one ball period: positions, steps, propagators, quadrature (arrays: models.kernels.six_dof)."""
+"""Kernels that set up one ball period: positions, steps, propagators, quadrature (models.kernels.period.Period)."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from models.kernels.jit import kernel
 from models.kernels.path import D_HALF, D_POSITION, fill_path, segment_bounds
-from models.kernels.six_dof import NEAR_SLOPE, SUBSTEPS
+from models.kernels.period import SUBSTEPS, Period
+from models.kernels.step import NEAR_SLOPE, P_OMEGA, P_PITCH, Balls, Nodes, propagators
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Tables = tuple[
-        NDArray[np.int64], Floats, Floats, Floats, Floats, Floats, Floats, int, Floats, Floats, Floats, Floats
-    ]
-
 _NEAR_ANGLE = math.pi / 2.0 + math.atan(NEAR_SLOPE)
+
+
+class Point(NamedTuple):
+    """What all scenes share that differ in an outer-race defect only.
+
+    Attributes:
+        parameter: see the P_ constants of models.kernels.step.
+        positions: of all balls at the start of the period, rad, sorted by their distance from the load direction.
+        rows: the row of each, int64.
+        offsets: stagger of each row, rad.
+        waves: amplitude along the contact, m, order and phase, rad, of each wave of the outer race, (W, 3).
+        power: see ``models.kernels.step.Balls``.
+    """
+
+    parameter: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    rows: NDArray[np.int64]
+    offsets: NDArray[np.float64]
+    waves: NDArray[np.float64]
+    power: float | None
 
 
 @kernel
@@ -31,89 +47,72 @@ def arc_distance(start: float, length: float, angle: float) -> float:
 
 
 @kernel
-def split_positions(
-    path: NDArray[np.float64], positions: NDArray[np.float64], rows: NDArray[np.int64], damaged_rows: int, pitch: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]:
-    """Return the start of the balls that the defect can touch, rad, the kernel's ``damaged``, ``plain`` and ``near``.
+def _split_positions(
+    path: NDArray[np.float64], point: Point, damaged_rows: tuple[int, int]
+) -> tuple[NDArray[np.float64], int, Balls]:
+    """Return the start of the moved balls, rad, how many of them, the first, the defect can touch, and all balls.
 
-    Arguments are those of ``set_up``; ``damaged_rows`` is how many rows have the defect.
+    Every ball is moved where the race has waves.
     """
-    count = positions.shape[0]
+    positions, count = point.positions, point.positions.shape[0]
+    pitch, waves = point.parameter[P_PITCH], point.waves.shape[0] > 0
     touches = np.zeros(count, dtype=np.bool_)
     d = 0
     for i in range(count):
-        if rows[i] < damaged_rows and arc_distance(positions[i], pitch, path[D_POSITION]) < path[D_HALF]:
+        damaged = damaged_rows[0] <= point.rows[i] < damaged_rows[1]
+        if damaged and arc_distance(positions[i], pitch, path[D_POSITION]) < path[D_HALF]:
             touches[i] = True
             d += 1
-    starts, damaged, plain = np.empty(d), np.empty((3, d)), np.empty((3, count - d))
+    m = count if waves else d
+    starts, moved, plain = np.empty(m), np.empty((3, m)), np.empty((3, count - m))
     here, there, near = 0, 0, 0
     power = 1.0
-    for i in range(count):
-        c, s = math.cos(positions[i]), math.sin(positions[i])
-        if touches[i]:
-            starts[here] = positions[i]
-            damaged[0, here], damaged[1, here], damaged[2, here] = c, s, power
-            here += 1
-        else:
-            plain[0, there], plain[1, there], plain[2, there] = c, s, power
-            there += 1
-            if arc_distance(positions[i], pitch, 0.0) <= _NEAR_ANGLE:
-                near += 1
-        power *= 2.0
-    return starts, damaged, plain, near
+    for second in range(2):
+        for i in range(count):
+            if touches[i] != (second == 0):
+                continue
+            c, s = math.cos(positions[i]), math.sin(positions[i])
+            if touches[i] or waves:
+                starts[here] = positions[i]
+                moved[0, here], moved[1, here], moved[2, here] = c, s, power
+                here += 1
+            else:
+                plain[0, there], plain[1, there], plain[2, there] = c, s, power
+                there += 1
+                if arc_distance(positions[i], pitch, 0.0) <= _NEAR_ANGLE:
+                    near += 1
+            power *= 2.0
+    return starts, d, Balls(moved, plain, m, near, point.power)
 
 
 @kernel
-def first_steps(bounds: NDArray[np.float64], steps: int, pitch: float) -> NDArray[np.int64]:
-    """Return the first step of each segment, and the number of steps, for at least ``steps`` steps a pitch."""
+def _first_steps(bounds: NDArray[np.float64], steps: int, least: int, fold: int, pitch: float) -> NDArray[np.int64]:
+    """Return the first step of each segment, and the number of steps.
+
+    There are ``fold`` times at least ``steps`` a pitch, and ``least`` a segment.
+    """
     first = np.zeros(bounds.shape[0], dtype=np.int64)
     for k in range(bounds.shape[0] - 1):
         count = math.ceil((bounds[k + 1] - bounds[k]) * (steps / pitch) - 1e-9)
-        first[k + 1] = first[k] + max(1, count)
+        first[k + 1] = first[k] + fold * max(least, count)
     return first
 
 
 @kernel
-def oscillator(omega_squared: float, damping: float, h: float) -> tuple[float, float, float, float]:
-    """Return the propagator over a time h of x'' + damping x' + omega_squared x = 0, row by row of (x, x')."""
-    half = 0.5 * damping
-    under = omega_squared - half * half
-    decay = math.exp(-half * h)
-    if under > 0.0:
-        w = math.sqrt(under)
-        c, s = math.cos(w * h), math.sin(w * h) / w
-    elif under < 0.0:
-        w = math.sqrt(-under)
-        c, s = math.cosh(w * h), math.sinh(w * h) / w
-    else:
-        c, s = 1.0, h
-    return decay * (c + half * s), decay * s, -decay * omega_squared * s, decay * (c - half * s)
-
-
-@kernel
-def _propagators(linear: NDArray[np.float64], h: float, row: NDArray[np.float64]) -> None:
-    """Write the propagators that carry half of a step of length h, s (``flow`` without its first column)."""
-    row[0], row[1], row[2], row[3] = oscillator(linear[0], linear[1], 0.5 * h)
-    row[4] = 0.5 * h
-    row[5], row[6], row[7], row[8] = oscillator(linear[2], linear[3], 0.5 * h)
-
-
-@kernel
-def fill_flow(
-    linear: NDArray[np.float64], bounds: NDArray[np.float64], first: NDArray[np.int64], omega: float
+def _fill_flow(
+    parameter: NDArray[np.float64], bounds: NDArray[np.float64], first: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the kernel's ``flow``, ``part`` and ``advance``.
-
-    ``linear`` (4): squared angular frequency and damping rate of the inner ring, and of the resonator on the outer.
-    """
+    """Return the period's ``flow``, ``part`` and ``advance``."""
     segments = bounds.shape[0] - 1
     flow, part = np.empty((segments, 10)), np.empty((segments, 9))
     advance = np.empty((segments, 2 * SUBSTEPS + 1, 2))
     for k in range(segments):
         turn = (bounds[k + 1] - bounds[k]) / (first[k + 1] - first[k])
-        flow[k, 0] = turn / omega
-        _propagators(linear, flow[k, 0], flow[k, 1:])
-        _propagators(linear, flow[k, 0] / SUBSTEPS, part[k])
+        h = turn / parameter[P_OMEGA]
+        whole, fraction = propagators(parameter, h), propagators(parameter, h / SUBSTEPS)
+        flow[k, 0] = h
+        for i in range(9):
+            flow[k, i + 1], part[k, i] = whole[i], fraction[i]
         for m in range(2 * SUBSTEPS + 1):
             angle = turn * (m / (2.0 * SUBSTEPS))
             advance[k, m, 0], advance[k, m, 1] = math.cos(angle), math.sin(angle)
@@ -181,39 +180,55 @@ def fill_values(
 
 
 @kernel
+def _add_waves(
+    waves: NDArray[np.float64],
+    starts: NDArray[np.float64],
+    bounds: NDArray[np.float64],
+    first: NDArray[np.int64],
+    omega: float,
+    nodes: Nodes,
+) -> None:
+    """Add the waves of the outer race to the path of all balls, which start at ``starts``, rad."""
+    for k in range(bounds.shape[0] - 1):
+        width = 0.5 * (bounds[k + 1] - bounds[k]) / (first[k + 1] - first[k])
+        for n in range(first[k], first[k + 1]):
+            for node in range(3):
+                cage = bounds[k] + (2 * (n - first[k]) + node) * width
+                for j in range(starts.shape[0]):
+                    for w in range(waves.shape[0]):
+                        angle = waves[w, 1] * (cage + starts[j]) + waves[w, 2]
+                        nodes.depth[n, node, j] += waves[w, 0] * math.cos(angle)
+                        nodes.rate[n, node, j] -= waves[w, 0] * waves[w, 1] * omega * math.sin(angle)
+
+
+@kernel
 def set_up(
     path: NDArray[np.float64],
     profile: NDArray[np.float64],
-    positions: NDArray[np.float64],
-    rows: NDArray[np.int64],
-    offsets: NDArray[np.float64],
-    pitch: float,
+    point: Point,
+    damaged_rows: tuple[int, int],
     steps: int,
-    omega: float,
-    linear: NDArray[np.float64],
-) -> Tables:
-    """Return all tables of one ball period.
+    least: int,
+    fold: int,
+) -> Period:
+    """Return one ball period of a scene.
 
     Args:
         path, profile: the defect and its floor (models.kernels.path).
-        positions: of all balls at the start of the period, rad, sorted by their distance from the load direction.
-        rows: the row of each.
-        offsets: stagger of the rows that have the defect, the first of all rows, rad; none where nothing is damaged.
-        pitch: angle between neighbours of a row, rad.
-        steps: least number of steps.
-        omega: cage speed, rad/s.
-        linear: see ``fill_flow``.
-
-    Returns:
-        ``first``, ``flow``, ``part``, ``turn``, ``advance``, ``damaged``, ``plain``, ``near``, ``depth`` and ``rate``
-        of the kernel, time of each recorded value, s, and its weight in a mean over the period.
+        damaged_rows: the first row with the defect and the one after the last; equal where nothing is damaged.
+        steps, least, fold: ``fold`` times at least ``steps`` a period and ``least`` a segment.
     """
-    starts, damaged, plain, near = split_positions(path, positions, rows, offsets.shape[0], pitch)
-    bounds = segment_bounds(path, profile, offsets if starts.shape[0] > 0 else offsets[:0], pitch)
-    first = first_steps(bounds, steps, pitch)
-    flow, part, advance = fill_flow(linear, bounds, first, omega)
-    turn = fill_turn(bounds, first)
-    depth, rate = np.empty((first[-1], 3, starts.shape[0])), np.empty((first[-1], 3, starts.shape[0]))
-    fill_path(path, profile, starts, bounds, first, omega, depth, rate)
+    omega, pitch = point.parameter[P_OMEGA], point.parameter[P_PITCH]
+    starts, touched, balls = _split_positions(path, point, damaged_rows)
+    bounds = segment_bounds(
+        path, profile, point.offsets[damaged_rows[0] : damaged_rows[1] if touched > 0 else damaged_rows[0]], pitch
+    )
+    first = _first_steps(bounds, steps, least, fold, pitch)
+    flow, part, advance = _fill_flow(point.parameter, bounds, first)
+    shape = (first[-1], 3, balls.moved.shape[1])
+    nodes = Nodes(fill_turn(bounds, first), np.zeros(shape), np.zeros(shape), None)
+    fill_path(path, profile, starts[:touched], bounds, first, omega, nodes.depth, nodes.rate)
+    if point.waves.shape[0] > 0:
+        _add_waves(point.waves, starts, bounds, first, omega, nodes)
     time, weight = fill_values(bounds, first, omega)
-    return first, flow, part, turn, advance, damaged, plain, near, depth, rate, time, weight
+    return Period(point.parameter, balls, nodes, first, flow, part, advance, time, weight)

@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
-from models.maps.check import condition_errors, interpolation_errors, rms_and_most, step_error
+from models.maps.check import condition_errors, interpolation_errors, rms_and_most
 from models.maps.data import Nodes, RmsMap
 from models.maps.nodes import Progress, rig_rows, rig_scenes, simulate_node_row
 from models.maps.plan import MODEL_VERSION, SCHEMA_VERSION, MapError, MapPlan
-from models.response import HARMONICS
+from models.response import HARMONICS, STATUSES
 from models.workers import in_threads
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ _POINTS = 200
 _POINTS_OF_FLOORS = 40
 _POINT_SEED = 1205
 # Numbers per node.
-_COLUMNS = 5 + 2 * HARMONICS
+_COLUMNS = 5 + 3 * HARMONICS
 
 # Default limit of the nodes of a refined map.
 MAX_NODES = 200_000
@@ -123,18 +123,17 @@ def _row_nodes(plan: MapPlan, workers: int, progress: Progress) -> Nodes:
         values[i, j, k] = row
         done += plan.shape[3] * plan.floors
         progress(done, 0)
-    rms, steps = values[..., 0], step_error(plan, workers)
-    harmonic_std = values[..., 5 + HARMONICS :]
-    settling = (values[..., 3] * rms)[..., None]
+    rms = values[..., 0]
+    harmonics, harmonic_std, harmonic_error = np.split(values[..., 5:], 3, axis=-1)
     return Nodes(
         rms=rms,
         rms_std=values[..., 1],
         rms_se=values[..., 2],
-        rms_error=(values[..., 3] + steps.rms) * rms,
-        harmonic_amplitude=values[..., 5 : 5 + HARMONICS],
+        rms_error=values[..., 3] * rms,
+        harmonic_amplitude=harmonics,
         harmonic_std=harmonic_std,
         harmonic_se=harmonic_std / math.sqrt(plan.floors),
-        harmonic_error=settling + steps.lines * rms[..., None],
+        harmonic_error=harmonic_error,
         status=values[..., 4].astype(np.int8),
     )
 
@@ -152,10 +151,18 @@ def _row(task: tuple[MapPlan, int, int, int]) -> NDArray[np.float64]:
         error = spread / math.sqrt(plan.floors)
     else:
         spread, harmonic_std, error = rows[0].spread, np.zeros_like(harmonics[0]), np.zeros(len(extents))
-    settling = np.max([r.settling for r in rows], axis=0)
-    status = np.max([r.status for r in rows], axis=0)
-    columns = (np.mean(rms, axis=0), spread, error, settling, status)
-    return np.column_stack((*columns, np.mean(harmonics, axis=0), harmonic_std))
+    worst = np.max([r.error for r in rows], axis=0)
+    status = _worst_status(np.array([r.status for r in rows]))
+    columns = (np.mean(rms, axis=0), spread, error, worst, status.astype(np.float64))
+    lines_error = np.max([r.harmonics_error for r in rows], axis=0)
+    return np.column_stack((*columns, np.mean(harmonics, axis=0), harmonic_std, lines_error))
+
+
+def _worst_status(status: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the worst status over the floors, shape (floors, D) to (D,)."""
+    order = [STATUSES.index(name) for name in ("converged", "inaccurate", "not_periodic", "not_converged")]
+    rank = np.argsort(order)
+    return np.asarray(order, dtype=np.int64)[np.max(rank[status], axis=0)]
 
 
 def _rig_nodes(plan: MapPlan, workers: int, progress: Progress) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

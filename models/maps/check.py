@@ -5,20 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.maps.nodes import (
-    Progress,
-    StepError,
-    compare_steps,
-    nodes_at_random,
-    scene_at,
-    simulate_node_row,
-    simulate_point,
-)
+from models.maps.nodes import Progress, nodes_at_random, scene_at, simulate_node_row, simulate_point
 from models.workers import in_threads
 
 if TYPE_CHECKING:
@@ -27,9 +18,6 @@ if TYPE_CHECKING:
     from models.maps.data import RmsMap
     from models.maps.plan import MapPlan
 
-# Nodes on which a build measures the error of its own steps, against twice as many.
-_ERROR_NODES = 24
-_ERROR_SEED = 20220
 # Smallest RMS that an error is divided by, m/s2.
 _SILENCE = 1e-12
 
@@ -39,7 +27,8 @@ Point = tuple[float, float, float, float]
 def mean_rms(plan: MapPlan, points: Sequence[Point], factor: int = 1, workers: int = 1) -> NDArray[np.float64]:
     """Return the RMS at any points (load, speed, h_d, dphi_d), averaged over the plan's floors, m/s2.
 
-    ``factor`` multiplies the steps of the nodes; ``workers`` are threads without slip, 0 is one per core.
+    ``factor`` divides the accuracy of the nodes, or multiplies their steps where slip is redrawn; ``workers`` are
+    threads without slip, 0 is one per core.
     """
     if plan.slip is not None and plan.slip.phi_slip > 0.0:
         from models.maps.ensemble import ensemble_rms
@@ -57,14 +46,6 @@ def _rms_at(plan: MapPlan, point: Point, seed: int, factor: int) -> float:
         return simulate_point(plan, scene_at(plan, *point, seed), factor).rms
     # With the steps of the nodes, a row is faster.
     return float(simulate_node_row(plan, *point[:3], np.array([point[3]]), seed).rms[0])
-
-
-def step_error(plan: MapPlan, workers: int = 1) -> StepError:
-    """Return the error of the plan's steps at some nodes of its first floor, against twice as many."""
-    scenes = [scene_at(plan, *node) for node in nodes_at_random(plan, _ERROR_NODES, _ERROR_SEED)]
-    found = [list(in_threads(partial(simulate_point, plan, factor=factor), scenes, workers)) for factor in (1, 2)]
-    coarse, fine = ((np.array([r.rms for r in rs]), np.array([r.harmonics for r in rs])) for rs in found)
-    return compare_steps(coarse, fine)
 
 
 def interpolation_errors(rms_map: RmsMap, points: int, seed: int, workers: int = 1) -> NDArray[np.float64]:
@@ -113,7 +94,7 @@ class MapCheck:
 
     Attributes:
         points: number of random nodes, and of random points between nodes.
-        error_rms: of the stored RMS at nodes, relative, against four times as many steps.
+        error_rms: of the stored RMS at nodes, relative, against a quarter of their accuracy.
         interpolation_rms: between nodes, relative to the largest RMS of the map's slice.
         condition_rms: between loads and speeds at nodes of h_d and dphi_d, likewise relative; None for a map with one
             load and one speed.
@@ -129,7 +110,7 @@ class MapCheck:
 
 
 def check_map(rms_map: RmsMap, points: int, *, seed: int = 0, progress: Progress | None = None) -> MapCheck:
-    """Measure the error of a map at random nodes, against finer steps, and at random points between the nodes.
+    """Measure the error of a map at random nodes, against more accurate ones, and at random points between the nodes.
 
     Maps averaged over several floors are checked on the mean of the same floors; where slip is redrawn, both means
     contain the scatter of their records. ``progress`` is called with the points done and their total.

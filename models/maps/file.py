@@ -5,6 +5,7 @@ A map file is netCDF-4 with dimensions load, speed, h_d, dphi_d and bpfo_harmoni
 
 from __future__ import annotations
 
+import hashlib
 import os
 import tempfile
 from pathlib import Path
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _HARMONIC = "bpfo_harmonic"
+_CONTENT = "content_hash"
 _UNITS = {"load": "N", "speed": "Hz", "h_d": "m", "dphi_d": "rad"}
 _LONG_NAMES = {
     "load": "radial load",
@@ -68,8 +70,16 @@ def save_map(rms_map: RmsMap, path: Path | str) -> None:
         temporary.unlink(missing_ok=True)
 
 
+def content_hash(rms_map: RmsMap) -> str:
+    """Return a hash of the plan and of all values of a map."""
+    digest = hashlib.sha256(rms_map.plan.hash().encode())
+    for name in (*AXES, *_VALUES, *_LINES, "status"):
+        digest.update(np.ascontiguousarray(getattr(rms_map, name)).tobytes())
+    return digest.hexdigest()
+
+
 def _write(dataset: Any, rms_map: RmsMap) -> None:
-    dataset.setncatts(rms_map.attributes)
+    dataset.setncatts(rms_map.attributes | {_CONTENT: content_hash(rms_map)})
     for axis in AXES:
         values = getattr(rms_map, axis)
         dataset.createDimension(axis, len(values))
@@ -149,7 +159,10 @@ def _read(dataset: Any) -> RmsMap:
     _check_values(plan, arrays, status)
     if attributes.get("hash") != plan.hash():
         raise MapError("the hash does not belong to the parameters and this version of the model; build the map anew")
-    return RmsMap(**axes, **arrays, status=status, attributes=attributes)
+    read = RmsMap(**axes, **arrays, status=status, attributes=attributes)
+    if attributes.get(_CONTENT) != content_hash(read):
+        raise MapError("its values are not those that were written (their hash differs); build the map anew")
+    return read
 
 
 def _check_values(plan: MapPlan, arrays: dict[str, NDArray[np.float64]], status: NDArray[np.int8]) -> None:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.bearing import kinematics
 from models.response import STATUSES
 from models.scene import Defect, Rig, Scene
 
@@ -25,8 +24,8 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 
-# Target of the relative error of the RMS due to the steps (models.dynamics.six_dof.steps_for).
-MAP_ACCURACY = 1e-3
+# Relative error of the RMS that is asked of each node.
+MAP_ACCURACY = 2e-3
 # A smaller vibration counts as zero, m/s2.
 _SILENCE = 1e-12
 _UNCERTAIN = ("m_r", "k_c", "c_i", "c_r", "alpha_c", "beta_c")
@@ -56,14 +55,17 @@ class NodeRow:
 
     Attributes:
         rms, harmonics: RMS, shape (D,), and lines 1..6 of BPFO, shape (D, 6), m/s2.
-        settling: relative error of the RMS due to the search for the settled motion, shape (D,).
+        error: relative error of the RMS, estimated: of steps and settling, or the standard error of the mean where it
+            does not settle, shape (D,).
+        harmonics_error: that of the lines, m/s2, shape (D, 6).
         spread: standard deviation of the RMS from period to period where it does not settle, m/s2, shape (D,).
         status: index into STATUSES, shape (D,).
     """
 
     rms: NDArray[np.float64]
     harmonics: NDArray[np.float64]
-    settling: NDArray[np.float64]
+    error: NDArray[np.float64]
+    harmonics_error: NDArray[np.float64]
     spread: NDArray[np.float64]
     status: NDArray[np.int64]
 
@@ -75,25 +77,16 @@ def scene_at(plan: MapPlan, load: float, speed: float, h_d: float, dphi_d: float
     return Scene(speed, load, plan.bearing, plan.rig, defect, plan.clearance, plan.model, slip=plan.slip)
 
 
-def steps_of(plan: MapPlan, scene: Scene) -> int:
-    """Return the steps per period of a scene of the plan; a high band needs more."""
-    from models.dynamics.six_dof import steps_for
-    from models.simulate import steps_to_resolve
-
-    if plan.steps_per_period:
-        return plan.steps_per_period
-    duration = 1.0 / kinematics(scene.bearing, scene.speed).bpfo
-    band = 0 if plan.rms_band is None else steps_to_resolve(plan.rms_band[1], duration)
-    return max(steps_for(scene, MAP_ACCURACY), min(band, steps_for(scene)))
-
-
 def simulate_point(plan: MapPlan, scene: Scene, factor: int = 1) -> Response:
-    """Return one settled scene of a plan, with ``factor`` times the steps that the plan's nodes have."""
+    """Return one settled scene of a plan, with the accuracy of its nodes divided by ``factor``."""
     from models.simulate import simulate
 
     # Lines beyond the band and the stored harmonics are not needed.
     lines_to = 0.0 if plan.rms_band is None else plan.rms_band[1]
-    return simulate(scene, band=plan.rms_band, steps_per_period=factor * steps_of(plan, scene), lines_to=lines_to)
+    steps = None if plan.steps_per_period is None else factor * plan.steps_per_period
+    return simulate(
+        scene, accuracy=MAP_ACCURACY / factor, steps_per_period=steps, band=plan.rms_band, lines_to=lines_to
+    )
 
 
 def simulate_node_row(
@@ -107,22 +100,25 @@ def simulate_node_row(
     from models.dynamics.rows import simulate_row
 
     scene = scene_at(plan, load, speed, h_d, float(extents[-1]), seed)
-    row = simulate_row(scene, extents, steps_per_period=steps_of(plan, scene), band=plan.rms_band)
-    rms, settling, harmonics = row.rms.copy(), row.change.copy(), row.harmonics.copy()
-    spread, status = np.zeros(len(extents)), np.zeros(len(extents), dtype=np.int64)
+    row = simulate_row(
+        scene, extents, accuracy=MAP_ACCURACY, steps_per_period=plan.steps_per_period, band=plan.rms_band
+    )
+    found = NodeRow(
+        rms=row.rms.copy(),
+        harmonics=row.harmonics.copy(),
+        error=row.rms_error + row.change,
+        harmonics_error=row.harmonics_error.copy(),
+        spread=np.zeros(len(extents)),
+        status=np.where(row.rms_error <= MAP_ACCURACY, 0, STATUSES.index("inaccurate")).astype(np.int64),
+    )
     # Scenes that have not settled are simulated further; some never repeat.
     for d in np.flatnonzero(~row.settled):
         response = simulate_point(plan, scene_at(plan, load, speed, h_d, float(extents[d]), seed))
-        rms[d], settling[d], harmonics[d] = response.rms, _settling(response), response.harmonics
-        spread[d], status[d] = response.spread, STATUSES.index(response.status)
-    return NodeRow(rms, harmonics, settling, spread, status)
-
-
-def _settling(response: Response) -> float:
-    """Return the relative error of the RMS due to the search for the settled motion."""
-    if response.status == "converged":
-        return response.period_change
-    return response.spread / response.rms if response.status == "not_periodic" else 1.0
+        found.rms[d], found.harmonics[d], found.spread[d] = response.rms, response.harmonics, response.spread
+        found.error[d] = response.rms_error if response.status != "not_converged" else 1.0
+        found.harmonics_error[d] = np.nan_to_num(response.harmonics_error)
+        found.status[d] = STATUSES.index(response.status)
+    return found
 
 
 def nodes_at_random(plan: MapPlan, count: int, seed: int) -> list[tuple[float, float, float, float]]:

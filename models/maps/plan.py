@@ -14,8 +14,8 @@ from models.errors import WrongInputError
 from models.scene import Floor, Rig, Slip
 
 # Increment when the results of the model change: older maps are then rebuilt.
-MODEL_VERSION = 3
-SCHEMA_VERSION = 2
+MODEL_VERSION = 4
+SCHEMA_VERSION = 3
 AXES = ("load", "speed", "h_d", "dphi_d")
 
 

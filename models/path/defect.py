@@ -261,10 +261,6 @@ def ball_path(bearing: Bearing, defect: Defect | None) -> BallPath | None:
     """
     if defect is None:
         return None
-    if not 0.0 <= defect.dphi_d <= 2.0 * math.pi:
-        raise ValueError(f"dphi_d must lie between 0 and 2 pi rad, got {defect.dphi_d!r}")
-    if not defect.h_d >= 0.0:
-        raise ValueError(f"h_d must not be negative, got {defect.h_d!r} m")
     if defect.dphi_d == 0.0 or defect.h_d == 0.0:
         return None
     r_b = 0.5 * bearing.element_diameter

@@ -86,10 +86,8 @@ def describe(
     """Return the keys of the interface; None for values that need data missing from the catalogue."""
     bearing = entry.bearing
     lines = kinematics(bearing, speed)
-    rig = config.rig.to_rig()
-    # k_c of [rig] belongs to the first bearing of the configuration.
-    own = bearing == config.bearing[0].to_bearing() and bearing.element == "ball"
-    k_c = rig.k_c if own else None
+    rig = config.rig_of(entry)
+    k_c = rig.k_c if config.owns_rig(entry) and bearing.element == "ball" else None
     geometry, elliptic = contact_stiffnesses(bearing)
     estimate = None if geometry is not None and not entry.estimated else _estimate(entry)
     used = k_c if k_c is not None else geometry

@@ -18,7 +18,7 @@ from monitor.commands.common import (
     check_suffix,
     counter,
     emit,
-    find_bearing,
+    find_entry,
     input_errors,
     output_errors,
     read_machine,
@@ -120,13 +120,13 @@ def _recorded(path: Path, channel: str | None) -> RecordedRun:
 
 
 def _population(config: Config, name: str | None, thresholds: list[float], options: Mapping[str, Any]) -> Population:
-    bearing, clearance = find_bearing(config, name)
+    entry, clearance = find_entry(config, name)
     nominal = Population()
     low, high = options["duration_min"]
     return replace(
         nominal,
-        bearing=bearing,
-        rig=config.rig.to_rig(),
+        bearing=entry.bearing,
+        rig=config.rig_of(entry),
         clearance=clearance,
         load=options["load_newton"] or _around(config.operating.load_newton, nominal.load),
         speed=options["speed_hz"] or _around(config.operating.speed_hz, nominal.speed),

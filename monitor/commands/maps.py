@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import resource
+import sys
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -17,7 +18,7 @@ from models.maps.check import check_map
 from models.maps.data import RmsMap
 from models.maps.file import load_map, save_map
 from models.maps.plan import MapPlan
-from models.response import STATUSES
+from models.response import STATUSES, Status
 from models.scene import Floor, Slip
 from monitor.commands import option
 from monitor.commands.common import (
@@ -26,7 +27,7 @@ from monitor.commands.common import (
     check_suffix,
     counter,
     emit,
-    find_bearing,
+    find_entry,
     finite,
     input_errors,
     output_errors,
@@ -65,8 +66,9 @@ def command() -> None:
 @click.option("--rig-seed", type=option.WHOLE, default=0, help="Seed of the rigs.")
 @click.option(
     "--interpolation-tolerance",
-    type=click.FloatRange(0, 1, min_open=True),
-    help="Refine the axes until the error between nodes (rms, over the largest RMS) is below this.",
+    type=click.FloatRange(0, 1),
+    default=0.01,
+    help="Refine the axes until the error between nodes (rms, over the largest RMS) is below this; 0 leaves them.",
 )
 @click.option("--most-nodes", type=click.IntRange(min=1), default=MAX_NODES, help="Limit of the refinement.")
 @click.option("--rms-band-hz", type=option.Range(), help="Band of the RMS, the same as of the recordings.")
@@ -79,7 +81,7 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
     began, began_cpu = time.perf_counter(), _cpu_seconds()
     with input_errors("map build"):
         plan = _plan(config_path, name, options)
-        if tolerance is None:
+        if tolerance == 0.0:
             rms_map = build_map(plan, workers=options["workers"], progress=note)
         else:
             rms_map = build_refined_map(
@@ -98,6 +100,8 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
     }
     say(f"map: {out}", quiet=quiet)
     emit(values, _build_lines(values), as_json=as_json)
+    if tolerance > 0.0 and not (values["interpolation_error"] or 0.0) <= tolerance:
+        sys.exit(1)
 
 
 def _quality(rms_map: RmsMap) -> dict[str, Any]:
@@ -119,8 +123,15 @@ def _quality(rms_map: RmsMap) -> dict[str, Any]:
         "standard_error": _relative(rms_map, rms_map.rms_se),
         "not_monotone_h_d": int(np.count_nonzero(rms_map.falling("h_d"))),
         "not_monotone_dphi_d": int(np.count_nonzero(rms_map.falling("dphi_d"))),
-        "status": {name: int(np.count_nonzero(rms_map.status == code)) for code, name in enumerate(STATUSES)},
+        "nodes_inaccurate": _nodes(rms_map, "inaccurate"),
+        "nodes_not_periodic": _nodes(rms_map, "not_periodic"),
+        "status": {name: _nodes(rms_map, name) for name in STATUSES},
     }
+
+
+def _nodes(rms_map: RmsMap, status: Status) -> int:
+    """Return how many nodes have a status."""
+    return int(np.count_nonzero(rms_map.status == STATUSES.index(status)))
 
 
 def _cpu_seconds() -> float:
@@ -131,7 +142,7 @@ def _cpu_seconds() -> float:
 
 def _plan(config_path: Path | None, name: str | None, options: Mapping[str, Any]) -> MapPlan:
     config = read_machine(config_path)
-    bearing, clearance = find_bearing(config, name)
+    entry, clearance = find_entry(config, name)
     loads = options["load_newton"] or _configured(config.operating.load_newton, "--load-newton")
     speeds = options["speed_hz"] or _configured(config.operating.speed_hz, "--speed-hz")
     return MapPlan(
@@ -139,8 +150,8 @@ def _plan(config_path: Path | None, name: str | None, options: Mapping[str, Any]
         speed=tuple(sorted(float(v) for v in speeds)),
         h_d=tuple((np.linspace(*options["h_d_um"]) * 1e-6).tolist()),
         dphi_d=tuple(np.radians(np.linspace(*options["dphi_deg"])).tolist()),
-        bearing=bearing,
-        rig=config.rig.to_rig(),
+        bearing=entry.bearing,
+        rig=config.rig_of(entry),
         clearance=clearance,
         floor=Floor(kind=options["floor"], seed=options["seed"]),
         floors=options["floors"],
@@ -183,10 +194,10 @@ def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
         if values[f"{name}_error"] is not None:
             between, most = 100 * values[f"{name}_error"], 100 * values[f"{name}_error_max"]
             yield f"between {what}: {between:.2g} % rms, {most:.2g} % at most"
-    tolerance = values["interpolation_tolerance"]
-    if tolerance is not None and (values["interpolation_error"] or 0.0) > tolerance:
+    tolerance, reached = values["interpolation_tolerance"], values["interpolation_error"] or 0.0
+    if tolerance > 0.0 and not reached <= tolerance:
         yield f"the tolerance of {100 * tolerance:.2g} % is not met with the nodes allowed: raise --most-nodes"
-    if tolerance is None and (values["interpolation_error"] or 0.0) > _COARSE:
+    if tolerance == 0.0 and reached > _COARSE:
         yield "the grid is coarse for the stripes of the model: --interpolation-tolerance 0.01 refines it"
     for name, what in (("spread_floors", "floors"), ("spread_rig", "rig parameters")):
         if values[name] is not None:
@@ -247,7 +258,7 @@ def check(path: Path, points: int, seed: int, as_json: bool, quiet: bool) -> Non
         "hash": rms_map.hash,
     }
     lines = [
-        f"nodes, against four times as many steps: {100 * found.error_rms:.2g} % rms, "
+        f"nodes, against four times their accuracy: {100 * found.error_rms:.2g} % rms, "
         f"{100 * found.error_max:.2g} % at most",
         f"between nodes, over the largest RMS of the map: {100 * found.interpolation_rms:.2g} % rms, "
         f"{100 * found.interpolation_max:.2g} % at most",

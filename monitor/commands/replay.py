@@ -262,7 +262,7 @@ def _demo_library(config: Config, *, quiet: bool) -> Library:
 
     population = Population(
         bearing=config.bearing_of(tested),
-        rig=config.rig.to_rig(),
+        rig=config.rig_of(config.entry_of(tested)),
         load=around(config.operating.load_newton),
         speed=around(config.operating.speed_hz),
         rms_band=_RMS_BAND,

@@ -11,14 +11,14 @@ import click
 import numpy as np
 
 from models.bearing import Bearing, kinematics
-from models.response import Sensor
+from models.response import PASSBAND, Sensor
 from models.scene import Defect, Floor, Rig, Scene, Slip, Waviness
 from monitor.commands import option
 from monitor.commands.common import (
     PICTURES,
     check_suffix,
     emit,
-    find_bearing,
+    find_entry,
     finite,
     input_errors,
     output_errors,
@@ -55,8 +55,9 @@ _WAVEFORM_RATE = 51200.0
 @click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip angle, drawn per passage.")
 @click.option("--duration-s", type=click.FloatRange(0.01, 60.0), default=1.0, help="Simulated time.")
 @click.option("--model", type=click.Choice(["six_dof"]), default="six_dof")
-@click.option("--tolerance", type=click.FloatRange(1e-12, 0.1), default=1e-5)
-@click.option("--periods", type=click.IntRange(min=2), default=300, help="Limit of ball periods.")
+@click.option("--accuracy", type=click.FloatRange(1e-7, 0.1), default=1e-3, help="Relative error of the RMS.")
+@click.option("--tolerance", type=click.FloatRange(1e-12, 0.1), help="Of settling; a hundredth of --accuracy.")
+@click.option("--periods", type=click.IntRange(min=20), default=300, help="Ball periods where it does not settle.")
 @click.option("--rms-band-hz", type=option.Range(), help="Take RMS and peak in this band only.")
 @click.option("--plot", type=option.OUT_FILE, help="Draw the scene (PNG, SVG or HTML).")
 @click.option("--waveform", type=option.OUT_FILE, help="Write one second, or --duration-s, as CSV.")
@@ -65,17 +66,17 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
     """Simulate a bearing with a defect and print RMS, peak and lines.
 
     A motion that repeats with the ball passage is solved for one period; any other (a rotating defect, an unbalance,
-    slip, another direction of the sensor) is simulated for --duration-s and averaged, with its standard error.
+    slip) is simulated for --duration-s and averaged, with its standard error.
     """
     if options["plot"] is not None:
         check_suffix("--plot", options["plot"], PICTURES)
     config = read_machine(config_path)
-    bearing, clearance = find_bearing(config, name)
+    entry, clearance = find_entry(config, name)
     if options["clearance_um"] is not None:
         clearance = options["clearance_um"] * 1e-6
-    scene = _scene(options, bearing, config.rig.to_rig(), clearance)
     with input_errors("simulate"):
-        simulate = _over_time if scene.effects or options["direction_deg"] != 0.0 else _one_period
+        scene = _scene(options, entry.bearing, config.rig_of(entry), clearance)
+        simulate = _one_period if scene.repeats else _over_time
         values = simulate(scene, options)
     emit(values, _lines(values, scene), as_json=as_json)
 
@@ -86,7 +87,13 @@ def _one_period(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
 
     sensor: Sensor = options["sensor"]
     response = simulate(
-        scene, tolerance=options["tolerance"], max_periods=options["periods"], band=options["rms_band_hz"]
+        scene,
+        accuracy=options["accuracy"],
+        tolerance=options["tolerance"],
+        max_periods=options["periods"],
+        band=options["rms_band_hz"],
+        direction=math.radians(options["direction_deg"]),
+        lines_to=None if options["waveform"] is None else PASSBAND * 0.5 * _WAVEFORM_RATE,
     )
     if options["waveform"] is not None:
         _write_waveform(options["waveform"], response.acceleration(_WAVEFORM_RATE, 1.0, sensor=sensor))
@@ -97,6 +104,7 @@ def _one_period(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
     casing = sensor == "mo"
     return {
         "rms_g": _in_g(response.rms if casing else response.rms_resonator),
+        "rms_error": finite(response.rms_error),
         "rms_se_g": None,
         "peak_g": _in_g(response.peak if casing else response.peak_resonator),
         "rms_resonator_g": _in_g(response.rms_resonator),
@@ -138,6 +146,7 @@ def _over_time(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
     share = rms / response.rms if response.rms > 0.0 else 0.0
     return {
         "rms_g": _in_g(rms),
+        "rms_error": finite(response.rms_se / response.rms) if response.rms > 0.0 else 0.0,
         "rms_se_g": _in_g(response.rms_se * share),
         "peak_g": _in_g(peak),
         "rms_resonator_g": _in_g(rms_resonator),
@@ -222,6 +231,10 @@ def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
     level = "RMS unknown" if values["rms_g"] is None else f"RMS {values['rms_g']:.4g} g"
     if values["rms_se_g"] is not None:
         level += f" (standard error {values['rms_se_g']:.2g} g)"
+    elif values["rms_g"] is not None and values["rms_error"] is not None:
+        level += f" (estimated error {100.0 * values['rms_error']:.2g} %)"
+    if values["status"] == "not_periodic" and values["spread_g"]:
+        level += f", {values['spread_g']:.2g} g from period to period"
     if values["peak_g"] is not None and values["rms_resonator_g"] is not None:
         level += f", peak {values['peak_g']:.4g} g (resonator RMS {values['rms_resonator_g']:.4g} g)"
     yield f"{values['status']} after {values['periods']} ball periods: {level}"

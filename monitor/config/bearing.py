@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from models.bearing import Bearing, CatalogueEntry, catalogue_entry
 from models.catalogue.series import Origin
+from models.contact_estimates import element_mass, estimate_stiffness
 from models.scene import Rig
 from monitor.config.fields import Name, NotNegative, Positive, Section
 
@@ -93,8 +94,13 @@ class BearingSection(Section):
 
 
 class RigSection(Section):
-    """Lumped parameters of the six-degree-of-freedom model (thesis, Table 18)."""
+    """Lumped parameters of the six-degree-of-freedom model (thesis, Table 18).
 
+    Contact stiffness and mass of the elements belong to one bearing, by default the first; those of any other are
+    estimated from its geometry.
+    """
+
+    bearing: Name | None = None
     m_i_kg: Positive = Rig.m_i
     m_o_kg: Positive = Rig.m_o
     m_r_kg: Positive = Rig.m_r
@@ -102,25 +108,38 @@ class RigSection(Section):
     k_i_newton_per_m: Positive = Rig.k_i
     k_r_newton_per_m: Positive = Rig.k_r
     k_c_newton_per_m15: Positive = Rig.k_c
+    k_c_newton_per_m109: Positive | None = None
     c_i_newton_s_per_m: NotNegative = Rig.c_i
     c_r_newton_s_per_m: NotNegative = Rig.c_r
     alpha_c_per_s: NotNegative = Rig.alpha_c
     beta_c_s: NotNegative = Rig.beta_c
     calibrated: bool = False
 
-    def to_rig(self) -> Rig:
-        """Return the parameters in SI."""
+    def to_rig(self, entry: CatalogueEntry, *, own: bool) -> Rig:
+        """Return the parameters in SI for a bearing, which is the section's ``own`` or another.
+
+        Raises:
+            ValueError: the geometry of the bearing does not give its contact stiffness.
+        """
+        element = entry.bearing.element
+        k_c = self.k_c_newton_per_m15 if element == "ball" else self.k_c_newton_per_m109
+        m_b: float | None = self.m_b_kg if element == "ball" or "m_b_kg" in self.model_fields_set else None
+        if not own or k_c is None or m_b is None:
+            estimate = estimate_stiffness(entry)
+            k_c = k_c if own and k_c is not None else estimate.value
+            m_b = m_b if own and m_b is not None else element_mass(estimate.bearing)
         return Rig(
             m_i=self.m_i_kg,
             m_o=self.m_o_kg,
             m_r=self.m_r_kg,
-            m_b=self.m_b_kg,
+            m_b=m_b,
             k_i=self.k_i_newton_per_m,
             k_r=self.k_r_newton_per_m,
-            k_c=self.k_c_newton_per_m15,
+            k_c=k_c,
             c_i=self.c_i_newton_s_per_m,
             c_r=self.c_r_newton_s_per_m,
             alpha_c=self.alpha_c_per_s,
             beta_c=self.beta_c_s,
-            calibrated=self.calibrated,
+            element=element,
+            calibrated=self.calibrated and own,
         )

@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from models.bearing import Bearing, CatalogueEntry
 from models.errors import WrongInputError
+from models.scene import Rig
 from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import BearingSection, RigSection
 from monitor.config.fields import Section
@@ -64,6 +65,8 @@ class Config(Section):
             rate = sources[channel.source].rate_hz
             if rate is not None:
                 channel.check_rate(rate)
+        if self.rig.bearing is not None and self.rig.bearing not in bearings:
+            raise ValueError(f"[rig] bearing {self.rig.bearing!r} is not one of {', '.join(sorted(bearings))}")
         self.alarms.check_channels(tuple(channel.name for channel in self.channel))
         return self
 
@@ -74,6 +77,20 @@ class Config(Section):
     def entry_of(self, channel: ChannelSection) -> CatalogueEntry:
         """Return the geometry of the bearing of a channel with the origins of its values."""
         return next(bearing.to_entry() for bearing in self.bearing if bearing.name == channel.bearing)
+
+    def rig_of(self, entry: CatalogueEntry) -> Rig:
+        """Return the parameters of the model for a bearing, configured or not.
+
+        Raises:
+            ValueError: the geometry of the bearing does not give its contact stiffness.
+        """
+        return self.rig.to_rig(entry, own=self.owns_rig(entry))
+
+    def owns_rig(self, entry: CatalogueEntry) -> bool:
+        """Return whether the contact stiffness of ``[rig]`` is that of a bearing."""
+        named = self.rig.bearing or self.bearing[0].name
+        own = next(section for section in self.bearing if section.name == named)
+        return own.to_entry().bearing == entry.bearing
 
     @property
     def hash(self) -> str:

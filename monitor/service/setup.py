@@ -164,7 +164,7 @@ def _check_band(channel: ChannelSection, made_for: tuple[float, float] | None, k
 def _check_origin(config: Config, channel: ChannelSection, kind: str, made_for: tuple[Bearing, Rig, float]) -> None:
     """Refuse a map or library of another bearing or rig, whose volumes would be wrong."""
     of_bearing, of_rig, of_clearance = made_for
-    bearing, rig = config.bearing_of(channel), config.rig.to_rig()
+    bearing, rig = config.bearing_of(channel), config.rig_of(config.entry_of(channel))
     clearance = next(b.clearance_um for b in config.bearing if b.name == channel.bearing) * 1e-6
     pairs = [(f"bearing {name}", getattr(of_bearing, name), getattr(bearing, name)) for name in _GEOMETRY]
     pairs += [(f"rig {name}", getattr(of_rig, name), getattr(rig, name)) for name in _PARAMETERS]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import importlib
+import inspect
 import math
 import pkgutil
 from collections.abc import Callable, Iterator
@@ -40,7 +41,9 @@ def found_models() -> Iterator[str]:
     places = pkgutil.walk_packages(models.dynamics.__path__, "models.dynamics.")
     for module in (models.simulate, *(importlib.import_module(place.name) for place in places)):
         for name, value in vars(module).items():
-            if name.startswith("simulate") and getattr(value, "__module__", None) == module.__name__:
+            if not name.startswith("simulate") or getattr(value, "__module__", None) != module.__name__:
+                continue
+            if {"scene", "scenes"} & set(inspect.signature(value).parameters):
                 yield name
 
 

@@ -11,11 +11,12 @@ from scipy.linalg import expm
 
 from models.bearing import from_catalogue
 from models.dynamics.lanes import LaneOptions, simulate_lanes
-from models.dynamics.six_dof import prepare
+from models.kernels.step import P_OMEGA, P_PITCH
 from models.path.defect import ball_path
 from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
 from tests.effort import effort_count
+from tests.periods import new_wave, period_of, run
 
 G = 9.80665
 DEG = math.pi / 180.0
@@ -50,16 +51,16 @@ def test_one_newton_with_clearance_gives_a_spread_or_a_figure_that_holds() -> No
 def test_all_balls_out_of_contact_is_linear_motion_exactly() -> None:
     """With no ball touching, one period is the matrix exponential of the rig, however long the steps."""
     scene = Scene(40.0, 0.0, clearance=1e-3)
-    period = prepare(scene, 64)
+    period = period_of(scene, 64)
+    duration = float(period.parameter[P_PITCH] / period.parameter[P_OMEGA])
     state = np.array([[1e-6, 2e-3, -1e-6, 1e-3, 2e-7, 5e-3], [-2e-6, 1e-3, 1e-6, -1e-3, 1e-7, -3e-3]])
-    after, status = period.run(state, period.new_wave())
-    assert status == 0
+    after = run(period, state, new_wave(period))
     rig = scene.rig
     # (inner ring, outer ring, resonator): displacements, then velocities.
     stiffness = np.array([[rig.k_i, 0.0, 0.0], [0.0, rig.k_r, -rig.k_r], [0.0, -rig.k_r, rig.k_r]])
     damping = np.array([[rig.c_i, 0.0, 0.0], [0.0, rig.c_r, -rig.c_r], [0.0, -rig.c_r, rig.c_r]])
     masses = np.diag(1.0 / np.array([rig.m_i, rig.m_o, rig.m_r]))
-    flow = expm(np.block([[np.zeros((3, 3)), np.eye(3)], [-masses @ stiffness, -masses @ damping]]) * period.duration)
+    flow = expm(np.block([[np.zeros((3, 3)), np.eye(3)], [-masses @ stiffness, -masses @ damping]]) * duration)
     share = rig.m_r / (rig.m_o + rig.m_r)
     # Rows: the coordinates of the state, from those of the rig.
     one = np.array([[1.0, 0.0, 0.0], [0.0, 1.0 - share, share], [0.0, 1.0, -1.0]])

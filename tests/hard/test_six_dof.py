@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from models.dynamics.six_dof import prepare
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
+from tests.periods import period_of
 
 G = 9.80665
 DEG = math.pi / 180.0
@@ -127,7 +127,7 @@ def test_one_step_grid_gives_the_same_rms_as_another() -> None:
 
 def test_the_rough_race_is_the_same_at_every_speed() -> None:
     scenes = [Scene(f, 4000.0, defect=Defect(40.0 * DEG, 10e-6, ROUGH)) for f in (15.0, 50.0)]
-    slow, fast = (prepare(scene, 512) for scene in scenes)
+    slow, fast = (period_of(scene, 512).nodes for scene in scenes)
     assert np.array_equal(slow.depth, fast.depth)
     assert slow.rate / 15.0 == pytest.approx(fast.rate / 50.0, rel=1e-12)
 

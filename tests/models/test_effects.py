@@ -13,6 +13,7 @@ from models.bearing import from_catalogue
 from models.dynamics.time_domain import TimeResponse, simulate_time
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
+from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
 from models.path.contour import part_paths
 from models.scene import Defect, Part, Scene, Slip, Waviness
 from monitor.health.naming import name_fault
@@ -89,7 +90,8 @@ def test_against_the_oracle(name: str) -> None:
     plan = prepare_plan(scene, samples * h)
     for k, direction in enumerate(((1.0, 0.0), (0.0, 1.0))):
         wave, state = np.empty((samples, 2)), np.zeros((2, 6))
-        assert kernels.run(state, wave, h, plan._replace(direction=np.array(direction))) == kernels.STATUS_OK
+        plan.parameter[[P_DIRECTION_1, P_DIRECTION_2]] = direction
+        assert kernels.run(state, wave, h, plan) == STATUS_OK
         assert relative(wave[:, 0], truth[:, 0, k]) < 1e-3
         assert relative(wave[:, 1], truth[:, 1, k]) < 1e-3
 

@@ -125,7 +125,7 @@ def test_both_rows_damaged_lose_twice() -> None:
 def test_defects_that_a_bearing_cannot_have_are_refused() -> None:
     with pytest.raises(ValueError, match="not of rollers"):
         stiffness_over_passage(ROLLER, 1000.0, 1e9, defect=Defect(0.1, 1e-5))
-    for wrong in (Defect(0.1, 1e-5, rows=3), Defect(0.1, 1e-5, rows=2, first_row=1), Defect(0.1, 1e-5, rows=0)):
+    for wrong in (Defect(0.1, 1e-5, rows=3), Defect(0.1, 1e-5, rows=2, first_row=1)):
         with pytest.raises(ValueError, match="has 2 rows"):
             stiffness_over_passage(BEARING, 1000.0, K_C, defect=wrong)
     with pytest.raises(ValueError, match=r"defect\.part must be 'outer'"):

@@ -2,19 +2,40 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
-from models.dynamics.orbit import PeriodMap
-from models.kernels.orbit import DEPTH, PLAIN_FIRST, RESIDUAL_FLOOR, SILENCE, anderson
+from models.kernels.orbit import DEPTH, RESIDUAL_FLOOR, SILENCE, anderson
 
 Floats = NDArray[np.float64]
 
 
+class PeriodMap(Protocol):
+    """One period of a model."""
+
+    @property
+    def weight(self) -> Floats:
+        """Weights of the recorded values, so that ``weight @ x`` is a mean over the period."""
+        ...
+
+    def run(self, state: Floats, wave: Floats) -> tuple[Floats, int]:
+        """Return the state one period later and a status, zero where it is finite; write the accelerations."""
+        ...
+
+
 def settle(
-    period: PeriodMap, begin: Floats, wave: Floats, scale: Floats, steering: Floats, tolerance: float, cap: int
+    period: PeriodMap,
+    begin: Floats,
+    wave: Floats,
+    scale: Floats,
+    steering: Floats,
+    plain: int,
+    tolerance: float,
+    cap: int,
 ) -> tuple[Floats, int, float, float, bool]:
-    """Iterate until the RMS has settled or ``cap`` periods; return what ``PeriodMap.settle`` does."""
+    """Iterate until the RMS has settled or ``cap`` periods; return the last state and what the kernel returns."""
     x = begin.ravel() / scale
     last = x
     change, rms, calm = float("inf"), float("nan"), 0
@@ -44,7 +65,7 @@ def settle(
         fs.append(steering @ (image - x))
         del xs[: -DEPTH - 1], fs[: -DEPTH - 1]
         x = image
-        if number > PLAIN_FIRST and not rounding:
+        if number > plain and not rounding:
             x = np.empty(12)
             anderson(np.array(xs), np.array(fs), len(xs), x)
     return (last * scale).reshape(2, 6), cap, change, rms, False

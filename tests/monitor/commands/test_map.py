@@ -18,7 +18,9 @@ from monitor.health.damage.thesis.level_set import least_volume
 from monitor.service.setup import to_slice
 from tests.oracles.edv_oracle import scan_least_volume
 
-SMALL = ["--load-newton", "4000", "--speed-hz", "40", "--dphi-deg", "0:6:4", "--h-d-um", "0:10:3", "--workers", "1"]
+AXES = ["--load-newton", "4000", "--speed-hz", "40", "--dphi-deg", "0:6:4", "--h-d-um", "0:10:3", "--workers", "1"]
+# The grid as it is given; of an option that is given twice, the last counts.
+SMALL = [*AXES, "--interpolation-tolerance", "0"]
 
 
 def build(tmp_path: Path, *more: str, axes: list[str] = SMALL) -> tuple[dict[str, Any], Path]:
@@ -40,6 +42,8 @@ def test_a_built_map_says_how_wrong_it_is(tmp_path: Path) -> None:
     assert values["spread_floors"] is values["spread_rig"] is values["standard_error"] is None
     assert values["not_monotone_h_d"] == np.count_nonzero(rms_map.falling("h_d"))
     assert values["hash"] == rms_map.hash
+    assert values["status"] == {"converged": 12, "not_periodic": 0, "not_converged": 0, "inaccurate": 0}
+    assert values["nodes_inaccurate"] == values["nodes_not_periodic"] == 0
     with Dataset(out) as dataset:
         for axis in ("h_d", "dphi_d"):
             marks = dataset[f"not_monotone_{axis}"]
@@ -50,6 +54,7 @@ def test_a_built_map_says_how_wrong_it_is(tmp_path: Path) -> None:
 
 def test_floors_rigs_and_slip_go_into_the_map(tmp_path: Path) -> None:
     axes = [*SMALL[:4], "--dphi-deg", "2:6:2", "--h-d-um", "5:10:2", "--workers", "1"]
+    axes += ["--interpolation-tolerance", "0"]
     more = ["--floor", "rough", "--floors", "3", "--rig-draws", "2", "--slip-deg", "0.5", "--slip-seed", "7"]
     values, out = build(tmp_path, *more, axes=axes)
     plan = load_map(out).plan
@@ -67,11 +72,20 @@ def test_a_tolerance_refines_the_axes_and_a_bound_holds(tmp_path: Path) -> None:
     arguments = ["build", *SMALL, "--interpolation-tolerance", "1e-4", "--most-nodes", "20", "--out", str(out)]
     result = CliRunner().invoke(command, arguments, catch_exceptions=False)
     assert "not met" in result.stdout
+    assert result.exit_code == 1
     assert load_map(out).rms.size <= 20
     advised = CliRunner().invoke(command, ["build", *SMALL, "--out", str(out)], catch_exceptions=False)
     assert "coarse" in advised.stdout
+    assert advised.exit_code == 0
     with pytest.raises(InputError, match="more than the 5"):
         CliRunner().invoke(command, [*arguments, "--most-nodes", "5"], catch_exceptions=False)
+
+
+def test_a_map_is_refined_unless_it_is_asked_not_to_be(tmp_path: Path) -> None:
+    values, out = build(tmp_path, axes=AXES)
+    assert values["interpolation_tolerance"] == 0.01
+    assert values["interpolation_error"] <= 0.01
+    assert values["points"] == load_map(out).rms.size > 12
 
 
 def test_show_draws_and_check_measures(tmp_path: Path) -> None:

@@ -1,0 +1,126 @@
+"""Rigs and conditions far from the thesis' own: the accuracy that is asked for is met, or its absence is said.
+
+Issue 14: with steps of fixed microseconds all of these were called converged, off by -20 % to a factor of 96.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from models.bearing import from_catalogue
+from models.dynamics.rows import simulate_row
+from models.dynamics.six_dof import MOST_STEPS
+from models.hertz import contact_stiffness
+from models.response import Response
+from models.scene import Defect, Floor, Rig, Scene
+from models.simulate import DEFAULT_ACCURACY, simulate
+
+DEG = math.pi / 180.0
+SPALL = Defect(20.0 * DEG, 20e-6)
+SCENE = Scene(40.0, 4000.0, defect=SPALL)
+RIG = Rig()
+ROLLERS = from_catalogue("NU 202 ECP")
+ROLLER_SCENE = Scene(40.0, 4000.0, ROLLERS, Rig(k_c=contact_stiffness(ROLLERS), element="roller"), SPALL)
+
+
+def with_masses(factor: float) -> Scene:
+    """Return the scene with lighter or heavier rings and resonator."""
+    return replace(SCENE, rig=replace(RIG, **{name: factor * getattr(RIG, name) for name in ("m_i", "m_o", "m_r")}))
+
+
+def with_rig(name: str, value: float) -> Scene:
+    return replace(SCENE, rig=replace(RIG, **{name: value}))
+
+
+SCENES = {
+    "masses / 30": with_masses(1.0 / 30.0),
+    "masses x 0.01": with_masses(0.01),
+    "masses x 10": with_masses(10.0),
+    "k_r x 100": with_rig("k_r", 100.0 * RIG.k_r),
+    "beta_c 1e-2": with_rig("beta_c", 1e-2),
+    "k_c x 100": with_rig("k_c", 100.0 * RIG.k_c),
+    "k_c x 0.01": with_rig("k_c", 0.01 * RIG.k_c),
+    "0.1 degrees": replace(SCENE, defect=Defect(0.1 * DEG, 20e-6)),
+    "0.02 degrees": replace(SCENE, defect=Defect(0.02 * DEG, 20e-6)),
+    "400 Hz": replace(SCENE, speed=400.0),
+    "1 Hz": replace(SCENE, speed=1.0),
+    "50 kN": replace(SCENE, load=50e3),
+    "1 Hz, 50 kN": replace(SCENE, speed=1.0, load=50e3),
+    "400 Hz, rough": replace(SCENE, speed=400.0, defect=replace(SPALL, floor=Floor("rough", seed=1))),
+    "rollers": ROLLER_SCENE,
+    "rollers, pit": replace(ROLLER_SCENE, speed=30.0, load=2000.0, defect=Defect(8.0 * DEG, math.inf)),
+    "rollers, healthy": replace(ROLLER_SCENE, defect=None),
+}
+
+
+@cache
+def truth_of(scene: Scene) -> Response:
+    """Return the scene with a hundredth of the default error; where rounding or the most steps end before, less."""
+    fine = simulate(scene, accuracy=1e-5)
+    assert fine.rms_error < 0.1 * DEFAULT_ACCURACY
+    return fine
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_the_estimate_bounds_the_error_and_what_is_asked_for_is_met(name: str) -> None:
+    fine = truth_of(SCENES[name])
+    assert fine.status in ("converged", "inaccurate")
+    for accuracy in (5e-3, DEFAULT_ACCURACY):
+        found = simulate(SCENES[name], accuracy=accuracy)
+        assert found.status == "converged"
+        assert found.multiplier < 1.0
+        assert found.rms_error <= accuracy
+        error = abs(found.rms / fine.rms - 1.0)
+        # Three times where it misses (issue 14), besides what settling and the reference leave.
+        assert error <= 3.0 * found.rms_error + 0.02 * accuracy + fine.rms_error
+        assert found.peak == pytest.approx(fine.peak, rel=0.1)
+        lines = np.abs(found.harmonics - fine.harmonics)
+        assert np.all(lines <= 3.0 * found.harmonics_error + 3.0 * accuracy * fine.rms)
+
+
+def test_most_estimates_bound_the_error_by_themselves() -> None:
+    bounded = []
+    for scene in SCENES.values():
+        fine, found = truth_of(scene), simulate(scene)
+        bounded.append(abs(found.rms / fine.rms - 1.0) <= found.rms_error + 2e-5 + fine.rms_error)
+    assert np.mean(bounded) >= 0.9
+
+
+@pytest.mark.parametrize("name", ["masses / 30", "k_r x 100", "0.1 degrees", "rollers"])
+def test_a_row_is_as_accurate(name: str) -> None:
+    scene = SCENES[name]
+    assert scene.defect is not None
+    row = simulate_row(scene, np.array([scene.defect.dphi_d]))
+    assert row.settled[0]
+    assert row.rms[0] == pytest.approx(simulate(scene).rms, rel=1e-9)
+
+
+def test_what_is_not_met_is_said() -> None:
+    """Steps that are given are taken; where they leave more than is asked for, the answer is inaccurate."""
+    coarse, fine = simulate(SCENE, steps_per_period=128, accuracy=1e-5), truth_of(SCENE)
+    assert coarse.status == "inaccurate"
+    assert coarse.rms_error > 1e-5
+    assert abs(coarse.rms / fine.rms - 1.0) <= 3.0 * coarse.rms_error
+    enough = simulate(SCENE, steps_per_period=2048, accuracy=1e-3)
+    assert enough.status == "converged"
+
+
+def test_the_end_of_the_steps_is_said() -> None:
+    """Rounding, or the most steps that are taken, ends the halving before an accuracy of nothing is met."""
+    for accuracy in (1e-10, 1e-15):
+        beyond = simulate(replace(SCENE, speed=400.0), accuracy=accuracy)
+        assert beyond.status == "inaccurate"
+        assert accuracy < beyond.rms_error < 1e-6
+
+
+def test_slow_shafts_end_in_bounded_time_or_are_refused() -> None:
+    """The steps of a period grow as the speed falls; the grids end at the most that is taken."""
+    slow = simulate(replace(SCENE, speed=0.5))
+    assert slow.status == "converged"
+    with pytest.raises(ValueError, match=rf"at most {MOST_STEPS // 2} are taken: the speed, 0\.001 Hz, is too low"):
+        simulate(replace(SCENE, speed=1e-3))

@@ -1,0 +1,118 @@
+"""Order of convergence of each kernel: the error falls with the fourth power of the step where nothing is rough.
+
+Healthy races and gentle waves, under loads that press all balls of the loaded zone: what is left of the opening and
+closing of contacts at its ends is below the error of the coarsest steps. Slopes are fitted to the logarithms of error
+and step.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from models.bearing import from_catalogue
+from models.dynamics.lanes import LaneOptions, simulate_lanes
+from models.dynamics.time_plan import prepare_plan
+from models.kernels import time_domain as kernels
+from models.kernels.step import STATUS_OK
+from models.scene import Defect, Scene, Waviness
+from models.simulate import simulate
+from tests.periods import new_wave, period_of, run
+
+HEALTHY = Scene(40.0, 4000.0)
+WAVY = {
+    "healthy": HEALTHY,
+    "13 waves": replace(HEALTHY, waviness=(Waviness(1e-6, 13),)),
+    "5 waves, 8 kN": Scene(40.0, 8000.0, waviness=(Waviness(2e-6, 5, phase=0.3),)),
+    "9 waves, 6205": replace(HEALTHY, bearing=from_catalogue("6205"), waviness=(Waviness(2e-6, 9, phase=0.3),)),
+    "gravity across": replace(HEALTHY, gravity=50.0, gravity_angle=0.5 * math.pi, waviness=(Waviness(1e-6, 13),)),
+}
+REFINED = (1, 2, 4)
+FINE = 32
+
+
+def slope(errors: list[float]) -> float:
+    """Return the exponent with which errors fall, each with half the step of the one before."""
+    return float(-np.polyfit(np.arange(len(errors)), np.log2(errors), 1)[0])
+
+
+def relative(found: NDArray[np.float64], exact: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean((found - exact) ** 2) / np.mean(exact**2)))
+
+
+@pytest.mark.parametrize("name", list(WAVY))
+def test_order_of_the_ball_period(name: str) -> None:
+    """The waveform of the fourth period from rest, at the instants that all grids have."""
+
+    def waveform(fold: int) -> NDArray[np.float64]:
+        period = period_of(WAVY[name], 96, fold=fold)
+        assert len(period.first) == 2
+        state, wave = np.zeros((2, 6)), new_wave(period)
+        for _ in range(4):
+            state = run(period, state, wave)
+        return wave[::fold]
+
+    exact = waveform(FINE)
+    for sensor in (0, 1):
+        errors = [relative(waveform(fold)[:, sensor], exact[:, sensor]) for fold in REFINED]
+        assert 3.5 < slope(errors) < 5.5
+        assert errors[-1] < 1e-3
+
+
+@pytest.mark.parametrize("name", ["healthy", "13 waves"])
+def test_order_of_the_settled_level(name: str) -> None:
+    """The RMS that is answered with, quadrature and search included."""
+    exact = simulate(WAVY[name], steps_per_period=4096, tolerance=1e-11).rms
+    steps = (96, 192, 384)
+    errors = [abs(simulate(WAVY[name], steps_per_period=n, tolerance=1e-11).rms / exact - 1.0) for n in steps]
+    assert 3.5 < slope(errors) < 5.5
+
+
+def test_order_over_kinks_that_steps_end_on() -> None:
+    scene = replace(HEALTHY, defect=Defect(math.radians(20.0), 20e-6))
+    exact = simulate(scene, steps_per_period=8192, tolerance=1e-11).rms
+    errors = [abs(simulate(scene, steps_per_period=n, tolerance=1e-11).rms / exact - 1.0) for n in (256, 512, 1024)]
+    assert 3.3 < slope(errors) < 5.5
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        WAVY["13 waves"],
+        replace(HEALTHY, waviness=(Waviness(5e-7, 7, phase=0.3), Waviness(3e-7, 4, "inner"))),
+        replace(HEALTHY, unbalance=2e-3, gravity=9.81, gravity_angle=1.0),
+    ],
+)
+def test_order_of_the_time_domain(scene: Scene) -> None:
+    """The waveform of 20 ms from rest."""
+    coarse, samples = 1.0 / 19200.0, 384
+
+    def waveform(fold: int) -> NDArray[np.float64]:
+        wave = np.empty((fold * samples, 2))
+        plan = prepare_plan(scene, fold * samples * (coarse / fold))
+        assert kernels.run(np.zeros((2, 6)), wave, coarse / fold, plan) == STATUS_OK
+        return wave[::fold]
+
+    exact = waveform(FINE)
+    for sensor in (0, 1):
+        errors = [relative(waveform(fold)[:, sensor], exact[:, sensor]) for fold in REFINED]
+        assert 3.5 < slope(errors) < 5.5
+
+
+@pytest.mark.parametrize("scene", [HEALTHY, Scene(20.0, 1000.0)])
+def test_order_of_the_lanes(scene: Scene) -> None:
+    """RMS and lines of the settled motion; lanes model no waves, so that the balls' passages alone drive it."""
+    steps = (128, 256, 512) if scene.speed < 30.0 else (64, 128, 256)
+    found, exact = (
+        [simulate_lanes([scene], LaneOptions(steps_per_period=n, tolerance=1e-9)) for n in counts]
+        for counts in (steps, (2048,))
+    )
+    truth = exact[0]
+    levels = [abs(float(f.rms[0] / truth.rms[0]) - 1.0) for f in found]
+    lines = [float(np.abs(f.harmonics - truth.harmonics).max() / truth.rms[0]) for f in found]
+    assert 3.5 < slope(levels) < 6.0
+    assert 3.5 < slope(lines) < 6.0

@@ -1,0 +1,128 @@
+"""Rollers: the line contact's exponent of 10/9 in statics, motion and maps, against an independent integration."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import root
+
+from models.bearing import from_catalogue, kinematics
+from models.dynamics.lanes import simulate_lanes
+from models.dynamics.six_dof import contact_power, operating_point
+from models.dynamics.time_domain import simulate_time
+from models.hertz import contact_stiffness
+from models.kernels.step import P_U_1, P_U_2
+from models.scene import Defect, Rig, Scene
+from models.simulate import simulate
+from tests.effort import effort_count
+from tests.oracles import six_dof_oracle as oracle
+
+EXPONENT = 10.0 / 9.0
+K_C = 1.2e9
+SPALL = Defect(math.radians(20.0), 20e-6)
+# The oracle's geometry, with rollers instead of its balls.
+BARREL = replace(from_catalogue("1205 ETN9"), designation="barrel", element="roller", effective_length=8e-3)
+SCENE = Scene(40.0, 4000.0, BARREL, Rig(k_c=K_C, element="roller"), SPALL)
+CYLINDERS = from_catalogue("NU 202 ECP")
+
+
+class RollerOracle(oracle.Oracle):
+    """The oracle with another contact law: force and damping with the exponents 10/9 and 1/9."""
+
+    def forces(self, t: float, x: NDArray[np.float64], v: NDArray[np.float64], middle: float) -> NDArray[np.float64]:
+        case, omega = self.case, self.case.omega_c
+        phi = self.start + omega * t
+        d, slope = self.path_of_balls(phi, self.start + omega * middle)
+        c, s = np.sin(phi), np.cos(phi)
+        ux, uy = x[0] - x[2], x[1] - x[3]
+        delta = ux * c + uy * s - d - case.clearance
+        rate = (v[0] - v[2]) * c + (v[1] - v[3]) * s + omega * (ux * s - uy * c) - omega * slope
+        on = delta > 0.0
+        pressed = np.where(on, delta, 0.0)
+        damping = oracle.ALPHA_C * oracle.M_B + oracle.BETA_C * K_C * pressed ** (EXPONENT - 1.0)
+        force = K_C * pressed**EXPONENT + np.where(on, damping * rate, 0.0)
+        return np.array([np.sum(force * c), np.sum(force * s)])
+
+    def at_rest(self) -> NDArray[np.float64]:
+        state, c, s = np.zeros(12), np.sin(self.start), np.cos(self.start)
+
+        def residual(u: NDArray[np.float64]) -> list[float]:
+            pressed = np.maximum((u[0] * c + u[1] * s) * 1e-6 - self.case.clearance, 0.0)
+            q = K_C * pressed**EXPONENT
+            return [float(np.sum(q * c)), float(np.sum(q * s) - self.case.load)]
+
+        u = root(residual, [0.0, 3.0], tol=1e-12).x * 1e-6
+        state[1] = -self.case.load / oracle.K_I
+        state[2:6] = -u[0], state[1] - u[1], -u[0], state[1] - u[1]
+        return state
+
+
+def settled_oracle(model: RollerOracle, periods: int, rtol: float) -> float:
+    """Return the RMS of the casing along the load in the last of some periods from rest, m/s2."""
+    state = model.at_rest()
+    for _ in range(periods - 2):
+        state, _, _ = model.period(state, 1e-6)
+    state, _, _ = model.period(state, rtol)
+    _, time, acceleration = model.period(state, rtol, 3000)
+    return math.sqrt(float(np.trapezoid(acceleration**2, time) / (time[-1] - time[0])))
+
+
+@pytest.mark.parametrize(
+    "scene", [SCENE, replace(SCENE, speed=25.0, load=1500.0, defect=Defect(0.3, 8e-6))][: effort_count(quick=1, full=2)]
+)
+def test_against_the_oracle(scene: Scene) -> None:
+    defect = scene.defect
+    assert defect is not None
+    case = oracle.Case(scene.speed, scene.load, defect.dphi_d, defect.h_d)
+    truth = settled_oracle(RollerOracle(case), effort_count(quick=18, full=30), 10.0 ** -effort_count(quick=7, full=9))
+    found = simulate(scene, accuracy=2e-4)
+    assert found.status == "converged"
+    assert found.rms == pytest.approx(truth, rel=3e-3)
+
+
+def test_the_static_equilibrium_is_that_of_line_contacts() -> None:
+    model = RollerOracle(oracle.Case(40.0, 4000.0))
+    rest = model.at_rest()
+    parameter = operating_point(replace(SCENE, defect=None)).parameter
+    assert parameter[P_U_1] == pytest.approx(rest[1] - rest[3], rel=1e-8)
+    assert parameter[P_U_2] == pytest.approx(rest[0] - rest[2], abs=1e-12)
+
+
+def test_the_time_domain_has_the_same_contacts() -> None:
+    found, over_time = simulate(SCENE), simulate_time(SCENE, 0.4, 51200.0)
+    assert over_time.status == "converged"
+    assert over_time.rms == pytest.approx(found.rms, rel=3e-3)
+    inner = simulate_time(replace(SCENE, defect=replace(SPALL, part="inner")), 0.2, 25600.0)
+    assert inner.status == "not_periodic"
+    assert inner.rms > 0.1 * found.rms
+
+
+def test_rollers_are_no_balls() -> None:
+    """The same stiffness in newtons per metre at the static approach, another exponent: another level."""
+    balls = Scene(40.0, 4000.0, defect=SPALL)
+    approach = float(operating_point(replace(balls, defect=None)).parameter[P_U_1])
+    k_c = balls.rig.k_c * approach ** (1.5 - EXPONENT)
+    rollers = replace(SCENE, rig=Rig(k_c=k_c, element="roller"))
+    level, ball_level = simulate(rollers).rms, simulate(balls).rms
+    assert level != pytest.approx(ball_level, rel=0.02)
+    assert 0.3 < level / ball_level < 3.0
+    assert contact_power(BARREL) == pytest.approx(1.0 / 9.0)
+    assert contact_power(balls.bearing) is None
+
+
+@pytest.mark.parametrize("defect", [None, SPALL, Defect(math.radians(8.0), math.inf)])
+def test_a_cylindrical_bearing_is_simulated(defect: Defect | None) -> None:
+    rig = Rig(k_c=contact_stiffness(CYLINDERS), element="roller")
+    found = simulate(Scene(30.0, 2000.0, CYLINDERS, rig, defect))
+    assert found.status == "converged"
+    assert found.bpfo == pytest.approx(kinematics(CYLINDERS, 30.0).bpfo)
+    assert found.rms > 0.0
+
+
+def test_lanes_refuse_rollers_by_name() -> None:
+    with pytest.raises(ValueError, match="lanes model balls, barrel has rollers"):
+        simulate_lanes([SCENE])
