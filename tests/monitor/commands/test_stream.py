@@ -25,7 +25,7 @@ from streams.link.wire import block_frame, encode_frame, hello
 from streams.spec import parse_address
 from tests.commands import run_command
 from tests.faults.daemons import free_port, status, tcp_machine_text
-from tests.faults.test_daemon_kill import published_blocks
+from tests.faults.test_lost_store import blocks_of
 from tests.faults.test_network_kill import block
 from tests.monitor.service.test_daemon import running
 from tests.waiting import PATIENCE_S, wait_until
@@ -212,7 +212,7 @@ def test_a_lost_store_keeps_the_count_of_a_stream(tmp_path: Path) -> None:
     with running(config):
         assert send(port, range(1, 4)) == (3, 3)
         # At its stop the daemon gives the last publication three seconds, which a busy machine may not keep.
-        wait_until(lambda: published_blocks(config) == 5, every=0.1)
+        wait_until(lambda: blocks_of(tmp_path / "records") == 5, every=0.1)
     for file in (tmp_path / "state").glob("state.db*"):
         file.unlink()
     with running(config):
