@@ -64,13 +64,14 @@ def steps_for(scene: Scene) -> int:
         ValueError: if they are more than MOST_STEPS / 2: the ball rate is too low for such a stiff rig.
     """
     duration = 1.0 / kinematics(scene.bearing, scene.speed).bpfo
-    parameter = operating_point(replace(scene, defect=None)).parameter
+    point = operating_point(replace(scene, defect=None))
+    parameter = point.parameter
     inverse_mass = float(parameter[kernels.P_INV_M_I] + parameter[kernels.P_INV_M_O])
     resonance = math.sqrt(float(parameter[kernels.P_SQUARE_R]))
     pressed = math.hypot(parameter[kernels.P_U_1], parameter[kernels.P_U_2]) - scene.clearance
     force = math.hypot(parameter[kernels.P_LOAD_1], parameter[kernels.P_LOAD_2])
     stiffness = _STIFFENING * contact_exponent(scene.bearing) * force / pressed if pressed > 0.0 else 0.0
-    damping = scene.rig.beta_c * stiffness + float(parameter[kernels.P_ALPHA]) * len(scene_positions(scene))
+    damping = scene.rig.beta_c * stiffness + float(parameter[kernels.P_ALPHA]) * len(point.positions)
     step = min(
         _RESONATOR_ANGLE / resonance,
         _CONTACT_ANGLE / math.sqrt(stiffness * inverse_mass) if stiffness > 0.0 else math.inf,
@@ -87,11 +88,6 @@ def steps_for(scene: Scene) -> int:
             f"at most {MOST_STEPS // 2} are taken: the speed, {scene.speed!r} Hz, is too low for it"
         )
     return steps
-
-
-def scene_positions(scene: Scene) -> NDArray[np.float64]:
-    """Return the angles of all rolling elements at the start of a period, rad."""
-    return operating_point(replace(scene, defect=None)).positions
 
 
 @lru_cache(maxsize=512)

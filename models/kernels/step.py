@@ -154,6 +154,23 @@ def _root(pressed: float, power: float | None) -> float:
 
 
 @inlined
+def relative_motion(
+    x1: Axis, x2: Axis, p: NDArray[np.float64], c: float, s: float
+) -> tuple[float, float, float, float, bool]:
+    """Return displacement and velocity of the inner ring against the outer in the frame of the cage, along and across,
+    and whether only near balls can touch; ``c`` and ``s`` are cosine and sine of the cage angle.
+    """
+    share, omega = p[P_SHARE_R], p[P_OMEGA]
+    u1 = p[P_U_1] + x1[0] - x1[2] - share * x1[4]
+    u2 = p[P_U_2] + x2[0] - x2[2] - share * x2[4]
+    # The total derivative of u.n for a ball that moves with the cage (Eq. 36).
+    w1 = x1[1] - x1[3] - share * x1[5] + omega * u2
+    w2 = x2[1] - x2[3] - share * x2[5] - omega * u1
+    aligned = abs(u2) <= NEAR_SLOPE * u1
+    return c * u1 + s * u2, c * u2 - s * u1, c * w1 + s * w2, c * w2 - s * w1, aligned
+
+
+@inlined
 def contact(
     x1: Axis, x2: Axis, p: NDArray[np.float64], balls: Balls, nodes: Nodes, n: Index, node: Index
 ) -> tuple[float, float, float]:
@@ -161,17 +178,10 @@ def contact(
     the sum of the powers of two of all balls in contact.
     """
     moved, plain, depth, rate = balls.moved, balls.plain, nodes.depth, nodes.rate
-    share, omega, clearance = p[P_SHARE_R], p[P_OMEGA], p[P_CLEARANCE]
+    clearance = p[P_CLEARANCE]
     k_c, alpha, beta = p[P_K_C], p[P_ALPHA], p[P_BETA]
-    u1 = p[P_U_1] + x1[0] - x1[2] - share * x1[4]
-    u2 = p[P_U_2] + x2[0] - x2[2] - share * x2[4]
-    # The total derivative of u.n for a ball that moves with the cage (Eq. 36).
-    w1 = x1[1] - x1[3] - share * x1[5] + omega * u2
-    w2 = x2[1] - x2[3] - share * x2[5] - omega * u1
     c, s = nodes.turn[n, node, 0], nodes.turn[n, node, 1]
-    p1, p2 = c * u1 + s * u2, c * u2 - s * u1
-    q1, q2 = c * w1 + s * w2, c * w2 - s * w1
-    aligned = abs(u2) <= NEAR_SLOPE * u1
+    p1, p2, q1, q2, aligned = relative_motion(x1, x2, p, c, s)
     f1 = 0.0
     f2 = 0.0
     mask = 0.0

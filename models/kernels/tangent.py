@@ -16,7 +16,6 @@ from models.kernels.jit import inlined, kernel
 from models.kernels.orbit import STATE_SCALE
 from models.kernels.period import flow_row
 from models.kernels.step import (
-    NEAR_SLOPE,
     P_ALPHA,
     P_BETA,
     P_CLEARANCE,
@@ -24,11 +23,11 @@ from models.kernels.step import (
     P_OMEGA,
     P_SHARE_R,
     P_U_1,
-    P_U_2,
     Balls,
     Nodes,
     forces,
     node_of,
+    relative_motion,
     step,
 )
 
@@ -55,18 +54,12 @@ def _slopes(
     Each is a symmetric matrix: along, across, and between.
     """
     moved, plain, depth, rate = balls.moved, balls.plain, nodes.depth, nodes.rate
-    share, omega, clearance = p[P_SHARE_R], p[P_OMEGA], p[P_CLEARANCE]
+    clearance = p[P_CLEARANCE]
     k_c, alpha, beta = p[P_K_C], p[P_ALPHA], p[P_BETA]
     power = 0.5 if balls.power is None else balls.power
     soft = max(_SOFT * abs(p[P_U_1]), 1e-12)
-    u1 = p[P_U_1] + x1[0] - x1[2] - share * x1[4]
-    u2 = p[P_U_2] + x2[0] - x2[2] - share * x2[4]
-    w1 = x1[1] - x1[3] - share * x1[5] + omega * u2
-    w2 = x2[1] - x2[3] - share * x2[5] - omega * u1
     c, s = nodes.turn[n, node, 0], nodes.turn[n, node, 1]
-    p1, p2 = c * u1 + s * u2, c * u2 - s * u1
-    q1, q2 = c * w1 + s * w2, c * w2 - s * w1
-    aligned = abs(u2) <= NEAR_SLOPE * u1
+    p1, p2, q1, q2, aligned = relative_motion(x1, x2, p, c, s)
     k11, k22, k12, c11, c22, c12 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     count = balls.near_moved if aligned else moved.shape[1]
     others = balls.near if aligned else plain.shape[1]

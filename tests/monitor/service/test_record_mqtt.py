@@ -146,7 +146,7 @@ def test_connections_cut_at_any_moment_and_a_killed_broker_leave_nothing_out(
     broker, heard = Broker(tmp_path / "broker"), []
     with Proxy(broker.port) as proxy, publishing(commits, proxy.port, retain=False) as records:
         for _ in range(effort_count(quick=2, full=10)):
-            # What is published before somebody has subscribed reaches nobody.
+            # What is published before there is a subscriber is not delivered.
             with broker, subscribed(broker.port, "plant/records/m/s/#") as now:
                 proxy.lets_through = True
                 for _ in range(10):
