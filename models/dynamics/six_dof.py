@@ -114,9 +114,9 @@ def operating_point(scene: Scene) -> Point:
     )
 
 
-def contact_power(bearing: Bearing) -> float | None:
+def contact_power(bearing: Bearing) -> float:
     """Return the kernels' ``power`` of the contacts of a bearing."""
-    return None if bearing.element == "ball" else contact_exponent(bearing) - 1.0
+    return contact_exponent(bearing) - 1.0
 
 
 def damaged_rows(defect: Defect | None) -> tuple[int, int]:

@@ -72,7 +72,7 @@ class Balls(NamedTuple):
             (3, P), each sorted by distance from the load.
         near_moved, near: how many of them can be touched while the displacement across the load is at most NEAR_SLOPE
             times that along it.
-        power: exponent of the contact law less one, or None for balls, for which it is a half.
+        power: exponent of the contact law less one: 1/2 of balls, 1/9 of rollers.
     """
 
     moved: NDArray[np.float64]
@@ -147,7 +147,7 @@ def kick(x: Axis, contact: float, shaft: float, inv_m_i: float, inv_m: float, in
 
 @inlined
 def _root(pressed: float, power: float | None) -> float:
-    """Return the approach to the exponent of the contact law less one."""
+    """Return the approach to the exponent of the contact law less one; None stands for a half."""
     if power is None:
         return math.sqrt(pressed)
     return pressed**power
@@ -171,12 +171,17 @@ def relative_motion(
 
 
 @inlined
-def contact(
-    x1: Axis, x2: Axis, p: NDArray[np.float64], balls: Balls, nodes: Nodes, n: Index, node: Index
+def _contact(
+    x1: Axis,
+    x2: Axis,
+    p: NDArray[np.float64],
+    balls: Balls,
+    power: float | None,
+    nodes: Nodes,
+    n: Index,
+    node: Index,
 ) -> tuple[float, float, float]:
-    """Return the contact force on the outer ring minus the static one, N, along and across the load (Eqs. 35-48), and
-    the sum of the powers of two of all balls in contact.
-    """
+    """Return what ``contact`` does; ``power`` as in ``_root``."""
     moved, plain, depth, rate = balls.moved, balls.plain, nodes.depth, nodes.rate
     clearance = p[P_CLEARANCE]
     k_c, alpha, beta = p[P_K_C], p[P_ALPHA], p[P_BETA]
@@ -190,7 +195,7 @@ def contact(
         delta = p1 * moved[0, j] + p2 * moved[1, j] - clearance - depth[n, node, j]
         touching = 1.0 if delta > 0.0 else 0.0
         pressed = max(delta, 0.0)
-        root = _root(pressed, balls.power)
+        root = _root(pressed, power)
         speed = q1 * moved[0, j] + q2 * moved[1, j] - rate[n, node, j]
         force = k_c * pressed * root + (alpha * touching + beta * root) * speed
         f1 += force * moved[0, j]
@@ -201,13 +206,26 @@ def contact(
         delta = p1 * plain[0, j] + p2 * plain[1, j] - clearance
         touching = 1.0 if delta > 0.0 else 0.0
         pressed = max(delta, 0.0)
-        root = _root(pressed, balls.power)
+        root = _root(pressed, power)
         speed = q1 * plain[0, j] + q2 * plain[1, j]
         force = k_c * pressed * root + (alpha * touching + beta * root) * speed
         f1 += force * plain[0, j]
         f2 += force * plain[1, j]
         mask += touching * plain[2, j]
     return c * f1 - s * f2 - p[P_LOAD_1], s * f1 + c * f2 - p[P_LOAD_2], mask
+
+
+@inlined
+def contact(
+    x1: Axis, x2: Axis, p: NDArray[np.float64], balls: Balls, nodes: Nodes, n: Index, node: Index
+) -> tuple[float, float, float]:
+    """Return the contact force on the outer ring minus the static one, N, along and across the load (Eqs. 35-48), and
+    the sum of the powers of two of all balls in contact.
+    """
+    # One branch outside of the loops: a loop that may call the power function is a fifth slower with square roots.
+    if balls.power == 0.5:
+        return _contact(x1, x2, p, balls, None, nodes, n, node)
+    return _contact(x1, x2, p, balls, balls.power, nodes, n, node)
 
 
 @inlined

@@ -46,17 +46,21 @@ _SLOPES = 8
 
 
 @inlined
-def _slopes(
-    x1: Axis, x2: Axis, p: NDArray[np.float64], balls: Balls, nodes: Nodes, n: Index, node: Index
+def _slopes_of(
+    x1: Axis,
+    x2: Axis,
+    p: NDArray[np.float64],
+    balls: Balls,
+    exponent: float | None,
+    nodes: Nodes,
+    n: Index,
+    node: Index,
 ) -> tuple[float, float, float, float, float, float]:
-    """Return the slopes of the contact force with respect to displacement and speed in the frame of the cage.
-
-    Each is a symmetric matrix: along, across, and between.
-    """
+    """Return what ``_slopes`` does; ``exponent`` is the power of ``Balls``, None stands for a half."""
     moved, plain, depth, rate = balls.moved, balls.plain, nodes.depth, nodes.rate
     clearance = p[P_CLEARANCE]
     k_c, alpha, beta = p[P_K_C], p[P_ALPHA], p[P_BETA]
-    power = 0.5 if balls.power is None else balls.power
+    power = 0.5 if exponent is None else exponent
     soft = max(_SOFT * abs(p[P_U_1]), 1e-12)
     c, s = nodes.turn[n, node, 0], nodes.turn[n, node, 1]
     p1, p2, q1, q2, aligned = relative_motion(x1, x2, p, c, s)
@@ -80,6 +84,20 @@ def _slopes(
             c22 += damping * n2 * n2
             c12 += damping * n1 * n2
     return k11, k22, k12, c11, c22, c12
+
+
+@inlined
+def _slopes(
+    x1: Axis, x2: Axis, p: NDArray[np.float64], balls: Balls, nodes: Nodes, n: Index, node: Index
+) -> tuple[float, float, float, float, float, float]:
+    """Return the slopes of the contact force with respect to displacement and speed in the frame of the cage.
+
+    Each is a symmetric matrix: along, across, and between.
+    """
+    # As in ``models.kernels.step.contact``.
+    if balls.power == 0.5:
+        return _slopes_of(x1, x2, p, balls, None, nodes, n, node)
+    return _slopes_of(x1, x2, p, balls, balls.power, nodes, n, node)
 
 
 @inlined

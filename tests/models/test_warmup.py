@@ -27,11 +27,13 @@ def types():
 for name in PARTS:
     compile_part(name)
 warm = types()
+from models.bearing import from_catalogue
 from models.dynamics.lanes import LaneOptions, simulate_lanes
 from models.dynamics.time_domain import simulate_time
+from models.hertz import contact_stiffness
 from models.maps.build import build_map
 from models.maps.data import MapPlan
-from models.scene import Defect, Floor, Scene, Slip, Waviness
+from models.scene import Defect, Floor, Rig, Scene, Slip, Waviness
 from models.simulate import simulate
 
 rough = Defect(0.35, 2e-5, floor=Floor("rough", seed=1))
@@ -47,6 +49,10 @@ for defect in (None, Defect(0.1, 1e-3), rough, replace(rough, rows=2)):
 for part in ("outer", "inner", "ball"):
     every = replace(plain, defect=Defect(0.1, 1e-5, part=part), waviness=(Waviness(1e-6, 7),), unbalance=1e-3)
     simulate_time(every, 0.01, 25600.0, settle=0.0)
+rollers = from_catalogue("NU 202 ECP")
+of_rollers = replace(plain, bearing=rollers, rig=Rig(k_c=contact_stiffness(rollers), element="roller"))
+simulate(of_rollers)
+simulate_time(replace(every, bearing=rollers, rig=of_rollers.rig), 0.01, 25600.0, settle=0.0)
 build_map(MapPlan(load=(4000.0,), speed=(40.0,), h_d=(0.0, 1e-5), dphi_d=(0.1,), floor=Floor("rough", seed=1)))
 print(json.dumps([warm, types()]))
 """
