@@ -65,6 +65,8 @@ class Files(Protocol):
     """Whether the files come in the order in which they are stored, so that sorting needs buffering."""
     several: bool
     """Whether there may be more than one file."""
+    closed: list[str]
+    """The folders below it that may not be read, as of the latest iteration."""
 
     def __iter__(self) -> Iterator[Item]:
         """Iterate over all files; ReaderError where an archive breaks off."""
@@ -80,10 +82,11 @@ class Folder:
         """Take the files below ``root``, or ``only`` those of some paths."""
         self.root = root.resolve()
         self.several = several
+        self.closed: list[str] = []
         self._only = only
 
     def __iter__(self) -> Iterator[Item]:
-        """Iterate over all files, those that will be refused too; SourceError where a folder may not be read."""
+        """Iterate over all files, those that will be refused too; SourceError where the folder may not be read."""
         root = str(self.root)
         if self._only is not None:
             found = {path: stat_file(root, path) for path in self._only}
@@ -93,8 +96,7 @@ class Folder:
                 listing = list_files(root, closed)
             except OSError as error:
                 raise SourceError(f"{shown(root)}: cannot be read ({error.strerror})") from error
-            if closed:
-                raise SourceError(f"{shown(f'{root}/{sorted(closed)[0]}')}: may not be read (Permission denied)")
+            self.closed = sorted(closed, key=natural_key)
             found = {path: listing[path] for path in sorted(listing, key=natural_key)}
         for path, status in found.items():
             filled = status is not None and status.regular and status.size > 0
@@ -111,6 +113,7 @@ class Archive:
     def __init__(self, path: Path) -> None:
         """Take the archive at ``path``; it is never unpacked to disk."""
         self.root = path.resolve()
+        self.closed: list[str] = []
         self._mode: _Mode = next(mode for ending, mode in _ARCHIVE_MODES.items() if path.name.lower().endswith(ending))
 
     def __iter__(self) -> Iterator[Item]:

@@ -14,6 +14,8 @@ NETWORK_FILE_SYSTEMS = frozenset(
 )
 """Network file systems: no events of other machines, no reliable locks or shared memory."""
 
+CLOSED = "may not be read (Permission denied)"
+"""What is said of a folder that may not be listed or searched."""
 _MOUNTS = Path("/proc/self/mountinfo")
 _SKIPPED = (".tmp", ".part", ".partial", ".crdownload", ".filepart", "_index")
 _ESCAPE = re.compile(r"\\\\|\\x[0-9a-f]{2}|\\u[0-9a-f]{4}|\\U[0-9a-f]{8}")

@@ -13,7 +13,7 @@ from streams.dater import Dater, UndatedError
 from streams.dating import Dating
 from streams.files import Files, Item, natural_key, open_files
 from streams.given import Given, Loaded, Met
-from streams.listing import shown
+from streams.listing import CLOSED, shown
 from streams.load import Loader, content_hash, is_cut, is_dated_by_choice, renamed
 from streams.readers.sidecar import is_sidecar
 from streams.reblock import Cut, Numbering, Reblocker
@@ -147,6 +147,10 @@ class Recording:
         """Return why files are ignored, by name, at most ``MAX_IGNORED_NAMES``."""
         return {shown(path): self._loader.ignored for path in self._ignored_paths()[:MAX_IGNORED_NAMES]}
 
+    def closed(self) -> dict[str, str]:
+        """Return why folders below it are left out, by name."""
+        return {shown(path): CLOSED for path in self._files.closed}
+
     def _ignored_paths(self) -> list[str]:
         met = self._met_files()
         if self._files.sequential:
@@ -229,7 +233,8 @@ class Recording:
             raise SourceError(f"{where}: url: {error}") from error
         if found is None:
             place = "holds no file" if self._files.several else "is not a file"
-            raise SourceError(f"{where}: url: {self._files.root} {place} of {self._set.name} ({self._set.files})")
+            text = f"{where}: url: {self._files.root} {place} of {self._set.name} ({self._set.files})"
+            raise SourceError("; ".join((text, *(f"{name} {reason}" for name, reason in self.closed().items()))))
         states_rate = self._set.states_rate and (samples is None or samples.rate is not None)
         if found[0].rate is None and not states_rate and self._spec.rate is None:
             raise SourceError(f"{where}: rate_hz is missing: neither the files nor {self._set.name} state a rate")

@@ -183,6 +183,10 @@ class FileSource(Source, Protocol):
         """Return why files are ignored, by name; at most ``MAX_IGNORED_NAMES``."""
         ...
 
+    def closed(self) -> Mapping[str, str]:
+        """Return why folders are left out, whose files are in no count, by name."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Delivery:

@@ -72,7 +72,7 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
     from monitor.service.setup import source_spec
     from streams.dating import kept_dating
     from streams.files import Folder, natural_key
-    from streams.listing import list_files
+    from streams.listing import CLOSED, list_files, shown
     from streams.recognise import data_set_of
     from streams.recording import Recording
     from streams.spec import SourceError
@@ -90,11 +90,13 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
         except StoreError:
             # A damaged store, or one that no daemon has opened yet.
             kept = None
+    folders: list[str] = []
     try:
-        paths = sorted(list_files(str(root)), key=natural_key)[:_MAX_OPENED]
+        paths = sorted(list_files(str(root), folders), key=natural_key)[:_MAX_OPENED]
+        closed = tuple(f"folder {shown(str(root / folder))} {CLOSED}" for folder in sorted(folders))
         files = Folder(root, paths)
         if not paths:
-            return None
+            return DatingPreview(None, "not known", problems=closed) if closed else None
         recording = Recording(spec, files, data_set_of(spec, files, spec.format), kept)
         levels, first, refused = recording.levels(), *_first_items(recording)
     except (SourceError, OSError) as error:
@@ -102,7 +104,7 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
     by, text = (
         (None, "by the data set") if recording.dating is None else (recording.dating.by, recording.dating.describe())
     )
-    problems = recording.remarks
+    problems = (*closed, *recording.remarks)
     if first is None:
         if refused is not None:
             problems = (f"no block comes of its first files: {refused.status}: {refused.reason}", *problems)

@@ -123,6 +123,7 @@ def _summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         more = f" and {number - len(names)} more" if number > len(names) else ""
         reason = next(iter(summary["ignored"].values()))
         yield f"{number} {'file' if number == 1 else 'files'} ignored, {reason}: {', '.join(names)}{more}"
+    yield from (f"folder {name} {reason}: its files are in no count" for name, reason in summary["closed"].items())
     yield from (f"dates: {line}" for line in summary["dating"])
     yield from (f"first {status}, {reason}" for status, reason in summary["reasons"].items())
     for name, channel in summary["channels"].items():

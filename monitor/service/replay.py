@@ -282,6 +282,7 @@ class _Run:
             "flagged": flagged,
             "rejected": rejected,
             "ignored": self.source.ignored() if isinstance(self.source, FileSource) else {},
+            "closed": self.source.closed() if isinstance(self.source, FileSource) else {},
             "offered": offered,
             "pending": offered - blocks - ignored,
             "files": None if met is None else {key: getattr(met, key) for key in _FILE_COUNTS},

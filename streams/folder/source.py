@@ -19,7 +19,7 @@ from streams.folder.intake import Intake
 from streams.folder.reading import Background, Task
 from streams.folder.register import MAX_INCOMPLETE_S, Order, Register
 from streams.folder.watch import Watch
-from streams.listing import Stat, is_skipped, list_files, shown, stat_file
+from streams.listing import CLOSED, Stat, is_skipped, list_files, shown, stat_file
 from streams.load import Loader, is_cut, is_dated_by_choice
 from streams.recognise import data_set_of
 from streams.source import MAX_DEATHS, MAX_IGNORED_NAMES, Backlog, Delivery, Ledger, LiveSource
@@ -219,7 +219,7 @@ class FolderSource(LiveSource):
             self._set_problem(f"{self._root}: cannot be read ({error.strerror})")
             self._identity = None
             return
-        self._set_problem(f"{self._root / closed[0]}: may not be read (Permission denied)" if closed else None)
+        self._set_problem(f"{self._root / closed[0]}: {CLOSED}" if closed else None)
         if self._ledger is not None:
             for key in self._ledger.released(self.name):
                 self._register.release(key)

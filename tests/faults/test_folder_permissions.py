@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from streams.listing import list_files
-from tests.faults.daemons import ROOT, make_machine, start_program, status
+from tests.faults.daemons import ROOT, call, make_machine, start_program, status
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import finish, stop, wait_until
 
@@ -112,6 +112,27 @@ def test_it_is_a_problem_while_the_daemon_runs(folder: Path, tmp_path: Path) -> 
         daemon.communicate()
     assert daemon.returncode == 0, said
     assert "can be read again" in said
+
+
+def test_a_replay_goes_on_beside_it_as_the_daemon_does(folder: Path, tmp_path: Path) -> None:
+    for number in (1, 2):
+        (folder / f"f{number}.csv").write_bytes(csv_bytes(noise(512, number)))
+    (folder / "sub").mkdir()
+    (folder / "sub" / "f3.csv").write_bytes(csv_bytes(noise(512, 3)))
+    (folder / "sub").chmod(0o000)
+    config = ("--config", str(tmp_path / "m.toml"))
+
+    def said_by(*command: str) -> str:
+        done = call(*command, *config, prefix=BOUND)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    summary = json.loads(said_by("replay", str(folder), "--out", str(tmp_path / "out"), "--no-report", "--json"))
+    assert (summary["files"]["accepted"], summary["closed"]) == (2, {"sub": "may not be read (Permission denied)"})
+    assert "folder sub may not be read (Permission denied): its files are in no count" in said_by(
+        "replay", str(folder), "--out", str(tmp_path / "again"), "--no-report"
+    )
+    assert f"folder {folder}/sub may not be read (Permission denied)" in said_by("check")
 
 
 def test_a_folder_that_is_not_there_is_waited_for(folder: Path, tmp_path: Path) -> None:
