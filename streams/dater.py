@@ -243,8 +243,11 @@ class Dater:
                 f"{path}: has number {number} like {choice.example}, so another number of the names counts; "
                 f"choose again by: spallwatch redate {self._spec.name}"
             )
-        place = number - choice.first
+        place, before = number - choice.first, choice.step
         step = self._settled_step(path, length, whole)
+        if place and before is not None and step != before:
+            self._remark("grew", f"{path} had {before:g} s when its end seemed to be seen, and now has {length:g} s: "
+                                 "its first blocks are dated too early; give interval_s")  # fmt: skip
         if step is None and place:
             raise UndatedError(f"{path}: waits for its end: its length is the time between files")
         if step is not None and length > step * (1.0 + _LENGTH_TOLERANCE):
@@ -254,16 +257,18 @@ class Dater:
         return replace(samples, start=None if choice.start is None else choice.start + elapsed, elapsed=elapsed)
 
     def _settled_step(self, path: str, length: float, whole: bool) -> float | None:
-        """Return the time between files, chosen at the first whole one; None before."""
+        """Return the time between files, chosen at the first whole one; None before.
+
+        A growing file that is whole because it did not change for long may grow again; the next one ends it.
+        """
         choice = self.choice
-        if choice.step is None:
-            if choice.growing not in ("", path):
-                self._set(replace(choice, step=choice.grown))
-            elif whole:
-                self._set(replace(choice, step=length))
-            elif length != choice.grown:
-                # Kept, so that after a restart the next file need not wait for another one.
-                self._set(replace(choice, growing=path, grown=length))
+        if choice.growing not in ("", path):
+            self._set(replace(choice, step=choice.step or choice.grown, growing="", grown=None))
+        elif whole and not choice.growing and choice.step is None:
+            self._set(replace(choice, step=length))
+        elif (choice.growing and length != choice.grown) or (choice.step is None and (whole or not choice.growing)):
+            # Kept, so that after a restart the next file need not wait for another one.
+            self._set(replace(choice, step=length if whole else None, growing=path, grown=length))
         return self.choice.step
 
     def _resolved(self, stamp: Stamp, path: str) -> float:

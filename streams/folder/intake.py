@@ -47,10 +47,7 @@ class Intake:
         background: Background,
         patience_s: float,
     ) -> None:
-        """Continue after the last committed block of the ledger.
-
-        :meth:`advance` waits for ``background`` at most ``patience_s``.
-        """
+        """Continue after the last committed block of the ledger; wait for ``background`` at most ``patience_s``."""
         self.ready: deque[Delivery] = deque()
         self.undated: dict[Entry, str] = {}
         """The files whose date cannot be told yet, with the reasons; the first of them is ``waits``."""
@@ -181,7 +178,10 @@ class Intake:
             return None
         except UndatedError as error:
             self.undated[entry] = str(error)
-            self._register.defer(entry, now + MAX_INCOMPLETE_S)
+            if self._is_growing(entry):
+                self._register.await_end(entry)
+            else:
+                self._register.defer(entry, now + MAX_INCOMPLETE_S)
             return None
         except ReaderError as error:
             retry = _MAX_RETRY_SETTLES * self._spec.settle_s if error.status in _RETRIED else 0.0

@@ -43,7 +43,7 @@ class Entry(Origin):
         whole: whether it counted as complete when it was taken.
         phase: "queued", "deferred" because it is incomplete, "reading" in the background, "held" because samples of it
             wait for more, "delivered" entirely.
-        due: when it is tried again without a change.
+        due: when it is tried again without a change, or ``awaits_end`` once it counts as whole.
         base: its progress in the ledger, ``counted`` the verdict under which it is counted already.
         read: its progress as of the last reading, ``read_at``, without samples.
         fed: number of samples taken.
@@ -61,6 +61,7 @@ class Entry(Origin):
     whole: bool = False
     phase: Phase = "queued"
     due: float = math.inf
+    awaits_end: bool = False
     base: FileProgress | None = None
     counted: str | None = None
     read: FileProgress | None = None
@@ -253,9 +254,9 @@ class Register:
         entry.phase = "queued"
         heapq.heappush(self._heap, (entry.order, entry.path, next(self._tie), entry))
 
-    def defer(self, entry: Entry, due: float) -> None:
+    def defer(self, entry: Entry, due: float, *, awaits_end: bool = False) -> None:
         """Skip a file until it changes, or until ``due``."""
-        entry.phase, entry.due = "deferred", due
+        entry.phase, entry.due, entry.awaits_end = "deferred", due, awaits_end
         self._deferred[entry.path] = entry
 
     def is_settled(self, entry: Entry, now: float) -> bool:
@@ -278,8 +279,8 @@ class Register:
         return entry.closed or later or now - entry.changed >= _HOLD * self._settle
 
     def await_end(self, entry: Entry) -> None:
-        """Defer a file with an incomplete last line until it counts as whole."""
-        self.defer(entry, entry.changed + _HOLD * self._settle)
+        """Defer a file that is read before its end until it counts as whole."""
+        self.defer(entry, entry.changed + _HOLD * self._settle, awaits_end=True)
 
     def take(self, now: float, period: float | None) -> Entry | None:
         """Return the next file in order, or None where all have to wait.
@@ -324,8 +325,7 @@ class Register:
     def _requeue_due(self, now: float) -> None:
         """Queue the deferred files that are due, and those that count as whole by now."""
         for entry in list(self._deferred.values()):
-            ended = not entry.whole and entry.read is not None and entry.read.is_part and self._is_whole(entry, now)
-            if entry.due <= now or ended:
+            if entry.due <= now or (entry.awaits_end and not entry.whole and self._is_whole(entry, now)):
                 self.queue(entry)
 
     def _is_copying(self, now: float) -> bool:
