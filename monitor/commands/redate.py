@@ -31,6 +31,7 @@ def command(source: str, config_path: Path | None, as_json: bool, quiet: bool) -
     """
     from monitor.records.ledger import keep_dating, read_dating
     from monitor.records.store import Store
+    from monitor.service.publisher import publish_now
     from streams.dating import Dating
 
     config = read_config(config_path)
@@ -41,6 +42,9 @@ def command(source: str, config_path: Path | None, as_json: bool, quiet: bool) -
         values = read_dating(store, source)
         before = None if values is None else Dating.from_dict(values)
         keep_dating(store, source, Dating().to_dict())
+        problem = publish_now(store, config.machine.records_dir)
+    if problem is not None:
+        click.echo(f"the change is in the store, but not published: {problem}", err=True)
     was = "not dated by a choice" if before is None else f"dated {before.describe()}"
     lines = [f"source {source}: was {was}", "its next file decides, by the configuration (spallwatch check shows how)"]
     emit({"source": source, "before": values, "after": None}, lines, as_json=as_json)

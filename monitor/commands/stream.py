@@ -35,6 +35,7 @@ def reset(source: str, first: int, config_path: Path | None, as_json: bool, quie
     from monitor.records.events import EventLog, write_notice
     from monitor.records.ledger import StoreLedger
     from monitor.records.store import Store
+    from monitor.service.publisher import publish_now
     from streams.source import StreamCount
 
     values: dict[str, Any] = {}
@@ -54,6 +55,9 @@ def reset(source: str, first: int, config_path: Path | None, as_json: bool, quie
             write_notice(connection, time.time(), {"kind": "stream_reset", **values, "text": text})
 
         ledger.reset_stream(source, first, note)
+        problem = publish_now(store, config.machine.records_dir)
+    if problem is not None:
+        click.echo(f"the reset is in the store, but not published: {problem}", err=True)
     lines = [
         f"the stream of {source} begins anew: its next frame has number {first} and becomes block {values['block']}; "
         f"the last was frame {values['last']}"

@@ -27,7 +27,7 @@ from monitor.records.dataset import INT_FILL, from_dataset, to_dataset
 from monitor.records.filing import SECONDS_PER_DAY, published_files
 from monitor.records.moved_days import delete_day, moved_days, moving_days
 from monitor.records.second_copy import Kept, keep_larger, ledger_group, log_kept
-from monitor.records.snapshot import Snapshot, snapshot_path, take_snapshot, write_snapshot
+from monitor.records.snapshot import Snapshot, is_published, snapshot_path, take_snapshot, write_snapshot
 from monitor.records.store import Published, Store
 
 _SUMMARY = (
@@ -53,6 +53,8 @@ def publish(
     note_kept: Callable[[Kept], None] | None = None,
 ) -> list[Path]:
     """Write the files of the days that changed since they were last written, or whose file is lost or damaged.
+
+    The snapshot is written after them, also where it alone has changed: a stream was reset, an alarm acknowledged.
 
     Args:
         store: open for reading or writing.
@@ -85,7 +87,7 @@ def publish(
         elif store.writable:
             store.note_published(done)
         written.append(path)
-    if written or not snapshot_path(records_dir, store.machine).exists():
+    if written or not is_published(snapshot, records_dir):
         _write_snapshot(store, snapshot, records_dir)
     return written
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -98,6 +98,12 @@ def read_snapshot(records_dir: Path, machine: str) -> Snapshot | None:
         return Snapshot(machine, body["last_block"], states, body["tables"], body["files"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
+
+
+def is_published(snapshot: Snapshot, records_dir: Path) -> bool:
+    """Return whether the published snapshot has the same states and tables."""
+    present = read_snapshot(records_dir, snapshot.machine)
+    return present is not None and replace(present, files=snapshot.files) == snapshot
 
 
 def _digest(body: Mapping[str, Any]) -> str:

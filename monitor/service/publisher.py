@@ -11,8 +11,8 @@ import logging
 import os
 import sys
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -208,15 +208,39 @@ def child() -> None:
     store, records_dir = Path(sys.argv[1]), Path(sys.argv[2])
     # The thread that commits has priority.
     os.nice(5)
-    lock = os.open(store.with_name(_LOCK), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    # The publisher of a daemon that was killed may still be writing, under the same temporary names.
-    fcntl.flock(lock, fcntl.LOCK_EX)
     # A broken pipe means that the daemon has ended.
-    with suppress(BrokenPipeError):
+    with _alone(store), suppress(BrokenPipeError):
         for line in sys.stdin:
             print(json.dumps(_publish(store, records_dir, int(line))), flush=True)
     # The orderly end of an interpreter with these libraries costs a tenth of a second.
     os._exit(0)
+
+
+@contextmanager
+def _alone(store: Path) -> Iterator[None]:
+    """Wait for any other publisher: that of a killed daemon may still be writing, under the same temporary names."""
+    lock = os.open(store.with_name(_LOCK), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(lock)
+
+
+def publish_now(store: Store, records_dir: Path) -> str | None:
+    """Publish from a command, which has the store open for writing; return why that failed, or None.
+
+    What a command changes is in the published snapshot then, and is not lost with the store before the next start.
+    """
+    from monitor.records.moved_days import MovedDaysError
+    from monitor.records.publish import PublishError, publish
+
+    try:
+        with _alone(store.path):
+            publish(store, records_dir)
+    except (MovedDaysError, PublishError, StoreError, OSError) as error:
+        return str(error)
+    return None
 
 
 def _publish(path: Path, records_dir: Path, to_delete: int) -> dict[str, Any]:

@@ -15,6 +15,8 @@ import pytest
 from monitor.config.load import Config, load_config
 from monitor.records.events import EventLog, LoggedEvent
 from monitor.records.ledger import StoreLedger
+from monitor.records.publish import publish
+from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.status_file import StatusFile
@@ -219,6 +221,25 @@ def test_a_lost_store_keeps_the_count_of_a_stream(tmp_path: Path) -> None:
         assert send(port, range(1, 6)) == (2, 5)
     expected = [(1, "s[1]"), (2, "s[2]"), *((number + 2, f"s[1:{number}]") for number in range(1, 6))]
     assert sorted(row[:2] for row in rows(config)) == expected
+
+
+@pytest.mark.process
+def test_a_reset_is_published_before_the_next_block(machine: Path) -> None:
+    config = load_config(machine)
+    with ingesting(machine) as port:
+        assert send(port, range(1, 3)) == (2, 2)
+    with Store.open(database(config), machine="m") as store:
+        assert len(publish(store, config.machine.records_dir)) == 1
+    assert run_command("stream", "reset", "s", "--config", str(machine)).returncode == 0
+    for file in config.machine.state_dir.glob("state.db*"):
+        file.unlink()
+    store, report = open_or_salvage(database(config), machine="m", records_dir=config.machine.records_dir)
+    store.close()
+    assert report is not None
+    assert (report.saved, report.lost) == (2, 0)
+    with ingesting(machine) as port:
+        assert send(port, range(1, 4)) == (3, 3)
+    assert [row[1] for row in rows(machine)] == ["s[1]", "s[2]", "s[1:1]", "s[1:2]", "s[1:3]"]
 
 
 def log_of(path: Path) -> list[LoggedEvent]:

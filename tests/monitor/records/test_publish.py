@@ -16,7 +16,9 @@ from hypothesis import strategies as st
 from monitor.health.record import Record
 from monitor.health.schema import VARIABLES
 from monitor.records.dataset import to_dataset, words
+from monitor.records.events import EventLog
 from monitor.records.publish import PublishError, file_name, publish
+from monitor.records.snapshot import read_snapshot, snapshot_path
 from monitor.records.store import Store
 from tests.effort import effort_count
 from tests.oracles.records_oracle import array_of, records
@@ -127,6 +129,21 @@ def test_only_days_that_changed_are_written_again(store: Store, tmp_path: Path) 
     with xr.open_dataset(late) as dataset:
         assert dataset.sequence.values.tolist() == [1, 5]
     assert len(publish(store, tmp_path, rebuild=True)) == 3
+
+
+def test_what_changes_without_a_block_is_in_the_snapshot(store: Store, tmp_path: Path) -> None:
+    store.commit(block(1, NOON, v_eq=1e-8), {"source:s": {"sequence": 1, "speed": 40.1}})
+    assert len(publish(store, tmp_path)) == 1
+    with EventLog(store.path) as log:
+        log.notice(NOON + 1.5, {"kind": "stream_reset", "text": "s"})
+    assert publish(store, tmp_path) == []
+    found = read_snapshot(tmp_path, "m")
+    assert found is not None
+    assert [row["utc"] for row in found.tables["notices"]] == [NOON + 1.5]
+    assert list(found.files) == ["m-20231114.nc"]
+    before = snapshot_path(tmp_path, "m").stat().st_ino
+    assert publish(store, tmp_path) == []
+    assert snapshot_path(tmp_path, "m").stat().st_ino == before
 
 
 def test_a_lost_or_cut_file_is_made_again(store: Store, tmp_path: Path) -> None:
