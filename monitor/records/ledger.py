@@ -16,12 +16,13 @@ from typing import Any
 
 from models.errors import SpallwatchError
 from monitor.health.record import storable
+from monitor.records.block_writer import count_refusal
 from monitor.records.condense import identity_of, numbers_with
 from monitor.records.database import Closing, SharedConnection
 from monitor.records.filing import LAST_QUERY, MAX_BLOCK
 from monitor.records.quarantine import QUICK, SLOW, HandlingNotes, count_deaths
 from monitor.records.quarantine import TABLE as _DEATHS
-from monitor.records.store import Store, count_refusal
+from monitor.records.store import Store
 from streams.block import Rejected
 from streams.limits import LARGE_BYTES
 from streams.source import MAX_DEATHS, PENDING, POISONED, RELEASED, FileProgress, StreamCount

@@ -9,24 +9,21 @@ from __future__ import annotations
 
 import json
 import sqlite3
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
-from monitor import __version__
 from monitor.health.record import Record
 from monitor.health.waterfall import SpectrumChange
-from monitor.records.archive import ARCHIVE_QUERY, FULL_ARCHIVE_QUERY, Archived, archived_of, insert_forecasts
-from monitor.records.condense import condensed_counts, has_condensed, identity_of
+from monitor.records.archive import ARCHIVE_QUERY, FULL_ARCHIVE_QUERY, Archived, archived_of
+from monitor.records.block_writer import BlockWriter, Commit, count_refusal, insert_run, write_states
+from monitor.records.condense import condensed_counts, has_condensed
 from monitor.records.database import (
     DATABASE_ERRORS,
-    UNFIT,
     Closing,
     Presence,
     StoreError,
-    UnstorableError,
     connect,
     error_text,
     refuse_unsuitable,
@@ -39,17 +36,11 @@ from monitor.records.filing import (
     STORED_QUERY,
     Filing,
     Stored,
-    content_digest,
-    file_record,
-    ledger_digest,
-    states_digest,
 )
-from monitor.records.packing import pack
 from monitor.records.rollup import OPEN_BUDGET_S, check_features, roll_up
 from monitor.records.spectra import write_changes
 from streams.block import Rejected
 
-Commit = Literal["committed", "duplicate", "changed"]
 _CHUNK_RECORDS = 500
 """Records read at a time: no transaction stays open while blocks are committed."""
 
@@ -76,9 +67,7 @@ class Store(Closing):
         self._connection = connection
         self._lock = lock
         self._presence = Presence(path)
-        self._run: int | None = None
-        self._made_with: Mapping[str, Any] = {}
-        self._layouts: dict[str, int] = {}
+        self._writer = BlockWriter()
 
     @classmethod
     def open(
@@ -132,18 +121,10 @@ class Store(Closing):
         ``interval_level``, ``calibrated`` ("yes", "no"), ... Where channels differ, "NAME: VALUE; NAME: VALUE".
         The software version is added.
         """
-        full = {"software_version": __version__, **attributes}
-        self._made_with = full
-        text = json.dumps(full, sort_keys=True, allow_nan=False)
         with self.transaction() as connection:
-            last = connection.execute("SELECT id, attributes FROM runs ORDER BY id DESC LIMIT 1").fetchone()
-            if last is not None and last[1] == text:
-                self._run = last[0]
-                return
-            self._run = connection.execute("INSERT INTO runs (attributes) VALUES (?)", (text,)).lastrowid
-            for key in ("software_version", "config_hash"):
-                if key in full:
-                    connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, str(full[key])))
+            run = insert_run(connection, attributes)
+        # Not before it is committed: a run that was rolled back has no number.
+        self._writer.run = run
 
     @property
     def machine(self) -> str:
@@ -190,71 +171,26 @@ class Store(Closing):
         Raises:
             UnstorableError: a record or a state does not fit the tables; nothing is committed.
         """
-        if self._run is None:
+        if self._writer.run is None:
             self.describe({})
         outcomes: list[Commit] = []
         latest: dict[str, tuple[int, Mapping[str, Any]]] = {}
         committed: set[tuple[str, int]] = set()
         with self.transaction() as connection:
             for record, states in items:
-                try:
-                    outcome, block = self._insert(connection, record)
-                except UNFIT as error:
-                    what = f"{record.source}, block {record.sequence}: its record cannot be stored"
-                    raise UnstorableError(f"{what}: {type(error).__name__}: {error}") from error
+                outcome, block = self._writer.insert(connection, record)
                 outcomes.append(outcome)
                 if outcome == "committed":
                     committed.add((record.source, record.sequence))
                     latest.update({name: (block, state) for name, state in states.items()})
             if committed:
-                _write_states(connection, latest)
+                write_states(connection, latest)
                 roll_up(connection)
             kept = [change for change in spectra if (change.row.source, change.row.sequence) in committed]
             write_changes(connection, kept)
             if beside is not None:
                 beside(connection)
         return outcomes
-
-    def _insert(self, connection: sqlite3.Connection, record: Record) -> tuple[Commit, int]:
-        """Insert one record, or count it as refused; return the outcome and the ledger number, 0 where refused."""
-        found = connection.execute(
-            "SELECT id, content_hash FROM blocks WHERE source = ? AND sequence = ?", (record.source, record.sequence)
-        ).fetchone()
-        known = identity_of(self.rows, record.source, record.sequence) if found is None else found[1]
-        if known is not None:
-            outcome: Commit = "duplicate" if known == record.content_hash else "changed"
-            count_refusal(connection, record, outcome)
-            return outcome, 0
-        filing = file_record(connection, record)
-        entry = (
-            *(record.source, record.sequence, record.content_hash, record.name, record.status),
-            *(" ".join(record.flags), record.reason, record.time, record.elapsed, *filing),
-        )
-        cursor = connection.execute(
-            "INSERT INTO blocks (source, sequence, content_hash, name, status, flags, reason, time, elapsed,"
-            " day, axis_time, time_status, run) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-            (*entry, self._run),
-        )
-        block = cursor.lastrowid or 0
-        layout, row = pack(record.channels)
-        connection.execute("INSERT INTO records VALUES (?, ?, ?)", (block, self._layout_id(connection, layout), row))
-        forecasts = insert_forecasts(
-            *(connection, block, record.forecasts, self._made_with), data_until=filing.time, issued_utc=time.time()
-        )
-        events = [json.dumps(item, allow_nan=False) for item in record.events]
-        connection.executemany("INSERT INTO events (block, body) VALUES (?, ?)", [(block, event) for event in events])
-        digests = (ledger_digest(entry), content_digest(layout, row, forecasts, events))
-        connection.execute("INSERT INTO digests (block, ledger, content) VALUES (?, ?, ?)", (block, *digests))
-        return "committed", block
-
-    def _layout_id(self, connection: sqlite3.Connection, layout: str) -> int:
-        """Return the number of a layout, inserted where it is new."""
-        known = self._layouts.get(layout)
-        if known is None:
-            connection.execute("INSERT OR IGNORE INTO layouts (layout) VALUES (?)", (layout,))
-            known = connection.execute("SELECT id FROM layouts WHERE layout = ?", (layout,)).fetchone()[0]
-            self._layouts[layout] = known
-        return known
 
     def load_states(self) -> dict[str, dict[str, Any]]:
         """Return the state of each stage after the last committed block; tuples come back as lists."""
@@ -264,7 +200,7 @@ class Store(Closing):
         """Set the states of the stages after the last block of a source."""
         with self.transaction() as connection:
             (block,) = connection.execute("SELECT max(id) FROM blocks WHERE source = ?", (source,)).fetchone()
-            _write_states(connection, {name: (block, state) for name, state in states.items()})
+            write_states(connection, {name: (block, state) for name, state in states.items()})
 
     def last(self, source: str) -> int:
         """Return the highest committed sequence number of a source up to ``MAX_BLOCK``, 0 where there is none."""
@@ -379,8 +315,7 @@ class Store(Closing):
                 self._presence.check()
                 connection.execute("COMMIT")
             except BaseException:
-                # Layouts of the transaction have no number any more.
-                self._layouts.clear()
+                self._writer.forget_layouts()
                 # After some errors SQLite has rolled back already.
                 if connection.in_transaction:
                     with suppress(*DATABASE_ERRORS):
@@ -388,30 +323,3 @@ class Store(Closing):
                 raise
         except DATABASE_ERRORS as error:
             raise StoreError(f"{self.path}: {error_text(error)}") from error
-
-
-def count_refusal(connection: sqlite3.Connection, item: Record | Rejected, outcome: str) -> None:
-    """Count the offer of a block whose number is in the ledger, within a transaction."""
-    values = (item.source, item.sequence, item.content_hash, item.name, outcome)
-    connection.execute(
-        "INSERT INTO refusals VALUES (?, ?, ?, ?, ?, 1) ON CONFLICT DO UPDATE SET times = times + 1", values
-    )
-
-
-def _write_states(connection: sqlite3.Connection, latest: Mapping[str, tuple[int, Mapping[str, Any]]]) -> None:
-    """Write states, each with the number of its block, and their digests."""
-    by_block: dict[int, dict[str, str]] = {}
-    for name, (block, state) in latest.items():
-        by_block.setdefault(block, {})[name] = _state_text(name, state)
-    for block, texts in by_block.items():
-        rows = [(name, block, text) for name, text in texts.items()]
-        connection.executemany("INSERT OR REPLACE INTO stage_states VALUES (?, ?, ?)", rows)
-        connection.execute("UPDATE digests SET states = ? WHERE block = ?", (states_digest(texts), block))
-
-
-def _state_text(name: str, state: Mapping[str, Any]) -> str:
-    """Return a stage's state as JSON; raise UnstorableError where it has NaN or other values without JSON."""
-    try:
-        return json.dumps(state, allow_nan=False, separators=(",", ":"))
-    except (TypeError, ValueError) as error:
-        raise UnstorableError(f"state of stage {name!r} cannot be written as JSON: {error}") from error

@@ -5,6 +5,7 @@ import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given, settings
@@ -71,6 +72,17 @@ def test_the_same_block_again_is_not_counted_twice_and_another_in_its_place_chan
     assert list(store.records()) == [block(1), block(1, source="t")]
     assert store.load_states() == {"a": {"n": 1}}
     assert store.counts() == {"ok": 2, "duplicate": 1, "changed": 1}
+
+
+def test_a_run_that_was_rolled_back_is_described_again(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Store.open(path, machine="m") as store:
+        with monkeypatch.context() as patched:
+            full = sqlite3.OperationalError("database or disk is full")
+            patched.setattr(store._presence, "check", Mock(side_effect=full))
+            with pytest.raises(StoreError, match="disk is full"):
+                store.commit(block(1), {})
+        assert store.commit(block(1), {}) == "committed"
+        assert list(store.records()) == [block(1)]
 
 
 def test_offered_is_the_sum_of_what_was_counted(store: Store) -> None:
