@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import time
+from datetime import date
 from pathlib import Path
 
 from monitor.records import compact
 from monitor.records.condense import condense
+from monitor.records.moved_days import days_before, move_day
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Published, Store
 from tests.faults.test_store_kill import block
@@ -35,3 +38,11 @@ def salvage(messages: Messages, path: Path, records_dir: Path) -> None:
     """Open a store that is lost, and make it again from the published files."""
     messages.send("begins")
     open_or_salvage(path, machine="m", records_dir=records_dir)[0].close()
+
+
+def move_days(messages: Messages, records_dir: Path, to: Path, database: Path, before: date) -> None:
+    """Move the published days before a date, as ``archive-days`` does."""
+    days = days_before(records_dir, "m", before)
+    messages.send("begins")
+    for path in days:
+        move_day(path, "m", to, database, time.time())
