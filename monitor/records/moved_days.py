@@ -85,10 +85,11 @@ def days_before(records_dir: Path, machine: str, before: date) -> list[Path]:
 def move_day(path: Path, machine: str, to: Path, store: Path, utc: float) -> MovedDay:
     """Copy a published file to a folder, compare the copy, note it in the register, and remove the file.
 
-    After an interruption at any moment the file or its whole copy is there, and the call can be repeated.
+    An earlier copy is replaced where the file has all of its blocks: late ones came after it was moved. After an
+    interruption at any moment the file or its whole copy is there, and the call can be repeated.
 
     Raises:
-        MovedDaysError: the copy cannot be written, or differs, or another file has its name; nothing is removed.
+        MovedDaysError: the copy cannot be written, or a file with other blocks has its name; nothing is removed.
     """
     try:
         to.mkdir(parents=True, exist_ok=True)
@@ -97,12 +98,14 @@ def move_day(path: Path, machine: str, to: Path, store: Path, utc: float) -> Mov
         with moving_days(store):
             digest = _digest(path)
             target = to / path.name
-            if not target.exists():
+            if not target.exists() or (_digest(target) != digest and _holds_all_of(path, target)):
                 with replacing(target) as temporary:
                     shutil.copyfile(path, temporary)
             sync_file(target)
             if _digest(target) != digest:
-                raise MovedDaysError(f"{target}: differs from {path}; nothing was removed")
+                raise MovedDaysError(
+                    f"{target}: differs from {path}, which has not all of its blocks; nothing was removed"
+                )
             moved = MovedDay(path.name, str(to.resolve()), path.stat().st_size, digest, utc)
             _remove(path, machine, moved)
     except OSError as error:
@@ -142,6 +145,14 @@ def _remove(path: Path, machine: str, moved: MovedDay) -> None:
         temporary.write_text(text, encoding="utf-8")
     path.unlink()
     sync_folder(path.parent)
+
+
+def _holds_all_of(path: Path, other: Path) -> bool:
+    """Return whether a published file has all blocks of another; not where that is none."""
+    # The daemon, which reads the register, loads no netCDF.
+    from monitor.records.second_copy import lost_blocks
+
+    return lost_blocks(other, path) == 0
 
 
 def _digest(path: Path) -> str:

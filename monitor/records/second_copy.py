@@ -59,9 +59,7 @@ def keep_larger(path: Path, dataset: xr.Dataset) -> Kept | None:
     """
     if not path.exists() or not path.stat().st_size:
         return None
-    lost: int | None = None
-    with suppress(*UNREADABLE), xr.open_dataset(path, decode_cf=False) as before:
-        lost = len(_identities(before) - _identities(dataset))
+    lost = lost_blocks(path, dataset)
     if lost == 0:
         return None
     number = 1
@@ -70,6 +68,16 @@ def keep_larger(path: Path, dataset: xr.Dataset) -> Kept | None:
     if not aside.exists():
         link_durably(path, aside)
     return Kept(path.name, aside.name, lost)
+
+
+def lost_blocks(before: Path, after: Path | xr.Dataset) -> int | None:
+    """Return how many blocks of a file another, or a dataset, lacks; None where one cannot be read."""
+    with suppress(*UNREADABLE), xr.open_dataset(before, decode_cf=False) as had:
+        if not isinstance(after, Path):
+            return len(_identities(had) - _identities(after))
+        with xr.open_dataset(after, decode_cf=False) as has:
+            return len(_identities(had) - _identities(has))
+    return None
 
 
 def _identities(dataset: xr.Dataset) -> set[tuple[Any, ...]]:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
+import xarray as xr
 from click.testing import CliRunner, Result
 
 from monitor.cli import spallwatch
 from monitor.records import moved_days
 from monitor.records.moved_days import MovedDaysError
+from monitor.records.publish import publish
+from monitor.records.store import Store
+from tests.faults.test_store_kill import block
 
 CONFIG = """
 [[bearing]]
@@ -25,6 +31,7 @@ unit = "g"
 bearing = "b"
 """
 DAYS = ("20260101", "20260102", "20260103")
+FIRST_UTC = datetime(2026, 1, 1, tzinfo=UTC).timestamp()
 
 
 @pytest.fixture
@@ -77,6 +84,40 @@ def test_an_interruption_at_any_step_leaves_each_day_whole_and_the_call_can_be_r
 
 def _fail(*_: object) -> None:
     raise OSError("interrupted")
+
+
+def test_a_day_with_late_blocks_replaces_its_earlier_copy_and_no_other_file(folder: Path) -> None:
+    records, away = folder / "records", folder / "away"
+    day = f"machine-{DAYS[0]}.nc"
+    with Store.open(folder / "state.db", machine="machine") as store:
+        for number in (1, 2):
+            store.commit(replace(block(number), time=FIRST_UTC + number), {})
+        publish(store, records)
+        call(folder)
+        assert (away / day).exists()
+        # A sender that was cut off sends the rest of the day.
+        store.commit(replace(block(3), time=FIRST_UTC + 3), {})
+        publish(store, records)
+    assert json.loads(call(folder).stdout)["moved"] == [day]
+    with xr.open_dataset(away / day) as dataset:
+        assert dataset.sequence.values.tolist() == [1, 2, 3]
+    (entry,) = (entry for entry in moved_days.moved_days(records, "machine") if entry.file == day)
+    assert entry.size == (away / day).stat().st_size
+    assert not (records / day).exists()
+
+
+def test_a_day_that_cannot_be_moved_holds_up_no_other(folder: Path) -> None:
+    (folder / "away").mkdir()
+    (folder / "away" / f"machine-{DAYS[0]}.nc").write_bytes(b"of another machine")
+    with pytest.raises(MovedDaysError, match=f"machine-{DAYS[0]}.nc: differs from .*; nothing was removed"):
+        call(folder)
+    assert names(folder / "away") == [f"machine-{day}.nc" for day in DAYS[:2]]
+    assert (folder / "away" / f"machine-{DAYS[0]}.nc").read_bytes() == b"of another machine"
+    assert names(folder / "records") == [
+        *(f"machine-{day}.nc" for day in (DAYS[0], DAYS[2])),
+        "machine-moved.json",
+        "machine-undated.nc",
+    ]
 
 
 def test_a_damaged_register_is_named_and_nothing_is_moved(folder: Path) -> None:
