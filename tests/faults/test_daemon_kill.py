@@ -54,8 +54,9 @@ def undisturbed(folder: Path, inputs: Path, names: list[str]) -> list[Record]:
     folder.mkdir()
     config = make_machine(folder)
     config.write_text(config.read_text().replace("settle_s = 0.2", "settle_s = 0.01"))
-    never, stall = threading.Event(), Stall()
+    never = threading.Event()
     with Store.open(folder / "state.db", machine="m") as store, Ingest.open(load_config(config), store) as ingest:
+        stall = Stall(lambda: ingest.backlogs()["s0"].accepted)
         for number, name in enumerate(names, 1):
             temporary = folder / name
             shutil.copyfile(inputs / name, temporary)

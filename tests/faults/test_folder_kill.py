@@ -60,8 +60,9 @@ def config(folder: str) -> Config:
 
 def drain(folder: Path, database: Path) -> None:
     """Run until nothing waits any more."""
-    stop, stall = threading.Event(), Stall()
+    stop = threading.Event()
     with Store.open(database, machine="m") as store, Ingest.open(config(str(folder)), store) as ingest:
+        stall = Stall(lambda: ingest.backlogs()["s"].accepted)
         quiet = 0
         while quiet < 3:
             stall.check()

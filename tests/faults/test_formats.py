@@ -259,9 +259,9 @@ def test_matrix_in_a_watched_folder(name: str, tmp_path: Path) -> None:
     # What may still become whole waits, and is given up after ten minutes only; a block is a file here, of any length.
     waiting = {"empty", "incomplete", "refused", "unreadable"}
     config = configured(name, tmp_path / "watched", "file")
-    stall = Stall()
     with Store.open(tmp_path / "state.db", machine="matrix") as store:
         with Ingest.open(config, store) as ingest:
+            stall = Stall(lambda: (ingest.backlogs()["s"].accepted, ingest.backlogs()["s"].rejected))
             quiet = 0
             while quiet < 8:
                 stall.check()
