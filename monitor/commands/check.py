@@ -14,7 +14,7 @@ import click
 from models.bearing import kinematics
 from monitor.commands import option
 from monitor.commands.common import emit, read_config
-from monitor.commands.redate import DatingPreview, preview_dating
+from monitor.commands.redate import DatingPreview, keep_previews, preview_dating
 from monitor.config.load import Config, ConfigError
 from monitor.config.outputs import is_loopback
 from monitor.config.source import ChannelSection, SourceSection
@@ -25,12 +25,16 @@ from monitor.service.status_file import is_running
 @click.command("check")
 @option.config
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of the configuration and stop.")
+@click.option("--keep", is_flag=True, help="Keep what dates the blocks, as shown, before the first start.")
 @option.output
-def command(config_path: Path | None, schema: bool, as_json: bool, quiet: bool) -> None:
+def command(config_path: Path | None, schema: bool, keep: bool, as_json: bool, quiet: bool) -> None:
     """Validate a configuration and list what would be monitored.
 
     Whatever `run` would refuse is refused with exit code 2, and so is a folder of records that cannot be written.
     Other problems (a folder that does not exist yet) are listed and do not change the exit code.
+
+    Nothing is written, but with --keep, while the daemon is stopped: then the choice that is shown is the one of the
+    daemon, whatever files have come by its start. Only `redate` changes it.
     """
     if schema:
         click.echo(json.dumps(Config.model_json_schema(), indent=2))
@@ -38,6 +42,8 @@ def command(config_path: Path | None, schema: bool, as_json: bool, quiet: bool) 
     config = read_config(config_path)
     refuse_what_run_refuses(config)
     dated = {source.name: found for source in config.source if (found := preview_dating(config, source)) is not None}
+    if keep:
+        dated = keep_previews(config, dated)
     problems = [
         *find_problems(config),
         *(f"source {n!r}: {text}" for n, found in dated.items() for text in found.problems),
@@ -45,7 +51,7 @@ def command(config_path: Path | None, schema: bool, as_json: bool, quiet: bool) 
     values = {
         **config.model_dump(mode="json"),
         "hash": config.hash,
-        "dating": {name: asdict(replace(found, levels={})) for name, found in dated.items()},
+        "dating": {name: _dating_values(found) for name, found in dated.items()},
         "levels": {channel: text for found in dated.values() for channel, text in found.levels.items()},
         "problems": problems,
     }
@@ -246,8 +252,17 @@ def _lines(config: Config, problems: list[str], dated: Mapping[str, DatingPrevie
     yield from (f"problem: {problem}" for problem in problems)
 
 
+def _dating_values(found: DatingPreview) -> dict[str, Any]:
+    """Return a preview as plain values, without the levels, which stand by channel, and the choice as it is kept."""
+    values = asdict(replace(found, levels={}))
+    del values["levels"], values["choice"]
+    return values
+
+
 def _dating_lines(found: DatingPreview) -> Iterator[str]:
     """Yield what dates the blocks of a source, with an example."""
+    if found.kept:
+        yield "  dates: this choice is kept, and changed by redate only"
     if found.file is None:
         yield f"  dates: {found.text}"
         return

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,6 +15,9 @@ from monitor.commands import option
 from monitor.commands.common import InputError, emit, read_config
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import SourceSection
+
+if TYPE_CHECKING:
+    from streams.dating import Dating
 
 _MAX_OPENED = 100
 """Waiting files that ``check`` looks at."""
@@ -54,7 +57,8 @@ def command(source: str, config_path: Path | None, as_json: bool, quiet: bool) -
 class DatingPreview:
     """What would date the blocks of a watched folder: ``text`` in words, and the first block as an example.
 
-    ``levels`` says in words what states the level of each channel.
+    ``levels`` says in words what states the level of each channel, ``choice`` is the choice as it would be kept, and
+    ``kept`` whether it is.
     """
 
     by: str | None
@@ -64,6 +68,8 @@ class DatingPreview:
     elapsed_s: float | None = None
     problems: tuple[str, ...] = ()
     levels: Mapping[str, str] = field(default_factory=dict)
+    choice: Dating | None = None
+    kept: bool = False
 
 
 def preview_dating(config: Config, section: SourceSection) -> DatingPreview | None:
@@ -105,18 +111,53 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
         levels, first, refused = recording.levels(), *_first_items(recording)
     except (SourceError, OSError) as error:
         return DatingPreview(None, "not known", problems=(f"nothing dates its blocks yet: {error}",))
-    by, text = (
-        (None, "by the data set") if recording.dating is None else (recording.dating.by, recording.dating.describe())
+    choice = recording.dating
+    by, text = (None, "by the data set") if choice is None else (choice.by, choice.describe())
+    if choice is not None and len(paths) == 1 and choice.group is not None and choice.interval is None:
+        # Its only file may still grow: the daemon sees its end, and with it the step.
+        choice = replace(choice, step=None)
+    found = DatingPreview(
+        *(by, text),
+        problems=(*closed, *recording.remarks),
+        levels=levels,
+        choice=choice,
+        kept=kept is not None and kept.by is not None,
     )
-    problems = (*closed, *recording.remarks)
     if first is None:
-        if refused is not None:
-            problems = (f"no block comes of its first files: {refused.status}: {refused.reason}", *problems)
-        return DatingPreview(by, text, problems=problems, levels=levels)
-    if first.start is None and not problems:
-        problems = ("nothing dates its blocks; give start_utc",)
+        if refused is None:
+            return found
+        return replace(
+            found, problems=(f"no block comes of its first files: {refused.status}: {refused.reason}", *found.problems)
+        )
+    if first.start is None and not found.problems:
+        found = replace(found, problems=("nothing dates its blocks; give start_utc",))
     time = None if first.start is None else _utc_text(first.start)
-    return DatingPreview(by, text, first.name, time, first.elapsed, problems, levels)
+    return replace(found, file=first.name, time_utc=time, elapsed_s=first.elapsed)
+
+
+def keep_previews(config: Config, previews: Mapping[str, DatingPreview]) -> dict[str, DatingPreview]:
+    """Keep the choices that were previewed and are not kept yet; return the previews as they are now.
+
+    Raises:
+        InputError: the store is lost, and the daemon makes it again at its start.
+        StoreError: the daemon runs, or the store cannot be written.
+    """
+    from monitor.records.filing import published_files
+    from monitor.records.ledger import keep_dating
+    from monitor.records.store import Store
+
+    machine = config.machine
+    path = machine.state_dir / "state.db"
+    todo = {name: found.choice for name, found in previews.items() if found.choice is not None and not found.kept}
+    if not todo:
+        return dict(previews)
+    if not path.exists() and published_files(machine.records_dir, machine.name):
+        raise InputError(f"{path}: is missing beside published records; start the daemon, which makes it again")
+    machine.state_dir.mkdir(parents=True, exist_ok=True)
+    with Store.open(path, machine=machine.name) as store:
+        for name, choice in todo.items():
+            keep_dating(store, name, choice.to_dict())
+    return {name: replace(found, kept=found.kept or name in todo) for name, found in previews.items()}
 
 
 def _first_items(recording: Any) -> tuple[Any, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -10,13 +11,18 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from monitor.config.load import load_config
 from monitor.health.record import Record
+from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger, read_dating
 from monitor.records.store import Store
+from monitor.service.ingest import Ingest
 from monitor.web.api import is_dated
 from streams.dating import Dating
+from streams.stamps import utc_text
 from tests.commands import run_command
 from tests.streams.folders import RATE, noise
+from tests.waiting import wait_until
 
 CONFIG = """
 [machine]
@@ -55,8 +61,8 @@ def machine(folder: Path, keys: str = "", **files: bytes) -> Path:
     return config
 
 
-def checked(config: Path) -> dict[str, Any]:
-    done = run_command("check", "--config", config, "--json")
+def checked(config: Path, *options: str) -> dict[str, Any]:
+    done = run_command("check", "--config", config, "--json", *options)
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
     return found
@@ -72,6 +78,57 @@ def test_check_opens_a_waiting_file_and_says_what_dates_it(tmp_path: Path) -> No
     assert (found["by"], found["file"], found["time_utc"]) == ("count", "rec_1.npy", START)
     assert "60 s" in found["text"]
     assert f"rec_1.npy: {START}" in run_command("check", "--config", config).stdout
+
+
+def test_check_keeps_the_choice_that_it_shows_where_it_is_asked_to(tmp_path: Path) -> None:
+    config = machine(
+        tmp_path, f'start_utc = "{START}"\ninterval_s = 60', rec_1__csv=csv("0.0", 1), rec_2__csv=csv("0", 2)
+    )
+    assert checked(config)["dating"]["s"]["kept"] is False
+    assert not (tmp_path / "state").exists()
+    assert checked(config, "--keep")["dating"]["s"]["kept"] is True
+    # A file that would have been the first comes before the start.
+    (tmp_path / "in" / "a.csv").write_bytes(csv("Datum: 01.02.2024\nUhrzeit: 10:00:00", 3))
+    (tmp_path / "in" / "rec_1.csv").unlink()
+    found = checked(config)["dating"]["s"]
+    assert (found["by"], found["kept"]) == ("count", True)
+    assert "this choice is kept" in run_command("check", "--config", config).stdout
+    with (
+        Store.open(tmp_path / "state" / "state.db", machine="m") as store,
+        EventLog(store.path),
+        Ingest.open(load_config(config), store) as ingest,
+    ):
+        wait_until(lambda: ingest.step(threading.Event()) is None and ingest.backlogs()["s"].pending == 0)
+        times = {record.name: utc_text(record.time) for record in store.records() if record.time is not None}
+    assert times == {"rec_2.csv": "2024-01-31T23:01:00Z"}
+    config.write_text(config.read_text().replace("interval_s = 60", "interval_s = 30"))
+    done = run_command("check", "--config", config)
+    assert done.returncode == 2
+    assert "spallwatch redate s" in done.stderr
+
+
+def test_check_keeps_no_step_of_a_file_that_may_grow(tmp_path: Path) -> None:
+    config = machine(tmp_path, f'start_utc = "{START}"', rec_3__csv=csv("0.0", 1))
+    checked(config, "--keep")
+    with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
+        kept = read_dating(store, "s")
+    assert kept is not None
+    assert (kept["by"], kept["step"], kept["first"]) == ("count", None, 1)
+
+
+def test_check_keeps_nothing_beside_a_daemon_or_where_the_store_is_lost(tmp_path: Path) -> None:
+    config = machine(tmp_path, f'start_utc = "{START}"')
+    (tmp_path / "records").mkdir()
+    (tmp_path / "records" / "m-20240131.nc").write_bytes(b"")
+    done = run_command("check", "--config", config, "--keep")
+    assert done.returncode == 2
+    assert "is missing beside published records" in done.stderr
+    (tmp_path / "records" / "m-20240131.nc").unlink()
+    (tmp_path / "state").mkdir()
+    with Store.open(tmp_path / "state" / "state.db", machine="m"):
+        done = run_command("check", "--config", config, "--keep")
+    assert done.returncode != 0
+    assert "another process is writing to it" in done.stderr
 
 
 def test_check_warns_where_nothing_dates_the_blocks(tmp_path: Path) -> None:
