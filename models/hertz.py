@@ -26,9 +26,9 @@ ROLLER_EXPONENT = 10.0 / 9.0
 
 # Stiffness of a line contact of steel: Palmgren's 8.06e4 N/mm^(10/9) per mm^(8/9) of length (Eq. 15); with both in
 # metres the factors 1000^(10/9) and 1000^(8/9) make 1000^2.
-_PALMGREN = 8.06e10
+PALMGREN = 8.06e10
 # E' = 2 E_eq of two bodies of bearing steel (210 GPa, 0.3), Pa: twice Eq. 3, as Eq. 17 needs it.
-_EFFECTIVE_MODULUS = 210e9 / (1.0 - 0.3**2)
+EFFECTIVE_MODULUS = 210e9 / (1.0 - 0.3**2)
 _NEWTON_STEPS = 500
 
 
@@ -88,7 +88,7 @@ def point_contact_stiffness(r_rolling: float, r_across: float, method: Method = 
     r_x, r_y = sorted((r_rolling, r_across))
     r_eq = 1.0 / (1.0 / r_x + 1.0 / r_y)
     shape = contact_shape(r_y / r_x, method)
-    return math.pi * shape.kappa * _EFFECTIVE_MODULUS * math.sqrt(shape.eps * r_eq / (4.5 * shape.xi**3))
+    return math.pi * shape.kappa * EFFECTIVE_MODULUS * math.sqrt(shape.eps * r_eq / (4.5 * shape.xi**3))
 
 
 def point_contact_semi_axes(
@@ -101,13 +101,13 @@ def point_contact_semi_axes(
     r_x, r_y = sorted((r_rolling, r_across))
     r_eq = 1.0 / (1.0 / r_x + 1.0 / r_y)
     shape = contact_shape(r_y / r_x, method)
-    minor = (6.0 * shape.eps * r_eq * force / (math.pi * shape.kappa * _EFFECTIVE_MODULUS)) ** (1.0 / 3.0)
+    minor = (6.0 * shape.eps * r_eq * force / (math.pi * shape.kappa * EFFECTIVE_MODULUS)) ** (1.0 / 3.0)
     return shape.kappa * minor, minor
 
 
 def line_contact_half_width(r_eq: float, effective_length: float, force: float) -> float:
     """Return the half width of a line contact under a force (N), m (Eq. 4, with E_eq of Eq. 3 as printed)."""
-    return math.sqrt(8.0 * r_eq * force / (math.pi * effective_length * _EFFECTIVE_MODULUS))
+    return math.sqrt(8.0 * r_eq * force / (math.pi * effective_length * EFFECTIVE_MODULUS))
 
 
 def in_series(k_inner: float, k_outer: float, exponent: float) -> float:
@@ -122,7 +122,7 @@ def contact_stiffness(bearing: Bearing, method: Method = "simplified") -> float:
         ValueError: if a radius that the contact needs is unknown or does not conform; the message names it.
     """
     if bearing.element == "roller":
-        single = _PALMGREN * _known(bearing, "effective_length") ** (8.0 / 9.0)
+        single = PALMGREN * known_length(bearing, "effective_length") ** (8.0 / 9.0)
         return in_series(single, single, ROLLER_EXPONENT)
     inner, outer = (point_contact_stiffness(*radii, method) for radii in relative_radii(bearing))
     return in_series(inner, outer, BALL_EXPONENT)
@@ -135,8 +135,8 @@ def relative_radii(bearing: Bearing) -> tuple[tuple[float, float], tuple[float, 
         ValueError: if a radius is unknown or does not conform; the message names it.
     """
     r_b = 0.5 * bearing.element_diameter
-    r_i, r_o = _known(bearing, "inner_race_radius"), _known(bearing, "outer_race_radius")
-    r_gi, r_go = _known(bearing, "inner_groove_radius"), _known(bearing, "outer_groove_radius")
+    r_i, r_o = known_length(bearing, "inner_race_radius"), known_length(bearing, "outer_race_radius")
+    r_gi, r_go = known_length(bearing, "inner_groove_radius"), known_length(bearing, "outer_groove_radius")
     for name, radius in (("inner_groove_radius", r_gi), ("outer_groove_radius", r_go), ("outer_race_radius", r_o)):
         if radius <= r_b:
             raise ValueError(f"{bearing.designation}: {name} {radius!r} m must exceed the ball radius {r_b!r} m")
@@ -155,8 +155,8 @@ def contact_patches(bearing: Bearing, force: float) -> tuple[tuple[float, float]
     if bearing.element == "ball":
         inner, outer = (point_contact_semi_axes(*radii, force) for radii in relative_radii(bearing))
         return inner, outer
-    length, r_c = _known(bearing, "effective_length"), 0.5 * bearing.element_diameter
-    r_i, r_o = _known(bearing, "inner_race_radius"), _known(bearing, "outer_race_radius")
+    length, r_c = known_length(bearing, "effective_length"), 0.5 * bearing.element_diameter
+    r_i, r_o = known_length(bearing, "inner_race_radius"), known_length(bearing, "outer_race_radius")
     widths = [
         line_contact_half_width(1.0 / curvature, length, force)
         for curvature in (1.0 / r_c + 1.0 / r_i, 1.0 / r_c - 1.0 / r_o)
@@ -164,7 +164,12 @@ def contact_patches(bearing: Bearing, force: float) -> tuple[tuple[float, float]
     return (0.5 * length, widths[0]), (0.5 * length, widths[1])
 
 
-def _known(bearing: Bearing, name: str) -> float:
+def known_length(bearing: Bearing, name: str) -> float:
+    """Return a length of a bearing, m.
+
+    Raises:
+        ValueError: if it is unknown; the message names it.
+    """
     value = getattr(bearing, name)
     if value is None:
         raise ValueError(f"{bearing.designation}: contact stiffness needs {name}, which is unknown")

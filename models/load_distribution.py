@@ -155,7 +155,7 @@ def stiffness_over_passage(
 
     An element over a defect sinks by d(phi), by which its contact loosens: the clearance there is h + d.
 
-    The defect is one of the outer race of a ball bearing; ``points`` cage angles lie evenly over one spacing of a row.
+    The defect is one of the outer race; ``points`` cage angles lie evenly over one spacing of a row.
 
     Raises:
         ValueError: if load or clearance is negative, or the defect does not fit the bearing.
@@ -178,8 +178,6 @@ def stiffness_over_passage(
 
 
 def _check_defect(bearing: Bearing, defect: Defect) -> None:
-    if bearing.element != "ball":
-        raise ValueError(f"{bearing.designation}: the path over a defect is that of balls, not of rollers")
     if defect.part != "outer":
         raise ValueError(f"defect.part must be 'outer', which stands still, got {defect.part!r}")
     if not (defect.first_row >= 0 and 1 <= defect.rows <= bearing.rows - defect.first_row):

@@ -14,6 +14,7 @@ import numpy as np
 from models.bearing import Bearing, CatalogueEntry, kinematics
 from models.contact_estimates import StiffnessEstimate, estimate_stiffness
 from models.hertz import contact_patches, contact_stiffness, l10h_life, mean_bearing_stiffness
+from models.line_contact import LINE_CONTACTS, LineContact
 from models.load_distribution import (
     StiffnessPassage,
     load_distribution,
@@ -42,6 +43,7 @@ _PRINTED = ("place", "quantity", "condition", "unit", "relation", "printed", "ob
 @click.option("--clearance-um", type=option.NOT_NEGATIVE, help="Radial clearance.")
 @click.option("--dphi-deg", type=click.FloatRange(min=0, max=360), help="Extent of a defect of the outer race.")
 @click.option("--h-d-um", type=option.NOT_NEGATIVE, default=500.0, help="Depth of the defect.")
+@option.line_contact
 @option.output
 def command(
     designation: str | None,
@@ -52,6 +54,7 @@ def command(
     clearance_um: float | None,
     dphi_deg: float | None,
     h_d_um: float,
+    line_contact: LineContact,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -74,14 +77,18 @@ def command(
     if clearance_um is not None:
         clearance = clearance_um * 1e-6
     defect = None if dphi_deg is None else Defect(math.radians(dphi_deg), h_d_um * 1e-6)
-    if defect is not None and bearing.element != "ball":
-        raise InputError(f"--dphi-deg: {bearing.designation} has rollers, whose path over a defect is not modelled")
-    values = describe(config, entry, load, speed, clearance, defect)
+    values = describe(config, entry, load, speed, clearance, defect, line_contact)
     emit(values, _lines(bearing, load, speed, values), as_json=as_json)
 
 
 def describe(
-    config: Config, entry: CatalogueEntry, load: float, speed: float, clearance: float, defect: Defect | None = None
+    config: Config,
+    entry: CatalogueEntry,
+    load: float,
+    speed: float,
+    clearance: float,
+    defect: Defect | None = None,
+    line_contact: LineContact = "palmgren",
 ) -> dict[str, Any]:
     """Return the keys of the interface; None for values that need data missing from the catalogue."""
     bearing = entry.bearing
@@ -89,10 +96,13 @@ def describe(
     rig = config.rig_of(entry)
     k_c = rig.k_c if config.owns_rig(entry) and bearing.element == "ball" else None
     geometry, elliptic = contact_stiffnesses(bearing)
-    estimate = None if geometry is not None and not entry.estimated else _estimate(entry)
+    estimate = None if geometry is not None and not entry.estimated else _estimate(entry, line_contact, load)
+    formulas = None if bearing.element == "ball" else _formulas(entry, load)
     used = k_c if k_c is not None else geometry
     if used is None and estimate is not None:
         used = estimate.value
+    if formulas is not None and line_contact != "palmgren":
+        used = formulas[line_contact]["value"]
     filled = bearing if estimate is None else estimate.bearing
     life = None
     if bearing.dynamic_load_rating is not None:
@@ -108,6 +118,7 @@ def describe(
         f"k_c_geometry_newton_per_{_power(bearing)}": geometry,
         "k_c_elliptic_newton_per_m15": elliptic,
         f"k_c_estimate_newton_per_{_power(bearing)}": None if estimate is None else _bounded(estimate),
+        "k_c_line_contact_newton_per_m109": formulas,
         **origin_values(entry),
         **statics(bearing, rig, load, used, clearance, defect),
         "contact_areas_um": None if used is None else _areas_known(filled, load, used, clearance),
@@ -133,9 +144,17 @@ def contact_stiffnesses(bearing: Bearing) -> tuple[float | None, float | None]:
     return geometry, contact_stiffness(bearing, method="elliptic") if bearing.element == "ball" else None
 
 
-def _estimate(entry: CatalogueEntry) -> StiffnessEstimate | None:
+def _estimate(entry: CatalogueEntry, line_contact: LineContact, load: float) -> StiffnessEstimate | None:
     try:
-        return estimate_stiffness(entry)
+        return estimate_stiffness(entry, line_contact, load)
+    except ValueError:
+        return None
+
+
+def _formulas(entry: CatalogueEntry, load: float) -> dict[str, dict[str, Any]] | None:
+    """Return k_c of a roller by each formula of the line contact under the load, with its bound."""
+    try:
+        return {formula: _bounded(estimate_stiffness(entry, formula, load)) for formula in LINE_CONTACTS}
     except ValueError:
         return None
 
@@ -250,6 +269,9 @@ def _lines(bearing: Bearing, load: float, speed: float, values: dict[str, Any]) 
             f"contact stiffness   {estimate['value']:9.4g} {unit} (estimated, {estimate['low']:.3g} to "
             f"{estimate['high']:.3g}; estimates: {', '.join(estimate['estimated'])})"
         )
+    if values["k_c_line_contact_newton_per_m109"] is not None:
+        parts = [f"{name} {found['value']:.3g}" for name, found in values["k_c_line_contact_newton_per_m109"].items()]
+        yield f"line contact        {', '.join(parts)} {unit}; lundberg: crowned rollers"
     if values["k_xx_newton_per_m"] is None:
         yield "radial stiffness    not computed: the catalogue lacks radii of races or grooves"
     else:

@@ -23,6 +23,12 @@ bearing = click.option("--bearing", "name", help="A bearing of the configuration
 channel = click.option("--channel", help="Channel of the records, where several have a final stage.")
 interval = click.option("--interval", type=click.FloatRange(0.5, 0.98), default=0.8, help="Level of intervals.")
 library = click.option("--library", "library_path", type=FILE, help="Library of simulated lives (.npz).")
+line_contact = click.option(
+    "--line-contact",
+    type=click.Choice(["palmgren", "houpert", "lundberg"]),
+    default="palmgren",
+    help="Stiffness of rollers; lundberg: crowned ones.",
+)
 rows = click.option("--out", type=OUT_FILE, help="Write the rows too: .csv, .json or .nc.")
 
 

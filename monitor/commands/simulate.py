@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
-from models.bearing import Bearing, kinematics
+from models.bearing import Bearing, CatalogueEntry, kinematics
+from models.contact_estimates import estimate_stiffness
 from models.response import PASSBAND, Sensor
 from models.scene import Defect, Floor, Rig, Scene, Slip, Waviness
 from monitor.commands import option
@@ -61,6 +63,7 @@ _WAVEFORM_RATE = 51200.0
 @click.option("--rms-band-hz", type=option.Range(), help="Take RMS and peak in this band only.")
 @click.option("--plot", type=option.OUT_FILE, help="Draw the scene (PNG, SVG or HTML).")
 @click.option("--waveform", type=option.OUT_FILE, help="Write one second, or --duration-s, as CSV.")
+@option.line_contact
 @option.output
 def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
     """Simulate a bearing with a defect and print RMS, peak and lines.
@@ -75,10 +78,20 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
     if options["clearance_um"] is not None:
         clearance = options["clearance_um"] * 1e-6
     with input_errors("simulate"):
-        scene = _scene(options, entry.bearing, config.rig_of(entry), clearance)
+        rig = config.rig_of(entry)
+        if options["line_contact"] != "palmgren":
+            rig = _with_line_contact(rig, entry, options)
+        scene = _scene(options, entry.bearing, rig, clearance)
         simulate = _one_period if scene.repeats else _over_time
         values = simulate(scene, options)
     emit(values, _lines(values, scene), as_json=as_json)
+
+
+def _with_line_contact(rig: Rig, entry: CatalogueEntry, options: dict[str, Any]) -> Rig:
+    """Return the parameters with the contact stiffness of a roller by the formula that is asked for."""
+    if entry.bearing.element == "ball":
+        raise ValueError(f"--line-contact is the contact of rollers, {entry.bearing.designation} has balls")
+    return replace(rig, k_c=estimate_stiffness(entry, options["line_contact"], options["load_newton"]).value)
 
 
 def _one_period(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from models.bearing import from_catalogue
-from models.hertz import bearing_stiffness, element_angles, mean_bearing_stiffness, static_equilibrium
+from models.hertz import (
+    bearing_stiffness,
+    contact_forces,
+    element_angles,
+    mean_bearing_stiffness,
+    static_equilibrium,
+)
 from models.load_distribution import (
     elements_in_zone,
     largest_element_load,
@@ -122,9 +128,18 @@ def test_both_rows_damaged_lose_twice() -> None:
     assert both.matrix[:12] == pytest.approx(both.matrix[12:], rel=1e-6, abs=1e3)
 
 
+def test_a_roller_in_a_deep_pit_carries_nothing() -> None:
+    passage = stiffness_over_passage(ROLLER, 1000.0, 3.7e8, defect=Defect(0.1, 1e-3), points=12)
+    angles = element_angles(ROLLER)
+    others = angles[np.abs(angles) > 0.1]
+    assert len(others) == ROLLER.n_elements - 1
+    u = static_equilibrium(others, 1000.0, 3.7e8, exponent=10.0 / 9.0)
+    assert passage.matrix[0] == pytest.approx(contact_forces(u, others, 3.7e8, 0.0, 10.0 / 9.0)[1], rel=1e-6, abs=1e3)
+    healthy = stiffness_over_passage(ROLLER, 1000.0, 3.7e8, points=12)
+    assert passage.matrix[6] == pytest.approx(healthy.matrix[6], rel=1e-6, abs=1e3)
+
+
 def test_defects_that_a_bearing_cannot_have_are_refused() -> None:
-    with pytest.raises(ValueError, match="not of rollers"):
-        stiffness_over_passage(ROLLER, 1000.0, 1e9, defect=Defect(0.1, 1e-5))
     for wrong in (Defect(0.1, 1e-5, rows=3), Defect(0.1, 1e-5, rows=2, first_row=1)):
         with pytest.raises(ValueError, match="has 2 rows"):
             stiffness_over_passage(BEARING, 1000.0, K_C, defect=wrong)

@@ -2,10 +2,12 @@ from __future__ import annotations
 
 import json
 import subprocess
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from models.line_contact import LINE_CONTACTS
 from tests.commands import run_command
 
 
@@ -68,10 +70,39 @@ def test_rollers() -> None:
     assert found["k_c_geometry_newton_per_m109"] == pytest.approx(172549 * 1e3 ** (10 / 9), rel=1e-5)
     assert found["k_c_elliptic_newton_per_m15"] is None
     assert found["contact_areas_um"]["inner"]["half_length"] == pytest.approx(2800.0)
-    refused = call("--bearing", "NU 202 ECP", "--dphi-deg", "3")
-    assert refused.returncode == 2
-    assert "rollers" in refused.stderr
-    assert "Traceback" not in refused.stderr
+    damaged = values("--bearing", "NU 202 ECP", "--dphi-deg", "3")
+    assert damaged["stiffness_over_damaged_passage"]["k_yy_least_newton_per_m"] < (
+        0.9 * damaged["stiffness_over_passage"]["k_yy_least_newton_per_m"]
+    )
+
+
+def test_formulas_of_the_line_contact_stand_beside_each_other() -> None:
+    found = {name: values("NU205", "--load-newton", "2000", "--line-contact", name) for name in LINE_CONTACTS}
+    formulas = found["palmgren"]["k_c_line_contact_newton_per_m109"]
+    assert set(formulas) == set(LINE_CONTACTS)
+    for name, answer in found.items():
+        # What is chosen is what the rest is computed with.
+        assert answer["k_c_estimate_newton_per_m109"]["value"] == formulas[name]["value"]
+        softer = formulas["palmgren"]["value"] / formulas[name]["value"]
+        assert answer["displacement_um"] / found["palmgren"]["displacement_um"] == pytest.approx(softer**0.9, rel=1e-6)
+    assert formulas["lundberg"]["value"] < formulas["houpert"]["value"] < formulas["palmgren"]["value"]
+    assert "lundberg 3.08e+08" in run("NU205", "--load-newton", "2000")
+    assert values("6205")["k_c_line_contact_newton_per_m109"] is None
+
+
+def test_a_needle_bearing_by_its_geometry(tmp_path: Path) -> None:
+    """NK 20/16: 16 needles of 2.5 x 9.8 mm; the configuration has no other dimension of it."""
+    config = tmp_path / "config.toml"
+    needle = 'name = "needle"\nelement = "roller"\nn_elements = 16\nelement_diameter_mm = 2.5\n'
+    lengths = "pitch_diameter_mm = 22.5\nelement_length_mm = 9.8\n"
+    text = Path("config.toml").read_text(encoding="utf-8")
+    config.write_text(text.replace("[rig]", f"[[bearing]]\n{needle}{lengths}\n[rig]"), encoding="utf-8")
+    found = values("--config", str(config), "--bearing", "needle")
+    palmgren = 8.06e10 * 9.8e-3 ** (8 / 9) / 2 ** (10 / 9)
+    assert found["k_c_geometry_newton_per_m109"] == pytest.approx(palmgren, rel=1e-9)
+    assert found["k_c_line_contact_newton_per_m109"]["houpert"]["value"] == pytest.approx(palmgren, rel=0.1)
+    assert found["k_yy_newton_per_m"] is not None
+    assert found["bpfo_hz"] == pytest.approx(0.5 * 16 * 40.0 * (1.0 - 2.5 / 22.5))
 
 
 def test_published_figures_stand_beside_ours() -> None:
