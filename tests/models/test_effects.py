@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.bearing import from_catalogue
+from models.bearing import catalogue_entry, from_catalogue
+from models.contact_estimates import element_mass, estimate_stiffness
 from models.dynamics.time_domain import TimeResponse, simulate_time
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
 from models.path.contour import part_paths
-from models.scene import Defect, Part, Scene, Slip, Waviness
+from models.scene import Defect, Part, Rig, Scene, Slip, Waviness
 from monitor.health.naming import name_fault
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.transform import EnvelopeSpectrum
@@ -114,11 +115,15 @@ def test_paths_are_the_geometry_of_points_and_circles(part: Part, contacts: list
 
 
 def damaged(part: Part, designation: str, speed: float, duration: float) -> TimeResponse:
-    """Return one second or a few of a pit on one part, whose balls slip a little unless one of them is damaged."""
+    """Return one second or a few of a pit on one part, whose elements slip a little unless one of them is damaged."""
     extent = math.radians(16.0 if part == "ball" else 4.0)
     defect = Defect(extent, 5e-4, part=part)
     slip = None if part == "ball" else Slip(0.0035, seed=2)
-    scene = Scene(speed, 3000.0, bearing=from_catalogue(designation), defect=defect, slip=slip)
+    bearing, rig = from_catalogue(designation), Rig()
+    if bearing.element == "roller":
+        k_c = estimate_stiffness(catalogue_entry(designation))
+        rig = Rig(k_c=k_c.value, m_b=element_mass(k_c.bearing), element="roller")
+    scene = Scene(speed, 3000.0, bearing, rig, defect=defect, slip=slip)
     return simulate_time(scene, duration, RATE)
 
 
@@ -131,7 +136,8 @@ def features_in_noise(response: TimeResponse) -> BlockFeatures:
 
 
 @pytest.mark.parametrize(
-    ("designation", "speed", "duration"), [("1205 ETN9", 30.0, 2.0), ("6205", 40.0, 1.0), ("6205", 20.0, 5.0)]
+    ("designation", "speed", "duration"),
+    [("1205 ETN9", 30.0, 2.0), ("6205", 40.0, 1.0), ("6205", 20.0, 5.0), ("NU205", 30.0, 2.0)],
 )
 @pytest.mark.parametrize("part", ["outer", "inner", "ball"])
 def test_the_monitor_names_the_damaged_part(part: Part, designation: str, speed: float, duration: float) -> None:
@@ -148,23 +154,31 @@ def prominence(spectrum: EnvelopeSpectrum, frequency: float) -> float:
     return float(amplitude[at - 1 : at + 2].max() / np.median(amplitude[at - 20 : at + 21]))
 
 
-def test_lines_and_sidebands_of_each_part() -> None:
-    """BPFO alone; BPFI with sidebands of the shaft; twice BSF with sidebands of the cage."""
+@pytest.mark.parametrize("designation", ["6205", "NU205"])
+def test_lines_and_sidebands_of_each_part(designation: str) -> None:
+    """BPFO alone; BPFI with sidebands of the shaft; twice BSF with sidebands of the cage; nothing between them."""
     parts: tuple[Part, ...] = ("outer", "inner", "ball")
-    found = {part: damaged(part, "6205", 30.0, 4.0) for part in parts}
+    found = {part: damaged(part, designation, 30.0, 4.0) for part in parts}
     lines = found["outer"].kinematics
-    spectra = {part: features_in_noise(response).envelopes[0] for part, response in found.items()}
+    features = {part: features_in_noise(response) for part, response in found.items()}
     combs = {
-        "outer": [lines.bpfo, 2.0 * lines.bpfo],
-        "inner": [lines.bpfi, lines.bpfi - lines.speed, lines.bpfi + lines.speed],
-        "ball": [2.0 * lines.bsf, 2.0 * lines.bsf - lines.ftf, 2.0 * lines.bsf + lines.ftf],
+        "outer": (lines.bpfo, 0.0),
+        "inner": (lines.bpfi, lines.speed),
+        "ball": (2.0 * lines.bsf, lines.ftf),
     }
-    for part, comb in combs.items():
-        for other, spectrum in spectra.items():
-            clear = [prominence(spectrum, f) for f in comb]
+    for part, (line, side) in combs.items():
+        comb = [line, 2.0 * line] if side == 0.0 else [line, line - side, line + side, 2.0 * line + side]
+        for other in parts:
+            clear = [prominence(features[other].envelopes[0], f) for f in comb]
             assert (min(clear) > 10.0) == (part == other), (part, other, clear)
+        between = [prominence(features[part].envelopes[0], f) for f in (line - 0.5 * side, line + 0.5 * side) if side]
+        assert all(level < 6.0 for level in between), (part, between)
     for shift in (-lines.speed, lines.speed):
-        assert prominence(spectra["outer"], lines.bpfo + shift) < 8.0
+        assert prominence(features["outer"].envelopes[0], lines.bpfo + shift) < 8.0
+    # The sum of a family over the mean envelope is highest in the signal of its own part.
+    for part in parts:
+        sums = {other: features[other].lines[0][part].total / features[other].envelopes[0].mean for other in parts}
+        assert max(sums, key=lambda other: sums[other]) == part, sums
 
 
 def test_an_unbalance_is_a_line_of_the_shaft() -> None:
