@@ -192,7 +192,7 @@ def main() -> None:
     options = arguments("The physical tracker on simulated lives: intervals, errors, cost.")
     fit, test, still = (8, 8, 6) if options.quick else (120, 150, 60)
     wide, maps = cached_map(map_plan(coarse=options.quick)), still_maps(options.quick)
-    lives, radius = cached_lives(LIBRARY, fit + test), wide.outer_race_radius
+    lives, radius = cached_lives(LIBRARY, fit + test), wide.part_radius
     settings = {features: FilterSettings(radius, lines=lines) for features, lines in FEATURES.items()}
     raw = {f: replace(s, widening_rms=1.0, widening_harmonics=1.0) for f, s in settings.items()}
     steady = cached_lives(STILL, still)

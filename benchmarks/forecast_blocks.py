@@ -59,7 +59,7 @@ def by_library(library: Library, features: str) -> Method:
 
 def by_filter(rms_map: RmsMap, features: str) -> Method:
     """Return the physical tracker, block by block."""
-    settings = physical.FilterSettings(rms_map.outer_race_radius, lines=FEATURES[features], interval=LEVEL)
+    settings = physical.FilterSettings(rms_map.part_radius, lines=FEATURES[features], interval=LEVEL)
 
     def begin(life: LifeHistory) -> Callable[[int], Answer]:
         map_slice = slice_of(rms_map, life)
@@ -82,7 +82,7 @@ def by_thesis(rms_map: RmsMap) -> Method:
     def begin(life: LifeHistory) -> Callable[[int], Answer]:
         map_slice = slice_of(rms_map, life)
         tracked, fit = edv.EdvState(), forecast.ForecastState()
-        level_map = LevelMap(map_slice.dphi_d, map_slice.h_d, map_slice.rms, rms_map.outer_race_radius)
+        level_map = LevelMap(map_slice.dphi_d, map_slice.h_d, map_slice.rms, rms_map.part_radius)
 
         def answer(k: int) -> Answer:
             nonlocal tracked, fit

@@ -39,7 +39,7 @@ def track(cases: Cases, features: str, rms_map: RmsMap) -> Answers:
         features: "rms" or "rms+harmonics".
         rms_map: over all their loads and speeds.
     """
-    settings = FilterSettings(rms_map.outer_race_radius, lines=FEATURES[features], interval=LEVEL)
+    settings = FilterSettings(rms_map.part_radius, lines=FEATURES[features], interval=LEVEL)
     found = np.full((3, *cases.t.shape), np.nan)
     for r, life in enumerate(cases.runs):
         results = _followed(life, slice_of(rms_map, life), settings, int(cases.blocks[r, -1]))

@@ -50,7 +50,7 @@ def on_map(rms_map: RmsMap) -> SliceOf:
 
     def slice_of(life: LifeHistory) -> LevelMap:
         at = rms_map.slice_at(float(life.load[0]), float(life.speed[0]))
-        return LevelMap(at.dphi_d, at.h_d, at.rms, rms_map.outer_race_radius)
+        return LevelMap(at.dphi_d, at.h_d, at.rms, rms_map.part_radius)
 
     return slice_of
 

@@ -219,7 +219,7 @@ def figure_61() -> Plate:
         panels = made.subplots(2, 2, sharex=True, sharey=True)
         image = None
         for place, (axes, part) in enumerate(zip(panels.flat, at, strict=True)):
-            image = show_levels(axes, part, highest, rms_map.outer_race_radius)
+            image = show_levels(axes, part, highest, rms_map.part_radius)
             letter(axes, place, f"{part.load:g} N")
         for axes in panels[-1]:
             axes.set_xlabel("extent of the defect (degrees)")

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Part = Literal["outer", "inner", "ball"]
+PARTS: tuple[Part, ...] = ("outer", "inner", "ball")
 Race = Literal["outer", "inner"]
 
 
@@ -184,7 +185,7 @@ class Defect:
         if not self.h_d >= 0.0:
             raise ValueError(f"h_d must not be negative, got {self.h_d!r} m")
         _check_numbers(self, "defect.", "finite", "position")
-        _check_choice(self.part, "defect.part", ("outer", "inner", "ball"))
+        _check_choice(self.part, "defect.part", PARTS)
         _check_whole(self.rows, "defect.rows", 1)
         _check_whole(self.first_row, "defect.first_row", 0)
 

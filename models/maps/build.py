@@ -22,22 +22,23 @@ import numpy as np
 from models.maps.check import condition_errors, interpolation_errors, rms_and_most
 from models.maps.data import Nodes, RmsMap
 from models.maps.nodes import Progress, rig_rows, rig_scenes, simulate_node_row
-from models.maps.plan import MODEL_VERSION, SCHEMA_VERSION, MapError, MapPlan
+from models.maps.plan import DAMAGED, LINES, MODEL_VERSION, SCHEMA_VERSION, VOLUMES, MapError, MapPlan
+from models.path.contour import part_radius
 from models.response import HARMONICS, STATUSES
 from models.workers import in_threads
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-Solver = Literal["rows", "lanes"]
+Solver = Literal["rows", "lanes", "time"]
 
-# Random points at which a build measures the error between its nodes; fewer with several floors, because each point is
-# simulated on all of them.
+# Random points at which a build measures the error between its nodes; fewer where a point costs more, because it is
+# simulated on several floors or over time.
 _POINTS = 200
 _POINTS_OF_FLOORS = 40
 _POINT_SEED = 1205
 # Numbers per node.
-_COLUMNS = 5 + 3 * HARMONICS
+_COLUMNS = 5 + 4 * HARMONICS
 
 # Default limit of the nodes of a refined map.
 MAX_NODES = 200_000
@@ -57,10 +58,12 @@ _T = TypeVar("_T")
 
 
 def solver_of(plan: MapPlan) -> Solver:
-    """Return the solver of a plan: rows that settle, or with slip lanes in time.
+    """Return the solver of a plan: rows that settle, with slip lanes, or records over time of a defect that turns.
 
     Without slip, lanes are neither faster nor more accurate (benchmarks/ensemble.py).
     """
+    if plan.part != "outer":
+        return "time"
     return "lanes" if plan.slip is not None and plan.slip.phi_slip > 0.0 else "rows"
 
 
@@ -68,7 +71,7 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
     """Return the map of a plan, by the solver of ``solver_of``.
 
     Args:
-        workers: threads (rows) or processes (lanes); 0 is one per core. The result does not depend on it.
+        workers: threads (rows, time) or processes (lanes); 0 is one per core. The result does not depend on it.
         progress: called with the scenes done and their total, from this process.
 
     Raises:
@@ -82,7 +85,7 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
             progress(done, total)
 
     solver = solver_of(plan)
-    if solver == "rows":
+    if solver != "lanes":
         nodes = _row_nodes(plan, workers, note)
     else:
         from models.maps.ensemble import ensemble_nodes
@@ -105,7 +108,8 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
 
 def _measure(built: RmsMap, workers: int) -> None:
     """Add to the attributes the error between the nodes, and between loads and speeds if there are several."""
-    points = _POINTS if built.plan.floors == 1 else _POINTS_OF_FLOORS
+    cheap = built.plan.floors == 1 and built.plan.part == "outer"
+    points = _POINTS if cheap else _POINTS_OF_FLOORS
     measures = {"interpolation": interpolation_errors}
     if len(built.load) > 1 or len(built.speed) > 1:
         measures["condition"] = condition_errors
@@ -124,7 +128,7 @@ def _row_nodes(plan: MapPlan, workers: int, progress: Progress) -> Nodes:
         done += plan.shape[3] * plan.floors
         progress(done, 0)
     rms = values[..., 0]
-    harmonics, harmonic_std, harmonic_error = np.split(values[..., 5:], 3, axis=-1)
+    harmonics, harmonic_std, harmonic_se, harmonic_error = np.split(values[..., 5:], 4, axis=-1)
     return Nodes(
         rms=rms,
         rms_std=values[..., 1],
@@ -132,7 +136,7 @@ def _row_nodes(plan: MapPlan, workers: int, progress: Progress) -> Nodes:
         rms_error=values[..., 3] * rms,
         harmonic_amplitude=harmonics,
         harmonic_std=harmonic_std,
-        harmonic_se=harmonic_std / math.sqrt(plan.floors),
+        harmonic_se=harmonic_se,
         harmonic_error=harmonic_error,
         status=values[..., 4].astype(np.int8),
     )
@@ -148,14 +152,15 @@ def _row(task: tuple[MapPlan, int, int, int]) -> NDArray[np.float64]:
     rms, harmonics = np.array([r.rms for r in rows]), np.array([r.harmonics for r in rows])
     if plan.floors > 1:
         spread, harmonic_std = np.std(rms, axis=0, ddof=1), np.std(harmonics, axis=0, ddof=1)
-        error = spread / math.sqrt(plan.floors)
+        error, harmonic_se = (values / math.sqrt(plan.floors) for values in (spread, harmonic_std))
     else:
-        spread, harmonic_std, error = rows[0].spread, np.zeros_like(harmonics[0]), np.zeros(len(extents))
+        spread, error = rows[0].spread, rows[0].se
+        harmonic_std, harmonic_se = rows[0].harmonics_std, rows[0].harmonics_se
     worst = np.max([r.error for r in rows], axis=0)
     status = _worst_status(np.array([r.status for r in rows]))
     columns = (np.mean(rms, axis=0), spread, error, worst, status.astype(np.float64))
     lines_error = np.max([r.harmonics_error for r in rows], axis=0)
-    return np.column_stack((*columns, np.mean(harmonics, axis=0), harmonic_std, lines_error))
+    return np.column_stack((*columns, np.mean(harmonics, axis=0), harmonic_std, harmonic_se, lines_error))
 
 
 def _worst_status(status: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -189,7 +194,7 @@ def _software_version() -> str:
 def map_attributes(plan: MapPlan) -> dict[str, Any]:
     """Return the attributes of a map file: parameters in SI units, and the plan as JSON."""
     flat: dict[str, Any] = {
-        "title": "RMS and BPFO lines of a bearing over the extent and depth of an outer-race defect",
+        "title": f"RMS and lines of a bearing over the extent and depth of a defect of the {DAMAGED[plan.part]}",
         "Conventions": "CF-1.11",
         "schema_version": SCHEMA_VERSION,
         "software_version": f"spallwatch {_software_version()}",
@@ -202,6 +207,10 @@ def map_attributes(plan: MapPlan) -> dict[str, Any]:
         "units_of_attributes": "SI and radians unless a name ends in its unit",
         "clearance": plan.clearance,
         "floors": plan.floors,
+        "damaged_part": plan.part,
+        "v_eq": f"{VOLUMES[plan.part]} * dphi_d * h_d",
+        "v_eq_radius": part_radius(plan.bearing, plan.part),
+        "lines_of": LINES[plan.part],
         "defect_rows": plan.rows,
         "defect_position": plan.position,
         "steps_per_period": plan.steps_per_period or "chosen by the model",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.maps.nodes import Progress, nodes_at_random, scene_at, simulate_node_row, simulate_point
+from models.maps.nodes import Progress, nodes_at_random, point_level, simulate_node_row
 from models.workers import in_threads
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def mean_rms(plan: MapPlan, points: Sequence[Point], factor: int = 1, workers: i
     ``factor`` divides the accuracy of the nodes, or multiplies their steps where slip is redrawn; ``workers`` are
     threads without slip, 0 is one per core.
     """
-    if plan.slip is not None and plan.slip.phi_slip > 0.0:
+    if plan.part == "outer" and plan.slip is not None and plan.slip.phi_slip > 0.0:
         from models.maps.ensemble import ensemble_rms
 
         return ensemble_rms(plan, points, factor)
@@ -43,7 +43,7 @@ def mean_rms(plan: MapPlan, points: Sequence[Point], factor: int = 1, workers: i
 
 def _rms_at(plan: MapPlan, point: Point, seed: int, factor: int) -> float:
     if factor > 1:
-        return simulate_point(plan, scene_at(plan, *point, seed), factor).rms
+        return point_level(plan, point, seed, factor)[0]
     # With the steps of the nodes, a row is faster.
     return float(simulate_node_row(plan, *point[:3], np.array([point[3]]), seed).rms[0])
 

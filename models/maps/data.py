@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from models.maps.plan import AXES, MapError, MapPlan
-from models.path.defect import race_radius
+from models.maps.plan import AXES, VOLUMES, MapError, MapPlan
+from models.path.contour import part_radius
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+    from models.scene import Part
 
 # Loads and speeds this close to the end of their axis count as on it.
 _CONDITION_TOLERANCE = 0.01
@@ -79,15 +81,17 @@ def _cell(axis: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[NDArray[np
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """RMS and BPFO lines at all nodes of a map: L loads, S speeds, H depths, D extents.
+    """RMS and lines at all nodes of a map: L loads, S speeds, H depths, D extents.
 
     Attributes:
         rms: mean RMS of the casing in the map's band, m/s2, shape (L, S, H, D).
         rms_std: standard deviation of it, m/s2: over the floors where there are several, otherwise from period to
-            period (zero where the motion repeats).
-        rms_se: standard error of ``rms`` as a mean over floors, m/s2; zero for one floor.
+            period (zero where the motion repeats), or from turn to turn of a defect that turns.
+        rms_se: standard error of ``rms`` as a mean over floors, m/s2; of one floor as a mean over turns, or zero where
+            nothing turns.
         rms_error: estimated numerical error of ``rms``, m/s2 (steps and settling, not interpolation).
-        harmonic_amplitude: mean single-sided amplitudes of lines 1..6 of BPFO, m/s2, shape (L, S, H, D, 6).
+        harmonic_amplitude: mean single-sided amplitudes of lines 1..6 of the damaged part (BPFO, BPFI or twice BSF),
+            m/s2, shape (L, S, H, D, 6).
         harmonic_std, harmonic_se, harmonic_error: the same of these amplitudes.
         status: index into STATUSES, int8, the worst of all floors.
     """
@@ -132,9 +136,19 @@ class RmsMap(Nodes):
         return self.plan.rms_band
 
     @property
-    def outer_race_radius(self) -> float:
-        """r_o of the map's bearing, m, which turns an extent into a length (Eq. 90)."""
-        return race_radius(self.plan.bearing)
+    def part(self) -> Part:
+        """The damaged part."""
+        return self.plan.part
+
+    @property
+    def part_radius(self) -> float:
+        """The radius that turns an extent into a length, m: V_eq = radius * dphi_d * h_d."""
+        return part_radius(self.plan.bearing, self.plan.part)
+
+    @property
+    def volume_words(self) -> str:
+        """The formula of V_eq with the value of its radius."""
+        return f"{VOLUMES[self.part]} * dphi_d * h_d, {VOLUMES[self.part]} = {1e3 * self.part_radius:.4g} mm"
 
     @property
     def hash(self) -> str:

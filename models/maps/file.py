@@ -30,12 +30,13 @@ _LONG_NAMES = {
     "load": "radial load",
     "speed": "shaft speed",
     "h_d": "depth of the defect",
+    _HARMONIC: "multiple of the frequency that the attribute lines_of names",
     "dphi_d": "angular extent of the defect",
     "rms": "RMS of the casing acceleration along the load",
-    "rms_std": "standard deviation of the RMS over floors, or over periods where there is one floor",
-    "rms_se": "standard error of the RMS as a mean over floors",
+    "rms_std": "standard deviation of the RMS over floors, or over periods or turns where there is one floor",
+    "rms_se": "standard error of the RMS as a mean over floors, or over turns where there is one floor",
     "rms_error": "estimated numerical error of the RMS",
-    "harmonic_amplitude": "single-sided amplitude of the lines at multiples of BPFO",
+    "harmonic_amplitude": "single-sided amplitude of the lines of the damaged part",
     "harmonic_std": "standard deviation of these amplitudes over floors",
     "harmonic_se": "standard error of these amplitudes as means over floors",
     "harmonic_error": "estimated numerical error of these amplitudes",
@@ -111,7 +112,7 @@ def _write_marks(dataset: Any, rms_map: RmsMap) -> None:
 def _variable(dataset: Any, name: str, kind: Any, dims: tuple[str, ...], values: NDArray[Any], units: str) -> None:
     variable = dataset.createVariable(name, kind, dims)
     variable.units = units
-    variable.long_name = _LONG_NAMES.get(name, "multiple of BPFO")
+    variable.long_name = _LONG_NAMES[name]
     variable[...] = values
 
 

@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.response import STATUSES
+from models.response import HARMONICS, STATUSES
 from models.scene import Defect, Rig, Scene
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.dynamics.stationary import StationaryLevel
     from models.maps.plan import MapPlan
-    from models.response import Response
+    from models.response import Response, Status
 
 Progress = Callable[[int, int], None]
 
@@ -58,7 +59,10 @@ class NodeRow:
         error: relative error of the RMS, estimated: of steps and settling, or the standard error of the mean where it
             does not settle, shape (D,).
         harmonics_error: that of the lines, m/s2, shape (D, 6).
-        spread: standard deviation of the RMS from period to period where it does not settle, m/s2, shape (D,).
+        spread: standard deviation of the RMS from period to period where it does not settle, or from turn to turn of
+            a defect that turns, m/s2, shape (D,).
+        se, harmonics_std, harmonics_se: standard error of the RMS, and scatter and standard error of the lines, as
+            means over the turns of such a defect, m/s2; zero for the outer race, shapes (D,), (D, 6) and (D, 6).
         status: index into STATUSES, shape (D,).
     """
 
@@ -67,13 +71,16 @@ class NodeRow:
     error: NDArray[np.float64]
     harmonics_error: NDArray[np.float64]
     spread: NDArray[np.float64]
+    se: NDArray[np.float64]
+    harmonics_std: NDArray[np.float64]
+    harmonics_se: NDArray[np.float64]
     status: NDArray[np.int64]
 
 
 def scene_at(plan: MapPlan, load: float, speed: float, h_d: float, dphi_d: float, seed: int = 0) -> Scene:
     """Return the scene of one point of a plan; ``seed`` counts its floors from zero."""
     floor = replace(plan.floor, seed=plan.floor.seed + seed)
-    defect = Defect(dphi_d, h_d, floor, plan.position, plan.rows)
+    defect = Defect(dphi_d, h_d, floor, plan.position, plan.rows, plan.part)
     return Scene(speed, load, plan.bearing, plan.rig, defect, plan.clearance, plan.model, slip=plan.slip)
 
 
@@ -89,14 +96,55 @@ def simulate_point(plan: MapPlan, scene: Scene, factor: int = 1) -> Response:
     )
 
 
+def point_level(
+    plan: MapPlan, point: tuple[float, float, float, float], seed: int = 0, factor: int = 1
+) -> tuple[float, Status]:
+    """Return the RMS at one point (load, speed, h_d, dphi_d) on one floor, m/s2, and its status.
+
+    Accuracy and standard error are those of the nodes divided by ``factor``.
+    """
+    if plan.part == "outer" or 0.0 in point[2:]:
+        response = simulate_point(_as_outer(plan), scene_at(_as_outer(plan), *point, seed), factor)
+        return response.rms, response.status
+    level = _stationary_level(plan, point, seed, factor)
+    return level.rms, level.status
+
+
+def _as_outer(plan: MapPlan) -> MapPlan:
+    """Return a plan in which a healthy bearing is one that repeats, whatever part the map is of."""
+    return plan if plan.part == "outer" else replace(plan, part="outer", slip=None)
+
+
+def _stationary_level(
+    plan: MapPlan, point: tuple[float, float, float, float], seed: int, factor: int = 1
+) -> StationaryLevel:
+    from models.dynamics.stationary import DEFAULT_STANDARD_ERROR, stationary_level
+
+    return stationary_level(
+        scene_at(plan, *point, seed),
+        accuracy=MAP_ACCURACY / factor,
+        standard_error=DEFAULT_STANDARD_ERROR / factor,
+        band=plan.rms_band,
+        number=seed,
+    )
+
+
 def simulate_node_row(
     plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64], seed: int = 0
 ) -> NodeRow:
-    """Return a row of a plan without slip; ``seed`` counts its floors from zero.
+    """Return a row of a plan, without slip on the outer race; ``seed`` counts its floors from zero.
 
     Raises:
         ValueError: if a scene is outside the model.
     """
+    if plan.part == "outer":
+        return _periodic_row(plan, load, speed, h_d, extents, seed)
+    return _stationary_row(plan, load, speed, h_d, extents, seed)
+
+
+def _periodic_row(
+    plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64], seed: int
+) -> NodeRow:
     from models.dynamics.rows import simulate_row
 
     scene = scene_at(plan, load, speed, h_d, float(extents[-1]), seed)
@@ -109,6 +157,9 @@ def simulate_node_row(
         error=row.rms_error + row.change,
         harmonics_error=row.harmonics_error.copy(),
         spread=np.zeros(len(extents)),
+        se=np.zeros(len(extents)),
+        harmonics_std=np.zeros_like(row.harmonics),
+        harmonics_se=np.zeros_like(row.harmonics),
         status=np.where(row.rms_error <= MAP_ACCURACY, 0, STATUSES.index("inaccurate")).astype(np.int64),
     )
     # Scenes that have not settled are simulated further; some never repeat.
@@ -118,6 +169,39 @@ def simulate_node_row(
         found.error[d] = response.rms_error if response.status != "not_converged" else 1.0
         found.harmonics_error[d] = np.nan_to_num(response.harmonics_error)
         found.status[d] = STATUSES.index(response.status)
+    return found
+
+
+def _stationary_row(
+    plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64], seed: int
+) -> NodeRow:
+    """Return a row over a part that turns; nodes without damage are those of the healthy bearing, without lines."""
+    count, lines = len(extents), np.zeros((len(extents), HARMONICS))
+    damaged = (extents > 0.0) & (h_d > 0.0)
+    found = NodeRow(
+        rms=np.zeros(count),
+        harmonics=lines.copy(),
+        error=np.zeros(count),
+        harmonics_error=lines.copy(),
+        spread=np.zeros(count),
+        se=np.zeros(count),
+        harmonics_std=lines.copy(),
+        harmonics_se=lines.copy(),
+        status=np.zeros(count, dtype=np.int64),
+    )
+    if not np.all(damaged):
+        healthy = _periodic_row(_as_outer(plan), load, speed, 0.0, np.zeros(1), 0)
+        for name in ("rms", "error", "spread", "status"):
+            getattr(found, name)[~damaged] = getattr(healthy, name)[0]
+    for d in np.flatnonzero(damaged):
+        level = _stationary_level(plan, (load, speed, h_d, float(extents[d])), seed)
+        found.rms[d], found.se[d], found.spread[d] = level.rms, level.rms_se, level.spread
+        found.error[d] = level.rms_error if level.status != "not_converged" else 1.0
+        found.harmonics[d], found.harmonics_std[d] = level.harmonics, level.harmonics_std
+        found.harmonics_se[d] = level.harmonics_se
+        # The steps change a line by no more than the level, in proportion.
+        found.harmonics_error[d] = found.error[d] * level.rms
+        found.status[d] = STATUSES.index(level.status)
     return found
 
 

@@ -11,11 +11,15 @@ from typing import Any
 
 from models.bearing import Bearing, from_catalogue
 from models.errors import WrongInputError
-from models.scene import Floor, Rig, Slip
+from models.scene import PARTS, Floor, Part, Rig, Slip
 
 # Increment when the results of the model change: older maps are then rebuilt.
 MODEL_VERSION = 4
 SCHEMA_VERSION = 3
+# By the damaged part: its name, the radius of V_eq (Eq. 90 of the thesis, and its like) and the frequency of the lines.
+DAMAGED: dict[Part, str] = {"outer": "outer race", "inner": "inner race", "ball": "ball"}
+VOLUMES: dict[Part, str] = {"outer": "r_o", "inner": "r_i", "ball": "r_b"}
+LINES: dict[Part, str] = {"outer": "BPFO", "inner": "BPFI", "ball": "2 BSF"}
 AXES = ("load", "speed", "h_d", "dphi_d")
 
 
@@ -29,6 +33,7 @@ class MapPlan:
 
     Attributes:
         load, speed, h_d, dphi_d: axes, N, Hz, m and rad, ascending.
+        part: that is damaged; V_eq = radius * dphi_d * h_d with the radius of ``models.path.contour.part_radius``.
         clearance: radial, m.
         floor: the bottom of the defect; of several floors, the first.
         floors: number of floors averaged (seeds floor.seed, floor.seed + 1, ...); with slip that is redrawn, each has
@@ -60,6 +65,7 @@ class MapPlan:
     rig_spread: float = 0.035
     rig_spread_k_r: float = 0.014
     rig_seed: int = 0
+    part: Part = "outer"
 
     def __post_init__(self) -> None:
         """Raise a MapError that names the field of an unusable value."""
@@ -77,6 +83,7 @@ class MapPlan:
         if self.floors < 2 and redraws:
             raise MapError(f"slip that is redrawn needs floors of 2 or more for a standard error, got {self.floors!r}")
         self._check_rig_draws()
+        self._check_part()
 
     def _check_rig_draws(self) -> None:
         if self.rig_draws < 0 or self.rig_draws == 1:
@@ -85,6 +92,19 @@ class MapPlan:
             if not 0.0 <= getattr(self, name) <= 0.5:
                 raise MapError(f"{name} must lie between 0 and 0.5, got {getattr(self, name)!r}")
 
+    def _check_part(self) -> None:
+        if self.part not in PARTS:
+            raise MapError(f"part must be one of {', '.join(map(repr, PARTS))}, got {self.part!r}")
+        widest = math.pi if self.part == "ball" else 2.0 * math.pi
+        if self.dphi_d[-1] > widest:
+            raise MapError(f"map axis dphi_d of the {self.part} ends at {widest:.4g} rad, got {self.dphi_d[-1]!r}")
+        if self.part == "outer" or self.slip is None or self.slip.phi_slip == 0.0:
+            return
+        if self.part == "ball":
+            raise MapError("slip moves a ball to or from a defect of a race; the map is of a ball")
+        if self.slip.rule != "per_passage":
+            raise MapError(f"slip.rule {self.slip.rule!r} is modelled on the outer race only")
+
     @property
     def shape(self) -> tuple[int, int, int, int]:
         """Number of nodes along load, speed, h_d and dphi_d."""
@@ -92,7 +112,11 @@ class MapPlan:
 
     def as_json(self) -> str:
         """Return the plan as canonical JSON; ``from_json`` reads it back exactly."""
-        return json.dumps(asdict(self), sort_keys=True)
+        fields = asdict(self)
+        if self.part == "outer":
+            # As before there were other parts, so that maps of the outer race keep their hash.
+            del fields["part"]
+        return json.dumps(fields, sort_keys=True)
 
     @classmethod
     def from_json(cls, text: str) -> MapPlan:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.bearing import Bearing
-    from models.scene import Defect
+    from models.scene import Defect, Part
 
     Values = NDArray[np.float64]
     Edge = Callable[[Values], tuple[Values, Values]]
@@ -125,6 +125,17 @@ def inner_radius(bearing: Bearing) -> float:
     if bearing.inner_race_radius is not None:
         return bearing.inner_race_radius
     return 0.5 * (bearing.pitch_diameter - bearing.element_diameter * math.cos(bearing.contact_angle))
+
+
+def part_radius(bearing: Bearing, part: Part) -> float:
+    """Return the radius, m, with which an extent of a part becomes a length: r_o, r_i, or that of a rolling element.
+
+    The volume of a defect per width is V_eq = radius * dphi_d * h_d. For the outer race this is Eq. 90 of the thesis;
+    the inner race and the ball follow it with the radius about whose axis their extent is measured.
+    """
+    if part == "ball":
+        return 0.5 * bearing.element_diameter
+    return inner_radius(bearing) if part == "inner" else race_radius(bearing)
 
 
 def part_paths(bearing: Bearing, defect: Defect | None) -> list[BallPath | PartPath]:

@@ -6,7 +6,7 @@ import math
 import resource
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from models.maps.data import RmsMap
 from models.maps.file import load_map, save_map
 from models.maps.plan import MapPlan
 from models.response import STATUSES, Status
-from models.scene import Floor, Slip
+from models.scene import PARTS, Floor, Slip
 from monitor.commands import option
 from monitor.commands.common import (
     PICTURES,
@@ -50,7 +50,8 @@ def command() -> None:
 @option.bearing
 @click.option("--load-newton", type=option.NOT_NEGATIVE, multiple=True, help="One or several loads.")
 @click.option("--speed-hz", type=option.POSITIVE, multiple=True, help="One or several speeds.")
-@click.option("--dphi-deg", type=option.Axis(), default="0:50:51", help="Extents.")
+@click.option("--fault", type=click.Choice(PARTS), default="outer", help="The damaged part.")
+@click.option("--dphi-deg", type=option.Axis(), default="0:50:51", help="Extents; of a ball about its own axis.")
 @click.option("--h-d-um", type=option.Axis(), default="0:32:33", help="Depths.")
 @click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth")
 @click.option("--floors", type=click.IntRange(min=1), default=1, help="Floors to average.")
@@ -96,6 +97,8 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
         "out": str(out),
         **_quality(rms_map),
         "interpolation_tolerance": tolerance,
+        "fault": rms_map.part,
+        "v_eq": rms_map.volume_words,
         "hash": rms_map.hash,
     }
     say(f"map: {out}", quiet=quiet)
@@ -121,6 +124,7 @@ def _quality(rms_map: RmsMap) -> dict[str, Any]:
         "spread_floors": _relative(rms_map, rms_map.rms_std),
         "spread_rig": _relative(rms_map, rms_map.rms_rig_std),
         "standard_error": _relative(rms_map, rms_map.rms_se),
+        "standard_error_max": _relative(rms_map, rms_map.rms_se, np.max),
         "not_monotone_h_d": int(np.count_nonzero(rms_map.falling("h_d"))),
         "not_monotone_dphi_d": int(np.count_nonzero(rms_map.falling("dphi_d"))),
         "nodes_inaccurate": _nodes(rms_map, "inaccurate"),
@@ -161,6 +165,7 @@ def _plan(config_path: Path | None, name: str | None, options: Mapping[str, Any]
         rig_spread=options["rig_spread"],
         rig_spread_k_r=options["rig_spread_k_r"],
         rig_seed=options["rig_seed"],
+        part=options["fault"],
     )
 
 
@@ -176,17 +181,20 @@ def _configured(value: float | None, option: str) -> tuple[float, ...]:
     return (value,)
 
 
-def _relative(rms_map: RmsMap, spread: np.ndarray) -> float | None:
-    """Return the median of a spread over the RMS where there is damage, or None where there is no spread."""
+def _relative(
+    rms_map: RmsMap, spread: np.ndarray, of: Callable[[np.ndarray], np.floating[Any]] = np.median
+) -> float | None:
+    """Return the median, say, of a spread over the RMS where there is damage, or None where there is no spread."""
     damaged = (rms_map.rms > 0.0) & (rms_map.h_d[:, None] > 0.0) & (rms_map.dphi_d > 0.0)
     if not np.any(damaged) or not np.any(spread):
         return None
-    return float(np.median(spread[damaged] / rms_map.rms[damaged]))
+    return float(of(spread[damaged] / rms_map.rms[damaged]))
 
 
 def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
     shape = " x ".join(str(count) for count in values["shape"])
     yield f"{values['points']} points ({shape}: loads, speeds, depths, extents) in {values['seconds']:.1f} s"
+    yield f"V_eq = {values['v_eq']}"
     if values["error_rms"] is not None:
         error, most = 100 * values["error_rms"], 100 * values["error_max"]
         yield f"estimated numerical error {error:.2g} % rms, {most:.2g} % at most"
@@ -199,9 +207,13 @@ def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
         yield f"the tolerance of {100 * tolerance:.2g} % is not met with the nodes allowed: raise --most-nodes"
     if tolerance == 0.0 and reached > _COARSE:
         yield "the grid is coarse for the stripes of the model: --interpolation-tolerance 0.01 refines it"
-    for name, what in (("spread_floors", "floors"), ("spread_rig", "rig parameters")):
+    spread = "floors" if values["fault"] == "outer" else "floors, or turns of one floor"
+    for name, what in (("spread_floors", spread), ("spread_rig", "rig parameters")):
         if values[name] is not None:
             yield f"spread over {what}: {100 * values[name]:.2g} % (median over damaged nodes)"
+    if values["standard_error"] is not None:
+        median, most = 100 * values["standard_error"], 100 * values["standard_error_max"]
+        yield f"standard error {median:.2g} % (median), {most:.2g} % at most"
     yield (
         f"RMS falls with depth at {values['not_monotone_h_d']} nodes, with extent at {values['not_monotone_dphi_d']}"
     )

@@ -233,7 +233,7 @@ def _damage_settings(config: Config, rms_map: RmsMap | None, library: Library | 
 def filter_settings(rms_map: RmsMap, features: Sequence[str], interval: float) -> FilterSettings:
     """Return the settings of the physical tracker on a map."""
     lines = FilterSettings.lines if "harmonics" in features else 0
-    return FilterSettings(outer_race_radius=rms_map.outer_race_radius, lines=lines, interval=interval)
+    return FilterSettings(part_radius=rms_map.part_radius, lines=lines, interval=interval)
 
 
 def map_lookup(rms_map: RmsMap) -> MapAt:
@@ -270,4 +270,4 @@ class _Lookup(Generic[Slice]):
 def to_slice(rms_map: RmsMap, load: float, speed: float) -> LevelMap:
     """Return the map of one operating point as the tracker takes it, m/s2."""
     at = rms_map.slice_at(load, speed)
-    return LevelMap(dphi_d=at.dphi_d, h_d=at.h_d, rms=at.rms, outer_race_radius=rms_map.outer_race_radius)
+    return LevelMap(dphi_d=at.dphi_d, h_d=at.h_d, rms=at.rms, part_radius=rms_map.part_radius)

@@ -71,7 +71,7 @@ def take_damage(state: Any, i: int) -> tuple[Any, Any]:
 
 
 def take_filter(state: Any, i: int) -> tuple[Any, Any]:
-    settings = particle_filter.FilterSettings(outer_race_radius=RADIUS, particles=100)
+    settings = particle_filter.FilterSettings(part_radius=RADIUS, particles=100)
     heard = DamageInput(TIMES[i], RMS[i], tuple(LINES[i]))
     return particle_filter.step(state, heard, map_slice=MAP.wide(), settings=settings)
 

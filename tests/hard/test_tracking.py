@@ -104,7 +104,7 @@ def settings_of(method: TrackMethod, made: Map, library: Library) -> DamageSetti
         forecast_method="library" if method == "library" else "thesis",
         map_at=lambda load, speed: (narrow, None),
         spread_at=lambda load, speed: (wide, None),
-        filter=FilterSettings(outer_race_radius=RADIUS, particles=200),
+        filter=FilterSettings(part_radius=RADIUS, particles=200),
         thresholds=(THRESHOLD,),
         library=library,
         library_settings=LibrarySettings(features="rms+harmonics"),
@@ -359,7 +359,7 @@ def test_features_configured_anew_begin_a_new_history_and_break_nothing(method: 
     settings = settings_of(method, plain_map(), library)
     fewer = replace(
         settings,
-        filter=FilterSettings(outer_race_radius=RADIUS, particles=200, lines=0),
+        filter=FilterSettings(part_radius=RADIUS, particles=200, lines=0),
         library_settings=LibrarySettings(features="rms"),
     )
     *_, state = follow(times[:30], rms[:30], lines[:30], settings)

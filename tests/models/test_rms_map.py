@@ -142,7 +142,7 @@ def test_saved_and_loaded_is_the_same(tmp_path: Path) -> None:
     assert loaded.plan == PLAN
     assert loaded.hash == PLAN.hash()
     assert loaded.rms_band == (0.0, 9500.0)
-    assert loaded.outer_race_radius == 22.91e-3
+    assert loaded.part_radius == 22.91e-3
     assert list(path.parent.iterdir()) == [path]
 
 

@@ -76,7 +76,7 @@ def map_path(context: ChannelContext, rms_map: RmsMap) -> Picture | None:
     rms = at.rms / STANDARD_GRAVITY
     shown = axes.contourf(extent, depth, rms, levels=_COLOURS, cmap="viridis")
     made.colorbar(shown, ax=axes, pad=0.01, format="%.3g").set_label("RMS of the map (g)")
-    _volumes(axes, rms_map.outer_race_radius, extent, depth)
+    _volumes(axes, rms_map.part_radius, extent, depth)
     x, y = np.degrees(channel.column("dphi_d")[rows]), 1e6 * channel.column("h_d")[rows]
     keep = np.unique(np.linspace(0, rows.size - 1, min(rows.size, _MAX_POINTS)).astype(int))
     axes.plot(x[keep], y[keep], color="#111111", linewidth=3.2)
@@ -88,7 +88,7 @@ def map_path(context: ChannelContext, rms_map: RmsMap) -> Picture | None:
     if math.isfinite(level) and np.nanmin(rms) < level < np.nanmax(rms):
         axes.contour(extent, depth, rms, levels=[level], colors=[VERMILION], linewidths=1.4)
         axes.plot([], [], color=VERMILION, label=f"sizes as loud as the last ({figure(level)} g)")
-    cloud = _cloud(axes, run.particles.get(channel.name), rms_map.outer_race_radius)
+    cloud = _cloud(axes, run.particles.get(channel.name), rms_map.part_radius)
     axes.set_xlim(float(extent[0]), float(extent[-1]))
     axes.set_ylim(float(depth[0]), float(depth[-1]))
     axes.set_xlabel("extent of the defect (degrees)")

@@ -15,7 +15,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from models.maps.data import MapSlice, RmsMap
-from models.maps.plan import MapPlan
+from models.maps.plan import DAMAGED, MapPlan
 from models.response import STATUSES
 from monitor.report.figures.drawing import BLUE, GREEN, INK, PURPLE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet
@@ -121,7 +121,7 @@ def show_levels(axes: Axes, at: MapSlice, highest: float, radius: float) -> Any:
 
 
 def _volumes(axes: Axes, radius: float, box: tuple[float, float, float, float]) -> None:
-    """Draw V_eq = r_o dphi_d h_d for a few volumes (thesis, Eq. 90)."""
+    """Draw V_eq = radius dphi_d h_d for a few volumes (thesis, Eq. 90)."""
     left, right, low, high = (float(value) for value in box)
     span = np.linspace(max(left, 0.05), right, 400)
     halo = [withStroke(linewidth=2.2, foreground="white", alpha=0.75)]
@@ -157,7 +157,7 @@ def _levels_part(rms_map: RmsMap, at: Sequence[MapSlice]) -> Part:
         panels = _panels(made, len(shown))
         image = None
         for axes, part, falls in zip(panels.flat, shown, falling, strict=False):
-            image = show_levels(axes, part, highest, rms_map.outer_race_radius)
+            image = show_levels(axes, part, highest, rms_map.part_radius)
             _pale(axes, falls, np.degrees(part.dphi_d), 1e6 * part.h_d)
             axes.set_title(condition(part), fontsize=9.5, loc="left")
         if image is not None:
@@ -310,6 +310,7 @@ def _facts(rms_map: RmsMap) -> list[tuple[str, str]]:
     plan, attributes = rms_map.plan, rms_map.attributes
     found = [
         ("Bearing", f"{plan.bearing.designation}, clearance {figure(1e6 * plan.clearance)} µm"),
+        ("Damaged part", f"{DAMAGED[plan.part]}; V_eq = {rms_map.volume_words}"),
         ("Condition", f"{_axis(rms_map.load, 'N')}; {_axis(rms_map.speed, 'Hz')}"),
         ("Grid", f"{count(len(rms_map.dphi_d), 'extent')}, {count(len(rms_map.h_d), 'depth')}"),
         ("Floor", _floor(plan)),

@@ -88,6 +88,31 @@ def test_a_map_is_refined_unless_it_is_asked_not_to_be(tmp_path: Path) -> None:
     assert values["points"] == load_map(out).rms.size > 12
 
 
+@pytest.mark.parametrize(("fault", "radius"), [("inner", "r_i = 16.64 mm"), ("ball", "r_b = 3.56 mm")])
+def test_a_map_of_another_part_says_its_part_and_its_volume(tmp_path: Path, fault: str, radius: str) -> None:
+    axes = [*SMALL[:4], "--dphi-deg", "10:20:2", "--h-d-um", "8:12:2", "--interpolation-tolerance", "0"]
+    values, out = build(tmp_path, "--fault", fault, axes=axes)
+    assert values["fault"] == load_map(out).part == fault
+    assert values["v_eq"].endswith(radius)
+    assert values["solver"] == "time"
+    assert values["nodes_not_periodic"] == 4
+    assert 0.0 < values["standard_error"] <= values["standard_error_max"] <= 5e-3
+    told = CliRunner().invoke(command, ["build", *axes, "--fault", fault, "--out", str(out)], catch_exceptions=False)
+    assert radius in told.stdout
+    assert "standard error" in told.stdout
+    page = tmp_path / "map.html"
+    CliRunner().invoke(command, ["show", str(out), "--out", str(page)], catch_exceptions=False)
+    assert radius in page.read_text()
+
+
+@pytest.mark.parametrize("fault", ["iner", "", "OUTER", "inner|ball"])
+def test_an_unknown_part_is_refused_by_name(tmp_path: Path, fault: str) -> None:
+    result = CliRunner().invoke(command, ["build", *SMALL, "--fault", fault, "--out", str(tmp_path / "x.nc")])
+    assert result.exit_code == 2
+    assert "--fault" in result.stderr
+    assert "'outer', 'inner', 'ball'" in result.stderr
+
+
 def test_show_draws_and_check_measures(tmp_path: Path) -> None:
     _, out = build(tmp_path, axes=[*SMALL, "--load-newton", "5000"])
     picture = tmp_path / "map.svg"
@@ -101,7 +126,14 @@ def test_show_draws_and_check_measures(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("more", "word"), [(["--floors", "3"], "floors"), (["--slip-deg", "1"], "floors"), (["--rig-draws", "1"], "rig")]
+    ("more", "word"),
+    [
+        (["--floors", "3"], "floors"),
+        (["--slip-deg", "1"], "floors"),
+        (["--rig-draws", "1"], "rig"),
+        (["--fault", "ball", "--slip-deg", "1", "--floors", "2"], "slip moves a ball"),
+        (["--fault", "ball", "--dphi-deg", "0:200:3"], "dphi_d of the ball"),
+    ],
 )
 def test_contradictions_are_refused(tmp_path: Path, more: list[str], word: str) -> None:
     with pytest.raises(InputError, match=word):
@@ -114,7 +146,7 @@ def test_uneven_axes_are_tracked_like_even_ones(tmp_path: Path) -> None:
     rms_map = load_map(out)
     assert np.ptp(np.diff(rms_map.dphi_d)) > 1e-3
     surface = to_slice(rms_map, 4000.0, 40.0)
-    radius = rms_map.outer_race_radius
+    radius = rms_map.part_radius
     for share in (0.2, 0.5, 0.8):
         level = share * surface.rms_max
         point = least_volume(surface, level, 0.0, 0.0)

@@ -292,12 +292,12 @@ def test_an_unknown_layout_of_the_state_is_refused() -> None:
         ({"rms": [[1.0, 2.0]]}, "rms must have shape"),
         ({"rms": [[1.0, math.inf], [1.0, 2.0]]}, "infinite"),
         ({"rms": [[1.0, math.nan], [1.0, 2.0]]}, "no cell"),
-        ({"outer_race_radius": 0.0}, "outer_race_radius"),
+        ({"part_radius": 0.0}, "part_radius"),
     ],
 )
 def test_what_is_not_a_map_is_refused(change: dict[str, object], message: str) -> None:
     good: dict[str, object] = {"dphi_d": [0.0, 1.0], "h_d": [0.0, 1.0], "rms": [[0.0, 1.0], [2.0, 3.0]]}
-    parts = {"outer_race_radius": RADIUS, **good, **change}
+    parts = {"part_radius": RADIUS, **good, **change}
     with pytest.raises(ValueError, match=message):
         LevelMap(**parts)  # pyright: ignore[reportArgumentType] - wrong values are what is tested
 

@@ -250,7 +250,7 @@ def test_an_empty_state_comes_back() -> None:
     ],
 )
 def test_a_gated_block_leaves_the_trackers_alone(gates: DamageGate, status: EdvStatus, method: TrackMethod) -> None:
-    level_map = LevelMap(TOY.dphi_d, TOY.h_d, TOY.rms, SETTINGS.outer_race_radius)
+    level_map = LevelMap(TOY.dphi_d, TOY.h_d, TOY.rms, SETTINGS.part_radius)
     open_settings = DamageSettings(
         track_method=method, map_at=lambda *_: (level_map, None), spread_at=lambda *_: (TOY, None), filter=SETTINGS
     )
@@ -382,7 +382,7 @@ def test_two_kinds_of_volume_are_called_ambiguous() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"outer_race_radius": 0.0}, "outer_race_radius"),
+        ({"part_radius": 0.0}, "part_radius"),
         ({"particles": 3}, "particles"),
         ({"lines": 7}, "lines"),
         ({"interval": 1.0}, "interval"),

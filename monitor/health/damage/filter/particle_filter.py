@@ -49,7 +49,7 @@ class FilterSettings:
     """Settings of the physical tracker.
 
     Attributes:
-        outer_race_radius: r_o of Eq. 90, m.
+        part_radius: r_o of Eq. 90, or that of the damaged inner race or ball, m.
         lines: number of BPFO lines used beside the RMS, 0 to 6.
         interval: level of the interval of V_eq.
         ambiguous_ratio: upper over lower bound from which the result is ambiguous.
@@ -58,7 +58,7 @@ class FilterSettings:
         widening_harmonics: the same with lines.
     """
 
-    outer_race_radius: float
+    part_radius: float
     particles: int = 800
     lines: int = 3
     interval: float = 0.8
@@ -71,8 +71,8 @@ class FilterSettings:
 
     def __post_init__(self) -> None:
         """Raise ValueError naming the field that is out of range."""
-        if not (math.isfinite(self.outer_race_radius) and self.outer_race_radius > 0.0):
-            raise ValueError(f"outer_race_radius must be positive, got {self.outer_race_radius!r} m")
+        if not (math.isfinite(self.part_radius) and self.part_radius > 0.0):
+            raise ValueError(f"part_radius must be positive, got {self.part_radius!r} m")
         if self.particles < 50:
             raise ValueError(f"particles must be 50 or more, got {self.particles!r}")
         if not 0 <= self.lines <= 6:
@@ -216,7 +216,7 @@ def _advance(
 ) -> Particles:
     """Return the posterior after a block."""
     rng = np.random.default_rng((settings.seed, state.count))
-    errors, radius = settings.errors, settings.outer_race_radius
+    errors, radius = settings.errors, settings.part_radius
     if state.particles is None or state.t is None:
         particles = draw(rng, settings.particles, lookup.features, settings.growth, errors)
     else:
@@ -252,7 +252,7 @@ def _other_sensors(
 
 
 def _damage(particles: Particles, lookup: MapLookup, settings: FilterSettings, *, with_lines: bool) -> Damage:
-    dphi_d, h_d = particles.sizes(settings.outer_race_radius)
+    dphi_d, h_d = particles.sizes(settings.part_radius)
     weight = particles.weight / np.sum(particles.weight)
     beyond = float(np.sum(weight[(dphi_d > lookup.dphi_d[-1]) | (h_d > lookup.h_d[-1])]))
     if beyond > 0.5:

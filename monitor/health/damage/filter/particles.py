@@ -57,10 +57,10 @@ class Particles:
         """Effective number of particles, 1 / sum of squared weights."""
         return float(1.0 / np.sum(self.weight**2))
 
-    def sizes(self, outer_race_radius: float) -> tuple[Floats, Floats]:
+    def sizes(self, part_radius: float) -> tuple[Floats, Floats]:
         """Return the extents, rad, and the depths, m, shape (N,) each (Eq. 90)."""
         h_d = np.exp(self.core[:, LN_H])
-        return np.exp(self.core[:, LN_V]) / (outer_race_radius * h_d), h_d
+        return np.exp(self.core[:, LN_V]) / (part_radius * h_d), h_d
 
     def rounded(self) -> Particles:
         """Round to the stored precision."""
@@ -167,7 +167,7 @@ def decorrelate(particles: Particles, distance: Floats) -> Particles:
 def assimilate(
     particles: Particles,
     lookup: MapLookup,
-    outer_race_radius: float,
+    part_radius: float,
     ln_x: Floats,
     variance: Floats,
     errors: ErrorModel,
@@ -179,7 +179,7 @@ def assimilate(
         variance: of e, shape (F,).
     """
     known = np.isfinite(ln_x)
-    expected, w, s = lookup.at(*particles.sizes(outer_race_radius))
+    expected, w, s = lookup.at(*particles.sizes(part_radius))
     b, z = particles.mean[:, :, 0], particles.mean[:, :, 1]
     p_bb, p_bz, p_zz = (particles.cov[:, :, k] for k in range(3))
     gap = np.where(known, ln_x, 0.0) - expected - w * (particles.core[:, GAIN, None] + b + s * z)

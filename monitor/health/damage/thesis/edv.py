@@ -159,13 +159,12 @@ def rms_from_model(plan: MapPlan, load: float, speed: float) -> RmsAt:
 
     It is slower than a map, and more exact between its nodes.
     """
-    from models.maps.nodes import scene_at, simulate_point
+    from models.maps.nodes import point_level
 
     def at(dphi_d: float, h_d: float) -> float:
-        scenes = (scene_at(plan, load, speed, h_d, dphi_d, seed) for seed in range(plan.floors))
-        responses = [simulate_point(plan, scene) for scene in scenes]
-        usable = [response.rms for response in responses if response.status != "not_converged"]
-        return float(np.mean(usable)) if len(usable) == len(responses) else float("nan")
+        levels = [point_level(plan, (load, speed, h_d, dphi_d), seed) for seed in range(plan.floors)]
+        usable = [rms for rms, status in levels if status != "not_converged"]
+        return float(np.mean(usable)) if len(usable) == len(levels) else float("nan")
 
     return at
 

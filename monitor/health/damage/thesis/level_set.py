@@ -1,7 +1,7 @@
 """The points of an RMS map with a given RMS, and the least damaged volume among them.
 
 Inside one cell of the grid the map is the bilinear patch X = a + b u + c v + d u v with u and v from 0 to 1, so its
-level set is a hyperbola (or a line). On it the volume of Eq. 90, r_o (x0 + u dx)(y0 + v dy), is least where the curve
+level set is a hyperbola (or a line). On it the volume of Eq. 90, r (x0 + u dx)(y0 + v dy), is least where the curve
 meets an edge of the cell or where the volume is stationary. Eliminating v leaves a quadratic in u,
 
     d dx q u^2 + 2 c dx q u + c (x0 q + dx p) - d x0 p = 0,    p = y0 c - dy (a - X),    q = y0 d - dy b,
@@ -45,13 +45,13 @@ class LevelMap:
         dphi_d: extents, shape (n,), rad, ascending, not negative.
         h_d: depths, shape (m,), m, ascending, not negative.
         rms: shape (m, n), m/s2; NaN is a hole, and the cells that touch it are left out.
-        outer_race_radius: r_o of Eq. 90, m.
+        part_radius: r_o of Eq. 90, or that of the damaged inner race or ball, m.
     """
 
     dphi_d: Array
     h_d: Array
     rms: Array
-    outer_race_radius: float
+    part_radius: float
 
     def __post_init__(self) -> None:
         """Copy to float64 and validate.
@@ -72,8 +72,8 @@ class LevelMap:
             raise ValueError(f"map slice: rms must have shape (h_d, dphi_d) = {expected}, got {self.rms.shape}")
         if np.any(np.isinf(self.rms)):
             raise ValueError("map slice: rms must be finite, or NaN where the map has a hole; got an infinite value")
-        if not (math.isfinite(self.outer_race_radius) and self.outer_race_radius > 0):
-            raise ValueError(f"map slice: outer_race_radius must be positive, got {self.outer_race_radius}")
+        if not (math.isfinite(self.part_radius) and self.part_radius > 0):
+            raise ValueError(f"map slice: part_radius must be positive, got {self.part_radius}")
         if not np.any(np.isfinite(self.cell_min)):
             raise ValueError("map slice: rms has no cell with four finite corners")
 
@@ -120,7 +120,7 @@ class LevelMap:
 
     def volume(self, dphi_d: float, h_d: float) -> float:
         """Return V_eq of Eq. 90, m2 (volume per width)."""
-        return self.outer_race_radius * dphi_d * h_d
+        return self.part_radius * dphi_d * h_d
 
 
 @dataclass(frozen=True)
