@@ -24,6 +24,7 @@ from monitor.health.damage import DamageInput, tracker
 from monitor.health.damage.filter import particle_filter
 from monitor.health.damage.library import forecaster
 from monitor.health.damage.thesis import edv, forecast
+from tests.effort import effort_count
 from tests.hard.test_tracking import LOAD, METHODS, SPEED, growing, plain_map, settings_of
 from tests.monitor.health.test_alarms import RULE, block
 from tests.monitor.health.test_pipeline import base, checked, life
@@ -128,7 +129,7 @@ def test_all_stages_are_found_and_have_blocks() -> None:
 @each_stage
 def test_the_same_block_gives_the_same_and_leaves_the_state(name: str) -> None:
     states, outputs = taken(name)
-    for i in range(COUNT):
+    for i in range(0, COUNT, effort_count(quick=5, full=1)):
         before = text_of(states[i])
         after, output = TAKE[name](copy.deepcopy(states[i]), i)
         assert text_of(output) == outputs[i]
@@ -152,7 +153,7 @@ def test_a_state_goes_through_json_and_on(name: str, at: int) -> None:
     stored = json.dumps(states[at].to_dict(), allow_nan=False)
     state = type(states[at]).from_dict(json.loads(stored))
     assert json.dumps(state.to_dict()) == stored
-    for i in range(at, COUNT):
+    for i in range(at, min(COUNT, at + effort_count(quick=6, full=COUNT))):
         state, output = TAKE[name](state, i)
         assert text_of(output) == outputs[i]
 

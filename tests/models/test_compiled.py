@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -86,13 +87,14 @@ def test_a_ball_touches_the_floor_where_the_edge_path_is_as_deep(h_d: float) -> 
     assert edge(angle, path.r_o, path.r_b, path.reach)[0] == pytest.approx(h_d, rel=1e-6)
 
 
-@pytest.mark.parametrize("position", [0.0, 0.4, -3.0])
-@pytest.mark.parametrize("rows", [1, 2])
-@pytest.mark.parametrize("floor", [Floor(), Floor("rough", seed=3)])
-@pytest.mark.parametrize(
-    ("extent", "h_d"), [(1.0, 2e-5), (20.0, 2e-5), (29.99999, 3e-6), (77.0, math.inf), (360.0, 5e-4)]
-)
-def test_tables_are_the_path(extent: float, h_d: float, floor: Floor, rows: int, position: float) -> None:
+SIZES = ((1.0, 2e-5), (20.0, 2e-5), (29.99999, 3e-6), (77.0, math.inf), (360.0, 5e-4))
+PLACED = list(itertools.product(SIZES, (Floor(), Floor("rough", seed=3)), (1, 2), (0.0, 0.4, -3.0)))
+
+
+# Every seventh meets each size, floor, row and position.
+@pytest.mark.parametrize(("size", "floor", "rows", "position"), PLACED[:: effort_count(quick=7, full=1)])
+def test_tables_are_the_path(size: tuple[float, float], floor: Floor, rows: int, position: float) -> None:
+    extent, h_d = size
     defect = Defect(math.radians(extent), h_d, floor, position, rows)
     period = period_of(Scene(40.0, 4000.0, defect=defect), 200)
     nodes, balls = period.nodes, period.balls
@@ -195,7 +197,7 @@ def test_what_a_row_cannot_be_made_of_is_refused() -> None:
 @pytest.mark.parametrize("accuracy", [5e-3, 1e-3, 2e-4])
 def test_the_error_is_the_one_asked_for(accuracy: float) -> None:
     errors, bounded = [], 0
-    count = effort_count(quick=24, full=200)
+    count = effort_count(quick=12, full=200)
     for seed in range(count):
         rng = np.random.default_rng(seed)
         defect = Defect(math.radians(rng.uniform(0.8, 50.0 if seed % 2 else 15.0)), rng.uniform(1e-6, 32e-6))

@@ -86,7 +86,7 @@ def test_against_the_oracle(name: str) -> None:
     """From rest, both sensors, both directions, at the default step: waveforms to 1e-3 of their RMS."""
     case, scene = CASES[name]
     h = 1.0 / 102400.0
-    samples = effort_count(quick=400, full=4000)
+    samples = effort_count(quick=200, full=4000)
     truth = Oracle(case).run(np.linspace(0.0, (samples - 1) * h, samples))
     plan = prepare_plan(scene, samples * h)
     for k, direction in enumerate(((1.0, 0.0), (0.0, 1.0))):

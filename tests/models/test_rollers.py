@@ -78,7 +78,7 @@ def test_against_the_oracle(scene: Scene) -> None:
     defect = scene.defect
     assert defect is not None
     case = oracle.Case(scene.speed, scene.load, defect.dphi_d, defect.h_d)
-    truth = settled_oracle(RollerOracle(case), effort_count(quick=18, full=30), 10.0 ** -effort_count(quick=7, full=9))
+    truth = settled_oracle(RollerOracle(case), effort_count(quick=10, full=30), 10.0 ** -effort_count(quick=6, full=9))
     found = simulate(scene, accuracy=2e-4)
     assert found.status == "converged"
     assert found.rms == pytest.approx(truth, rel=3e-3)
