@@ -34,6 +34,7 @@ from monitor.commands.common import (
     read_machine,
     say,
 )
+from monitor.words.numbers import floor_of_defect
 from streams.block import STANDARD_GRAVITY
 
 _COARSE = 0.02
@@ -53,7 +54,7 @@ def command() -> None:
 @click.option("--fault", type=click.Choice(PARTS), default="outer", help="The damaged part.")
 @click.option("--dphi-deg", type=option.Axis(), default="0:50:51", help="Extents; of a ball about its own axis.")
 @click.option("--h-d-um", type=option.Axis(), default="0:32:33", help="Depths.")
-@click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth")
+@option.floor
 @click.option("--floors", type=click.IntRange(min=1), default=1, help="Floors to average.")
 @click.option("--seed", type=option.WHOLE, default=0, help="Seed of the first rough floor.")
 @click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip angle of the balls.")
@@ -96,6 +97,7 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
         "cpu_seconds": _cpu_seconds() - began_cpu,
         "out": str(out),
         **_quality(rms_map),
+        "floor": floor_of_defect(plan.floor.kind, plan.floor.sd),
         "interpolation_tolerance": tolerance,
         "fault": rms_map.part,
         "v_eq": rms_map.volume_words,
@@ -218,6 +220,8 @@ def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
         f"RMS falls with depth at {values['not_monotone_h_d']} nodes, with extent at {values['not_monotone_dphi_d']}"
     )
     yield ", ".join(f"{number} {name}" for name, number in values["status"].items() if number)
+    if values["floor"] != "smooth":
+        yield f"floor {values['floor']}"
     yield f"hash {values['hash'][:16]}"
 
 

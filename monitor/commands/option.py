@@ -23,6 +23,12 @@ bearing = click.option("--bearing", "name", help="A bearing of the configuration
 channel = click.option("--channel", help="Channel of the records, where several have a final stage.")
 interval = click.option("--interval", type=click.FloatRange(0.5, 0.98), default=0.8, help="Level of intervals.")
 library = click.option("--library", "library_path", type=FILE, help="Library of simulated lives (.npz).")
+floor = click.option(
+    "--floor",
+    type=click.Choice(["smooth", "rough"]),
+    default="smooth",
+    help="Bottom of the defect; rough: 1 µm (sd) after filtering, where the thesis scales by R = 10 µm.",
+)
 line_contact = click.option(
     "--line-contact",
     type=click.Choice(["palmgren", "houpert", "lundberg"]),

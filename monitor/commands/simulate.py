@@ -26,6 +26,7 @@ from monitor.commands.common import (
     output_errors,
     read_machine,
 )
+from monitor.words.numbers import floor_of_defect
 from streams.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ _WAVEFORM_RATE = 51200.0
 @click.option("--dphi-deg", type=click.FloatRange(0, 360), default=0.0, help="Extent of the defect.")
 @click.option("--h-d-um", type=option.NOT_NEGATIVE, default=0.0, help="Depth of the defect.")
 @click.option("--clearance-um", type=option.NOT_NEGATIVE, help="Radial clearance.")
-@click.option("--floor", type=click.Choice(["smooth", "rough"]), default="smooth")
+@option.floor
 @click.option("--seed", type=option.WHOLE, default=0, help="Seed of rough floor and slip.")
 @click.option("--rows", type=click.Choice(["1", "2"]), default="1", help="Number of damaged rows.")
 @click.option("--first-row", type=click.IntRange(1), default=1, help="The first damaged row.")
@@ -257,5 +258,7 @@ def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
         yield (
             f"BPFI {values['bpfi_hz']:.2f} Hz, twice BSF {2.0 * values['bsf_hz']:.2f} Hz, FTF {values['ftf_hz']:.2f} Hz"
         )
+    if scene.defect is not None and scene.defect.floor.kind == "rough":
+        yield f"floor {floor_of_defect('rough', scene.defect.floor.sd)}"
     if scene.defect is None:
         yield "no defect: give --dphi-deg and --h-d-um"

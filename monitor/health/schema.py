@@ -44,6 +44,7 @@ class Variable:
             None where a unit has no meaning.
         symbol: that of the source, in ASCII.
         source: where it is defined.
+        comment: where it departs from its source.
         kind: "float", "int", "flag" (one word of ``values``) or "mask" (any number of words of ``values``).
         values: allowed words, in the order of their integers.
         optional: whether files leave it out where no record has it.
@@ -58,6 +59,7 @@ class Variable:
     kind: Kind = "float"
     values: tuple[str, ...] = ()
     optional: bool = False
+    comment: str = ""
 
 
 def _floats(units: str | None, rows: str, dims: tuple[str, ...] = (), *, optional: bool = False) -> list[Variable]:
@@ -74,7 +76,15 @@ def _floats(units: str | None, rows: str, dims: tuple[str, ...] = (), *, optiona
 _LINES = ("band", "fault", "harmonic")
 _TABLE: list[Variable] = [
     *(
-        Variable(feature.name, feature.dims, feature.units, feature.long_name, feature.symbol, feature.source)
+        Variable(
+            name=feature.name,
+            dims=feature.dims,
+            units=feature.units,
+            long_name=feature.long_name,
+            symbol=feature.symbol,
+            source=feature.source,
+            comment=feature.departure,
+        )
         for feature in FEATURES.values()
     ),
     *_floats(

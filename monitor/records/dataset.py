@@ -239,6 +239,8 @@ def attributes_of(variable: Variable, time_units: str) -> dict[str, Any]:
         attributes["symbol"] = variable.symbol
     if variable.source:
         attributes["references"] = variable.source
+    if variable.comment:
+        attributes["comment"] = variable.comment
     if variable.kind == "flag":
         attributes["flag_values"] = np.arange(NO_VALUE, len(variable.values), dtype=_FLAG_DTYPE)
         attributes["flag_meanings"] = " ".join(("no_value", *variable.values))

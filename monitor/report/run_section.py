@@ -29,7 +29,8 @@ from monitor.report.verdict import (
     named_fault,
 )
 from monitor.words.events import event_text
-from monitor.words.numbers import Clock, acceleration, count, duration, figure
+from monitor.words.features import FEATURES
+from monitor.words.numbers import Clock, acceleration, count, duration, figure, floor_of_defect
 
 _MAX_EVENTS = 200
 _EVENT_NAMES = {
@@ -268,4 +269,19 @@ def _provenance(run: Run) -> list[tuple[str, str]]:
         for key, text in sorted(run.attributes.items())
         if key not in _PROVENANCE and key not in _DISCOVERY and not key.startswith("time_coverage")
     ]
-    return [(label, quality.without_folders(text) or "none") for label, text in (*known, *others)]
+    rows = [(label, quality.without_folders(text) or "none") for label, text in (*known, *others)]
+    return [*rows, *_floors(run), ("departures from the sources", "; ".join(_departures()))]
+
+
+def _departures() -> Iterator[str]:
+    """Yield by feature where it departs from what its source prints."""
+    for feature in FEATURES.values():
+        if feature.departure:
+            yield f"{feature.label}: {feature.departure}"
+
+
+def _floors(run: Run) -> list[tuple[str, str]]:
+    """Return the floor of the defects in each RMS map that is kept."""
+    found = {hash_of(run, channel) for channel in run.channels}
+    maps = [kept for wanted in sorted(found) if (kept := kept_map(wanted)) is not None]
+    return [("floor of the defects in the map", floor_of_defect(m.plan.floor.kind, m.plan.floor.sd)) for m in maps]

@@ -51,6 +51,7 @@ class Feature:
         label: what it is called in a sentence or a legend; by default the name with blanks.
         long_name: what it is.
         source: where it is defined.
+        departure: where its value departs from what is printed there.
         units: UDUNITS string of the SI unit.
         unit: for people.
         dims: dimensions beyond (time, channel).
@@ -67,6 +68,7 @@ class Feature:
     label: str = ""
     long_name: str = ""
     source: str = ""
+    departure: str = ""
     units: str = PURE
     unit: Unit = Unit()
     dims: tuple[str, ...] = ()
@@ -196,7 +198,20 @@ dphi_d | angle | | dphi_d | | angular extent of the equivalent defect | {_STAGES
 h_d | depth | | h_d | | depth of the equivalent defect | {_STAGES}
 """
 
-FEATURES: dict[str, Feature] = {found.name: found for found in map(row, _TABLE.strip().splitlines())}
+_FOUND_LINES = "lines within 2 % of BPFO, printed at BPFO"
+_DEPARTURES = {
+    "rms": "printed with the mean",
+    "crest_factor": "Ceruti's peak is half the range",
+    "a_star": _FOUND_LINES,
+    "h_or": _FOUND_LINES,
+    "impulse_factor": "Ceruti's peak is half the range",
+    "clearance_factor": "printed with abs(x), half the range",
+}
+
+FEATURES: dict[str, Feature] = {
+    found.name: replace(found, departure=_DEPARTURES.get(found.name, ""))
+    for found in map(row, _TABLE.strip().splitlines())
+}
 """All features by name."""
 TRENDS: tuple[Feature, ...] = tuple(feature for feature in FEATURES.values() if feature.trend)
 """Features whose extremes are kept over time."""

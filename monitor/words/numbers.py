@@ -21,6 +21,16 @@ def volume(value: float) -> str:
     return f"{value * 1e6:.3g} mm³/mm"
 
 
+def floor_of_defect(kind: str, sd: float) -> str:
+    """Return a defect's floor; ``sd`` is the standard deviation of a rough one, m."""
+    if kind != "rough":
+        return kind
+    return (
+        f"rough, standard deviation {sd * 1e6:.3g} µm after filtering; by R = 10 µm Gabrielli (section 5.2.1) scales "
+        "the profile, here it sets the cut-off alone"
+    )
+
+
 def duration(seconds: float) -> str:
     """Return a duration (s) in words, to about two figures: "45 s", "12 min", "2 h 10 min", "3 d 4 h"."""
     if seconds < 0:

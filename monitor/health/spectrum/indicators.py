@@ -52,7 +52,8 @@ class TimeIndicators:
 def time_indicators(x: NDArray[np.number]) -> TimeIndicators:
     """Return the time-domain indicators of one block.
 
-    The ratios are those of the sources with one change: RMS leaves out the mean, which is near zero for accelerometers.
+    The ratios are those of Sassi: the peak is max |x|, where Ceruti takes half the range. RMS leaves out the mean, near
+    zero for accelerometers. The clearance factor has the root that Ceruti's formula means: printed is that of x^2.
 
     Args:
         x: (n_samples,), real; float32 is processed as such, everything else as float64.

@@ -35,6 +35,7 @@ def test_a_built_map_says_how_wrong_it_is(tmp_path: Path) -> None:
     rms_map = load_map(out)
     assert values["points"] == 12
     assert values["condition_error"] is None
+    assert values["floor"] == "smooth"
     assert values["shape"] == [1, 1, 3, 4]
     assert values["solver"] == "rows"
     assert 0.0 < values["error_rms"] <= values["error_max"] < 1e-2
@@ -57,6 +58,8 @@ def test_floors_rigs_and_slip_go_into_the_map(tmp_path: Path) -> None:
     axes += ["--interpolation-tolerance", "0"]
     more = ["--floor", "rough", "--floors", "3", "--rig-draws", "2", "--slip-deg", "0.5", "--slip-seed", "7"]
     values, out = build(tmp_path, *more, axes=axes)
+    assert "1 µm after filtering" in values["floor"]
+    assert "R = 10 µm" in values["floor"]
     plan = load_map(out).plan
     assert plan.slip is not None
     assert plan.slip.phi_slip == pytest.approx(np.radians(0.5))

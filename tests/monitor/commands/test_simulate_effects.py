@@ -98,9 +98,26 @@ def test_people_read_the_lines_of_the_part() -> None:
     assert "BPFI 284.38 Hz" in result.stdout
 
 
+def test_a_rough_floor_is_said_to_be_another_one_than_the_thesis_has() -> None:
+    spall = ["--dphi-deg", "10", "--h-d-um", "20"]
+    text = CliRunner().invoke(command, [*spall, "--floor", "rough"], catch_exceptions=False).stdout
+    assert "standard deviation 1 µm after filtering" in text
+    assert "R = 10 µm" in text
+    assert "floor" not in CliRunner().invoke(command, spall, catch_exceptions=False).stdout
+    assert "R = 10 µm" in " ".join(CliRunner().invoke(command, ["--help"]).stdout.split())
+
+
+def test_the_formula_of_the_line_contact_changes_the_stiffness() -> None:
+    rollers = ["--bearing", "NU205", "--load-newton", "2000"]
+    levels = [simulate(*rollers, "--line-contact", name)["rms_g"] for name in ("palmgren", "houpert", "lundberg")]
+    assert len(set(levels)) == 3
+    assert levels[2] == pytest.approx(levels[0], rel=0.2)
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [
+        (["--line-contact", "houpert"], "1205 ETN9 has balls"),
         (["--fault", "inner", "--plot", "scene.pdf"], "--plot"),
         (["--fault", "ball", "--slip-deg", "1"], "slip"),
         (["--first-row", "3"], "first_row"),

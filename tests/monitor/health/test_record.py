@@ -157,7 +157,8 @@ def test_the_document_lists_the_variables_as_they_are() -> None:
         dims = f" ({', '.join(variable.dims)})" if variable.dims else ""
         unit = {"time": "time axis"}.get(variable.units or "", variable.units or "")
         words = f": {', '.join(variable.values)}" if variable.values else ""
-        what = variable.long_name + (words if len(variable.values) <= 6 else " ([words](statuses.md))")
+        departure = f"; {variable.comment}" if variable.comment else ""
+        what = variable.long_name + departure + (words if len(variable.values) <= 6 else " ([words](statuses.md))")
         cells = (f"`{variable.name}`{dims}", unit, variable.symbol, what, _short(variable.source))
         expected.append(f"| {' | '.join(cells)} |")
     assert rows == expected
