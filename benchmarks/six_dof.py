@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
-from models.kernels.period import Period
+from models.kernels.period import Period, blank_trace, mean_square
 from models.maps.build import build_map
 from models.maps.check import check_map
 from models.maps.data import RmsMap
@@ -37,7 +37,7 @@ from models.response import Response
 from models.scene import Defect, Floor, Scene
 from models.simulate import DEFAULT_ACCURACY, simulate
 from tests.oracles.six_dof_oracle import Case, simulate_oracle
-from tests.periods import new_wave, run, simulate_plainly, solve_scene
+from tests.periods import run, simulate_plainly, solve_scene
 
 SEED = 11
 ACCURACIES = (2e-3, 1e-3, 2e-4)
@@ -154,10 +154,10 @@ def integrated_rows(count: int) -> list[Row]:
 
 def _second(period: Period, state: NDArray[np.float64], periods: int) -> tuple[NDArray[np.float64], float]:
     """Integrate some periods; return the state and the mean square."""
-    wave, total = new_wave(period), 0.0
+    trace, total = blank_trace(period), 0.0
     for _ in range(periods):
-        state = run(period, state, wave)
-        total += float(period.weight @ wave[:, 0] ** 2)
+        state = run(period, state, trace)
+        total += mean_square(trace, 0)
     return state, total / periods
 
 

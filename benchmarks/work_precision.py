@@ -22,12 +22,13 @@ from scipy.linalg import expm
 
 from benchmarks import opponents as op
 from models.kernels.orbit import PLAIN_FIRST, settle
+from models.kernels.period import blank_trace, mean_square
 from models.kernels.step import P_OMEGA, P_PITCH
 from models.path.defect import RaceProfile, ball_path
 from models.scene import Defect, Floor, Scene
 from models.simulate import steering
 from tests.oracles import six_dof_oracle as oracle
-from tests.periods import new_wave, period_of, run
+from tests.periods import period_of, run
 
 WARM, KEPT = 4, 7
 DT0 = 1.0 / 51200.0
@@ -77,14 +78,14 @@ class Problem:
         self.rest = np.array([rest[1], rest[0], rest[3], rest[2], rest[5], rest[4], *np.zeros(6)])
         self.arrays = self._arrays()
         self.fine = period_of(scene, REFERENCE_STEPS)
-        self.state, wave, steer = np.empty((2, 6)), new_wave(self.fine), steering(replace(scene, defect=None))
+        self.state, trace, steer = np.empty((2, 6)), blank_trace(self.fine), steering(replace(scene, defect=None))
         found = settle(
-            *(np.zeros((2, 6)), self.state, wave, self.fine),
+            *(np.zeros((2, 6)), self.state, trace, self.fine),
             *(np.eye(12) if steer is None else steer, PLAIN_FIRST, 1e-10, 200),
         )
         self.settled = found[3]
-        self.wave = np.ascontiguousarray(wave[:, 0])
-        self.rms = math.sqrt(float(self.fine.weight @ self.wave**2))
+        self.wave = np.ascontiguousarray(trace.wave[:, 0])
+        self.rms = math.sqrt(mean_square(trace, 0))
 
     def _arrays(self) -> op.Scene:
         case, par = self.case, np.zeros(op.PARAMETERS)
@@ -328,13 +329,13 @@ def run_product(problem: Problem, steps: int) -> Callable[[], Run]:
     count = WARM + KEPT
 
     def work() -> Run:
-        state, wave = problem.state, new_wave(period)
+        state, trace = problem.state, blank_trace(period)
         for _ in range(count):
-            state = run(period, state, wave)
+            state = run(period, state, trace)
         shown = np.append(times + (count - 1) * problem.period, problem.end)
         return Run(
             np.concatenate(([0.0], shown[:-1])),
-            np.concatenate(([0.0], wave[:, 0])),
+            np.concatenate(([0.0], trace.wave[:, 0])),
             np.concatenate(([0.0], period.weight * problem.period)),
             4 * int(period.first[-1]) * count,
         )

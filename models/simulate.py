@@ -23,6 +23,7 @@ from models.dynamics.six_dof import (
 from models.kernels import settled as kernels
 from models.kernels.lines import fourier_coefficients
 from models.kernels.orbit import STATE_SCALE, jacobian, newton_steering
+from models.kernels.period import mean_square
 from models.kernels.period_setup import set_up
 from models.kernels.settled import Effort
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, P_U_1
@@ -31,7 +32,7 @@ from models.response import HARMONICS, Response, Status, check_band, peak_in_ban
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.kernels.period import Period
+    from models.kernels.period import Period, Trace
     from models.scene import Scene
 
 DEFAULT_ACCURACY = 1e-3
@@ -174,11 +175,11 @@ def steps_to_resolve(frequency: float, duration: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Orbit:
-    """What a search found: period, state at its start, accelerations, and the kernel's numbers (R_ constants)."""
+    """What a search found: period, state at its start, what it recorded, and the kernel's numbers (R_ constants)."""
 
     period: Period
     state: NDArray[np.float64]
-    wave: NDArray[np.float64]
+    trace: Trace
     found: NDArray[np.float64]
 
     @property
@@ -239,9 +240,9 @@ def _repeating(
     """Return the response of a motion that repeats."""
     period, found = orbit.period, orbit.found
     bpfo = kinematics(scene.bearing, scene.speed).bpfo
-    coefficients = fourier_coefficients(orbit.wave, period, _lines_to(scene, period, band, lines_to))
-    power = np.maximum(np.einsum("vs,v->s", orbit.wave * orbit.wave, period.weight), 0.0)
-    peak = np.max(np.abs(orbit.wave), axis=0)
+    coefficients = fourier_coefficients(orbit.trace, period, _lines_to(scene, period, band, lines_to))
+    power = np.array([mean_square(orbit.trace, sensor) for sensor in (0, 1)])
+    peak = np.max(np.abs(orbit.trace.wave), axis=0)
     error = float(found[kernels.R_ERROR])
     status: Status = "converged" if error <= effort.accuracy else "inaccurate"
     lines = found[kernels.R_LINES :].reshape(2, HARMONICS)
@@ -336,7 +337,7 @@ def steering(scene: Scene) -> NDArray[np.float64] | None:
     if approach <= 0.0:
         return None
     size = min(1e-2, 1e-2 * approach / STATE_SCALE[0])
-    matrix = jacobian(np.zeros((2, 6)), period, size, np.empty((len(period.time), 2)))
+    matrix = jacobian(np.zeros((2, 6)), period, size)
     if not np.all(np.isfinite(matrix)):
         return None
     inverse = newton_steering(matrix)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from models.dynamics.six_dof import LEAST_IN_SEGMENT, damaged_rows, defect_arrays, operating_point, steps_for
 from models.kernels.orbit import PLAIN_FIRST, settle
-from models.kernels.period import Period, ball_period
+from models.kernels.period import Period, Trace, ball_period, blank_trace, mean_square
 from models.kernels.period_setup import set_up
 from models.kernels.settled import R_LINES, R_STEPS, solve
 from models.kernels.step import STATUS_OK
@@ -52,15 +52,10 @@ def solve_scene(scene: Scene, accuracy: float, tolerance: float | None = None) -
     return Solved(period, state, found)
 
 
-def new_wave(period: Period) -> NDArray[np.float64]:
-    """Return an array for the accelerations of a period."""
-    return np.empty((len(period.time), 2))
-
-
-def run(period: Period, state: NDArray[np.float64], wave: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the state one period later, (2, 6), and write the accelerations."""
+def run(period: Period, state: NDArray[np.float64], trace: Trace) -> NDArray[np.float64]:
+    """Return the state one period later, (2, 6), and write what the period records."""
     after = np.empty((2, 6))
-    assert ball_period(state, after, wave, period) == STATUS_OK
+    assert ball_period(state, after, trace, period) == STATUS_OK
     return after
 
 
@@ -86,12 +81,12 @@ def simulate_plainly(
     period: Period, periods: int, dropped: int, begin: NDArray[np.float64] | None = None
 ) -> SimulatedOn:
     """Simulate period after period, from rest unless a state is given; the first ``dropped`` are not kept."""
-    state, wave = np.zeros((2, 6)) if begin is None else begin.copy(), new_wave(period)
+    state, trace = np.zeros((2, 6)) if begin is None else begin.copy(), blank_trace(period)
     levels = []
     for n in range(periods):
-        state = run(period, state, wave)
+        state = run(period, state, trace)
         if n >= dropped:
-            levels.append(math.sqrt(float(period.weight @ wave[:, 0] ** 2)))
+            levels.append(math.sqrt(mean_square(trace, 0)))
     return SimulatedOn(np.array(levels), state)
 
 
@@ -99,7 +94,7 @@ def orbit_of(scene: Scene, steps: int | None = None) -> tuple[Period, NDArray[np
     """Return a scene's period and the fixed point of its map, stable or not."""
     period, steer, state = period_of(scene, steps), steering(replace(scene, defect=None)), np.empty((2, 6))
     found = settle(
-        *(np.zeros((2, 6)), state, new_wave(period), period),
+        *(np.zeros((2, 6)), state, blank_trace(period), period),
         *(np.eye(12) if steer is None else steer, PLAIN_FIRST, 1e-9, 400),
     )
     assert found[3]

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.kernels.lines import fourier_coefficients
-from models.kernels.orbit import SILENCE, mean_square
-from models.kernels.period import ball_period
+from models.kernels.orbit import SILENCE
+from models.kernels.period import ball_period, blank_trace, mean_square
 from models.kernels.step import STATUS_OK
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def simulate_on(period: Period, state: NDArray[np.float64], periods: int, tolera
             stays below it three times in succession.
         count: of the lines.
     """
-    wave, after = np.empty((len(period.time), 2)), np.empty((2, 6))
+    trace, after = blank_trace(period), np.empty((2, 6))
     state = state.copy()
     power, peak, spectrum = np.zeros(2), np.zeros(2), np.zeros((2, count + 1))
     last = np.zeros((2, count + 1), dtype=np.complex128)
@@ -109,18 +109,18 @@ def simulate_on(period: Period, state: NDArray[np.float64], periods: int, tolera
     rms, change, calm, done = math.nan, math.inf, 0, 0
     while done < periods and calm < 3:
         done += 1
-        if ball_period(state, after, wave, period) != STATUS_OK:
+        if ball_period(state, after, trace, period) != STATUS_OK:
             return Motion(state, done, math.inf, False, power * math.nan, peak * math.nan, last * math.nan, np.empty(0))
         state[:] = after
-        squares = np.array([mean_square(wave, period.weight, k) for k in (0, 1)])
+        squares = np.array([mean_square(trace, k) for k in (0, 1)])
         before, rms = rms, math.sqrt(squares[0])
         change = 0.0 if max(rms, before) <= SILENCE else abs(rms - before) / max(rms, SILENCE)
         calm = calm + 1 if change < tolerance else 0
         if done > _DROPPED * periods:
-            last = fourier_coefficients(wave, period, count)
+            last = fourier_coefficients(trace, period, count)
             power += squares
             spectrum += np.abs(last) ** 2
-            peak = np.maximum(peak, np.abs(wave).max(axis=0))
+            peak = np.maximum(peak, np.abs(trace.wave).max(axis=0))
             levels.append(rms)
     kept = max(len(levels), 1)
     size = np.abs(last)

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.kernels.jit import kernel
-from models.kernels.period import ball_period
+from models.kernels.period import ball_period, blank_trace, mean_square
 from models.kernels.step import STATUS_OK
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.kernels.period import Period
+    from models.kernels.period import Period, Trace
 
 # Sizes of the state that count as one: displacements, velocities, and for the stiff resonator a smaller displacement.
 STATE_SCALE = np.array([1e-6, 1e-2, 1e-6, 1e-2, 2e-7, 1e-2])
@@ -74,19 +74,10 @@ def anderson(xs: NDArray[np.float64], fs: NDArray[np.float64], count: int, x: ND
 
 
 @kernel
-def mean_square(wave: NDArray[np.float64], weight: NDArray[np.float64], sensor: int) -> float:
-    """Return the mean square of a recorded period."""
-    total = 0.0
-    for i in range(weight.shape[0]):
-        total += weight[i] * wave[i, sensor] * wave[i, sensor]
-    return max(total, 0.0)
-
-
-@kernel
 def settle(
     begin: NDArray[np.float64],
     state: NDArray[np.float64],
-    wave: NDArray[np.float64],
+    trace: Trace,
     period: Period,
     steering: NDArray[np.float64],
     plain: int,
@@ -95,10 +86,10 @@ def settle(
 ) -> tuple[int, float, float, bool]:
     """Iterate from ``begin`` until the RMS has settled or ``cap`` periods have been simulated.
 
-    ``state`` (2, 6) is written: the state at the start of the last period, whose accelerations ``wave`` holds.
+    ``state`` (2, 6) is written: the state at the start of the last period, whose accelerations ``trace`` holds.
     ``steering`` (12, 12) is what residuals are multiplied by, in scaled coordinates; the first ``plain`` periods follow
-    each other without it. Return the periods simulated,
-    relative change and value of the RMS of the last, and whether it has settled.
+    each other without it. Return the periods simulated, relative change and value of the RMS of the last, and whether
+    it has settled.
     """
     x, after = np.zeros(12), np.empty((2, 6))
     xs, fs = np.empty((DEPTH + 1, 12)), np.empty((DEPTH + 1, 12))
@@ -109,14 +100,14 @@ def settle(
     for number in range(1, cap + 1):
         for i in range(12):
             state[i // 6, i % 6] = x[i] * STATE_SCALE[i % 6]
-        status = ball_period(state, after, wave, period)
+        status = ball_period(state, after, trace, period)
         if status != STATUS_OK:
             # The extrapolation left the basin: begin again at rest, plainly.
             for i in range(12):
                 x[i] = 0.0
             known, calm, change, rms = 0, 0, math.inf, math.nan
             continue
-        level = math.sqrt(mean_square(wave, period.weight, 0))
+        level = math.sqrt(mean_square(trace, 0))
         change = _change(level, rms)
         calm = calm + 1 if change < tolerance else 0
         rms = level
@@ -175,20 +166,18 @@ def _remember(
 
 
 @kernel
-def jacobian(state: NDArray[np.float64], period: Period, size: float, wave: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the Jacobian of the scaled period map at a state, by differences of ``size``, shape (12, 12).
-
-    ``wave`` is scratch.
-    """
-    base, image, moved = np.empty((2, 6)), np.empty((2, 6)), state.copy()
-    ball_period(state, base, wave, period)
+def jacobian(state: NDArray[np.float64], period: Period, size: float) -> NDArray[np.float64]:
+    """Return the Jacobian of the scaled period map at a state, by central differences over ``size``, shape (12, 12)."""
+    above, below, moved, trace = np.empty((2, 6)), np.empty((2, 6)), state.copy(), blank_trace(period)
     found = np.empty((12, 12))
     for j in range(12):
         moved[j // 6, j % 6] = state[j // 6, j % 6] + size * STATE_SCALE[j % 6]
-        ball_period(moved, image, wave, period)
+        ball_period(moved, above, trace, period)
+        moved[j // 6, j % 6] = state[j // 6, j % 6] - size * STATE_SCALE[j % 6]
+        ball_period(moved, below, trace, period)
         moved[j // 6, j % 6] = state[j // 6, j % 6]
         for i in range(12):
-            found[i, j] = (image[i // 6, i % 6] - base[i // 6, i % 6]) / (STATE_SCALE[i % 6] * size)
+            found[i, j] = 0.5 * (above[i // 6, i % 6] - below[i // 6, i % 6]) / (STATE_SCALE[i % 6] * size)
     return found
 
 

@@ -1,8 +1,9 @@
 """Kernel of one ball period of the six-degree-of-freedom model, by Lawson-RK4 (models.kernels.step).
 
-The damping force sets in like a square root where a ball meets or leaves its contact, which no step of high order
-follows. A step in which any ball does so is taken again as SUBSTEPS smaller ones, with the path interpolated between
-the nodes of the step.
+The damping force sets in with a jump, and like a square root, where a ball meets or leaves its contact, which no step
+of high order follows. A step in which any ball does so is taken again in parts, which are divided again where the
+contact changes within them, with the path interpolated between the nodes of the step. A mean over the period takes such
+a step from its parts: a rule of quadrature that runs over the jump would be wrong by a share of the step.
 """
 
 from __future__ import annotations
@@ -13,15 +14,30 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.kernels.jit import inlined, kernel
-from models.kernels.step import STATUS_NOT_FINITE, STATUS_OK, Balls, Nodes, contact, forces, record, step
+from models.kernels.quadrature import fill_weights
+from models.kernels.step import (
+    P_OMEGA,
+    STATUS_NOT_FINITE,
+    STATUS_OK,
+    Balls,
+    Nodes,
+    accelerations,
+    contact,
+    forces,
+    propagators,
+    step,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.kernels.step import Axis, Flow
 
-# Parts of a step in which a contact opens or closes.
+# A step in which contacts change is divided into so many parts, and again each part in which they change; the smallest
+# is SUBSTEPS ** DIVISIONS of a step.
 SUBSTEPS = 4
+DIVISIONS = 3
+_FINEST = SUBSTEPS**DIVISIONS
 
 
 class Period(NamedTuple):
@@ -32,12 +48,10 @@ class Period(NamedTuple):
         first: first step of each segment and the number of steps, int64, (segments + 1,); steps within a segment are
             equal.
         flow: step length h, s, then what carries half a step (models.kernels.step.propagators), (segments, 10).
-        part: the last nine of ``flow`` for a step of h / SUBSTEPS, (segments, 9).
-        advance: cosine and sine of the cage's turn within a step, in steps of h / (2 SUBSTEPS),
-            (segments, 2 SUBSTEPS + 1, 2).
         time: of each recorded value since the start of the period, s, (steps + segments,); the ends of neighbouring
             segments are recorded twice, once from either side.
-        weight: quadrature weights of the recorded values over the period, so that ``weight @ x`` is a mean.
+        weight: quadrature weights of the recorded values over the period where no contact changes, so that
+            ``weight @ x`` is a mean.
     """
 
     parameter: NDArray[np.float64]
@@ -45,21 +59,57 @@ class Period(NamedTuple):
     nodes: Nodes
     first: NDArray[np.int64]
     flow: NDArray[np.float64]
-    part: NDArray[np.float64]
-    advance: NDArray[np.float64]
     time: NDArray[np.float64]
     weight: NDArray[np.float64]
 
 
+class Trace(NamedTuple):
+    """What a period records; values in m/s2.
+
+    Attributes:
+        wave: acceleration of outer ring and resonator in the sensor's direction at both ends of every step, each
+            segment with its own two ends, (steps + segments, 2).
+        weight: quadrature weights of ``wave``, (steps + segments,): the values of each run of steps without a change
+            of contact have a rule of their own.
+        parts: of the steps in which contacts change, their share in the mean over the period of both accelerations and
+            of both squares, (steps, 4); zero for all other steps.
+        changed: whether contacts change in a step, (steps,).
+    """
+
+    wave: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    parts: NDArray[np.float64]
+    changed: NDArray[np.bool_]
+
+
+@kernel
+def blank_trace(period: Period) -> Trace:
+    """Return room for what a period records."""
+    steps, values = period.nodes.turn.shape[0], period.time.shape[0]
+    return Trace(np.zeros((values, 2)), period.weight.copy(), np.zeros((steps, 4)), np.zeros(steps, dtype=np.bool_))
+
+
+@kernel
+def mean_square(trace: Trace, sensor: int) -> float:
+    """Return the mean square of a recorded period, m2/s4; ``sensor`` is 0 for the outer ring, 1 for the resonator."""
+    total = 0.0
+    for i in range(trace.weight.shape[0]):
+        total += trace.weight[i] * trace.wave[i, sensor] * trace.wave[i, sensor]
+    for n in range(trace.changed.shape[0]):
+        if trace.changed[n]:
+            total += trace.parts[n, 2 + sensor]
+    return max(total, 0.0)
+
+
 @inlined
-def _path_within(index: int, node: int, span: float, nodes: Nodes, n: int, within: Nodes) -> None:
+def _path_within(place: float, node: int, span: float, nodes: Nodes, n: int, within: Nodes) -> None:
     """Write d and omega_c d' at a place within step ``n`` of ``span`` s, from its three nodes (quintic Hermite).
 
-    The place is ``index`` of 2 SUBSTEPS; it is written to row 0, ``node``. In s from -1 to 1 over the step, the
-    polynomial has the values and slopes of the nodes at s = -1, 0 and 1.
+    The place, from 0 to 1, is written to row 0, ``node``. In s from -1 to 1 over the step, the polynomial has the
+    values and slopes of the nodes at s = -1, 0 and 1.
     """
     depth, rate = nodes.depth, nodes.rate
-    s = index / SUBSTEPS - 1.0
+    s = 2.0 * place - 1.0
     half = 0.5 * span
     for j in range(depth.shape[2]):
         middle, m_slope = depth[n, 1, j], half * rate[n, 1, j]
@@ -89,47 +139,85 @@ def flow_row(values: NDArray[np.float64], row: int, offset: int) -> Flow:
     )
 
 
+@inlined
+def _add(parts: NDArray[np.float64], n: int, weight: float, a_o: float, a_r: float) -> None:
+    """Add the accelerations of outer ring and resonator and their squares to the row of a step."""
+    parts[n, 0] += weight * a_o
+    parts[n, 1] += weight * a_r
+    parts[n, 2] += weight * a_o * a_o
+    parts[n, 3] += weight * a_r * a_r
+
+
 @kernel
-def _refined_step(x1: Axis, x2: Axis, h: float, e: Flow, period: Period, segment: int, n: int) -> tuple[Axis, Axis]:
-    """Return both axes after step ``n`` taken in SUBSTEPS parts; ``e`` carries half of a part."""
-    turn, advance, count = period.nodes.turn, period.advance, period.balls.moved.shape[1]
+def _divided_step(
+    x1: Axis, x2: Axis, h: float, share: float, period: Period, n: int, parts: NDArray[np.float64]
+) -> tuple[Axis, Axis]:
+    """Return both axes after step ``n`` taken in parts, and write its share in the means over the period.
+
+    ``share`` is that of the step in the period.
+    """
+    p, turn, count = period.parameter, period.nodes.turn, period.balls.moved.shape[1]
     within = Nodes(np.empty((1, 3, 2)), np.empty((1, 3, count)), np.empty((1, 3, count)), None)
-    for part in range(SUBSTEPS):
+    zero = np.int64(0)
+    place, size = 0, _FINEST // SUBSTEPS
+    e, known = propagators(p, h * size / _FINEST), size
+    before = 0
+    parts[n] = 0.0
+    while place < _FINEST:
+        length = h * size / _FINEST
+        if known != size:
+            e, known = propagators(p, length), size
         for node in range(3):
-            index = 2 * part + node
-            c, s = advance[segment, index, 0], advance[segment, index, 1]
+            at = (place + 0.5 * node * size) / _FINEST
+            c, s = math.cos(p[P_OMEGA] * h * at), math.sin(p[P_OMEGA] * h * at)
             within.turn[0, node, 0] = turn[n, 0, 0] * c - turn[n, 0, 1] * s
             within.turn[0, node, 1] = turn[n, 0, 1] * c + turn[n, 0, 0] * s
-            _path_within(index, node, h, period.nodes, n, within)
-        x1, x2, _, _, _ = step(x1, x2, h / SUBSTEPS, e, period.parameter, forces, (period.balls, within), np.int64(0))
+            _path_within(at, node, h, period.nodes, n, within)
+        y1, y2, g1, g2, changed = step(x1, x2, length, e, p, forces, (period.balls, within), zero)
+        if changed and size > 1:
+            size //= SUBSTEPS
+            continue
+        # The trapezoid rule: half of the part before and half of this one belong to the value between them.
+        a_o, a_r = accelerations(x1, x2, g1, g2, p)
+        weight = share * 0.5 * (before + size) / _FINEST
+        _add(parts, n, weight, a_o, a_r)
+        before = size
+        x1, x2 = y1, y2
+        place += size
+        while size < _FINEST // SUBSTEPS and place % (SUBSTEPS * size) == 0:
+            size *= SUBSTEPS
+    g1, g2, _ = contact(x1, x2, p, period.balls, period.nodes, n, np.int64(2))
+    a_o, a_r = accelerations(x1, x2, g1, g2, p)
+    weight = share * 0.5 * before / _FINEST
+    _add(parts, n, weight, a_o, a_r)
     return x1, x2
 
 
 @kernel
-def ball_period(
-    state: NDArray[np.float64], state_out: NDArray[np.float64], wave: NDArray[np.float64], period: Period
-) -> int:
-    """Carry the state over one ball period; return a STATUS_ number.
+def ball_period(state: NDArray[np.float64], state_out: NDArray[np.float64], trace: Trace, period: Period) -> int:
+    """Carry the state over one ball period and write its ``trace``; return a STATUS_ number.
 
-    ``state`` and ``state_out`` (2, 6): see models.kernels.step. ``wave`` (steps + segments, 2), written: acceleration
-    of outer ring and resonator in the sensor's direction, m/s2, at both ends of every step, each segment with its own
-    two ends.
+    ``state`` and ``state_out`` (2, 6): see models.kernels.step.
     """
     p, balls, nodes, first, flow = period.parameter, period.balls, period.nodes, period.first, period.flow
     x1 = (state[0, 0], state[0, 1], state[0, 2], state[0, 3], state[0, 4], state[0, 5])
     x2 = (state[1, 0], state[1, 1], state[1, 2], state[1, 3], state[1, 4], state[1, 5])
+    wave, any_changed = trace.wave, False
     for segment in range(first.shape[0] - 1):
         h = flow[segment, 0]
-        e, e_part = flow_row(flow, segment, 1), flow_row(period.part, segment, 0)
+        e = flow_row(flow, segment, 1)
         for n in range(first[segment], first[segment + 1]):
             y1, y2, g1, g2, changed = step(x1, x2, h, e, p, forces, (balls, nodes), n)
-            record(wave, n + segment, x1, x2, g1, g2, p)
+            wave[n + segment, 0], wave[n + segment, 1] = accelerations(x1, x2, g1, g2, p)
+            trace.changed[n] = changed
             if changed:
-                y1, y2 = _refined_step(x1, x2, h, e_part, period, segment, n)
+                any_changed = True
+                y1, y2 = _divided_step(x1, x2, h, h / period.time[-1], period, n, trace.parts)
             x1, x2 = y1, y2
         last = first[segment + 1] - 1
         g1, g2, _ = contact(x1, x2, p, balls, nodes, last, np.int64(2))
-        record(wave, last + segment + 1, x1, x2, g1, g2, p)
+        wave[last + segment + 1, 0], wave[last + segment + 1, 1] = accelerations(x1, x2, g1, g2, p)
+    fill_weights(flow, first, period.weight, trace.changed, any_changed, trace.weight)
     bad = False
     for k in range(6):
         state_out[0, k], state_out[1, k] = x1[k], x2[k]

@@ -9,7 +9,8 @@ import numpy as np
 
 from models.kernels.jit import kernel
 from models.kernels.path import D_HALF, D_POSITION, fill_path, segment_bounds
-from models.kernels.period import SUBSTEPS, Period
+from models.kernels.period import Period
+from models.kernels.quadrature import add_quadrature
 from models.kernels.step import NEAR_SLOPE, P_OMEGA, P_PITCH, Balls, Nodes, propagators
 
 if TYPE_CHECKING:
@@ -101,22 +102,17 @@ def _first_steps(bounds: NDArray[np.float64], steps: int, least: int, fold: int,
 @kernel
 def _fill_flow(
     parameter: NDArray[np.float64], bounds: NDArray[np.float64], first: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the period's ``flow``, ``part`` and ``advance``."""
+) -> NDArray[np.float64]:
+    """Return the period's ``flow``."""
     segments = bounds.shape[0] - 1
-    flow, part = np.empty((segments, 10)), np.empty((segments, 9))
-    advance = np.empty((segments, 2 * SUBSTEPS + 1, 2))
+    flow = np.empty((segments, 10))
     for k in range(segments):
-        turn = (bounds[k + 1] - bounds[k]) / (first[k + 1] - first[k])
-        h = turn / parameter[P_OMEGA]
-        whole, fraction = propagators(parameter, h), propagators(parameter, h / SUBSTEPS)
+        h = (bounds[k + 1] - bounds[k]) / (first[k + 1] - first[k]) / parameter[P_OMEGA]
         flow[k, 0] = h
+        whole = propagators(parameter, h)
         for i in range(9):
-            flow[k, i + 1], part[k, i] = whole[i], fraction[i]
-        for m in range(2 * SUBSTEPS + 1):
-            angle = turn * (m / (2.0 * SUBSTEPS))
-            advance[k, m, 0], advance[k, m, 1] = math.cos(angle), math.sin(angle)
-    return flow, part, advance
+            flow[k, i + 1] = whole[i]
+    return flow
 
 
 @kernel
@@ -133,34 +129,6 @@ def fill_turn(bounds: NDArray[np.float64], first: NDArray[np.int64]) -> NDArray[
                 if node < 2:
                     c, s = c * step_c - s * step_s, s * step_c + c * step_s
     return turn
-
-
-@kernel
-def add_quadrature(weight: NDArray[np.float64], scale: float) -> None:
-    """Write weights of fourth order for equal steps of length ``scale`` between the values, shape (steps + 1,).
-
-    The trapezoid rule with Gregory's end corrections; closed Newton-Cotes rules where there are too few steps for them.
-    """
-    steps = weight.shape[0] - 1
-    weight[:] = scale
-    if steps == 1:
-        weight[0] = weight[1] = scale / 2.0
-    elif steps == 2:
-        weight[0] = weight[2] = scale / 3.0
-        weight[1] = scale * 4.0 / 3.0
-    elif steps == 3:
-        weight[0] = weight[3] = scale * 3.0 / 8.0
-        weight[1] = weight[2] = scale * 9.0 / 8.0
-    elif steps == 4:
-        weight[0] = weight[4] = scale * 14.0 / 45.0
-        weight[1] = weight[3] = scale * 64.0 / 45.0
-        weight[2] = scale * 24.0 / 45.0
-    else:
-        for end in (0, steps):
-            inwards = 1 if end == 0 else -1
-            weight[end] -= scale * 5.0 / 8.0
-            weight[end + inwards] += scale / 6.0
-            weight[end + 2 * inwards] -= scale / 24.0
 
 
 @kernel
@@ -224,11 +192,11 @@ def set_up(
         path, profile, point.offsets[damaged_rows[0] : damaged_rows[1] if touched > 0 else damaged_rows[0]], pitch
     )
     first = _first_steps(bounds, steps, least, fold, pitch)
-    flow, part, advance = _fill_flow(point.parameter, bounds, first)
+    flow = _fill_flow(point.parameter, bounds, first)
     shape = (first[-1], 3, balls.moved.shape[1])
     nodes = Nodes(fill_turn(bounds, first), np.zeros(shape), np.zeros(shape), None)
     fill_path(path, profile, starts[:touched], bounds, first, omega, nodes.depth, nodes.rate)
     if point.waves.shape[0] > 0:
         _add_waves(point.waves, starts, bounds, first, omega, nodes)
     time, weight = fill_values(bounds, first, omega)
-    return Period(point.parameter, balls, nodes, first, flow, part, advance, time, weight)
+    return Period(point.parameter, balls, nodes, first, flow, time, weight)

@@ -10,6 +10,7 @@ import numpy as np
 from models.kernels.jit import kernel
 from models.kernels.lines import lines
 from models.kernels.orbit import PLAIN_FIRST, SILENCE, STATE_SCALE, jacobian, newton_steering, settle, spectral_radius
+from models.kernels.period import blank_trace
 from models.kernels.period_setup import set_up
 from models.kernels.step import P_CLEARANCE, P_U_1
 from models.kernels.tangent import tangent_jacobian
@@ -17,7 +18,7 @@ from models.kernels.tangent import tangent_jacobian
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.kernels.period import Period
+    from models.kernels.period import Period, Trace
     from models.kernels.period_setup import Point
 
 # Places in a row of ``found``.
@@ -38,6 +39,8 @@ _DOUBTFUL = 0.9
 # load a larger one would leave them.
 _DIFFERENCE = 1e-3
 _OF_APPROACH = 1e-3
+# A larger error than this means that a grid is too coarse for any statement, on itself or on the next.
+_TELLING = 0.05
 
 
 class Effort(NamedTuple):
@@ -80,6 +83,7 @@ def error_estimate(delta: float, wave: float, wave_before: float, before: float)
     found = max(abs(delta) / 2.0, wave / 8.0)
     if not math.isfinite(before):
         return found
+    before = min(before, _TELLING)
     ratio = min(max(wave / wave_before, 0.0625), 0.9) if wave_before > 0.0 else 0.0625
     return max(found, abs(delta), before / 4.0, wave * ratio / (1.0 - ratio))
 
@@ -114,7 +118,7 @@ def _stability(state: NDArray[np.float64], period: Period) -> tuple[float, NDArr
     if not radius <= _DOUBTFUL:
         approach = (abs(period.parameter[P_U_1]) - period.parameter[P_CLEARANCE]) / STATE_SCALE[0]
         size = min(_DIFFERENCE, _OF_APPROACH * approach) if approach > 0.0 else _DIFFERENCE
-        matrix = jacobian(state, period, size, np.empty((period.time.shape[0], 2)))
+        matrix = jacobian(state, period, size)
         radius = spectral_radius(matrix)
     return radius, newton_steering(matrix)
 
@@ -129,7 +133,7 @@ def solve(
     steering: NDArray[np.float64],
     effort: Effort,
     found: NDArray[np.float64],
-) -> tuple[Period, NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Period, NDArray[np.float64], Trace]:
     """Settle one scene; return the last period, the state at its start, and its accelerations.
 
     The coarsest grid is searched from the state ``begin`` (2, 6), each finer one from the orbit of the one before, with
@@ -137,22 +141,22 @@ def solve(
     """
     begin, state, count = begin.copy(), np.zeros((2, 6)), max(effort.harmonics, effort.high)
     period = set_up(path, profile, point, damaged_rows, effort.steps, effort.least, 1)
-    wave = np.empty((period.time.shape[0], 2))
+    trace = blank_trace(period)
     found[:] = 0.0
     found[R_ERROR] = found[R_RADIUS] = found[R_WAVE] = found[R_DELTA] = math.nan
     periods, plain, rms_before, settled_before = 0, PLAIN_FIRST, math.nan, False
     for grid in range(effort.grids):
-        before, wave_before = period, wave
+        before, trace_before = period, trace
         if grid > 0:
             period = set_up(path, profile, point, damaged_rows, effort.steps, effort.least, 1 << grid)
-            wave = np.empty((period.time.shape[0], 2))
+            trace = blank_trace(period)
         number, found[R_CHANGE], rms, settled = settle(
-            begin, state, wave, period, steering, plain, effort.tolerance, effort.cap
+            begin, state, trace, period, steering, plain, effort.tolerance, effort.cap
         )
         periods += number
         found[R_PERIODS], found[R_STEPS] = periods, period.nodes.turn.shape[0]
         found[R_SETTLED] = 1.0 if settled else 0.0
-        spectrum = lines(wave, period.weight, period.time, period.first, period.time[-1], count)
+        spectrum = lines(trace, period.time, period.first, count)
         level = _band_rms(spectrum, effort.low, effort.high) if effort.high >= effort.low else rms
         found[R_RMS] = level
         for k in range(effort.harmonics):
@@ -163,7 +167,7 @@ def solve(
             break
         if settled and settled_before:
             change_before = found[R_WAVE]
-            change = _wave_change(wave, wave_before, before.first, before.weight)
+            change = _wave_change(trace.wave, trace_before.wave, before.first, before.weight)
             found[R_WAVE] = change / rms if rms > SILENCE else 0.0
             found[R_DELTA] = (level - rms_before) / level if level > SILENCE else 0.0
             found[R_ERROR] = error_estimate(found[R_DELTA], found[R_WAVE], change_before, found[R_ERROR])
@@ -180,7 +184,7 @@ def solve(
         if 2 * period.nodes.turn.shape[0] > effort.most:
             break
         rms_before, settled_before = level, settled
-    return period, state, wave
+    return period, state, trace
 
 
 @kernel

@@ -284,11 +284,8 @@ def step(
 
 
 @inlined
-def record(
-    wave: NDArray[np.float64], index: Index, x1: Axis, x2: Axis, f1: float, f2: float, p: NDArray[np.float64]
-) -> None:
-    """Write the accelerations in the sensor's direction from the equation of motion at the state (Eq. 44)."""
+def accelerations(x1: Axis, x2: Axis, f1: float, f2: float, p: NDArray[np.float64]) -> tuple[float, float]:
+    """Return those of outer ring and resonator in the sensor's direction, m/s2, from the state (Eq. 44)."""
     d1, d2 = p[P_DIRECTION_1], p[P_DIRECTION_2]
     spring = d1 * (p[P_K_R] * x1[4] + p[P_C_R] * x1[5]) + d2 * (p[P_K_R] * x2[4] + p[P_C_R] * x2[5])
-    wave[index, 0] = (d1 * f1 + d2 * f2 - spring) * p[P_INV_M_O]
-    wave[index, 1] = spring * p[P_INV_M_R]
+    return (d1 * f1 + d2 * f2 - spring) * p[P_INV_M_O], spring * p[P_INV_M_R]

@@ -26,9 +26,9 @@ from models.kernels.step import (
     STATUS_OK,
     Balls,
     Nodes,
+    accelerations,
     forces,
     propagators,
-    record,
     step,
 )
 
@@ -209,7 +209,7 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, plan: P
             y1, y2, g1, g2, _ = _parts(x1, x2, t, h, np.int64(SUBSTEPS), i, plan, nodes)
         if not whole:
             y1, y2, g1, g2, i = _broken_step(x1, x2, t, end, i, plan, nodes)
-        record(wave, n, x1, x2, g1, g2, plan.parameter)
+        wave[n, 0], wave[n, 1] = accelerations(x1, x2, g1, g2, plan.parameter)
         x1, x2 = y1, y2
     bad = False
     for k in range(6):

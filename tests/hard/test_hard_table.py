@@ -11,12 +11,13 @@ from scipy.linalg import expm
 
 from models.bearing import from_catalogue
 from models.dynamics.lanes import LaneOptions, simulate_lanes
+from models.kernels.period import blank_trace
 from models.kernels.step import P_OMEGA, P_PITCH
 from models.path.defect import ball_path
 from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
 from tests.effort import effort_count
-from tests.periods import new_wave, period_of, run
+from tests.periods import period_of, run
 
 G = 9.80665
 DEG = math.pi / 180.0
@@ -54,7 +55,7 @@ def test_all_balls_out_of_contact_is_linear_motion_exactly() -> None:
     period = period_of(scene, 64)
     duration = float(period.parameter[P_PITCH] / period.parameter[P_OMEGA])
     state = np.array([[1e-6, 2e-3, -1e-6, 1e-3, 2e-7, 5e-3], [-2e-6, 1e-3, 1e-6, -1e-3, 1e-7, -3e-3]])
-    after = run(period, state, new_wave(period))
+    after = run(period, state, blank_trace(period))
     rig = scene.rig
     # (inner ring, outer ring, resonator): displacements, then velocities.
     stiffness = np.array([[rig.k_i, 0.0, 0.0], [0.0, rig.k_r, -rig.k_r], [0.0, -rig.k_r, rig.k_r]])

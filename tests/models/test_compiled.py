@@ -18,7 +18,7 @@ from models.dynamics.six_dof import defect_arrays, operating_point
 from models.hertz import element_angles, static_equilibrium
 from models.kernels.orbit import PLAIN_FIRST, STATE_SCALE, settle
 from models.kernels.path import NUDGE, edge, floor_at, path_kinks, touch_angle
-from models.kernels.period import Period, ball_period
+from models.kernels.period import Period, ball_period, blank_trace, mean_square
 from models.kernels.period_setup import arc_distance
 from models.kernels.step import P_OMEGA, P_U_1, P_U_2
 from models.path.defect import BallPath, ball_path
@@ -26,7 +26,7 @@ from models.scene import Defect, Floor, Scene, Waviness
 from models.simulate import simulate, steering
 from tests.effort import effort_count
 from tests.oracles import orbit_oracle
-from tests.periods import new_wave, period_of, solve_scene
+from tests.periods import period_of, solve_scene
 
 BEARING = from_catalogue("1205 ETN9")
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))
@@ -52,11 +52,12 @@ class Interpreted:
     """A ball period for the search in plain Python."""
 
     def __init__(self, period: Period) -> None:
-        self.period, self.weight = period, period.weight
+        self.period, self.trace = period, blank_trace(period)
 
-    def run(self, state: NDArray[np.float64], wave: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
+    def run(self, state: NDArray[np.float64]) -> tuple[NDArray[np.float64], int, float]:
         after = np.empty((2, 6))
-        return after, ball_period(np.ascontiguousarray(state), after, wave, self.period)
+        status = ball_period(np.ascontiguousarray(state), after, self.trace, self.period)
+        return after, status, math.sqrt(mean_square(self.trace, 0))
 
 
 @given(defects)
@@ -148,17 +149,16 @@ def test_the_compiled_search_is_the_interpreted_one(seed: int) -> None:
     scene = Scene(rng.uniform(15.0, 50.0), rng.uniform(300.0, 5000.0), defect=defect, clearance=5e-6 * (seed % 3))
     period, steer = period_of(scene), steering(replace(scene, defect=None))
     assert steer is not None
-    rest, wave, state, plain = np.zeros((2, 6)), new_wave(period), np.empty((2, 6)), (PLAIN_FIRST, 0)[seed % 2]
-    number, change, rms, settled = settle(rest, state, wave, period, steer, plain, 1e-7, 300)
-    slow_wave = new_wave(period)
-    slow = orbit_oracle.settle(Interpreted(period), rest, slow_wave, SCALE, steer, plain, 1e-7, 300)
+    rest, trace, state, plain = np.zeros((2, 6)), blank_trace(period), np.empty((2, 6)), (PLAIN_FIRST, 0)[seed % 2]
+    number, change, rms, settled = settle(rest, state, trace, period, steer, plain, 1e-7, 300)
+    slow = orbit_oracle.settle(Interpreted(period), rest, SCALE, steer, plain, 1e-7, 300)
     assert settled
     assert slow[4]
     assert max(change, slow[2]) < 1e-7
     assert abs(number - slow[1]) <= 1
     assert state.ravel() / SCALE == pytest.approx(slow[0].ravel() / SCALE, rel=1e-5, abs=1e-4)
     assert rms == pytest.approx(slow[3], rel=1e-5)
-    assert rms == pytest.approx(math.sqrt(period.weight @ wave[:, 0] ** 2), rel=1e-12)
+    assert rms == pytest.approx(math.sqrt(mean_square(trace, 0)), rel=1e-12)
 
 
 @pytest.mark.parametrize("floor", [Floor(), Floor("rough", seed=2)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from models.dynamics.orbit import Motion, simulate_on
 from models.kernels.lines import fourier_coefficients
 from models.kernels.orbit import DEPTH, PLAIN_FIRST, STATE_SCALE, anderson, newton_steering, settle, spectral_radius
+from models.kernels.period import blank_trace, mean_square
 from models.scene import Defect, Scene
 from models.simulate import simulate, steering
 from tests.effort import effort_count
 from tests.oracles import orbit_oracle
-from tests.periods import new_wave, period_of, run, simulate_plainly
+from tests.periods import period_of, run, simulate_plainly
 
 SCALE = np.tile(STATE_SCALE, 2)
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))
@@ -33,15 +34,14 @@ class LinearMap:
 
     matrix: NDArray[np.float64]
     offset: NDArray[np.float64]
-    weight: NDArray[np.float64] = field(default_factory=lambda: np.full(12, 1.0 / 12.0))
     blow_up_at: int = -1
     runs: int = 0
 
-    def run(self, state: NDArray[np.float64], wave: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
+    def run(self, state: NDArray[np.float64]) -> tuple[NDArray[np.float64], int, float]:
         self.runs += 1
         after = self.matrix @ (state.ravel() / SCALE) + self.offset
-        wave[:] = after[:, None]
-        return (after * SCALE).reshape(2, 6), int(self.runs == self.blow_up_at)
+        level = math.sqrt(float(np.mean(after**2)))
+        return (after * SCALE).reshape(2, 6), int(self.runs == self.blow_up_at), level
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Found:
 def search(period: LinearMap, *, tolerance: float, cap: int, steer: NDArray[np.float64] | None = None) -> Found:
     """Search from rest with the interpreted form of the kernel."""
     state, periods, change, _, settled = orbit_oracle.settle(
-        *(period, np.zeros((2, 6)), np.empty((12, 2)), SCALE),
+        *(period, np.zeros((2, 6)), SCALE),
         *(np.eye(12) if steer is None else steer, PLAIN_FIRST, tolerance, cap),
     )
     return Found(state.ravel() / SCALE, periods, change, settled)
@@ -109,10 +109,10 @@ def test_one_blow_up_starts_again() -> None:
 
 def test_the_kernel_starts_again_at_rest_where_the_state_is_no_number() -> None:
     period = period_of(SCENE)
-    wave, state, steer = new_wave(period), np.empty((2, 6)), steering(replace(SCENE, defect=None))
+    trace, state, steer = blank_trace(period), np.empty((2, 6)), steering(replace(SCENE, defect=None))
     assert steer is not None
-    number, _, rms, settled = settle(np.zeros((2, 6)), state, wave, period, steer, PLAIN_FIRST, 1e-6, 60)
-    again = settle(np.full((2, 6), math.nan), state, wave, period, steer, PLAIN_FIRST, 1e-6, 60)
+    number, _, rms, settled = settle(np.zeros((2, 6)), state, trace, period, steer, PLAIN_FIRST, 1e-6, 60)
+    again = settle(np.full((2, 6), math.nan), state, trace, period, steer, PLAIN_FIRST, 1e-6, 60)
     assert settled
     assert again[3]
     # The first period was lost, and one of those that follow each other plainly with it.
@@ -218,23 +218,22 @@ def test_simulating_on_comes_to_rest_on_a_motion_that_repeats() -> None:
     motion = simulate_on(period, np.zeros((2, 6)), 300, 1e-7, 6)
     assert motion.settled
     assert motion.periods < 100
-    wave = new_wave(period)
-    after = run(period, motion.state, wave)
+    after = run(period, motion.state, blank_trace(period))
     assert after / STATE_SCALE == pytest.approx(motion.state / STATE_SCALE, abs=1e-3)
 
 
 def test_simulating_on_gives_the_means_over_the_periods_that_are_kept() -> None:
     period, count, kept = period_of(RESTLESS, 128), 120, 84
     motion = simulate_on(period, np.zeros((2, 6)), count, 0.0, 8)
-    state, wave = np.zeros((2, 6)), new_wave(period)
+    state, trace = np.zeros((2, 6)), blank_trace(period)
     levels, power, peak, lines = [], np.zeros(2), np.zeros(2), np.zeros((2, 9))
     for n in range(count):
-        state = run(period, state, wave)
+        state = run(period, state, trace)
         if n >= count - kept:
-            levels.append(math.sqrt(period.weight @ wave[:, 0] ** 2))
-            power += period.weight @ wave**2 / kept
-            peak = np.maximum(peak, np.abs(wave).max(axis=0))
-            lines += np.abs(fourier_coefficients(wave, period, 8)) ** 2 / kept
+            levels.append(math.sqrt(mean_square(trace, 0)))
+            power += np.array([mean_square(trace, 0), mean_square(trace, 1)]) / kept
+            peak = np.maximum(peak, np.abs(trace.wave).max(axis=0))
+            lines += np.abs(fourier_coefficients(trace, period, 8)) ** 2 / kept
     assert not motion.settled
     assert (motion.periods, len(motion.levels)) == (count, kept)
     assert motion.levels == pytest.approx(np.array(levels), rel=1e-9)

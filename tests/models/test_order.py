@@ -18,10 +18,11 @@ from models.bearing import from_catalogue
 from models.dynamics.lanes import LaneOptions, simulate_lanes
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
+from models.kernels.period import blank_trace
 from models.kernels.step import STATUS_OK
 from models.scene import Defect, Rig, Scene, Waviness
 from models.simulate import simulate
-from tests.periods import new_wave, period_of, run
+from tests.periods import period_of, run
 
 HEALTHY = Scene(40.0, 4000.0)
 WAVY = {
@@ -58,10 +59,10 @@ def test_order_of_the_ball_period(name: str) -> None:
     def waveform(fold: int) -> NDArray[np.float64]:
         period = period_of(WAVY[name], 96, fold=fold)
         assert len(period.first) == 2
-        state, wave = np.zeros((2, 6)), new_wave(period)
+        state, trace = np.zeros((2, 6)), blank_trace(period)
         for _ in range(4):
-            state = run(period, state, wave)
-        return wave[::fold]
+            state = run(period, state, trace)
+        return trace.wave[::fold]
 
     exact = waveform(FINE)
     for sensor in (0, 1):

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 from models.bearing import from_catalogue
-from models.kernels.period import Period
+from models.kernels.period import Period, blank_trace
 from models.scene import Defect, Rig, Scene, Waviness
 from tests.oracles import six_dof_oracle as oracle
 from tests.periods import orbit_of, run
@@ -74,10 +74,10 @@ def trajectory(period: Period, state: NDArray[np.float64]) -> NDArray[np.float64
                 nodes=here,
                 first=np.array([0, 1]),
                 flow=period.flow[k : k + 1],
-                part=period.part[k : k + 1],
-                advance=period.advance[k : k + 1],
+                time=np.array([0.0, period.flow[k, 0]]),
+                weight=np.full(2, 0.5),
             )
-            state = run(one, state, np.empty((2, 2)))
+            state = run(one, state, blank_trace(one))
             found.append(state)
     return np.array(found)
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from models.kernels.lines import lines
+from models.kernels.period import Trace
 from models.response import PASSBAND, Response
 from models.scene import Defect, Scene
 from models.simulate import simulate
@@ -139,7 +140,9 @@ def coefficients_of(
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64], NDArray[np.float64]]:
     """Return the kernel's Fourier coefficients, and the times and weights of the values."""
     time, weight, first = two_segments(duration)
-    parts = lines(wave, weight, time, first, duration, count)
+    steps = int(first[-1])
+    trace = Trace(wave, weight, np.zeros((steps, 4)), np.zeros(steps, dtype=np.bool_))
+    parts = lines(trace, time, first, count)
     return parts[:, 0] + 1j * parts[:, 1], time, weight
 
 

@@ -14,6 +14,7 @@ from scipy.linalg import expm
 from models.bearing import from_catalogue
 from models.kernels import period as kernels
 from models.kernels.path import NUDGE
+from models.kernels.period import blank_trace, mean_square
 from models.kernels.period_setup import add_quadrature
 from models.kernels.step import P_OMEGA, P_PITCH, Nodes, oscillator
 from models.path.defect import ball_path, race_profile
@@ -21,7 +22,7 @@ from models.scene import Defect, Floor, Rig, Scene
 from models.simulate import simulate
 from tests.effort import effort_count
 from tests.oracles.six_dof_oracle import R_O, Case, OracleResponse, simulate_oracle
-from tests.periods import new_wave, period_of, run
+from tests.periods import period_of, run
 
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))
 SEED = 5
@@ -161,10 +162,10 @@ def test_interpolation_within_a_step_is_that_of_a_quintic() -> None:
 
     nodes = [at(f) for f in (0.0, 0.5, 1.0)]
     depth, rate = (np.array([[node[i] for node in nodes]]) for i in (0, 1))
-    for index in range(2 * kernels.SUBSTEPS + 1):
+    for place in np.linspace(0.0, 1.0, 9):
         within = Nodes(np.empty((1, 3, 2)), np.empty((1, 3, 3)), np.empty((1, 3, 3)), None)
-        kernels._path_within(index, 1, span, Nodes(within.turn, depth, rate, None), 0, within)
-        value, slope = at(index / (2 * kernels.SUBSTEPS))
+        kernels._path_within(place, 1, span, Nodes(within.turn, depth, rate, None), 0, within)
+        value, slope = at(place)
         assert within.depth[0, 1] == pytest.approx(value, abs=1e-12)
         assert within.rate[0, 1] == pytest.approx(slope, abs=1e-10)
 
@@ -174,9 +175,9 @@ def test_the_bound_on_far_balls_changes_nothing() -> None:
         period = period_of(scene)
         balls = period.balls
         everything = period._replace(balls=balls._replace(near=balls.plain.shape[1]))
-        state, wave = np.zeros((2, 6)), new_wave(period)
+        state, trace = np.zeros((2, 6)), blank_trace(period)
         for _ in range(5):
-            a, b = run(period, state, wave), run(everything, state, wave)
+            a, b = run(period, state, trace), run(everything, state, trace)
             assert a == pytest.approx(b, rel=1e-9, abs=1e-15)
             state = a
 
@@ -184,13 +185,14 @@ def test_the_bound_on_far_balls_changes_nothing() -> None:
 def test_the_acceleration_is_that_of_the_equation_of_motion() -> None:
     """Newton for everything that hangs on the outer ring: its momentum over a period is the contact force's impulse."""
     period = period_of(SCENE, 1024)
-    state, wave, duration = np.zeros((2, 6)), new_wave(period), duration_of(period)
+    state, trace, duration = np.zeros((2, 6)), blank_trace(period), duration_of(period)
     for _ in range(3):
-        after = run(period, state, wave)
+        after = run(period, state, trace)
         rig = SCENE.rig
         gained = (after[0, 3] - state[0, 3]) * (rig.m_o + rig.m_r)
-        impulse = duration * float(period.weight @ (rig.m_o * wave[:, 0] + rig.m_r * wave[:, 1]))
-        scale = duration * rig.m_o * float(np.sqrt(period.weight @ wave[:, 0] ** 2))
+        mean = trace.weight @ trace.wave + trace.parts[:, :2].sum(axis=0, where=trace.changed[:, None])
+        impulse = duration * float(rig.m_o * mean[0] + rig.m_r * mean[1])
+        scale = duration * rig.m_o * math.sqrt(mean_square(trace, 0))
         assert gained == pytest.approx(impulse, abs=1e-4 * scale)
         state = after
 

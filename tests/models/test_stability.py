@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from models.dynamics.rows import simulate_row
 from models.kernels.orbit import STATE_SCALE, jacobian, spectral_radius
-from models.kernels.period import Period
+from models.kernels.period import Period, blank_trace
 from models.kernels.tangent import tangent_jacobian
 from models.response import Response
 from models.scene import Defect, Floor, Scene, Waviness
 from models.simulate import DEFAULT_ACCURACY, simulate
 from tests.effort import effort_count
-from tests.periods import new_wave, orbit_of, period_of, run, simulate_plainly
+from tests.periods import orbit_of, period_of, run, simulate_plainly
 
 SPALL = Defect(math.radians(20.0), 20e-6)
 SCENE = Scene(40.0, 4000.0, defect=SPALL)
@@ -119,12 +119,12 @@ SMOOTH = {
 
 def numerical_jacobian(state: NDArray[np.float64], period: Period, size: float) -> NDArray[np.float64]:
     """Return the scaled Jacobian by central differences, written out."""
-    wave, columns = new_wave(period), []
+    trace, columns = blank_trace(period), []
     for j in range(12):
         push = np.zeros(12)
         push[j] = size
         ahead, behind = (
-            run(period, state + sign * (push.reshape(2, 6) * STATE_SCALE), wave) / STATE_SCALE for sign in (1.0, -1.0)
+            run(period, state + sign * (push.reshape(2, 6) * STATE_SCALE), trace) / STATE_SCALE for sign in (1.0, -1.0)
         )
         columns.append(((ahead - behind) / (2.0 * size)).ravel())
     return np.array(columns).T
@@ -137,7 +137,7 @@ def test_multipliers_are_those_of_numpy(name: str) -> None:
     exact = numerical_jacobian(state, period, 1e-4)
     size = float(np.abs(exact).max())
     tangents = tangent_jacobian(state, period)
-    differences = jacobian(state, period, 1e-4, new_wave(period))
+    differences = jacobian(state, period, 1e-4)
     assert np.abs(tangents - exact).max() < 1e-2 * size
     assert np.abs(differences - exact).max() < 1e-2 * size
     radius = float(np.abs(np.linalg.eigvals(exact)).max())
@@ -160,11 +160,11 @@ def test_a_disturbance_decays_as_its_multiplier_says() -> None:
     """The multiplier that is reported, against the decay of a disturbance that is simulated."""
     response = simulate(SCENE)
     period, state = orbit_of(SCENE, 512)
-    wave = new_wave(period)
+    trace = blank_trace(period)
     there, near = state, state * (1.0 + 1e-4)
     sizes = []
     for _ in range(30):
-        there, near = run(period, there, wave), run(period, near, wave)
+        there, near = run(period, there, trace), run(period, near, trace)
         sizes.append(float(np.linalg.norm((near - there) / STATE_SCALE)))
     # A pair of complex multipliers: the size swings while it decays.
     decay = (max(sizes[20:]) / max(sizes[8:18])) ** (1.0 / 12.0)

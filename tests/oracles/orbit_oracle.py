@@ -15,20 +15,14 @@ Floats = NDArray[np.float64]
 class PeriodMap(Protocol):
     """One period of a model."""
 
-    @property
-    def weight(self) -> Floats:
-        """Weights of the recorded values, so that ``weight @ x`` is a mean over the period."""
-        ...
-
-    def run(self, state: Floats, wave: Floats) -> tuple[Floats, int]:
-        """Return the state one period later and a status, zero where it is finite; write the accelerations."""
+    def run(self, state: Floats) -> tuple[Floats, int, float]:
+        """Return the state one period later, a status, zero where it is finite, and the RMS over the period."""
         ...
 
 
 def settle(
     period: PeriodMap,
     begin: Floats,
-    wave: Floats,
     scale: Floats,
     steering: Floats,
     plain: int,
@@ -43,14 +37,13 @@ def settle(
     fs: list[Floats] = []
     for number in range(1, cap + 1):
         last = x
-        after, status = period.run((x * scale).reshape(2, 6), wave)
+        after, status, level = period.run((x * scale).reshape(2, 6))
         if status != 0:
             # The extrapolation left the basin: begin again at rest, plainly.
             x, change, rms, calm = np.zeros(12), float("inf"), float("nan"), 0
             xs.clear()
             fs.clear()
             continue
-        level = float(np.sqrt(max(0.0, period.weight @ (wave[:, 0] * wave[:, 0]))))
         change = 0.0 if max(level, rms) <= SILENCE else abs(level - rms) / max(level, SILENCE)
         if not np.isfinite(change):
             change = float("inf")
