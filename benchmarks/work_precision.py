@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
 from benchmarks import opponents as op
-from models.kernels.orbit import PLAIN_FIRST, settle
+from models.kernels.orbit import CALM_PERIODS, PLAIN_FIRST, settle
 from models.kernels.period import blank_trace, mean_square
 from models.kernels.step import P_OMEGA, P_PITCH
 from models.path.defect import RaceProfile, ball_path
@@ -81,7 +81,7 @@ class Problem:
         self.state, trace, steer = np.empty((2, 6)), blank_trace(self.fine), steering(replace(scene, defect=None))
         found = settle(
             *(np.zeros((2, 6)), self.state, trace, self.fine),
-            *(np.eye(12) if steer is None else steer, PLAIN_FIRST, 1e-10, 200),
+            *(np.eye(12) if steer is None else steer, PLAIN_FIRST, CALM_PERIODS, 1e-10, 200),
         )
         self.settled = found[3]
         self.wave = np.ascontiguousarray(trace.wave[:, 0])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.dynamics.six_dof import LEAST_IN_SEGMENT, damaged_rows, defect_arrays, operating_point, steps_for
-from models.kernels.orbit import PLAIN_FIRST, settle
+from models.kernels.orbit import CALM_PERIODS, PLAIN_FIRST, settle
 from models.kernels.period import Period, Trace, ball_period, blank_trace, mean_square
 from models.kernels.period_setup import set_up
 from models.kernels.settled import R_LINES, R_STEPS, solve
@@ -95,7 +95,7 @@ def orbit_of(scene: Scene, steps: int | None = None) -> tuple[Period, NDArray[np
     period, steer, state = period_of(scene, steps), steering(replace(scene, defect=None)), np.empty((2, 6))
     found = settle(
         *(np.zeros((2, 6)), state, blank_trace(period), period),
-        *(np.eye(12) if steer is None else steer, PLAIN_FIRST, 1e-9, 400),
+        *(np.eye(12) if steer is None else steer, PLAIN_FIRST, CALM_PERIODS, 1e-9, 400),
     )
     assert found[3]
     return period, state

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 # Sizes of the state that count as one: displacements, velocities, and for the stiff resonator a smaller displacement.
 STATE_SCALE = np.array([1e-6, 1e-2, 1e-6, 1e-2, 2e-7, 1e-2])
 PLAIN_FIRST = 2
+CALM_PERIODS = 2
 DEPTH = 5
 RESIDUAL_FLOOR = 1e-9
 # A vibration below this is none (m/s2); relative changes of it mean nothing.
@@ -81,11 +82,13 @@ def settle(
     period: Period,
     steering: NDArray[np.float64],
     plain: int,
+    calm_periods: int,
     tolerance: float,
     cap: int,
 ) -> tuple[int, float, float, bool]:
     """Iterate from ``begin`` until the RMS has settled or ``cap`` periods have been simulated.
 
+    It has settled where its relative change was below ``tolerance`` so many periods running as ``calm_periods`` says.
     ``state`` (2, 6) is written: the state at the start of the last period, whose accelerations ``trace`` holds.
     ``steering`` (12, 12) is what residuals are multiplied by, in scaled coordinates; the first ``plain`` periods follow
     each other without it. Return the periods simulated, relative change and value of the RMS of the last, and whether
@@ -111,7 +114,7 @@ def settle(
         change = _change(level, rms)
         calm = calm + 1 if change < tolerance else 0
         rms = level
-        if calm >= 2:
+        if calm >= calm_periods:
             return number, change, rms, True
         known = _remember(xs, fs, known, x, after, steering)
         if number <= plain or _only_rounding(x, after):

@@ -9,7 +9,16 @@ import numpy as np
 
 from models.kernels.jit import kernel
 from models.kernels.lines import lines
-from models.kernels.orbit import PLAIN_FIRST, SILENCE, STATE_SCALE, jacobian, newton_steering, settle, spectral_radius
+from models.kernels.orbit import (
+    CALM_PERIODS,
+    PLAIN_FIRST,
+    SILENCE,
+    STATE_SCALE,
+    jacobian,
+    newton_steering,
+    settle,
+    spectral_radius,
+)
 from models.kernels.period import blank_trace
 from models.kernels.period_setup import set_up
 from models.kernels.step import P_CLEARANCE, P_U_1
@@ -144,14 +153,14 @@ def solve(
     trace = blank_trace(period)
     found[:] = 0.0
     found[R_ERROR] = found[R_RADIUS] = found[R_WAVE] = found[R_DELTA] = math.nan
-    periods, plain, rms_before, settled_before = 0, PLAIN_FIRST, math.nan, False
+    periods, plain, calm, rms_before, settled_before = 0, PLAIN_FIRST, CALM_PERIODS, math.nan, False
     for grid in range(effort.grids):
         before, trace_before = period, trace
         if grid > 0:
             period = set_up(path, profile, point, damaged_rows, effort.steps, effort.least, 1 << grid)
             trace = blank_trace(period)
         number, found[R_CHANGE], rms, settled = settle(
-            begin, state, trace, period, steering, plain, effort.tolerance, effort.cap
+            begin, state, trace, period, steering, plain, calm, effort.tolerance, effort.cap
         )
         periods += number
         found[R_PERIODS], found[R_STEPS] = periods, period.nodes.turn.shape[0]
@@ -180,6 +189,8 @@ def solve(
                     # Unloaded rings are free, with multipliers of one; at rest nothing leaves it.
                     found[R_RADIUS] = 0.0
                 plain = 0
+                # Newton's method doubles the digits: the next change would be far smaller.
+                calm = 1 if found[R_RADIUS] <= _DOUBTFUL else CALM_PERIODS
             begin[:] = state
         if 2 * period.nodes.turn.shape[0] > effort.most:
             break

@@ -16,7 +16,7 @@ from models.bearing import from_catalogue
 from models.dynamics.rows import simulate_row
 from models.dynamics.six_dof import defect_arrays, operating_point
 from models.hertz import element_angles, static_equilibrium
-from models.kernels.orbit import PLAIN_FIRST, STATE_SCALE, settle
+from models.kernels.orbit import CALM_PERIODS, PLAIN_FIRST, STATE_SCALE, settle
 from models.kernels.path import NUDGE, edge, floor_at, path_kinks, touch_angle
 from models.kernels.period import Period, ball_period, blank_trace, mean_square
 from models.kernels.period_setup import arc_distance
@@ -150,7 +150,7 @@ def test_the_compiled_search_is_the_interpreted_one(seed: int) -> None:
     period, steer = period_of(scene), steering(replace(scene, defect=None))
     assert steer is not None
     rest, trace, state, plain = np.zeros((2, 6)), blank_trace(period), np.empty((2, 6)), (PLAIN_FIRST, 0)[seed % 2]
-    number, change, rms, settled = settle(rest, state, trace, period, steer, plain, 1e-7, 300)
+    number, change, rms, settled = settle(rest, state, trace, period, steer, plain, CALM_PERIODS, 1e-7, 300)
     slow = orbit_oracle.settle(Interpreted(period), rest, SCALE, steer, plain, 1e-7, 300)
     assert settled
     assert slow[4]

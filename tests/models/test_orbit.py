@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 
 from models.dynamics.orbit import Motion, simulate_on
 from models.kernels.lines import fourier_coefficients
-from models.kernels.orbit import DEPTH, PLAIN_FIRST, STATE_SCALE, anderson, newton_steering, settle, spectral_radius
+from models.kernels.orbit import (
+    CALM_PERIODS,
+    DEPTH,
+    PLAIN_FIRST,
+    STATE_SCALE,
+    anderson,
+    newton_steering,
+    settle,
+    spectral_radius,
+)
 from models.kernels.period import blank_trace, mean_square
 from models.scene import Defect, Scene
 from models.simulate import simulate, steering
@@ -111,8 +120,8 @@ def test_the_kernel_starts_again_at_rest_where_the_state_is_no_number() -> None:
     period = period_of(SCENE)
     trace, state, steer = blank_trace(period), np.empty((2, 6)), steering(replace(SCENE, defect=None))
     assert steer is not None
-    number, _, rms, settled = settle(np.zeros((2, 6)), state, trace, period, steer, PLAIN_FIRST, 1e-6, 60)
-    again = settle(np.full((2, 6), math.nan), state, trace, period, steer, PLAIN_FIRST, 1e-6, 60)
+    number, _, rms, settled = settle(np.zeros((2, 6)), state, trace, period, steer, PLAIN_FIRST, CALM_PERIODS, 1e-6, 60)
+    again = settle(np.full((2, 6), math.nan), state, trace, period, steer, PLAIN_FIRST, CALM_PERIODS, 1e-6, 60)
     assert settled
     assert again[3]
     # The first period was lost, and one of those that follow each other plainly with it.
