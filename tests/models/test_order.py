@@ -117,9 +117,9 @@ def test_order_of_the_ball_period_where_contacts_open(name: str, most: float) ->
 
     def end(fold: int) -> NDArray[np.float64]:
         period = period_of(OPENING[name], 128, fold=fold)
-        state, wave = np.zeros((2, 6)), new_wave(period)
+        state, trace = np.zeros((2, 6)), blank_trace(period)
         for _ in range(4):
-            state = run(period, state, wave)
+            state = run(period, state, trace)
         return state[:, 1::2]
 
     exact = end(128)
