@@ -1,9 +1,9 @@
 """Time and error of scenes with gravity, waves of the outer race and another direction of the sensor.
 
-Run as ``python -m benchmarks.periodic_effects [--quick] [--json FILE]``. All of them keep the ball period and are solved
-for one. Each time is the median thread time of a whole ``simulate`` call (stability test, error estimate and lines
-included) in turns with the calibration kernel; "scaled" is that of a machine on which the kernel takes 0.35 ms, on which
-each scene may take 1.5 ms. Errors of the RMS are against 8192 steps a ball period.
+Run as ``python -m benchmarks.periodic_effects [--quick] [--json FILE]``. All of them keep the ball period and are
+solved for one. Each time is the median thread time of a whole ``simulate`` call (stability test, error estimate and
+lines included) in turns with the calibration kernel; "scaled" is that of a machine on which the kernel takes 0.35 ms,
+where each scene may take 1.5 ms. Errors of the RMS are against 8192 steps a ball period.
 """
 
 from __future__ import annotations
