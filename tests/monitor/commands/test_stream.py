@@ -223,6 +223,18 @@ def test_a_lost_store_keeps_the_count_of_a_stream(tmp_path: Path) -> None:
     assert sorted(row[:2] for row in rows(config)) == expected
 
 
+def test_a_reset_that_cannot_be_published_is_done_and_said(machine: Path) -> None:
+    config = load_config(machine)
+    config.machine.records_dir.write_bytes(b"")
+    with Store.open(database(config), machine="m"):
+        pass
+    done = run_command("stream", "reset", "s", "--config", str(machine))
+    assert done.returncode == 0
+    assert "the reset is in the store, but not published" in done.stderr
+    with Store.open(database(config), read_only=True) as store, StoreLedger(store) as ledger:
+        assert ledger.stream("s").resets == 1
+
+
 @pytest.mark.process
 def test_a_reset_is_published_before_the_next_block(machine: Path) -> None:
     config = load_config(machine)
