@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from models.maps import data as map_data
 from monitor.health.damage import Damage, DamageInput, EdvStatus, Remaining
 from monitor.health.damage.filter.particle_filter import FilterSettings
-from monitor.health.damage.library.fit import fit_library
+from monitor.health.damage.library.fit import FitSettings, fit_library
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
 from monitor.health.damage.thesis.level_set import LevelMap
@@ -94,7 +94,11 @@ def with_hole() -> Map:
 
 @pytest.fixture(scope="module")
 def library() -> Library:
-    return fit_library(toy_lives(60), thresholds=(THRESHOLD,), interval=INTERVAL, prior="toy lives", made_of={})
+    settings = FitSettings(columns=effort_count(quick=60, full=FitSettings().columns))
+    lives = toy_lives(60)
+    return fit_library(
+        lives, thresholds=(THRESHOLD,), interval=INTERVAL, prior="toy lives", made_of={}, settings=settings
+    )
 
 
 def settings_of(method: TrackMethod, made: Map, library: Library) -> DamageSettings:
@@ -244,7 +248,7 @@ def test_ten_points_are_enough_for_an_answer(method: TrackMethod, library: Libra
 
 
 @pytest.mark.parametrize(
-    ("method", "quick"), [("thesis", 10_000), ("filter", 600), ("library", 2_000)], ids=lambda value: str(value)
+    ("method", "quick"), [("thesis", 4_000), ("filter", 400), ("library", 1_000)], ids=lambda value: str(value)
 )
 def test_a_hundred_thousand_points_take_no_more_memory_than_a_few(
     method: TrackMethod, quick: int, library: Library

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from monitor.health.damage.library.fit import FitSettings, fit_library
 from monitor.health.damage.library.model import Library
+from tests.effort import effort_count
 
 THRESHOLD = 5e-8
 RADIUS = 22.91e-3
@@ -96,5 +97,5 @@ def toy_library(count: int = 150, *, interval: float = INTERVAL, varying: bool =
         interval=interval,
         prior="toy lives",
         made_of={"lives": "in closed form"},
-        settings=FitSettings(columns=100, moments=12),
+        settings=FitSettings(columns=effort_count(quick=60, full=100), moments=12),
     )

@@ -114,18 +114,18 @@ def test_verdicts_on_words(cases: list[bool], verdict: str) -> None:
 def test_a_large_drawing_becomes_dots_and_one_that_stays_large_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("benchmarks.gallery_plate.MOST_BYTES", 60_000)
-    monkeypatch.setattr("benchmarks.gallery_plate._DPI", (120, 75))
+    monkeypatch.setattr("benchmarks.gallery_plate.MOST_BYTES", 30_000)
+    monkeypatch.setattr("benchmarks.gallery_plate._DPI", (60, 40))
 
     def many(made: FigureBase) -> None:
-        made.subplots(1, 1).plot(*np.random.default_rng(0).normal(size=(2, 1500)), ".", ms=1)
+        made.subplots(1, 1).plot(*np.random.default_rng(0).normal(size=(2, 700)), ".", ms=1)
 
     def noise(made: FigureBase) -> None:
-        made.subplots(1, 1).imshow(np.random.default_rng(0).random((300, 900)), aspect="auto")
+        made.subplots(1, 1).imshow(np.random.default_rng(0).random((150, 450)), aspect="auto")
 
     path = save_plate(Plate("c", "l", 1.5, many, {"a_g": np.array([1.0, np.nan])}), "1", tmp_path, tmp_path)
     assert path.suffix == ".png"
-    assert path.stat().st_size < 60_000
+    assert path.stat().st_size < 30_000
     assert json.loads((tmp_path / "fig1.json").read_text())["data"] == {"a_g": [1.0, None]}
     with pytest.raises(ValueError, match="figure 2"):
         save_plate(Plate("c", "l", 3.0, noise, {}), "2", tmp_path, tmp_path)

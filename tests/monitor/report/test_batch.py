@@ -40,9 +40,10 @@ from tests.effort import effort_count
 from tests.oracles.lives import GRAVITY, life
 from tests.oracles.page import Page
 
+pytestmark = pytest.mark.usefixtures("plain_layout")
 START = 1_700_000_000.0
-# Pages of one section, where what they hold is another matter.
-SHORT_PAGES = BatchSettings(Options(sections=frozenset({"quality"})), tables=False)
+# Pages of one section without a figure, where what they hold is another matter.
+SHORT_PAGES = BatchSettings(Options(sections=frozenset({"events"})), tables=False)
 
 
 def store_at(folder: Path, made: list[Record], machine: str = "press") -> Path:
@@ -130,7 +131,7 @@ def test_a_second_batch_makes_only_what_changed(fleet: Path, tmp_path: Path) -> 
     (tmp_path / "hall_B-one" / "run.json").write_text("{ cut off")
     third = run_batch(find_runs(fleet, recordings=False), tmp_path, SHORT_PAGES, workers=1)
     assert [outcome.reused for outcome in third] == [False, True, False, False]
-    smaller = Options(sections=frozenset({"trends"}))
+    smaller = Options(sections=frozenset({"provenance"}))
     fourth = run_batch(find_runs(fleet, recordings=False), tmp_path, BatchSettings(smaller), workers=1)
     assert not any(outcome.reused for outcome in fourth)
 

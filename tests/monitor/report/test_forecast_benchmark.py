@@ -35,7 +35,7 @@ SHORT = replace(LIBRARY, durations=(9000.0, 12000.0), interval=600.0, slip=(0.0,
 
 @cache
 def lives() -> tuple[LifeHistory, ...]:
-    return tuple(simulate_lives(SHORT, range(24)))
+    return tuple(simulate_lives(SHORT, range(18)))
 
 
 @cache

@@ -22,7 +22,7 @@ from monitor.health.damage.library.model import FeatureFit
 from tests.effort import effort_count
 from tests.oracles.toy_lives import INTERVAL, THRESHOLD, toy_lives
 
-LIVES = effort_count(quick=100, full=600)
+LIVES = effort_count(quick=70, full=600)
 NEIGHBOURS = effort_count(quick=60, full=300)
 """As many alike moments as a library of so many lives has at least."""
 

@@ -30,6 +30,7 @@ from tests.oracles.lives import life
 from tests.oracles.page import Page
 from tests.oracles.records_oracle import records
 
+pytestmark = pytest.mark.usefixtures("plain_layout")
 START = 1_700_000_000.0
 
 
@@ -333,7 +334,7 @@ def test_long_lives_make_no_long_pages(tmp_path: Path) -> None:
             sequence=number,
             elapsed=10.0 * number,
         )
-        for number in range(1, 6001)
+        for number in range(1, effort_count(quick=3001, full=6001))
     ]
     page_of_records(tmp_path, made)
     assert (tmp_path / "report.html").stat().st_size < 400_000
