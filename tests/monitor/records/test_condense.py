@@ -4,79 +4,38 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import shutil
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from monitor.health.record import Record
 from monitor.records import rollup
 from monitor.records.compact import free_bytes_in, settle_layout, shorten, shrinks
-from monitor.records.condense import condense, condensed_up_to
+from monitor.records.condense import condensed_up_to
 from monitor.records.database import SharedConnection
 from monitor.records.ledger import StoreLedger
 from monitor.records.moved_days import MovedDaysError, move_day, moved_days
 from monitor.records.publish import delete_oldest, missing_files, publish
-from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.rollup import FEATURES, SeriesKey
 from monitor.records.store import Published, Store
-from monitor.records.trends import TrendTable, read_trends
+from monitor.records.trends import read_trends
 from monitor.report.runs import ABSENCE, read_runs
-
-DAY = 86400.0
-BEGIN = 1_700_006_400.0
-STEP = 1800.0
-PER_DAY = round(DAY / STEP)
-EVENT_EVERY, FIRST_FORECAST = 20, 51
-
-
-def block(number: int, time: float | None = None, **fields: Any) -> Record:
-    values = {"rms": 1.0 + number % 7, "stage": "healthy", "quality_status": "ok", "bpfo_amplitude": [1.0] * 6}
-    return Record(
-        **{
-            "source": "s",
-            "sequence": number,
-            "name": f"b{number}",
-            "content_hash": f"{number:032x}",
-            "time": BEGIN + STEP * (number - 1) if time is None else time,
-            "channels": {"x": values, "y": {}},
-        }
-        | fields
-    )
-
-
-def forecast(number: int) -> dict[str, Any]:
-    return {"channel": "x", "method": "thesis", "threshold_mm2": 0.05, "status": "ok", "tt_s": 1e5 - number}
-
-
-def fill(store: Store, days: int = 4) -> int:
-    """Commit blocks of whole days: every 20th with an event, later ones with a forecast; return how many."""
-    count = days * PER_DAY
-    records = []
-    for number in range(1, count + 1):
-        events = ({"kind": "tick", "n": number},) if number % EVENT_EVERY == 0 else ()
-        forecasts = (forecast(number),) if number >= FIRST_FORECAST else ()
-        records.append((block(number, events=events, forecasts=forecasts), {"a": {"n": number}}))
-    store.commit_many(records)
-    with store.transaction() as connection:
-        rollup.roll_up(connection, 60.0)
-    return count
-
-
-def condense_all(store: Store, full_days: float = 1.0, most: int = 100, *, by_number: bool = False) -> None:
-    with store.transaction() as connection:
-        while condense(connection, full_days * DAY, most, by_number=by_number):
-            pass
-
-
-def present(store: Store) -> list[int]:
-    return [number for (number,) in store.rows("SELECT sequence FROM blocks ORDER BY sequence")]
+from tests.monitor.records.condensed import (
+    BEGIN,
+    DAY,
+    EVENT_EVERY,
+    FIRST_FORECAST,
+    PER_DAY,
+    block,
+    condense_all,
+    fill,
+    present,
+    trends,
+)
 
 
 @pytest.fixture
@@ -89,30 +48,6 @@ def store(path: Path) -> Iterator[Store]:
     with Store.open(path, machine="m") as opened:
         opened.describe({"config_hash": "c1"})
         yield opened
-
-
-@pytest.fixture(scope="module")
-def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A store of four days and its files, made once."""
-    folder = tmp_path_factory.mktemp("template")
-    with Store.open(folder / "state.db", machine="m") as store:
-        store.describe({"config_hash": "c1"})
-        fill(store)
-        publish(store, folder / "records")
-    return folder
-
-
-@pytest.fixture
-def filled(template: Path, tmp_path: Path) -> Iterator[Store]:
-    shutil.copytree(template, tmp_path, dirs_exist_ok=True)
-    with Store.open(tmp_path / "state.db", machine="m") as opened:
-        opened.describe({"config_hash": "c1"})
-        yield opened
-
-
-def trends(store: Store, **asked: Any) -> TrendTable:
-    with SharedConnection(store.path) as reader, reader.use() as connection:
-        return read_trends(connection, SeriesKey("s", "x", True), **asked)
 
 
 def test_condensing_keeps_counts_identities_events_forecasts_states_and_trends(filled: Store) -> None:
@@ -384,67 +319,3 @@ def test_a_store_of_the_version_before_is_migrated_and_can_be_read_without(path:
     with Store.open(path, machine="m") as store:
         assert json.loads(json.dumps(store.meta()))["schema_version"] == "4"
         assert store.commit(block(1), {}) == "duplicate"
-
-
-def everything(store: Store) -> list[int]:
-    numbers = store.rows("SELECT sequence FROM blocks UNION ALL SELECT sequence FROM identities")
-    return sorted(number for (number,) in numbers)
-
-
-def recovered(filled: Store, tmp_path: Path) -> tuple[Store, str]:
-    store, report = open_or_salvage(filled.path, machine="m", records_dir=tmp_path / "records")
-    assert report is not None
-    return store, report.text
-
-
-@pytest.mark.process
-def test_a_lost_store_with_condensed_blocks_comes_back_from_the_files_with_each_block_once(
-    filled: Store, tmp_path: Path
-) -> None:
-    condense_all(filled)
-    filled.commit(block(9999, BEGIN + 5.0), {})
-    publish(filled, tmp_path / "records")
-    filled.close()
-    filled.path.unlink()
-    store, _ = recovered(filled, tmp_path)
-    with store:
-        assert everything(store) == [*range(1, 4 * PER_DAY + 1), 9999]
-        assert len(list(store.forecasts())) == 4 * PER_DAY - FIRST_FORECAST + 1
-        assert publish(store, tmp_path / "records") == []
-        assert list((tmp_path / "records").glob("*.lost-*")) == []
-        condense_all(store)
-        assert everything(store) == [*range(1, 4 * PER_DAY + 1), 9999]
-
-
-@pytest.mark.process
-def test_a_lost_store_says_which_days_were_moved(filled: Store, tmp_path: Path) -> None:
-    condense_all(filled)
-    filled.close()
-    move_day(tmp_path / "records" / "m-20231115.nc", "m", tmp_path / "away", filled.path, 0.0)
-    filled.path.unlink()
-    store, text = recovered(filled, tmp_path)
-    with store:
-        assert everything(store) == list(range(PER_DAY + 1, 4 * PER_DAY + 1))
-    assert "1 published days (m-20231115) are not in this folder: 1 were moved to away" in text
-
-
-@pytest.mark.process
-def test_a_damaged_store_keeps_its_condensed_blocks_and_their_trends(filled: Store, tmp_path: Path) -> None:
-    condense_all(filled)
-    before = trends(filled, points=50)
-    with filled.transaction() as connection:
-        connection.execute("INSERT INTO spectra VALUES ('s', 'x', 7, 1.0, 1, '{}', x'')")
-    (root,) = filled.rows("SELECT rootpage FROM sqlite_master WHERE name = 'digests'")[0]
-    filled.close()
-    with filled.path.open("r+b") as file:
-        file.seek(4096 * (root - 1))
-        file.write(b"\xff" * 4096)
-    store, text = recovered(filled, tmp_path)
-    with store:
-        assert everything(store) == list(range(1, 4 * PER_DAY + 1)), text
-        assert store.counts() == {"ok": 4 * PER_DAY}
-        assert store.commit(block(7), {}) == "duplicate"
-        assert store.rows("SELECT sequence FROM spectra") == [(7,)]
-        after = trends(store, points=50)
-    assert np.array_equal(before.records, after.records)
-    assert np.array_equal(before.low["rms"], after.low["rms"])
