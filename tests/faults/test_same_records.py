@@ -23,6 +23,8 @@ pytestmark = pytest.mark.process
 FILES = effort_count(quick=24, full=240)
 ENDS = effort_count(quick=1, full=20)
 LEARNED = 10
+MAX_BLOCKS_A_FILE = 4
+"""More than the records of any file: at most two blocks of 256 samples and a remainder."""
 
 
 def make(folder: Path, block_s: str) -> Path:
@@ -63,7 +65,7 @@ def live(config: Path, ends: int, generator: random.Random) -> None:
 
 def replayed(config: Path, source: Path, out: Path, *limits: int) -> Path:
     """Replay the files, in several goes where there are limits; return the store."""
-    for number, limit in enumerate([*limits, FILES * 2]):
+    for number, limit in enumerate([*limits, FILES * MAX_BLOCKS_A_FILE]):
         options = ["--resume"] if number else []
         made = call(
             *(
