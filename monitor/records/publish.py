@@ -25,7 +25,7 @@ from monitor.records.condense import condensed_on, condensed_up_to, has_condense
 from monitor.records.database import replacing
 from monitor.records.dataset import INT_FILL, from_dataset, to_dataset
 from monitor.records.filing import SECONDS_PER_DAY, published_files
-from monitor.records.moved_days import delete_day, moved_days, moving_days
+from monitor.records.moved_days import MovedDaysError, delete_day, moved_days, moving_days
 from monitor.records.second_copy import Kept, keep_larger, ledger_group, log_kept
 from monitor.records.snapshot import Snapshot, is_published, snapshot_path, take_snapshot, write_snapshot
 from monitor.records.store import Published, Store
@@ -77,10 +77,11 @@ def publish(
         with _snapshot(store), moving_days(store.path):
             if not rebuild and _is_fresh(store, path, day, last_block):
                 continue
-            dataset = day_dataset(store, day, path, last_block)
+            older = _older(store, path, day)
+            dataset = day_dataset(store, day, older, last_block)
             if (kept := _keep(path, dataset)) is not None:
                 (note_kept or partial(log_kept, store))(kept)
-            size = _write(dataset, ledger_group(store, day, dataset, path), path)
+            size = _write(dataset, ledger_group(store, day, dataset, older), path)
         done = Published(path.name, day, last_block, size)
         if note is not None:
             note(done)
@@ -90,6 +91,17 @@ def publish(
     if written or not is_published(snapshot, records_dir):
         _write_snapshot(store, snapshot, records_dir)
     return written
+
+
+def _older(store: Store, path: Path, day: int | None) -> Path:
+    """Return the file with the condensed records of a day: the present one or, where it can be reached, the moved."""
+    if not path.exists() and _condensed(store, day):
+        # Without a register, the new file says how many records are elsewhere.
+        with suppress(MovedDaysError):
+            for entry in moved_days(path.parent, store.machine):
+                if entry.file == path.name and entry.to is not None and (moved := Path(entry.to) / path.name).exists():
+                    return moved
+    return path
 
 
 def _write_snapshot(store: Store, snapshot: Snapshot, records_dir: Path) -> None:
@@ -118,7 +130,7 @@ def file_name(machine: str, day: int | None) -> str:
 def day_dataset(store: Store, day: int | None, path: Path | None = None, last_block: int = MAX_ID) -> xr.Dataset:
     """Build the dataset of a UTC day (days since 1970) or of the undated records, up to a block of the ledger.
 
-    Records that are condensed in the store are taken from the present file at ``path``; where it is missing, the
+    Records that are condensed in the store are taken from the older file at ``path``; where it is missing, the
     attribute ``records_elsewhere`` counts them.
     """
     rows = list(store.stored("day IS ? AND blocks.id <= ?", day, last_block))

@@ -210,6 +210,21 @@ def test_a_moved_day_is_neither_missed_nor_made_again_and_a_report_names_it(fill
     assert run.attributes[ABSENCE] == f"full records of {older} older blocks are in the published files only"
 
 
+def test_a_late_block_of_a_moved_day_joins_its_moved_file(filled: Store, tmp_path: Path) -> None:
+    folder, away = tmp_path / "records", tmp_path / "away"
+    condense_all(filled)
+    day = folder / "m-20231115.nc"
+    move_day(day, "m", away, filled.path, 5.0)
+    filled.commit(block(9999, BEGIN + 5.0), {})
+    assert publish(filled, folder) == [day]
+    assert blocks_of(day) == [*range(1, PER_DAY + 1), 9999]
+    with xr.open_dataset(day, decode_times=False) as dataset:
+        assert "records_elsewhere" not in dataset.attrs
+    move_day(day, "m", away, filled.path, 6.0)
+    assert blocks_of(away / day.name) == [*range(1, PER_DAY + 1), 9999]
+    assert publish(filled, folder) == []
+
+
 def test_a_day_whose_copy_differs_is_not_removed(filled: Store, tmp_path: Path) -> None:
     day = tmp_path / "records" / "m-20231115.nc"
     away = tmp_path / "away"
