@@ -194,7 +194,7 @@ def test_load_and_speed_may_change_from_block_to_block_as_in_the_lives_of_the_li
     errors = []
     for number in range(3000, 3000 + effort_count(quick=5, full=10)):
         life = toy_life(number, varying=True)
-        _, results = follow(blocks_of(life), toy_library(75, varying=True))
+        _, results = follow(blocks_of(life), toy_library(effort_count(quick=50, full=75), varying=True))
         half = len(results) // 2
         assert results[half].damage.status == EdvStatus.OK
         errors.append(math.log(results[half].damage.v_eq / life.v_eq[half]))

@@ -6,6 +6,7 @@ import json
 import math
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -38,12 +39,37 @@ from streams.rig import CHANNELS, SimulatedRig, open_rig
 from tests.effort import effort_count
 
 TESTED, *SUPPORTS = CHANNELS
-HEALTHY = effort_count(quick=45, full=135)
+LEARN = 12
+"""Blocks of the run-in, and of the learning window behind it, of a quick life."""
+QUICK_HEALTHY = 2 * LEARN + 5
+HEALTHY = effort_count(quick=QUICK_HEALTHY, full=135)
 ONSET, BLOCKS = HEALTHY + 1, HEALTHY + 30
 # A short life (55 blocks to the threshold), so that thirty damaged blocks reach past its middle. On this one the
 # tracker keeps within a factor of five; on three in ten it does not (benchmarks/tracking.py), which is the method's.
 URL = f"rig:ferrara?seed=13&healthy_blocks={HEALTHY}&blocks={BLOCKS}"
-QUICK = "rig:ferrara?seed=13&healthy_blocks=45&blocks=60"
+QUICK_BLOCKS = QUICK_HEALTHY + 15
+QUICK = f"rig:ferrara?seed=13&healthy_blocks={QUICK_HEALTHY}&blocks={QUICK_BLOCKS}"
+
+
+Simulated = dict[tuple[int, int], Block]
+"""Blocks of the rig, by the number of healthy blocks of its life and their own."""
+
+
+@pytest.fixture(scope="module")
+def simulated() -> Iterator[Simulated]:
+    """Keep the blocks of the rig, so that several replays simulate them once."""
+    blocks: Simulated = {}
+    simulate_block = SimulatedRig.block
+
+    def kept(rig: SimulatedRig, sequence: int) -> Block:
+        key = (rig.life.onset - 1, sequence)
+        if key not in blocks:
+            blocks[key] = simulate_block(rig, sequence)
+        return blocks[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SimulatedRig, "block", kept)
+        yield blocks
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +105,7 @@ def read(store: Path) -> tuple[list[str], dict[str, Any], list[Any]]:
 
 
 @pytest.fixture(scope="module")
-def line(tmp_path_factory: pytest.TempPathFactory, rms_map: RmsMap) -> Line:
+def line(tmp_path_factory: pytest.TempPathFactory, rms_map: RmsMap, simulated: Simulated) -> Line:
     """The configuration of the demo, which learns faster in quick effort, over a life cut off past its middle."""
     config = demo_config("thesis") if HEALTHY == 135 else quick_to_learn("thesis", "thesis")
     result = replay(config, URL, tmp_path_factory.mktemp("line"), maps={TESTED: rms_map})
@@ -178,32 +204,12 @@ def _number(value: Any) -> float:
     return math.nan if value is None else float(value)
 
 
-@pytest.fixture(scope="module")
-def simulated() -> dict[int, Block]:
-    """Blocks of the rig of a quick life, by number."""
-    return {}
-
-
-@pytest.fixture
-def simulated_once(simulated: dict[int, Block], monkeypatch: pytest.MonkeyPatch) -> dict[int, Block]:
-    """Keep the blocks of QUICK, so that several replays simulate them once."""
-    simulate_block = SimulatedRig.block
-
-    def kept(rig: SimulatedRig, sequence: int) -> Block:
-        if sequence not in simulated:
-            simulated[sequence] = simulate_block(rig, sequence)
-        return simulated[sequence]
-
-    monkeypatch.setattr(SimulatedRig, "block", kept)
-    return simulated
-
-
 def quick_to_learn(track: str, forecast: str) -> Config:
-    """The demo with a learning window of twenty blocks."""
+    """The demo with a short learning window."""
     config = demo_config()
     return config.model_copy(
         update={
-            "detect": config.detect.model_copy(update={"learn_blocks": 20, "run_in_blocks": 20}),
+            "detect": config.detect.model_copy(update={"learn_blocks": LEARN, "run_in_blocks": LEARN}),
             "track": config.track.model_copy(update={"method": track}),
             "forecast": config.forecast.model_copy(update={"method": forecast}),
         }
@@ -213,38 +219,39 @@ def quick_to_learn(track: str, forecast: str) -> Config:
 @pytest.fixture(scope="module")
 def library() -> Library:
     """A few lives at the demo's load and speed: enough for answers, not for good ones."""
-    population = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0), seed=3)
-    return build_library(population, runs=24, thresholds=(0.05e-6,), settings=FitSettings(columns=60, seed=3))
+    population = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0), durations=(14000.0, 24000.0), seed=3)
+    return build_library(population, runs=20, thresholds=(0.05e-6,), settings=FitSettings(columns=60, seed=3))
 
 
 @pytest.mark.parametrize(("track", "forecast"), [("thesis", "thesis"), ("filter", "library")])
 def test_restarts_in_the_middle_change_no_bit(
-    tmp_path: Path, rms_map: RmsMap, library: Library, simulated_once: dict[int, Block], track: str, forecast: str
+    tmp_path: Path, rms_map: RmsMap, library: Library, simulated: Simulated, track: str, forecast: str
 ) -> None:
     """One stop while the onset is suspected but not known and RMS waits for the tracker, one while it is tracked."""
     url, config = QUICK, quick_to_learn(track, forecast)
     given = {"maps": {TESTED: rms_map}, "libraries": {TESTED: library}}
     whole = replay(config, url, tmp_path / "whole", **given)
     summary = whole.summary["channels"][TESTED]
-    assert summary["t_fs_block"] <= 47 < summary["t_fs_known_block"] <= 53
+    stop = QUICK_HEALTHY + 2
+    assert summary["t_fs_block"] <= stop < summary["t_fs_known_block"] <= stop + 6
 
-    for limit, resume in ((47, False), (7, True), (None, True)):
+    for limit, resume in ((stop, False), (7, True), (None, True)):
         parts = replay(config, url, tmp_path / "parts", limit=limit, resume=resume, **given)
         if not resume:
             with Store.open(parts.store_path, read_only=True) as store:
                 state = store.load_states()[f"channel:rig:{TESTED}"]
-            assert len(state["damage"]["pending"]) == 47 - summary["t_fs_block"] + 1
+            assert len(state["damage"]["pending"]) == stop - summary["t_fs_block"] + 1
 
     assert read(parts.store_path) == read(whole.store_path)
     assert parts.summary["channels"] == whole.summary["channels"]
     (first,), (second,) = whole.summary["records"], parts.summary["records"]
     with xr.open_dataset(first) as uninterrupted, xr.open_dataset(second) as restarted:
         xr.testing.assert_equal(restarted, uninterrupted)
-    assert len(simulated_once) == 60
+    assert {(QUICK_HEALTHY, number + 1) for number in range(QUICK_BLOCKS)} <= set(simulated)
 
 
 def test_the_library_answers_with_intervals_that_records_and_archive_hold(
-    tmp_path: Path, library: Library, simulated_once: dict[int, Block]
+    tmp_path: Path, library: Library, simulated: Simulated
 ) -> None:
     """No map is needed; without a configured method, a library is taken where there is one."""
     config = quick_to_learn("library", "library")
