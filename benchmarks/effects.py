@@ -94,14 +94,17 @@ def step_rows(seconds: float, rounds: int) -> list[Row]:
     for step in (10e-6, 5e-6, 2.5e-6):
         found = {name: simulate_time(SCENES[name], seconds, RATE, step=step, settle=0.2) for name in names}
         levels = np.array([found[n].rms / fine[n].rms - 1.0 for n in names])
-        waves = [relative(low_passed(found[n].acceleration[0]), low_passed(fine[n].acceleration[0])) for n in names]
+        waves = [
+            relative(low_passed(found[n].acceleration(RATE, seconds)), low_passed(fine[n].acceleration(RATE, seconds)))
+            for n in names
+        ]
         timed = interleaved_ms(
             {n: partial(simulate_time, SCENES[n], seconds, RATE, step=step, settle=0.2) for n in names[:3]},
             rounds,
         )
         rows.append(
             {
-                "step us": 1e6 * found[names[0]].step,
+                "step us": 1e6 * 1.0 / (RATE * max(2, math.ceil(1.0 / (RATE * step) - 1e-9))),
                 "RMS error, rms": float(np.sqrt(np.mean(levels**2))),
                 "RMS error, max": float(np.max(np.abs(levels))),
                 "waveform to 10 kHz, median": float(np.median(waves)),

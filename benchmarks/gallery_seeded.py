@@ -247,7 +247,8 @@ def figure_50() -> Plate:
     plain = scene("D2", 2000.0, 30.0)
     lines = kinematics(plain.bearing, plain.speed)
     signals = {
-        angle: simulate_time(replace(plain, slip=Slip(angle)), _SLIP_SECONDS, _RATE).acceleration[0] / STANDARD_GRAVITY
+        angle: simulate_time(replace(plain, slip=Slip(angle)), _SLIP_SECONDS, _RATE).acceleration(_RATE, _SLIP_SECONDS)
+        / STANDARD_GRAVITY
         for angle in ANGLES
     }
     turn = round(_RATE / lines.ftf)

@@ -33,9 +33,10 @@ from models.maps.check import check_map
 from models.maps.data import RmsMap
 from models.maps.nodes import scene_at
 from models.maps.plan import MapPlan
+from models.registry import Request
 from models.response import Response
 from models.scene import Defect, Floor, Scene
-from models.simulate import DEFAULT_ACCURACY, simulate
+from models.simulate import simulate
 from tests.oracles.six_dof_oracle import Case, simulate_oracle
 from tests.periods import run, simulate_plainly, solve_scene
 
@@ -188,7 +189,7 @@ def settling_rows(count: int) -> list[Row]:
 
 def _plain_periods(scene: Scene, tolerance: float) -> int:
     """Return after how many periods of plain simulation the RMS stays within the tolerance of its settled value."""
-    period = solve_scene(scene, DEFAULT_ACCURACY, 1e-9).period
+    period = solve_scene(scene, Request.accuracy, 1e-9).period
     levels = simulate_plainly(period, 320, 0).levels
     # Where the motion does not repeat, its level never stays.
     off = np.flatnonzero(np.abs(levels[:120] / levels[-1] - 1.0) > tolerance)

@@ -126,7 +126,7 @@ def slip_spectra(scene: Scene) -> dict[float, tuple[NDArray[np.float64], NDArray
     found = {}
     for angle in (0.0, *ANGLES):
         response = simulate_time(replace(scene, slip=Slip(angle) if angle > 0.0 else None), 1.0, _RATE)
-        signal = response.acceleration[0] / STANDARD_GRAVITY
+        signal = response.acceleration(_RATE, 1.0) / STANDARD_GRAVITY
         found[angle] = np.fft.rfftfreq(len(signal), 1.0 / _RATE), 2.0 * np.abs(np.fft.rfft(signal)) / len(signal)
     return found
 

@@ -78,3 +78,14 @@ def filter_valid(signal: NDArray[np.float64], taps: NDArray[np.float64]) -> NDAr
     from scipy.signal import oaconvolve
 
     return oaconvolve(signal, taps, mode="valid")
+
+
+def crests(before: NDArray[np.float64], at: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the largest absolute value along the first axis of what three equally spaced values each rise to.
+
+    It is that of the middle ones, or of the vertex of the parabola where that lies between the outer ones.
+    """
+    slope, bend = 0.5 * (after - before), after - 2.0 * at + before
+    inside = (at * bend < 0.0) & (np.abs(slope) < np.abs(bend))
+    rise = np.where(inside, 0.5 * slope * slope / np.where(inside, np.abs(bend), 1.0), 0.0)
+    return np.max(np.abs(at) + rise, axis=0, initial=0.0)

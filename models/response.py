@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from models.numerics import crests
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -24,33 +26,96 @@ _PEAK_OVERSAMPLING = 8
 
 
 @dataclass(frozen=True, eq=False)
+class Record:
+    """Signals of a motion that was simulated over time, as a recorder would sample them.
+
+    Attributes:
+        rate: sampling rate, Hz.
+        signal: m/s2, shape (2, samples): both sensors, passed through a linear-phase filter that ends at the Nyquist
+            frequency (flat to 0.9 of it, then 80 dB down).
+    """
+
+    rate: float
+    signal: NDArray[np.float64]
+
+    def in_band(self, low: float, high: float, sensor: Sensor = "mo") -> NDArray[np.float64]:
+        """Return the part of a signal between two frequencies, Hz, both included, m/s2, shape (samples,).
+
+        Raises:
+            ValueError: if the band is empty or reaches beyond 0.9 of the Nyquist frequency.
+        """
+        check_band((low, high))
+        passed = PASSBAND * 0.5 * self.rate
+        if high > passed:
+            raise ValueError(f"the band ends at {high!r} Hz, the signal is flat up to {passed:g} Hz")
+        signal = self.signal[SENSORS[sensor]]
+        frequency = np.fft.rfftfreq(len(signal), 1.0 / self.rate)
+        inside = (frequency >= low) & (frequency <= high)
+        return np.fft.irfft(np.where(inside, np.fft.rfft(signal), 0.0), len(signal))
+
+    def levels_in_band(self, low: float, high: float, sensor: Sensor = "mo") -> tuple[float, float]:
+        """Return RMS and peak of the sampled signal between two frequencies, Hz, in m/s2; errors as ``in_band``."""
+        inside = self.in_band(low, high, sensor)
+        peak = max(float(np.max(np.abs(inside))), float(crests(inside[:-2], inside[1:-1], inside[2:])))
+        return float(np.sqrt(np.mean(inside**2))), peak
+
+    def line(self, frequency: float, sensor: Sensor = "mo") -> float:
+        """Return the single-sided amplitude at one frequency, Hz, in m/s2, through a Hann window."""
+        return float(2.0 * np.abs(self.coefficients(frequency, 1)[SENSORS[sensor], 1]))
+
+    def coefficients(self, fundamental: float, count: int) -> NDArray[np.complex128]:
+        """Return the Fourier coefficients 0..count at multiples of a frequency, Hz, through a Hann window.
+
+        The amplitude of line k is 2 |c_k|, in m/s2; shape (2, count + 1). Lines closer than four over the duration of
+        the signal are not told apart.
+        """
+        samples = self.signal.shape[1]
+        window = np.hanning(samples + 2)[1:-1]
+        return _at_multiples(self.signal * (window / np.sum(window)), fundamental / self.rate, count)
+
+
+@dataclass(frozen=True, eq=False)
 class Response:
-    """The settled vibration of one scene along the load. SI units; sensor "mo" is the casing, "mr" the resonator.
+    """The settled vibration of one scene. SI units; sensor "mo" is the casing, "mr" the resonator.
 
     Attributes:
         rms, peak: RMS (over several periods where the motion does not repeat) and largest absolute value of a_o in
             ``rms_band``, m/s2; ``rms_resonator`` and ``peak_resonator`` the same of a_r.
-        rms_error: relative error of ``rms``, estimated: that of the steps from halving them, or the standard error of
-            the mean where the motion does not repeat.
-        bpfo: ball-pass frequency over the outer race, Hz, with which the motion repeats.
+        rms_error: relative error of ``rms``, estimated: that of the steps from halving them, and where the motion does
+            not repeat the standard error of the mean beside it.
+        rms_se: that standard error of ``rms``, m/s2; zero where the motion repeats.
+        peak_error: relative error of ``peak``, estimated: that of the steps; where the motion does not repeat, the
+            standard deviation over parts of the run, over ``peak``.
+        waveform_error: RMS of the error of the waveform of a_o due to the steps over its RMS, estimated; NaN where it
+            was not looked at.
+        bpfo: ball-pass frequency over the outer race, Hz.
         harmonics: single-sided amplitudes of the first six lines k * bpfo of a_o, m/s2, shape (6,).
         harmonics_error: their estimated errors, m/s2, NaN where the motion does not repeat.
-        period_change: relative change of the full-bandwidth RMS between the last two of ``periods`` ball periods.
-        spread: standard deviation of that RMS from period to period, m/s2; zero if the motion repeats, NaN if it
-            diverged (then the status is "not_converged").
+        periods: ball periods that were simulated.
+        period_change: relative change of the full-bandwidth RMS between the last two of them; NaN where the motion was
+            simulated over time.
+        spread: standard deviation of that RMS from period to period (over time: from block to block, a block being the
+            slowest of turn of the shaft, turn of the cage and ball period that drives the motion), m/s2; zero if the
+            motion repeats, NaN if it diverged (then the status is "not_converged").
         multiplier: largest absolute Floquet multiplier of the motion that repeats; beyond 1 it is unstable, and what is
-            simulated instead is given. NaN where none was found.
+            simulated instead is given. NaN where none was found or looked for.
+        model, solver: what answered (models.registry).
         status: "converged" (it repeats, is stable, and ``rms_error`` is within what was asked), "inaccurate" (it is
             not), "not_periodic" (a mean and a spread are given) or "not_converged" (unusable).
         rms_band: the band (lo, hi), Hz, to which RMS and peak refer, or None for the full bandwidth.
         coefficients: complex Fourier coefficients c_k of exp(2 pi i k bpfo t), k = 0..K, of a_o and a_r, m/s2, shape
             (2, K + 1). The amplitude of line k is 2 |c_k|. Where the motion does not repeat, their amplitudes are
-            those of the mean power and their phases those of the last period.
+            those of the mean power and their phases those of the last period; over time, those of ``record``.
+        record: the signal where the motion was simulated over time, else None.
+        why: why this model and solver answered, or None where the scene names its model.
     """
 
     rms: float
     rms_error: float
+    rms_se: float
     peak: float
+    peak_error: float
+    waveform_error: float
     rms_resonator: float
     peak_resonator: float
     bpfo: float
@@ -61,9 +126,12 @@ class Response:
     spread: float
     multiplier: float
     model: str
+    solver: str
     status: Status
     rms_band: tuple[float, float] | None
     coefficients: NDArray[np.complex128]
+    record: Record | None = None
+    why: str | None = None
 
     def lines(self, sensor: Sensor = "mo") -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return frequencies, Hz, and single-sided amplitudes, m/s2, of the lines k * bpfo, k = 1..K."""
@@ -71,12 +139,14 @@ class Response:
         return np.arange(1.0, len(amplitude) + 1.0) * self.bpfo, amplitude
 
     def rms_in_band(self, low: float, high: float, sensor: Sensor = "mo") -> float:
-        """Return the RMS of the lines from ``low`` to ``high`` (both included), Hz, in m/s2.
+        """Return the RMS between two frequencies, both included, Hz, in m/s2: of the lines, or of the record.
 
         Raises:
-            ValueError: if the band is empty or reaches beyond the lines that were computed.
+            ValueError: if the band is empty or reaches beyond the lines that were computed, or what was recorded.
         """
         check_band((low, high))
+        if self.record is not None:
+            return self.record.levels_in_band(low, high, sensor)[0]
         frequency, amplitude = self.lines(sensor)
         if high > frequency[-1] + self.bpfo:
             raise ValueError(f"band ends at {high!r} Hz, the response was computed up to {frequency[-1]:.0f} Hz")
@@ -95,14 +165,18 @@ class Response:
         """Return the signal as a recorder would sample it, m/s2, shape (round(rate * duration),).
 
         Lines above 0.9 of the Nyquist frequency are left out, as by an ideal anti-alias filter; the others are exact
-        at every sample. ``phase`` shifts the ball passages, rad: 2 pi is one ball period.
+        at every sample. ``phase`` shifts the ball passages, rad: 2 pi is one ball period. Of a motion that was
+        simulated over time it is the beginning of the record, at the rate of the record and without a shift.
 
         Raises:
-            ValueError: if rate or duration is not positive and finite, or the band is empty.
+            ValueError: if rate or duration is not positive and finite, the band is empty, or the record has no such
+                signal.
         """
         for name, value in (("rate", rate), ("duration", duration)):
             if not (math.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} must be positive and finite, got {value!r}")
+        if self.record is not None:
+            return self._recorded(self.record, rate, duration, phase, sensor=sensor, band=band)
         low, high = (0.0, math.inf) if band is None else check_band(band)
         coefficients = 2.0 * self.coefficients[SENSORS[sensor]]
         frequency = self.bpfo * np.arange(len(coefficients))
@@ -117,6 +191,27 @@ class Response:
             signal[start : start + len(n)] = _series(coefficients, np.exp(1j * (2.0 * np.pi * turn + phase)))
         return signal
 
+    @staticmethod
+    def _recorded(
+        record: Record,
+        rate: float,
+        duration: float,
+        phase: float,
+        *,
+        sensor: Sensor,
+        band: tuple[float, float] | None,
+    ) -> NDArray[np.float64]:
+        """Return the beginning of a record; raise a ValueError that names what it does not have."""
+        samples, most = round(rate * duration), record.signal.shape[1]
+        if rate != record.rate:
+            raise ValueError(f"rate must be that of the simulation over time, {record.rate:g} Hz, got {rate!r}")
+        if samples > most:
+            raise ValueError(f"duration must be within the {most / rate:g} s that were simulated, got {duration!r}")
+        if phase != 0.0:
+            raise ValueError(f"phase must be 0 where the motion was simulated over time, got {phase!r}")
+        signal = record.signal[SENSORS[sensor]] if band is None else record.in_band(*band, sensor)
+        return signal[:samples].copy()
+
 
 def _series(coefficients: NDArray[np.complex128], unit: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Return the real part of sum c_k unit**k by Horner's rule."""
@@ -125,6 +220,20 @@ def _series(coefficients: NDArray[np.complex128], unit: NDArray[np.complex128]) 
         np.multiply(total, unit, out=total)
         np.add(total, c, out=total)
     return np.real(total)
+
+
+def _at_multiples(values: NDArray[np.float64], turn: float, count: int) -> NDArray[np.complex128]:
+    """Return sum_n x_n exp(-2 pi i k n turn), k = 0..count, of each row, by Bluestein's convolution."""
+    samples = values.shape[1]
+    n = np.arange(max(samples, count + 1), dtype=np.float64)
+    # exp(-i pi turn n^2): k n = (k^2 + n^2 - (k - n)^2) / 2; reduced to one turn, so that no digits are lost.
+    chirp = np.exp(-2j * np.pi * np.mod(0.5 * turn * n * n, 1.0))
+    size = 1 << (samples + count).bit_length()
+    kernel = np.zeros(size, dtype=np.complex128)
+    kernel[: count + 1] = np.conj(chirp[: count + 1])
+    kernel[size - samples + 1 :] = np.conj(chirp[1:samples])[::-1]
+    folded = np.fft.ifft(np.fft.fft(values * chirp[:samples], size) * np.fft.fft(kernel))
+    return folded[:, : count + 1] * chirp[: count + 1]
 
 
 def check_band(band: tuple[float, float]) -> tuple[float, float]:
@@ -140,4 +249,5 @@ def peak_in_band(coefficients: NDArray[np.complex128], low: int, high: int) -> f
     size = 1 << max(6, (_PEAK_OVERSAMPLING * (high + 1) - 1).bit_length())
     spectrum = np.zeros(size // 2 + 1, dtype=np.complex128)
     spectrum[low : high + 1] = coefficients[low : high + 1]
-    return float(np.max(np.abs(np.fft.irfft(spectrum, size)))) * size
+    signal = np.fft.irfft(spectrum, size) * size
+    return float(crests(np.roll(signal, 1), signal, np.roll(signal, -1)))

@@ -6,7 +6,7 @@ All quantities are SI and radians. A field that is None or zero switches its eff
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -19,6 +19,25 @@ if TYPE_CHECKING:
 Part = Literal["outer", "inner", "ball"]
 PARTS: tuple[Part, ...] = ("outer", "inner", "ball")
 Race = Literal["outer", "inner"]
+
+# What a scene may have beyond a healthy ball bearing without clearance whose inner ring turns; words for people.
+EFFECTS: dict[str, str] = {
+    "outer_defect": "a defect of the outer race",
+    "inner_defect": "a defect of the inner race",
+    "ball_defect": "a defect of a ball",
+    "several_defects": "several defects",
+    "first_row": "a damaged row other than the first",
+    "rough_floor": "a rough floor",
+    "clearance": "clearance",
+    "roller": "rollers",
+    "outer_ring_turns": "a turning outer ring",
+    "waviness": "waviness of the outer race",
+    "inner_waviness": "waviness of the inner race",
+    "unbalance": "unbalance",
+    "gravity": "gravity",
+    "slip": "slip drawn per passage",
+    "mean_force_slip": "slip as its mean force",
+}
 
 
 def _check_numbers(owner: object, prefix: str, rule: str, *names: str) -> None:
@@ -189,6 +208,19 @@ class Defect:
         _check_whole(self.rows, "defect.rows", 1)
         _check_whole(self.first_row, "defect.first_row", 0)
 
+    @property
+    def moves_balls(self) -> bool:
+        """Whether it has extent and depth."""
+        return self.dphi_d > 0.0 and self.h_d > 0.0
+
+    def overlaps(self, other: Defect) -> bool:
+        """Whether both damage the same place of the same part of a row."""
+        rows = max(self.first_row, other.first_row) < min(self.first_row + self.rows, other.first_row + other.rows)
+        if self.part != other.part or not rows or not (self.moves_balls and other.moves_balls):
+            return False
+        apart = abs(math.remainder(self.position - other.position, 2.0 * math.pi))
+        return apart < 0.5 * (self.dphi_d + other.dphi_d)
+
 
 @dataclass(frozen=True)
 class Waviness:
@@ -254,11 +286,14 @@ class Scene:
         load: radial load, N.
         defect: the damage, or None for a healthy bearing.
         clearance: radial clearance h of Eq. 34, m.
+        model: a key of ``models.registry.MODULES``, or "auto": the cheapest that has all effects.
         waviness: roundness errors of the races.
         unbalance: unbalance of the shaft (mass times eccentricity), kg m; at the load direction at time zero.
         gravity: acceleration of gravity that acts on the masses, m/s2.
         gravity_angle: angle of gravity from the direction of the load on the outer ring, rad.
         slip: deviation of balls from their place in the cage (Eq. 82), or None.
+        more_defects: further defects, of any part; those of one part of one row lie apart. Where a ball meets two at
+            once (one on either race, or its own), their depths add.
     """
 
     speed: float
@@ -267,12 +302,13 @@ class Scene:
     rig: Rig = field(default_factory=Rig)
     defect: Defect | None = None
     clearance: float = 0.0
-    model: str = "six_dof"
+    model: str = "auto"
     waviness: tuple[Waviness, ...] = ()
     unbalance: float = 0.0
     gravity: float = 0.0
     gravity_angle: float = 0.0
     slip: Slip | None = None
+    more_defects: tuple[Defect, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field of an unusable value."""
@@ -283,32 +319,74 @@ class Scene:
             raise ValueError(
                 f"rig.k_c is that of a {self.rig.element}, {self.bearing.designation} has {self.bearing.element}s"
             )
-        defect, rows = self.defect, self.bearing.rows
-        if defect is not None and defect.first_row + defect.rows > rows:
-            raise ValueError(
-                f"defect.rows {defect.rows!r} from defect.first_row {defect.first_row!r} on exceed the bearing's {rows}"
-            )
+        self._check_defects()
+
+    def _check_defects(self) -> None:
+        if self.defect is None and self.more_defects:
+            raise ValueError("more_defects must be empty where defect is None")
+        rows = self.bearing.rows
+        for number, defect in enumerate(self.defects):
+            name = "defect" if number == 0 else f"more_defects[{number - 1}]"
+            if defect.first_row + defect.rows > rows:
+                raise ValueError(
+                    f"{name}.rows {defect.rows!r} from {name}.first_row {defect.first_row!r} on "
+                    f"exceed the bearing's {rows}"
+                )
+            if any(defect.overlaps(other) for other in self.defects[:number]):
+                raise ValueError(
+                    f"{name}.position must lie apart from the other defects of the {defect.part}, "
+                    f"got {defect.position!r} rad, where it overlaps one"
+                )
+
+    @property
+    def defects(self) -> tuple[Defect, ...]:
+        """All defects."""
+        return () if self.defect is None else (self.defect, *self.more_defects)
+
+    @property
+    def healthy(self) -> Scene:
+        """The scene without its defects."""
+        return replace(self, defect=None, more_defects=())
+
+    @property
+    def _damage(self) -> tuple[Defect, ...]:
+        return tuple(defect for defect in self.defects if defect.moves_balls)
+
+    @property
+    def _slips(self) -> bool:
+        return self.slip is not None and self.slip.phi_slip > 0.0 and len(self._damage) > 0
 
     @property
     def repeats(self) -> bool:
         """Whether nothing but the passages of the balls drives the motion, with which it then repeats."""
         return (
             self.unbalance == 0.0
-            and (self.slip is None or self.slip.phi_slip == 0.0 or self.defect is None)
+            and not (self._slips and self.slip is not None and self.slip.redraws)
             and all(wave.race == "outer" or wave.amplitude == 0.0 for wave in self.waviness)
-            and (self.defect is None or self.defect.part == "outer")
+            and all(defect.part == "outer" for defect in self._damage)
         )
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Names of the effects beyond a defect of the outer race from the first row on."""
+        """Names in EFFECTS of what the scene has."""
+        damage, parts = self._damage, {defect.part for defect in self._damage}
+        races = {wave.race for wave in self.waviness if wave.amplitude != 0.0}
+        rule = self.slip.rule if self.slip is not None and self._slips else None
         named = {
-            "waviness": any(w.amplitude != 0.0 for w in self.waviness),
+            "outer_defect": "outer" in parts,
+            "inner_defect": "inner" in parts,
+            "ball_defect": "ball" in parts,
+            "several_defects": len(damage) > 1,
+            "first_row": any(defect.first_row != 0 for defect in damage),
+            "rough_floor": any(defect.floor.kind == "rough" and defect.floor.sd > 0.0 for defect in damage),
+            "clearance": self.clearance > 0.0,
+            "roller": self.bearing.element == "roller",
+            "outer_ring_turns": self.bearing.rotating_ring == "outer",
+            "waviness": "outer" in races,
+            "inner_waviness": "inner" in races,
             "unbalance": self.unbalance != 0.0,
             "gravity": self.gravity != 0.0,
+            "slip": rule == "per_passage",
+            "mean_force_slip": rule == "mean_force",
         }
-        if self.defect is not None:
-            named["slip"] = self.slip is not None and self.slip.phi_slip != 0.0
-            named["defect.part"] = self.defect.part != "outer"
-            named["defect.first_row"] = self.defect.first_row != 0
-        return tuple(name for name, is_named in named.items() if is_named)
+        return tuple(name for name in EFFECTS if named[name])

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.dynamics.periodic import effort_for, steering
 from models.dynamics.six_dof import LEAST_IN_SEGMENT, damaged_rows, defect_arrays, operating_point, steps_for
 from models.kernels.orbit import CALM_PERIODS, PLAIN_FIRST, settle
 from models.kernels.period import Period, Trace, ball_period, blank_trace, mean_square
 from models.kernels.period_setup import set_up
 from models.kernels.settled import R_LINES, R_STEPS, solve
 from models.kernels.step import STATUS_OK
+from models.registry import Request
 from models.scene import Scene
-from models.simulate import effort_for, steering
 
 
 def period_of(scene: Scene, steps: int | None = None, *, fold: int = 1) -> Period:
     """Return a scene's ball period on the coarsest grid, or one with at least ``steps``, each cut into ``fold``."""
     path, profile = defect_arrays(scene.bearing, scene.defect)
-    point = operating_point(replace(scene, defect=None))
+    point = operating_point(scene.healthy)
     least = steps_for(scene) if steps is None else steps
     return set_up(path, profile, point, damaged_rows(scene.defect), least, LEAST_IN_SEGMENT, fold)
 
@@ -42,7 +43,7 @@ class Solved:
 
 def solve_scene(scene: Scene, accuracy: float, tolerance: float | None = None) -> Solved:
     """Search a scene's motion that repeats as ``simulate`` does first, and show on which grid it ended."""
-    healthy, effort = replace(scene, defect=None), effort_for(scene, accuracy, tolerance)
+    healthy, effort = scene.healthy, effort_for(scene, Request(accuracy=accuracy, tolerance=tolerance))
     path, profile = defect_arrays(scene.bearing, scene.defect)
     steer, found = steering(healthy), np.empty(R_LINES + 2 * effort.harmonics)
     period, state, _ = solve(
@@ -92,7 +93,7 @@ def simulate_plainly(
 
 def orbit_of(scene: Scene, steps: int | None = None) -> tuple[Period, NDArray[np.float64]]:
     """Return a scene's period and the fixed point of its map, stable or not."""
-    period, steer, state = period_of(scene, steps), steering(replace(scene, defect=None)), np.empty((2, 6))
+    period, steer, state = period_of(scene, steps), steering(scene.healthy), np.empty((2, 6))
     found = settle(
         *(np.zeros((2, 6)), state, blank_trace(period), period),
         *(np.eye(12) if steer is None else steer, PLAIN_FIRST, CALM_PERIODS, 1e-9, 400),

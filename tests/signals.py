@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing, Kinematics, from_catalogue, kinematics
+from models.response import Record, Response
 from monitor.health.spectrum.features import fundamentals
 
 Samples = NDArray[np.float64]
@@ -149,3 +150,14 @@ class HealthyMachine:
         if rng.uniform() < self.burst_rate:
             x += pulses(n, rate, rng.uniform(0.0, n / rate, 1), rng.uniform(10.0, 100.0) * level)
         return x
+
+
+def record_of(response: Response) -> Record:
+    """Return the record of a motion that was simulated over time."""
+    assert response.record is not None
+    return response.record
+
+
+def recorded(response: Response) -> NDArray[np.float64]:
+    """Return the signals of both sensors of a motion that was simulated over time, m/s2."""
+    return record_of(response).signal

@@ -10,13 +10,13 @@ slip, a fixed number of blocks, whose scatter gives a standard error.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from models.dynamics.lane_group import PERIODS, Grid, Group, Workspace, grid_of
-from models.dynamics.six_dof import check_scene
+from models.dynamics.six_dof import LANE_EFFECTS, check_scene
 from models.kernels.lanes import LANES, mean_squares
 from models.response import HARMONICS, check_band
 from models.workers import in_processes
@@ -138,7 +138,7 @@ class LaneRunner:
         """
         if not 1 <= len(scenes) <= LANES:
             raise ValueError(f"a group holds 1 to {LANES} scenes, got {len(scenes)}")
-        grid = _shared_grid(scenes, self.options)
+        grid = shared_grid(scenes, self.options)
         # Unused lanes repeat the last scene.
         padded = [*scenes, *[scenes[-1]] * (LANES - len(scenes))]
         slip = scenes[0].slip
@@ -204,7 +204,7 @@ def _response(blocks: list[_Block], grid: Grid, options: LaneOptions, lanes: int
     )
 
 
-def _shared_grid(scenes: Sequence[Scene], options: LaneOptions) -> Grid:
+def shared_grid(scenes: Sequence[Scene], options: LaneOptions) -> Grid:
     """Return the grid of scenes, once it is certain that they can share one.
 
     Raises:
@@ -212,18 +212,12 @@ def _shared_grid(scenes: Sequence[Scene], options: LaneOptions) -> Grid:
     """
     first = scenes[0]
     for scene in scenes:
-        others = [name for name in scene.effects if name != "slip"]
-        if others:
-            raise ValueError(f"lanes do not model {', '.join(others)}; use models.dynamics.time_domain")
+        check_scene(scene, LANE_EFFECTS)
         for name in ("bearing", "rig", "clearance", "speed", "slip"):
             if getattr(scene, name) != getattr(first, name):
                 raise ValueError(
                     f"scenes side by side must share {name}, got {getattr(first, name)!r} and {getattr(scene, name)!r}"
                 )
-    if first.bearing.element != "ball":
-        raise ValueError(f"lanes model balls, {first.bearing.designation} has {first.bearing.element}s")
-    for load in {scene.load for scene in scenes}:
-        check_scene(replace(first, load=load, slip=None))
     grid = grid_of(first.bearing, first.rig, first.clearance, first.speed, options.steps_per_period)
     nyquist = 0.5 / grid.step
     if options.band is not None and options.band[1] > nyquist:

@@ -45,7 +45,7 @@ class Motion:
         peak: largest absolute values, m/s2, (2,).
         coefficients: Fourier coefficients of the last period with the mean power of all that were kept, m/s2,
             (2, lines + 1).
-        levels: RMS of the casing of each period that was kept, m/s2.
+        levels, peaks: RMS and largest absolute value of the casing in each period that was kept, m/s2.
     """
 
     state: NDArray[np.float64]
@@ -56,6 +56,12 @@ class Motion:
     peak: NDArray[np.float64]
     coefficients: NDArray[np.complex128]
     levels: NDArray[np.float64]
+    peaks: NDArray[np.float64]
+
+    @property
+    def peak_spread(self) -> float:
+        """Standard deviation of the peaks of the periods over the largest."""
+        return float(np.std(self.peaks)) / float(self.peak[0]) if self.peak[0] > 0.0 else math.nan
 
     @property
     def spread(self) -> float:
@@ -106,11 +112,13 @@ def simulate_on(period: Period, state: NDArray[np.float64], periods: int, tolera
     power, peak, spectrum = np.zeros(2), np.zeros(2), np.zeros((2, count + 1))
     last = np.zeros((2, count + 1), dtype=np.complex128)
     levels: list[float] = []
+    peaks: list[float] = []
     rms, change, calm, done = math.nan, math.inf, 0, 0
     while done < periods and calm < 3:
         done += 1
         if ball_period(state, after, trace, period) != STATUS_OK:
-            return Motion(state, done, math.inf, False, power * math.nan, peak * math.nan, last * math.nan, np.empty(0))
+            none = np.empty(0)
+            return Motion(state, done, math.inf, False, power * math.nan, peak * math.nan, last * math.nan, none, none)
         state[:] = after
         squares = np.array([mean_square(trace, k) for k in (0, 1)])
         before, rms = rms, math.sqrt(squares[0])
@@ -120,11 +128,21 @@ def simulate_on(period: Period, state: NDArray[np.float64], periods: int, tolera
             last = fourier_coefficients(trace, period, count)
             power += squares
             spectrum += np.abs(last) ** 2
-            peak = np.maximum(peak, np.abs(trace.wave).max(axis=0))
+            highest = np.abs(trace.wave).max(axis=0)
+            peak = np.maximum(peak, highest)
             levels.append(rms)
+            peaks.append(float(highest[0]))
     kept = max(len(levels), 1)
     size = np.abs(last)
     phases = np.where(size > 0.0, last / np.where(size > 0.0, size, 1.0), 1.0)
     return Motion(
-        state, done, change, calm >= 3, power / kept, peak, np.sqrt(spectrum / kept) * phases, np.array(levels)
+        state=state,
+        periods=done,
+        change=change,
+        settled=calm >= 3,
+        power=power / kept,
+        peak=peak,
+        coefficients=np.sqrt(spectrum / kept) * phases,
+        levels=np.array(levels),
+        peaks=np.array(peaks),
     )

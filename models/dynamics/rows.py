@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.dynamics.lanes import LaneOptions, LaneRunner
+from models.dynamics.periodic import CHANGE_TO_ERROR, effort_for, steering
 from models.dynamics.six_dof import check_scene, damaged_rows, defect_arrays, operating_point
 from models.kernels import settled as kernels
 from models.kernels.lanes import LANES
 from models.kernels.path import D_HALF
+from models.registry import Request
 from models.response import HARMONICS, STATUSES
-from models.simulate import CHANGE_TO_ERROR, DEFAULT_ACCURACY, effort_for, simulate, steering
+from models.simulate import simulate
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,7 +59,7 @@ def simulate_row(
     scene: Scene,
     extents: NDArray[np.float64],
     *,
-    accuracy: float = DEFAULT_ACCURACY,
+    accuracy: float = Request.accuracy,
     steps_per_period: int | None = None,
     tolerance: float | None = None,
     band: tuple[float, float] | None = None,
@@ -78,12 +80,13 @@ def simulate_row(
     if defect is None:
         raise ValueError("a row of defects needs a scene with a defect, got None")
     check_scene(scene)
+    request = Request(accuracy=accuracy, tolerance=tolerance, steps_per_period=steps_per_period, band=band)
     narrowest, widest = (replace(defect, dphi_d=float(x)) for x in (np.min(extents), np.max(extents)))
     defect_arrays(scene.bearing, narrowest)
     path, profile = defect_arrays(scene.bearing, widest)
     paths = np.tile(path, (len(extents), 1))
     paths[:, D_HALF] = 0.5 * extents
-    healthy = replace(scene, defect=None)
+    healthy = scene.healthy
     steer = steering(healthy)
     found = np.empty((len(extents), kernels.R_LINES + 2 * HARMONICS))
     kernels.solve_row(
@@ -93,7 +96,7 @@ def simulate_row(
         damaged_rows(widest),
         operating_point(healthy),
         np.eye(12) if steer is None else steer,
-        effort_for(scene, accuracy, tolerance, steps_per_period, band),
+        effort_for(scene, request),
         found,
     )
     return _as_row(found)

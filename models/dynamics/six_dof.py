@@ -11,7 +11,6 @@ one-sided slope at either side, without which the error falls only slowly with t
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -34,6 +33,20 @@ if TYPE_CHECKING:
 _NO_PROFILE = np.zeros((4, 0))
 _NO_PROFILE.flags.writeable = False
 
+# The name of the model, and what its three ways of solving have (models.scene.EFFECTS).
+MODEL = "six_dof"
+_OUTER = frozenset({"outer_defect", "rough_floor", "clearance"})
+PERIODIC_EFFECTS = _OUTER | {"first_row", "roller", "waviness", "gravity"}
+LANE_EFFECTS = _OUTER | {"slip", "mean_force_slip"}
+TIME_EFFECTS = PERIODIC_EFFECTS | {
+    "inner_defect",
+    "ball_defect",
+    "several_defects",
+    "inner_waviness",
+    "unbalance",
+    "slip",
+}
+
 # The coarsest grid. Longest step times the angular frequency of the resonator (whose motion the contact follows) and of
 # the rings on the contacts, and times the damping rate of the contacts.
 _RESONATOR_ANGLE = 2.0
@@ -49,12 +62,15 @@ _FLOOR_SAMPLES = 2.0
 MOST_STEPS = 2_000_000
 
 
-def check_scene(scene: Scene) -> None:
-    """Raise a ValueError that names a field which the model does not describe, its value and the expected one."""
-    if not scene.repeats:
-        raise ValueError(f"{', '.join(scene.effects)}: only models.dynamics.time_domain.simulate_time models this")
-    if scene.bearing.rotating_ring != "inner":
-        raise ValueError("six_dof models a turning inner ring; rotating_ring is 'outer'")
+def check_scene(scene: Scene, effects: frozenset[str] = PERIODIC_EFFECTS) -> None:
+    """Raise a ValueError that names the effects of a scene which are not among those given, or another model."""
+    if scene.model not in ("auto", MODEL):
+        raise ValueError(f"model {scene.model!r}: this solves {MODEL}")
+    missing = [name for name in scene.effects if name not in effects]
+    if missing:
+        raise ValueError(
+            f"{', '.join(missing)}: not modelled here; models.simulate.simulate takes the solver that has it"
+        )
 
 
 def steps_for(scene: Scene) -> int:
@@ -64,7 +80,7 @@ def steps_for(scene: Scene) -> int:
         ValueError: if they are more than MOST_STEPS / 2: the ball rate is too low for such a stiff rig.
     """
     duration = 1.0 / kinematics(scene.bearing, scene.speed).bpfo
-    point = operating_point(replace(scene, defect=None))
+    point = operating_point(scene.healthy)
     parameter = point.parameter
     inverse_mass = float(parameter[kernels.P_INV_M_I] + parameter[kernels.P_INV_M_O])
     resonance = math.sqrt(float(parameter[kernels.P_SQUARE_R]))
@@ -78,10 +94,10 @@ def steps_for(scene: Scene) -> int:
         _DAMPING_STEP / (damping * inverse_mass) if damping > 0.0 else math.inf,
     )
     steps = max(FEWEST_STEPS, math.ceil(duration / step))
-    defect = scene.defect
-    if defect is not None and defect.floor.kind == "rough":
-        pitch = float(parameter[kernels.P_PITCH])
-        steps = max(steps, math.ceil(pitch / (_FLOOR_SAMPLES * defect.floor.pitch)))
+    for defect in scene.defects:
+        if defect.floor.kind == "rough":
+            pitch = float(parameter[kernels.P_PITCH])
+            steps = max(steps, math.ceil(pitch / (_FLOOR_SAMPLES * defect.floor.pitch)))
     if steps > MOST_STEPS // 2:
         raise ValueError(
             f"the stiffest motion of the rig needs {steps} steps in a ball period of {duration:.3g} s, "
@@ -121,7 +137,7 @@ def contact_power(bearing: Bearing) -> float:
 
 def damaged_rows(defect: Defect | None) -> tuple[int, int]:
     """Return the first row with a defect that moves a ball, and the one after the last; equal where there is none."""
-    if defect is None or defect.dphi_d == 0.0 or defect.h_d == 0.0:
+    if defect is None or not defect.moves_balls:
         return 0, 0
     return defect.first_row, defect.first_row + defect.rows
 

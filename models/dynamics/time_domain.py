@@ -1,107 +1,78 @@
 """The six-degree-of-freedom model simulated over time, for scenes whose motion has no ball period.
 
-Defects that turn (inner race, ball), a force that turns (unbalance) and balls that slip have no common period; they are
-simulated from rest at the static equilibrium, the beginning is dropped, and what remains is averaged with its standard
-error. Waviness and gravity are modelled here too. ``models/kernels/time_domain.py`` describes the integration.
+Defects that turn (inner race, ball), a force that turns (unbalance) and balls that slip have no common period; several
+defects need not have one. They are simulated from rest at the static equilibrium, the beginning is dropped, and what
+remains is averaged with its standard error. Waviness and gravity are modelled here too.
+``models/kernels/time_domain.py`` describes the integration.
 
 Readings: the path coordinate is an angle on the damaged part, kinematics those of pure rolling (``Kinematics``). Slip
 shifts when a ball meets the defect, not where it presses: the angle is small. Gravity changes the static equilibrium
 and nothing else, because the rest of the model is linear in it.
+
+Error of the steps: a span from the beginning is simulated again with half the steps; the estimate is that of
+``models.kernels.settled`` for one halving. Where an accuracy is asked for, steps are halved until it is met, or until
+halving no longer helps, as where the motion is chaotic.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from models.bearing import kinematics
-from models.dynamics.six_dof import check_scene
+from models.dynamics.six_dof import MODEL, TIME_EFFECTS, check_scene, steps_for
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
 from models.numerics import filter_valid, kaiser_order
-from models.response import PASSBAND, SENSORS, Status, check_band
+from models.registry import Request, Solver
+from models.response import HARMONICS, PASSBAND, Record, Response, Status
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.bearing import Kinematics
-    from models.response import Sensor
     from models.scene import Scene
 
-# Default step, s: benchmarks/effects.py prints the error that it leaves.
+# Longest step, s: benchmarks/effects.py prints the error that it leaves.
 DEFAULT_STEP = 10e-6
+# Steps of a run at most: 320 MB.
+MOST_STEPS = 20_000_000
 # Dropped at the beginning: ball periods, and the minimum in seconds.
 SETTLE_PERIODS = 40
 SETTLE_SECONDS = 0.2
 _LEAST_BLOCKS = 4.0
 _STOPBAND_DB = 80.0
+# Span of the run, and blocks of it at least, in which the error of the steps is looked at.
+_LOOKED_AT = 0.1
+_BLOCKS_LOOKED_AT = 2.0
+# Error of the RMS over the RMS of the change of the waveform by halving the steps: what steps leave is mostly noise.
+_OF_WAVE = 0.125
+# A halving that leaves more than this share of the error does not help.
+_HELPS = 0.7
 # A smaller change of the RMS from the first to the second half is ignored at any standard error.
 _SAME_LEVEL = 3e-3
 # A smaller spread of the RMS from ball period to ball period is due to the steps.
 _SAME_PERIOD = 2e-2
 # A smaller vibration counts as zero, m/s2.
 SILENCE = 1e-9
+_SECONDS_A_STEP = 4e-7
+_LEAST_ERROR = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class TimeResponse:
-    """The vibration of a scene over time. SI units; sensor "mo" is the casing, "mr" the resonator.
+def solve(scene: Scene, request: Request) -> Response:
+    """Return the vibration of a scene over the time that a request names, with steps that meet its accuracy.
 
-    Attributes:
-        rate: sampling rate of ``acceleration``, Hz.
-        acceleration: signals of both sensors as a recorder would sample them, m/s2, shape (2, samples): passed through
-            a linear-phase filter that ends at the Nyquist frequency (flat to 0.9 of it, then 80 dB down).
-        rms: RMS of a_o over full bandwidth (not the recorder's) and whole blocks, m/s2.
-        rms_se: its standard error from means over blocks, m/s2.
-        spread: standard deviation of the RMS from block to block, m/s2.
-        peak: largest absolute value of a_o, m/s2; ``rms_resonator`` and ``peak_resonator`` are those of a_r.
-        blocks: number of blocks: turns of the shaft, of the cage for a damaged ball, or ball passages where nothing but
-            them drives the motion; 4 parts where fewer would fit.
-        status: "converged" (the motion repeats with the ball passage), "not_periodic" (it does not; mean and spread are
-            given) or "not_converged" (the level still drifts, or left the finite numbers: do not use).
+    Raises:
+        ValueError: if the scene or the request is outside what is solved here; the message names it.
     """
-
-    rate: float
-    acceleration: NDArray[np.float64]
-    rms: float
-    rms_se: float
-    spread: float
-    peak: float
-    rms_resonator: float
-    peak_resonator: float
-    blocks: int
-    kinematics: Kinematics
-    step: float
-    model: str
-    status: Status
-
-    def levels_in_band(self, low: float, high: float, sensor: Sensor = "mo") -> tuple[float, float]:
-        """Return RMS and peak of the sampled signal between two frequencies, Hz, in m/s2.
-
-        Raises:
-            ValueError: if the band is empty or reaches beyond 0.9 of the Nyquist frequency.
-        """
-        check_band((low, high))
-        if high > PASSBAND * 0.5 * self.rate:
-            raise ValueError(
-                f"the band ends at {high!r} Hz, the signal is flat up to {PASSBAND * 0.5 * self.rate:g} Hz"
-            )
-        signal = self.acceleration[SENSORS[sensor]]
-        spectrum = np.fft.rfft(signal)
-        frequency = np.fft.rfftfreq(len(signal), 1.0 / self.rate)
-        inside = np.fft.irfft(np.where((frequency >= low) & (frequency <= high), spectrum, 0.0), len(signal))
-        return float(np.sqrt(np.mean(inside**2))), float(np.max(np.abs(inside)))
-
-    def line(self, frequency: float, sensor: Sensor = "mo") -> float:
-        """Return the single-sided amplitude at one frequency, Hz, in m/s2, through a Hann window."""
-        signal = self.acceleration[SENSORS[sensor]]
-        window = np.hanning(len(signal))
-        turn = np.exp(-2j * np.pi * frequency / self.rate * np.arange(len(signal)))
-        return float(2.0 * np.abs(np.sum(signal * window * turn)) / np.sum(window))
+    step = None
+    if request.steps_per_period is not None:
+        step = 1.0 / (kinematics(scene.bearing, scene.speed).bpfo * request.steps_per_period)
+    return _simulate(scene, request, None, (math.cos(request.direction), math.sin(request.direction)), step)
 
 
 def simulate_time(
@@ -112,8 +83,10 @@ def simulate_time(
     settle: float | None = None,
     direction: tuple[float, float] = (1.0, 0.0),
     step: float = DEFAULT_STEP,
-) -> TimeResponse:
+) -> Response:
     """Return ``duration`` seconds of the vibration of a scene with all effects that it names, sampled at ``rate`` Hz.
+
+    As ``solve``, with steps that are given.
 
     Args:
         settle: time that is simulated before and dropped, s; by default 40 ball periods, and 0.2 s at least.
@@ -123,48 +96,126 @@ def simulate_time(
     Raises:
         ValueError: if the scene or an argument is outside what the model describes; the message names it.
     """
+    if not (math.isfinite(step) and step > 0.0):
+        raise ValueError(f"step must be positive and finite, got {step!r}")
+    length = math.hypot(*direction)
+    if not (math.isfinite(length) and length > 0.0):
+        raise ValueError(f"direction must be a vector of finite length other than zero, got {direction!r}")
+    unit = (direction[0] / length, direction[1] / length)
+    return _simulate(scene, Request(duration=duration, rate=rate), settle, unit, step)
+
+
+def _simulate(
+    scene: Scene, request: Request, settle: float | None, direction: tuple[float, float], step: float | None
+) -> Response:
+    """Return the response with a given step, or one that meets the accuracy."""
     _check(scene)
-    unit = _check_arguments(duration, rate, step, direction)
+    request.highest(PASSBAND * 0.5 * request.rate, "the signal is flat up to")
     lines = kinematics(scene.bearing, scene.speed)
-    settle = _settling(settle, lines)
-    oversampling = max(2, math.ceil(1.0 / (rate * step) - 1e-9))
-    h = 1.0 / (rate * oversampling)
-    samples = max(1, round(duration * rate))
-    taps = anti_alias_filter(oversampling)
-    margin = len(taps) // 2
-    begin = max(margin, math.ceil(settle * rate) * oversampling)
-    wave = np.empty((begin + samples * oversampling + margin, 2))
-    plan = prepare_plan(scene, len(wave) * h)
-    plan.parameter[P_DIRECTION_1], plan.parameter[P_DIRECTION_2] = unit
-    status = kernels.run(np.zeros((2, 6)), wave, h, plan)
-    settled = wave[begin : begin + samples * oversampling]
-    window = wave[begin - margin : begin + (samples - 1) * oversampling + margin + 1]
-    signals = [filter_valid(window[:, k], taps)[::oversampling] for k in (0, 1)]
-    blocks = max(samples / rate * _block_rate(scene, lines), _LEAST_BLOCKS)
-    levels, resonator = (_levels(settled[:, k], blocks) for k in (0, 1))
-    peak, peak_resonator = np.max(np.abs(settled), axis=0).tolist()
-    return TimeResponse(
-        rate=rate,
-        acceleration=np.array(signals),
-        rms=levels.rms,
-        rms_se=levels.error,
-        spread=levels.spread,
-        peak=peak,
-        rms_resonator=resonator.rms,
-        peak_resonator=peak_resonator,
-        blocks=levels.blocks,
-        kinematics=lines,
-        step=h,
-        model=scene.model,
-        status=_status(scene, levels, finite=status == STATUS_OK),
-    )
+    run = _Run(scene, request, _settling(settle, lines), direction)
+    wished = min(DEFAULT_STEP, 1.0 / (lines.bpfo * steps_for(scene))) if step is None else step
+    oversampling = max(2, math.ceil(1.0 / (request.rate * wished) - 1e-9))
+    run.check_length(oversampling)
+    oversampling, error = run.look(oversampling, None if step is not None else request.accuracy)
+    wave, finite = run.whole(oversampling)
+    return _response(scene, request, _measured(wave, run, oversampling), error, finite=finite)
+
+
+@dataclass(frozen=True)
+class _StepError:
+    """Errors of RMS, waveform and peak due to the steps, relative."""
+
+    rms: float
+    wave: float
+    peak: float
+
+
+class _Run:
+    """One scene over one time, with steps of any length that a sample has a whole number of."""
+
+    def __init__(self, scene: Scene, request: Request, settle: float, direction: tuple[float, float]) -> None:
+        """Plan which ball meets what, once for all steps."""
+        self.lines = kinematics(scene.bearing, scene.speed)
+        self.rate, self.samples = request.rate, max(1, round(request.duration * request.rate))
+        self.settled = math.ceil(settle * request.rate)
+        self.block = 1.0 / _block_rate(scene, self.lines)
+        self._scene, self._direction = scene, direction
+        self._plan: kernels.Plan | None = None
+
+    @property
+    def plan(self) -> kernels.Plan:
+        """What the kernel needs."""
+        if self._plan is None:
+            # The filter reaches beyond the end by its half length.
+            reach = (self.settled + self.samples + _margin(2) + 2) / self.rate
+            plan = prepare_plan(self._scene, reach)
+            plan.parameter[P_DIRECTION_1], plan.parameter[P_DIRECTION_2] = self._direction
+            self._plan = plan
+        return self._plan
+
+    def check_length(self, oversampling: int) -> None:
+        """Raise a ValueError where the run would have too many steps."""
+        steps = (self.settled + self.samples) * oversampling
+        if steps > MOST_STEPS:
+            raise ValueError(
+                f"duration {self.samples / self.rate:g} s and {self.settled / self.rate:g} s to settle take {steps} "
+                f"steps of {1.0 / (self.rate * oversampling):.3g} s, at most {MOST_STEPS} are taken"
+            )
+
+    def whole(self, oversampling: int) -> tuple[NDArray[np.float64], bool]:
+        """Return the accelerations of all steps, (steps, 2), and whether they are finite."""
+        margin = _margin(oversampling) * oversampling
+        begin = max(margin, self.settled * oversampling)
+        return self._from_rest(begin + self.samples * oversampling + margin, oversampling)
+
+    def _from_rest(self, steps: int, oversampling: int) -> tuple[NDArray[np.float64], bool]:
+        wave = np.empty((steps, 2))
+        status = kernels.run(np.zeros((2, 6)), wave, 1.0 / (self.rate * oversampling), self.plan)
+        return wave, status == STATUS_OK
+
+    def look(self, oversampling: int, accuracy: float | None) -> tuple[int, _StepError]:
+        """Return steps a sample that meet an accuracy, or those given where it is None, and the error they leave."""
+        whole = self.settled + self.samples
+        span = min(whole, math.ceil(max(_LOOKED_AT * whole, _BLOCKS_LOOKED_AT * self.block * self.rate)))
+        wave, _ = self._from_rest(span * oversampling, oversampling)
+        finer, _ = self._from_rest(2 * span * oversampling, 2 * oversampling)
+        error = _step_error(wave, finer)
+        while accuracy is not None and error.rms > accuracy and 2 * whole * oversampling <= MOST_STEPS:
+            wave, (finer, _) = finer, self._from_rest(4 * span * oversampling, 4 * oversampling)
+            better = _step_error(wave, finer)
+            if not better.rms < _HELPS * error.rms:
+                break
+            oversampling, error = 2 * oversampling, better
+        return oversampling, error
+
+
+def _step_error(wave: NDArray[np.float64], finer: NDArray[np.float64]) -> _StepError:
+    """Return the errors of the casing's waveform from one with half the steps."""
+    coarse, fine = wave[:, 0], finer[::2, 0]
+    level = math.sqrt(float(np.mean(fine * fine)))
+    if not math.isfinite(level):
+        return _StepError(math.inf, math.inf, math.inf)
+    if level <= SILENCE:
+        return _StepError(0.0, 0.0, 0.0)
+    delta = abs(math.sqrt(float(np.mean(coarse * coarse))) - level) / level
+    change = math.sqrt(float(np.mean((coarse - fine) ** 2))) / level
+    peak, peak_fine = _peaks(wave)[0], _peaks(finer)[0]
+    return _StepError(max(delta, _OF_WAVE * change), change, abs(peak - peak_fine) / peak_fine + change)
+
+
+def _cost(scene: Scene, request: Request) -> float:
+    """Return the expected processor time, s."""
+    lines = kinematics(scene.bearing, scene.speed)
+    step = min(DEFAULT_STEP, 1.0 / (lines.bpfo * steps_for(scene)))
+    looked_at = 1.0 + 3.0 * _LOOKED_AT
+    return _SECONDS_A_STEP * looked_at * (request.duration + _settling(None, lines)) / step
 
 
 def _block_rate(scene: Scene, lines: Kinematics) -> float:
     """Return how many blocks a second has: the slowest of the frequencies with which the level swings, Hz."""
     if scene.repeats:
         return lines.bpfo
-    return lines.ftf if scene.defect is not None and scene.defect.part == "ball" else lines.speed
+    return lines.ftf if "ball_defect" in scene.effects else lines.speed
 
 
 def _settling(settle: float | None, lines: Kinematics) -> float:
@@ -176,24 +227,41 @@ def _settling(settle: float | None, lines: Kinematics) -> float:
     return settle
 
 
-def _check_arguments(duration: float, rate: float, step: float, direction: tuple[float, float]) -> NDArray[np.float64]:
-    """Return the direction as a unit vector; raise ValueError that names an invalid argument."""
-    for name, value in (("duration", duration), ("rate", rate), ("step", step)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"{name} must be positive and finite, got {value!r}")
-    length = math.hypot(*direction)
-    if not (math.isfinite(length) and length > 0.0):
-        raise ValueError(f"direction must be a vector of finite length other than zero, got {direction!r}")
-    return np.array(direction, dtype=np.float64) / length
-
-
 @dataclass(frozen=True)
 class _Levels:
     rms: float
     error: float
     spread: float
     drift: float
-    blocks: int
+    peak_spread: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """What a run gave: levels and peaks of both sensors, and the signal."""
+
+    levels: tuple[_Levels, _Levels]
+    peaks: tuple[float, float]
+    record: Record
+
+
+def _measured(wave: NDArray[np.float64], run: _Run, oversampling: int) -> _Measured:
+    taps = anti_alias_filter(oversampling)
+    margin, samples = len(taps) // 2, run.samples
+    begin = max(_margin(oversampling), run.settled) * oversampling
+    settled = wave[begin : begin + samples * oversampling]
+    window = wave[begin - margin : begin + (samples - 1) * oversampling + margin + 1]
+    signals = np.array([filter_valid(window[:, k], taps)[::oversampling] for k in (0, 1)])
+    blocks = max(samples / run.rate / run.block, _LEAST_BLOCKS)
+    return _Measured(
+        (_levels(settled[:, 0], blocks), _levels(settled[:, 1], blocks)), _peaks(settled), Record(run.rate, signals)
+    )
+
+
+def _peaks(wave: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the largest absolute values of both sensors at the steps: the force jumps, so nothing is put between."""
+    highest = np.max(np.abs(wave), axis=0)
+    return float(highest[0]), float(highest[1])
 
 
 def _levels(signal: NDArray[np.float64], blocks: float) -> _Levels:
@@ -205,10 +273,55 @@ def _levels(signal: NDArray[np.float64], blocks: float) -> _Levels:
     rms, half = math.sqrt(np.mean(means)), count // 2
     drift = abs(math.sqrt(np.mean(means[-half:])) - math.sqrt(np.mean(means[:half])))
     error = float(np.std(means, ddof=1)) / math.sqrt(count) / (2.0 * rms) if rms > 0.0 else 0.0
-    return _Levels(rms, error, float(np.std(np.sqrt(means), ddof=1)), drift, count)
+    first = np.unique(np.minimum(edges[:-1].astype(np.int64), len(signal) - 1))
+    peaks = np.maximum.reduceat(np.abs(signal), first)
+    return _Levels(rms, error, float(np.std(np.sqrt(means), ddof=1)), drift, float(np.std(peaks)))
 
 
-def _status(scene: Scene, levels: _Levels, *, finite: bool) -> Status:
+def _response(scene: Scene, request: Request, found: _Measured, step: _StepError, *, finite: bool) -> Response:
+    """Return the response; error and spread are known over full bandwidth and apply relatively to a band."""
+    levels, bpfo = found.levels[0], kinematics(scene.bearing, scene.speed).bpfo
+    rms, peaks = [level.rms for level in found.levels], list(found.peaks)
+    if request.band is not None:
+        pairs = [found.record.levels_in_band(*request.band, sensor) for sensor in ("mo", "mr")]
+        rms, peaks = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+    share = rms[0] / levels.rms if levels.rms > SILENCE else 1.0
+    error = (levels.error / levels.rms if levels.rms > SILENCE else 0.0) + step.rms
+    coefficients = found.record.coefficients(bpfo, _line_count(request, bpfo))
+    repeats = scene.repeats and levels.spread <= _SAME_PERIOD * levels.rms
+    peak_spread = 0.0 if repeats else levels.peak_spread / max(found.peaks[0], SILENCE)
+    return Response(
+        rms=rms[0],
+        rms_error=error,
+        rms_se=levels.error * share,
+        peak=peaks[0],
+        peak_error=peak_spread + step.peak,
+        waveform_error=step.wave,
+        rms_resonator=rms[1],
+        peak_resonator=peaks[1],
+        bpfo=bpfo,
+        harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
+        harmonics_error=np.full(HARMONICS, math.nan),
+        periods=math.floor(request.duration * bpfo),
+        period_change=math.nan,
+        spread=levels.spread * share,
+        multiplier=math.nan,
+        model=MODEL,
+        solver=SOLVER.name,
+        status=_status(levels, error, request.accuracy, finite=finite, repeats=repeats),
+        rms_band=request.band,
+        coefficients=coefficients,
+        record=found.record,
+    )
+
+
+def _line_count(request: Request, bpfo: float) -> int:
+    """Return how many lines are computed: those that the signal holds, as far as they are asked for."""
+    passed = PASSBAND * 0.5 * request.rate
+    return max(HARMONICS, math.ceil((passed if request.lines_to is None else request.lines_to) / bpfo))
+
+
+def _status(levels: _Levels, error: float, accuracy: float, *, finite: bool, repeats: bool) -> Status:
     if not finite or not math.isfinite(levels.rms):
         return "not_converged"
     if levels.rms <= SILENCE:
@@ -216,7 +329,14 @@ def _status(scene: Scene, levels: _Levels, *, finite: bool) -> Status:
     # The difference of two halves has twice the standard error of the whole.
     if levels.drift > max(8.0 * levels.error, _SAME_LEVEL * levels.rms):
         return "not_converged"
-    return "converged" if scene.repeats and levels.spread <= _SAME_PERIOD * levels.rms else "not_periodic"
+    if not repeats:
+        return "not_periodic"
+    return "converged" if error <= accuracy else "inaccurate"
+
+
+def _margin(oversampling: int) -> int:
+    """Return the half length of the filter, in whole samples."""
+    return math.ceil(len(anti_alias_filter(oversampling)) // 2 / oversampling)
 
 
 def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:
@@ -231,15 +351,17 @@ def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:
 
 def _check(scene: Scene) -> None:
     """Raise a ValueError that names a field which the model does not describe, its value and the expected one."""
-    if scene.model != "six_dof":
-        raise ValueError(f"unknown model {scene.model!r}; known are: six_dof")
-    check_scene(replace(scene, defect=None, waviness=(), unbalance=0.0, slip=None))
-    defect = scene.defect
-    if defect is None:
-        return
-    if scene.slip is None or scene.slip.phi_slip == 0.0:
-        return
-    if scene.slip.rule != "per_passage":
-        raise ValueError(f"slip.rule {scene.slip.rule!r}: models.dynamics.lanes models this, on the outer race")
-    if defect.part == "ball":
+    check_scene(scene, TIME_EFFECTS)
+    if {"slip", "ball_defect"} <= set(scene.effects):
         raise ValueError("slip moves a ball to or from a defect of a race; the defect is of a ball")
+
+
+SOLVER = Solver(
+    model=MODEL,
+    name="time_domain",
+    effects=TIME_EFFECTS,
+    error=_LEAST_ERROR,
+    cost=_cost,
+    solve=solve,
+    reason="one ball period would not show all of it, so that it is simulated over time",
+)

@@ -16,8 +16,8 @@ from models.bearing import kinematics
 from models.dynamics.six_dof import contact_power, scene_parameters
 from models.hertz import element_angles
 from models.kernels import time_domain as kernels
-from models.kernels.step import NEAR_SLOPE, P_RATE, Balls
-from models.path.contour import Pieces, part_paths, pieces
+from models.kernels.step import NEAR_SLOPE, Balls
+from models.path.contour import Pieces, joined, part_paths, pieces
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,22 +42,21 @@ def prepare_plan(scene: Scene, duration: float) -> kernels.Plan:
     sorted_angles = angles[order]
     waves = [w for w in scene.waviness if w.amplitude != 0.0]
     orders = np.array([float(w.order) for w in waves])[:, None]
-    along = _path_rate(scene.defect, lines)
-    path = pieces(part_paths(bearing, scene.defect))
-    meetings = _meetings(scene, path, along, duration)
+    paths = [pieces(part_paths(bearing, defect)) for defect in scene.defects]
+    rates = [_path_rate(defect, lines) for defect in scene.defects]
+    path = joined(paths)
+    meetings = _all_meetings(scene, paths, rates, duration)
     bounds, turns, first, record, interval = _intervals(meetings, pitch / omega, duration)
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     row = meetings.row[record]
     ball = (meetings.ball[record] + turns[interval]) % bearing.n_elements
-    parameter = scene_parameters(scene)
-    parameter[P_RATE] = along
     slots = np.stack((np.cos(sorted_angles), np.sin(sorted_angles), np.ldexp(1.0, np.arange(len(order)))))
     power = contact_power(bearing)
     none, moves = slots[:, :0].copy(), bool(waves) or len(record) > 0
     near = len(order) if waves else int(np.sum(off <= _NEAR_ANGLE))
     return kernels.Plan(
-        parameter=parameter,
+        parameter=scene_parameters(scene),
         balls=Balls(slots, none, near, 0, power) if moves else Balls(none, slots, 0, near, power),
         bounds=bounds,
         turns=turns,
@@ -65,6 +64,7 @@ def prepare_plan(scene: Scene, duration: float) -> kernels.Plan:
         slot=place[row * bearing.n_elements + ball],
         piece=meetings.piece[record],
         offset=meetings.offset[record],
+        rate=np.array([rate for rate, part in zip(rates, paths, strict=True) for _ in part.start], dtype=np.float64),
         origin=path.start,
         inverse_width=path.inverse_width,
         cells_first=path.first,
@@ -87,9 +87,9 @@ def prepare_plan(scene: Scene, duration: float) -> kernels.Plan:
     )
 
 
-def _path_rate(defect: Defect | None, lines: Kinematics) -> float:
+def _path_rate(defect: Defect, lines: Kinematics) -> float:
     """Return the rate at which a ball moves over the damaged part, or a damaged ball spins, rad/s."""
-    if defect is None or defect.part == "outer":
+    if defect.part == "outer":
         return 2.0 * math.pi * lines.ftf
     return 2.0 * math.pi * (lines.bsf if defect.part == "ball" else lines.ftf - lines.speed)
 
@@ -106,11 +106,31 @@ class _Meetings:
     offset: NDArray[np.float64]
 
 
-def _meetings(scene: Scene, path: Pieces, along: float, duration: float) -> _Meetings:
-    """Return all passages of balls over pieces within the run."""
-    defect, bearing = scene.defect, scene.bearing
-    rows = range(0) if defect is None else range(defect.first_row, defect.first_row + defect.rows)
-    balls = 1 if defect is not None and defect.part == "ball" else bearing.n_elements
+def _all_meetings(scene: Scene, paths: list[Pieces], rates: list[float], duration: float) -> _Meetings:
+    """Return the passages over the pieces of all defects, which are counted through."""
+    found = [
+        _meetings(scene, defect, path, rate, duration)
+        for defect, path, rate in zip(scene.defects, paths, rates, strict=True)
+    ]
+    if not found:
+        none, whole = np.empty(0), np.empty(0, dtype=np.int64)
+        return _Meetings(none, none, whole, whole, whole, none)
+    first = np.cumsum([0, *(len(path.start) for path in paths[:-1])])
+    return _Meetings(
+        begin=np.concatenate([m.begin for m in found]),
+        end=np.concatenate([m.end for m in found]),
+        row=np.concatenate([m.row for m in found]),
+        ball=np.concatenate([m.ball for m in found]),
+        piece=np.concatenate([m.piece + offset for m, offset in zip(found, first, strict=True)]),
+        offset=np.concatenate([m.offset for m in found]),
+    )
+
+
+def _meetings(scene: Scene, defect: Defect, path: Pieces, along: float, duration: float) -> _Meetings:
+    """Return all passages of balls over the pieces of one defect within the run."""
+    bearing = scene.bearing
+    rows = range(defect.first_row, defect.first_row + defect.rows)
+    balls = 1 if defect.part == "ball" else bearing.n_elements
     start = element_angles(bearing).reshape(bearing.rows, bearing.n_elements)
     sweep = sorted((0.0, along * duration))
     passages = np.arange(math.floor(sweep[0] / (2.0 * math.pi)) - 1, math.ceil(sweep[1] / (2.0 * math.pi)) + 2)
@@ -120,11 +140,12 @@ def _meetings(scene: Scene, path: Pieces, along: float, duration: float) -> _Mee
             np.array(rows, dtype=np.int64), np.arange(balls), passages, np.arange(len(path.start)), indexing="ij"
         )
     )
-    spot = defect is not None and defect.part == "ball"
-    offset = (0.0 if spot else 1.0) * start[row, ball] - 2.0 * math.pi * passage.astype(np.float64)
+    offset = (0.0 if defect.part == "ball" else 1.0) * start[row, ball] - 2.0 * math.pi * passage.astype(np.float64)
     if scene.slip is not None:
         shape = (bearing.rows, bearing.n_elements, len(passages))
-        drawn = np.random.default_rng(scene.slip.seed).uniform(-1.0, 1.0, shape)
+        # The passages over one race are those over all of its defects.
+        seed = scene.slip.seed if defect.part == "outer" else [scene.slip.seed, 1]
+        drawn = np.random.default_rng(seed).uniform(-1.0, 1.0, shape)
         offset = offset + scene.slip.phi_slip * drawn[row, ball, passage - passages[0]]
     times = np.sort(np.stack(((path.start[piece] - offset) / along, (path.end[piece] - offset) / along)), axis=0)
     keep = (times[1] > 0.0) & (times[0] < duration)

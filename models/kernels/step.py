@@ -58,10 +58,9 @@ P_SQUARE_I = 17  # k_i / m_i, 1/s2
 P_DAMPING_I = 18  # c_i / m_i, 1/s
 P_SQUARE_R = 19  # resonator stiffness over reduced mass, 1/s2
 P_DAMPING_R = 20  # resonator damping over reduced mass, 1/s
-P_RATE = 21  # rate of the path coordinate, rad/s
-P_DIRECTION_1 = 22  # of the sensor, along the load
-P_DIRECTION_2 = 23  # the same across it
-PARAMETERS = 24
+P_DIRECTION_1 = 21  # of the sensor, along the load
+P_DIRECTION_2 = 22  # the same across it
+PARAMETERS = 23
 
 
 class Balls(NamedTuple):

@@ -21,7 +21,6 @@ from models.kernels.jit import inlined, kernel
 from models.kernels.step import (
     P_OMEGA,
     P_PITCH,
-    P_RATE,
     STATUS_NOT_FINITE,
     STATUS_OK,
     Balls,
@@ -55,6 +54,7 @@ class Plan(NamedTuple):
         first: the records of interval i are first[i] to first[i + 1], int64, (I + 1,).
         slot, piece, offset: of each record: the ball in ``slot`` is on ``piece`` at the path coordinate
             offset + rate * t.
+        rate: rate of the path coordinate of each piece, rad/s.
         origin, inverse_width, cells_first, cells: the pieces, see ``models.path.contour.Pieces``.
         waves: amplitude, m, rate of the phase in a slot, rad/s, its change by one turn, rad, and phase, rad, (W, 4).
         crests: cosine and sine of order times the slots' angles, (W, 2, S).
@@ -69,6 +69,7 @@ class Plan(NamedTuple):
     slot: NDArray[np.int64]
     piece: NDArray[np.int64]
     offset: NDArray[np.float64]
+    rate: NDArray[np.float64]
     origin: NDArray[np.float64]
     inverse_width: NDArray[np.float64]
     cells_first: NDArray[np.int64]
@@ -91,7 +92,6 @@ def _fill_turn(t: float, half: tuple[float, float], turned: int, plan: Plan, nod
 @kernel
 def _fill_path(t: float, h: float, interval: int, plan: Plan, nodes: Nodes) -> None:
     """Write how far the path has receded from every slot, and how fast, at the three nodes of a step."""
-    along = plan.parameter[P_RATE]
     for node in range(3):
         there = t + 0.5 * h * node
         for j in range(plan.balls.moved.shape[1]):
@@ -106,6 +106,7 @@ def _fill_path(t: float, h: float, interval: int, plan: Plan, nodes: Nodes) -> N
                 nodes.rate[0, node, j] -= speed * (s * plan.crests[k, 0, j] + c * plan.crests[k, 1, j])
         for r in range(plan.first[interval], plan.first[interval + 1]):
             piece = plan.piece[r]
+            along = plan.rate[piece]
             low, high = plan.cells_first[piece], plan.cells_first[piece + 1]
             x = (plan.offset[r] + along * there - plan.origin[piece]) * plan.inverse_width[piece]
             cell = min(max(int(x), 0), high - low - 1)

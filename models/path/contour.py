@@ -235,3 +235,16 @@ def pieces(paths: list[BallPath | PartPath]) -> Pieces:
             counts.append(count)
     first = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
     return Pieces(np.array(starts), np.array(ends), first, np.concatenate(cells))
+
+
+def joined(parts: list[Pieces]) -> Pieces:
+    """Return all pieces of several paths, in their order."""
+    none = pieces([])
+    cells = np.cumsum([0, *(len(part.cells) for part in parts)])
+    first = [part.first[:-1] + offset for part, offset in zip(parts, cells[:-1], strict=True)]
+    return Pieces(
+        np.concatenate([none.start, *(part.start for part in parts)]),
+        np.concatenate([none.end, *(part.end for part in parts)]),
+        np.concatenate([*first, cells[-1:]]).astype(np.int64),
+        np.concatenate([none.cells, *(part.cells for part in parts)]),
+    )

@@ -112,3 +112,22 @@ class Range(click.ParamType):
         if not valid or math.isinf(high):
             self.fail(f"{value!r}: expected {expected}", param, ctx)
         return low, high
+
+
+class FurtherDefect(click.ParamType):
+    """PART:DPHI_DEG:H_D_UM, or PART:DPHI_DEG:H_D_UM:POSITION_DEG."""
+
+    name = "PART:DPHI_DEG:H_D_UM[:POSITION_DEG]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return (part, dphi, h_d, position), numbers as given; the scene checks what they may be."""
+        if isinstance(value, tuple):
+            return value
+        part, *numbers = str(value).split(":")
+        try:
+            dphi, h_d, *rest = [float(number) for number in numbers]
+        except ValueError:
+            self.fail(f"{value!r} is not {self.name}, such as inner:4:500:90", param, ctx)
+        if len(rest) > 1 or part not in ("outer", "inner", "ball"):
+            self.fail(f"{value!r} is not {self.name} with outer, inner or ball first", param, ctx)
+        return part, dphi, h_d, rest[0] if rest else 0.0

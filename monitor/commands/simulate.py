@@ -13,6 +13,7 @@ import numpy as np
 
 from models.bearing import Bearing, CatalogueEntry, kinematics
 from models.contact_estimates import estimate_stiffness
+from models.registry import AUTO, MODULES
 from models.response import PASSBAND, Sensor
 from models.scene import Defect, Floor, Rig, Scene, Slip, Waviness
 from monitor.commands import option
@@ -30,7 +31,7 @@ from monitor.words.numbers import floor_of_defect
 from streams.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from monitor.report.figures.scene import SensorSignal
+    from models.response import Response
 
 _WAVEFORM_RATE = 51200.0
 
@@ -50,27 +51,29 @@ _WAVEFORM_RATE = 51200.0
 @click.option("--sensor", type=click.Choice(["mo", "mr"]), default="mo", help="Casing or resonator.")
 @click.option("--direction-deg", type=float, default=0.0, help="Angle of the sensor from the load.")
 @click.option("--fault", type=click.Choice(["outer", "inner", "ball"]), default="outer", help="Damaged part.")
+@click.option("--more-defect", type=option.FurtherDefect(), multiple=True, help="A further defect; repeatable.")
 @click.option("--unbalance-kg-m", type=option.NOT_NEGATIVE, default=0.0, help="Of the shaft.")
 @click.option("--waviness-um", type=option.NOT_NEGATIVE, default=0.0, help="Amplitude of waves.")
 @click.option("--waviness-order", type=click.IntRange(1), default=12, help="Waves around the race.")
 @click.option("--waviness-race", type=click.Choice(["outer", "inner"]), default="outer")
 @click.option("--gravity/--no-gravity", default=False, help="Add gravity on the masses, along the load.")
-@click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip angle, drawn per passage.")
-@click.option("--duration-s", type=click.FloatRange(0.01, 60.0), default=1.0, help="Simulated time.")
-@click.option("--model", type=click.Choice(["six_dof"]), default="six_dof")
+@click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip angle.")
+@click.option("--slip-rule", type=click.Choice(["per_passage", "mean_force"]), default="per_passage")
+@click.option("--duration-s", type=click.FloatRange(0.01, 60.0), default=1.0, help="Simulated time, and of --waveform.")
+@click.option("--model", type=click.Choice([AUTO, *MODULES]), default=AUTO, help="auto: the cheapest that has it all.")
 @click.option("--accuracy", type=click.FloatRange(1e-7, 0.1), default=1e-3, help="Relative error of the RMS.")
 @click.option("--tolerance", type=click.FloatRange(1e-12, 0.1), help="Of settling; a hundredth of --accuracy.")
 @click.option("--periods", type=click.IntRange(min=20), default=300, help="Ball periods where it does not settle.")
 @click.option("--rms-band-hz", type=option.Range(), help="Take RMS and peak in this band only.")
 @click.option("--plot", type=option.OUT_FILE, help="Draw the scene (PNG, SVG or HTML).")
-@click.option("--waveform", type=option.OUT_FILE, help="Write one second, or --duration-s, as CSV.")
+@click.option("--waveform", type=option.OUT_FILE, help="Write the signal as CSV.")
 @option.line_contact
 @option.output
 def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
     """Simulate a bearing with a defect and print RMS, peak and lines.
 
-    A motion that repeats with the ball passage is solved for one period; any other (a rotating defect, an unbalance,
-    slip) is simulated for --duration-s and averaged, with its standard error.
+    A motion that repeats with the ball passage is solved for one period; any other (a rotating defect, several defects,
+    an unbalance, slip) is simulated for --duration-s and averaged, with its standard error.
     """
     if options["plot"] is not None:
         check_suffix("--plot", options["plot"], PICTURES)
@@ -83,8 +86,7 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
         if options["line_contact"] != "palmgren":
             rig = _with_line_contact(rig, entry, options)
         scene = _scene(options, entry.bearing, rig, clearance)
-        simulate = _one_period if scene.repeats else _over_time
-        values = simulate(scene, options)
+        values = _answer(scene, options)
     emit(values, _lines(values, scene), as_json=as_json)
 
 
@@ -95,8 +97,8 @@ def _with_line_contact(rig: Rig, entry: CatalogueEntry, options: dict[str, Any])
     return replace(rig, k_c=estimate_stiffness(entry, options["line_contact"], options["load_newton"]).value)
 
 
-def _one_period(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
-    """Solve one ball period; return its values and write the requested files."""
+def _answer(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
+    """Simulate a scene; return its values and write the requested files."""
     from models.simulate import simulate
 
     sensor: Sensor = options["sensor"]
@@ -108,69 +110,39 @@ def _one_period(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
         band=options["rms_band_hz"],
         direction=math.radians(options["direction_deg"]),
         lines_to=None if options["waveform"] is None else PASSBAND * 0.5 * _WAVEFORM_RATE,
+        duration=options["duration_s"],
+        rate=_WAVEFORM_RATE,
     )
     if options["waveform"] is not None:
-        _write_waveform(options["waveform"], response.acceleration(_WAVEFORM_RATE, 1.0, sensor=sensor))
+        signal = response.acceleration(_WAVEFORM_RATE, options["duration_s"], sensor=sensor)
+        _write_waveform(options["waveform"], signal)
     if options["plot"] is not None:
-        from monitor.report.figures.scene import signal_of
+        _plot(response, options, scene)
+    return _values(response, scene, sensor)
 
-        _plot(signal_of(response, sensor), options, scene)
+
+def _values(response: Response, scene: Scene, sensor: Sensor) -> dict[str, Any]:
+    """Return what is printed of one sensor; errors and spread, known for the casing, apply relatively."""
     casing = sensor == "mo"
+    rms = response.rms if casing else response.rms_resonator
+    share = rms / response.rms if response.rms > 0.0 else 0.0
     return {
-        "rms_g": _in_g(response.rms if casing else response.rms_resonator),
+        "rms_g": _in_g(rms),
         "rms_error": finite(response.rms_error),
-        "rms_se_g": None,
+        "rms_se_g": _in_g(response.rms_se * share) if response.rms_se > 0.0 else None,
         "peak_g": _in_g(response.peak if casing else response.peak_resonator),
+        "peak_error": finite(response.peak_error),
+        "waveform_error": finite(response.waveform_error),
         "rms_resonator_g": _in_g(response.rms_resonator),
         **_frequencies(scene),
         "harmonics_g": [_in_g(float(line)) for line in response.lines(sensor)[1][:6]],
         "periods": response.periods,
         "period_change": finite(response.period_change),
-        "spread_g": _in_g(response.spread),
-        "model": response.model,
-        "status": response.status,
-    }
-
-
-def _over_time(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
-    """Simulate over time; return the values and write the requested files."""
-    from models.dynamics.time_domain import simulate_time
-
-    angle, sensor = math.radians(options["direction_deg"]), options["sensor"]
-    response = simulate_time(
-        scene,
-        options["duration_s"],
-        _WAVEFORM_RATE,
-        direction=(math.cos(angle), math.sin(angle)),
-    )
-    casing = sensor == "mo"
-    rms, peak = response.rms if casing else response.rms_resonator, response.peak if casing else response.peak_resonator
-    rms_resonator = response.rms_resonator
-    if options["rms_band_hz"] is not None:
-        rms, peak = response.levels_in_band(*options["rms_band_hz"], sensor=sensor)
-        rms_resonator = response.levels_in_band(*options["rms_band_hz"], sensor="mr")[0]
-    if options["waveform"] is not None:
-        _write_waveform(options["waveform"], response.acceleration[0 if casing else 1])
-    if options["plot"] is not None:
-        from monitor.report.figures.scene import fundamental_of, signal_over_time
-
-        _plot(signal_over_time(response, sensor, fundamental_of(scene)[0]), options, scene)
-    bpfo = response.kinematics.bpfo
-    # Error and spread are known for the casing over full bandwidth; the relative values are used for other levels.
-    share = rms / response.rms if response.rms > 0.0 else 0.0
-    return {
-        "rms_g": _in_g(rms),
-        "rms_error": finite(response.rms_se / response.rms) if response.rms > 0.0 else 0.0,
-        "rms_se_g": _in_g(response.rms_se * share),
-        "peak_g": _in_g(peak),
-        "rms_resonator_g": _in_g(rms_resonator),
-        **_frequencies(scene),
-        "harmonics_g": [_in_g(response.line(k * bpfo, sensor)) for k in range(1, 7)],
-        "periods": math.floor(options["duration_s"] * bpfo),
-        "period_change": None,
         "spread_g": _in_g(response.spread * share),
         "model": response.model,
+        "solver": response.solver,
         "status": response.status,
+        "why": response.why,
     }
 
 
@@ -192,15 +164,37 @@ def _scene(options: dict[str, Any], bearing: Bearing, rig: Rig, clearance: float
         waviness=waves if options["waviness_um"] > 0.0 else (),
         unbalance=options["unbalance_kg_m"],
         gravity=STANDARD_GRAVITY if options["gravity"] else 0.0,
-        slip=Slip(math.radians(options["slip_deg"]), seed=options["seed"]) if options["slip_deg"] > 0.0 else None,
+        slip=_slip(options),
+        more_defects=tuple(_more_defects(options)),
     )
 
 
-def _plot(sensed: SensorSignal, options: dict[str, Any], scene: Scene) -> None:
-    from monitor.report.figures.scene import scene_sheet
+def _slip(options: dict[str, Any]) -> Slip | None:
+    if options["slip_deg"] == 0.0:
+        return None
+    return Slip(math.radians(options["slip_deg"]), options["slip_rule"], options["seed"])
+
+
+def _more_defects(options: dict[str, Any]) -> Iterator[Defect]:
+    """Yield the further defects, with the floor and rows of the first."""
+    for part, dphi, h_d, position in options["more_defect"]:
+        yield Defect(
+            dphi_d=math.radians(dphi),
+            h_d=h_d * 1e-6,
+            floor=Floor(kind=options["floor"], seed=options["seed"]),
+            position=math.radians(position),
+            rows=int(options["rows"]),
+            part=part,
+            first_row=options["first_row"] - 1,
+        )
+
+
+def _plot(response: Response, options: dict[str, Any], scene: Scene) -> None:
+    from monitor.report.figures.scene import fundamental_of, scene_sheet, signal_of
     from monitor.report.figures.sheet import write_sheet
 
     path: Path = options["plot"]
+    sensed = signal_of(response, options["sensor"], fundamental_of(scene)[0])
     with output_errors("--plot", path):
         write_sheet(scene_sheet(scene, sensed, sensor=options["sensor"], title=_title(options, scene)), path)
 
@@ -210,6 +204,7 @@ def _title(options: dict[str, Any], scene: Scene) -> str:
     if scene.defect is not None:
         where = {"outer": "outer race", "inner": "inner race", "ball": "ball"}[scene.defect.part]
         damage = f"{options['dphi_deg']:g}° x {options['h_d_um']:g} µm of the {where}, {options['floor']} floor"
+        damage += f", {len(scene.more_defects)} more" if scene.more_defects else ""
     return f"{scene.bearing.designation}, {scene.speed:g} Hz, {scene.load:g} N, {damage}"
 
 
@@ -254,11 +249,13 @@ def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
     yield f"{values['status']} after {values['periods']} ball periods: {level}"
     harmonics = ", ".join("-" if a is None else f"{a:.3g}" for a in values["harmonics_g"])
     yield f"BPFO {values['bpfo_hz']:.2f} Hz, its harmonics {harmonics} g"
-    if scene.defect is not None and scene.defect.part != "outer":
+    if any(defect.part != "outer" for defect in scene.defects):
         yield (
             f"BPFI {values['bpfi_hz']:.2f} Hz, twice BSF {2.0 * values['bsf_hz']:.2f} Hz, FTF {values['ftf_hz']:.2f} Hz"
         )
     if scene.defect is not None and scene.defect.floor.kind == "rough":
         yield f"floor {floor_of_defect('rough', scene.defect.floor.sd)}"
+    if values["why"] is not None:
+        yield values["why"]
     if scene.defect is None:
         yield "no defect: give --dphi-deg and --h-d-um"

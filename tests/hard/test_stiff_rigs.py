@@ -16,9 +16,10 @@ from models.bearing import from_catalogue
 from models.dynamics.rows import simulate_row
 from models.dynamics.six_dof import MOST_STEPS
 from models.hertz import contact_stiffness
+from models.registry import Request
 from models.response import Response
 from models.scene import Defect, Floor, Rig, Scene
-from models.simulate import DEFAULT_ACCURACY, simulate
+from models.simulate import simulate
 from tests.effort import effort_count
 
 DEG = math.pi / 180.0
@@ -66,7 +67,7 @@ NAMES = [name for name in SCENES if effort_count(quick=0, full=1) or name not in
 def truth_of(scene: Scene) -> Response:
     """Return the scene with a hundredth of the default error; where rounding or the most steps end before, less."""
     fine = simulate(scene, accuracy=1e-5)
-    assert fine.rms_error < 0.1 * DEFAULT_ACCURACY
+    assert fine.rms_error < 0.1 * Request.accuracy
     return fine
 
 
@@ -74,7 +75,7 @@ def truth_of(scene: Scene) -> Response:
 def test_the_estimate_bounds_the_error_and_what_is_asked_for_is_met(name: str) -> None:
     fine = truth_of(SCENES[name])
     assert fine.status in ("converged", "inaccurate")
-    for accuracy in (5e-3, DEFAULT_ACCURACY):
+    for accuracy in (5e-3, Request.accuracy):
         found = simulate(SCENES[name], accuracy=accuracy)
         assert found.status == "converged"
         assert found.multiplier < 1.0

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from models.bearing import from_catalogue
+from models.dynamics.periodic import steering
 from models.dynamics.rows import simulate_row
 from models.dynamics.six_dof import defect_arrays, operating_point
 from models.hertz import element_angles, static_equilibrium
@@ -23,7 +24,7 @@ from models.kernels.period_setup import arc_distance
 from models.kernels.step import P_OMEGA, P_U_1, P_U_2
 from models.path.defect import BallPath, ball_path
 from models.scene import Defect, Floor, Scene, Waviness
-from models.simulate import simulate, steering
+from models.simulate import simulate
 from tests.effort import effort_count
 from tests.oracles import orbit_oracle
 from tests.periods import period_of, solve_scene

@@ -270,7 +270,7 @@ def test_figures_with_slip_mean_what_the_features_of_a_sampled_block_give() -> N
     history = life(population, 1)
     for k in (history.t.size // 2, history.t.size - 1):
         scene = scenes(population, plan, history.t)[k]
-        rms, harmonics = measured(population, scene, simulate_time(scene, 2.0, RATE).acceleration[0])
+        rms, harmonics = measured(population, scene, simulate_time(scene, 2.0, RATE).acceleration(RATE, 2.0))
         # Two finite records of one random motion: 42 ball periods against some 400.
         assert history.rms[k] == pytest.approx(rms, rel=0.1)
         assert history.harmonics[k, :2] == pytest.approx(harmonics[:2], rel=0.1, abs=0.03)

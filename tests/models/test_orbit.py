@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from models.dynamics.orbit import Motion, simulate_on
+from models.dynamics.periodic import steering
 from models.kernels.lines import fourier_coefficients
 from models.kernels.orbit import (
     CALM_PERIODS,
@@ -26,7 +27,7 @@ from models.kernels.orbit import (
 )
 from models.kernels.period import blank_trace, mean_square
 from models.scene import Defect, Scene
-from models.simulate import simulate, steering
+from models.simulate import simulate
 from tests.effort import effort_count
 from tests.oracles import orbit_oracle
 from tests.periods import period_of, run, simulate_plainly
@@ -191,7 +192,7 @@ def test_newton_steering_needs_pivots_and_refuses_the_singular() -> None:
 
 def motion_of(levels: NDArray[np.float64]) -> Motion:
     none = np.full(2, math.nan)
-    return Motion(np.zeros((2, 6)), len(levels), math.nan, False, none, none, np.zeros((2, 1), complex), levels)
+    return Motion(np.zeros((2, 6)), len(levels), math.nan, False, none, none, np.zeros((2, 1), complex), levels, levels)
 
 
 @pytest.mark.parametrize("seed", range(effort_count(quick=5, full=200)))

@@ -71,7 +71,7 @@ def test_its_waveform_is_that_of_the_time_domain(name: str) -> None:
     scene, direction = SCENES[name]
     found = simulate(scene, direction=direction, steps_per_period=4096, tolerance=1e-8)
     unit = (math.cos(direction), math.sin(direction))
-    signal = simulate_time(scene, 0.1, 51200.0, settle=0.25, direction=unit, step=1.25e-6).acceleration[0]
+    signal = simulate_time(scene, 0.1, 51200.0, settle=0.25, direction=unit, step=1.25e-6).acceleration(51200.0, 0.1)
     expected = found.acceleration(51200.0, 0.1, 2.0 * math.pi * math.fmod(0.25 * found.bpfo, 1.0))
     difference = np.abs(np.fft.rfft(signal - expected)[: round(0.1 * 10e3)]) / len(expected)
     assert np.sqrt(2.0 * np.sum(difference**2)) < 5e-3 * found.rms

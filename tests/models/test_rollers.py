@@ -93,7 +93,7 @@ def test_the_static_equilibrium_is_that_of_line_contacts() -> None:
 
 
 def test_the_time_domain_has_the_same_contacts() -> None:
-    found, over_time = simulate(SCENE), simulate_time(SCENE, 0.4, 51200.0)
+    found, over_time = simulate(SCENE), simulate_time(SCENE, 0.4, 51200.0, step=5e-6)
     assert over_time.status == "converged"
     assert over_time.rms == pytest.approx(found.rms, rel=3e-3)
     inner = simulate_time(replace(SCENE, defect=replace(SPALL, part="inner")), 0.2, 25600.0)
@@ -124,5 +124,5 @@ def test_a_cylindrical_bearing_is_simulated(defect: Defect | None) -> None:
 
 
 def test_lanes_refuse_rollers_by_name() -> None:
-    with pytest.raises(ValueError, match="lanes model balls, barrel has rollers"):
+    with pytest.raises(ValueError, match="^roller: "):
         simulate_lanes([SCENE])

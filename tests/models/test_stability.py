@@ -13,9 +13,10 @@ from models.dynamics.rows import simulate_row
 from models.kernels.orbit import STATE_SCALE, jacobian, spectral_radius
 from models.kernels.period import Period, blank_trace
 from models.kernels.tangent import tangent_jacobian
+from models.registry import Request
 from models.response import Response
 from models.scene import Defect, Floor, Scene, Waviness
-from models.simulate import DEFAULT_ACCURACY, simulate
+from models.simulate import simulate
 from tests.effort import effort_count
 from tests.periods import orbit_of, period_of, run, simulate_plainly
 
@@ -67,7 +68,7 @@ def test_a_row_does_not_call_it_settled_either() -> None:
 
 
 def agrees(response: Response, level: float, spread: float) -> bool:
-    return abs(response.rms - level) <= 3.0 * DEFAULT_ACCURACY * level + spread
+    return abs(response.rms - level) <= 3.0 * Request.accuracy * level + spread
 
 
 @pytest.mark.parametrize("group", range(2))

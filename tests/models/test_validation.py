@@ -61,7 +61,7 @@ CASES = [(kind, name, value) for kind, named in BAD.items() for name, values in 
 LEFT = {
     (Rig, "calibrated"),
     (Defect, "floor"),
-    *((Scene, n) for n in ("bearing", "rig", "defect", "model", "waviness", "slip")),
+    *((Scene, n) for n in ("bearing", "rig", "defect", "more_defects", "model", "waviness", "slip")),
 }
 
 
@@ -94,6 +94,23 @@ def test_the_ends_of_what_is_allowed_are_allowed() -> None:
 def test_rows_that_the_bearing_has_not_are_refused(rows: int, first_row: int) -> None:
     with pytest.raises(ValueError, match=r"defect\.rows .* defect\.first_row"):
         Scene(40.0, 4000.0, defect=Defect(0.1, 1e-5, rows=rows, first_row=first_row))
+
+
+def test_further_defects_are_checked_as_the_first() -> None:
+    first, other = Defect(0.1, 1e-5), Defect(0.2, 1e-5, part="inner")
+    scene = Scene(40.0, 4000.0, defect=first, more_defects=(other, replace(first, position=0.11)))
+    assert scene.defects == (first, other, replace(first, position=0.11))
+    assert scene.healthy.defects == ()
+    with pytest.raises(ValueError, match=r"more_defects must be empty"):
+        replace(scene, defect=None)
+    with pytest.raises(ValueError, match=r"more_defects\[0\]\.rows 1 from more_defects\[0\]\.first_row 2"):
+        replace(scene, more_defects=(replace(first, first_row=2),))
+    with pytest.raises(ValueError, match=r"more_defects\[1\]\.position must lie apart .* outer, got 0\.09 rad"):
+        replace(scene, more_defects=(other, replace(first, position=0.09)))
+    # Around the race, in another row, or without size there is room.
+    with pytest.raises(ValueError, match=r"more_defects\[0\]\.position"):
+        replace(scene, more_defects=(replace(first, position=2.0 * math.pi - 0.05),))
+    replace(scene, more_defects=(replace(first, first_row=1), replace(first, h_d=0.0)))
 
 
 def test_the_stiffness_of_a_ball_is_not_taken_for_that_of_a_roller() -> None:

@@ -13,11 +13,10 @@ from matplotlib.figure import FigureBase
 from numpy.typing import NDArray
 
 from models.bearing import kinematics
-from models.dynamics.time_domain import TimeResponse
 from models.hertz import mean_bearing_stiffness
 from models.path.contour import part_paths
-from models.response import Response, Sensor
-from models.scene import Defect, Floor, Scene, natural_frequencies
+from models.response import SENSORS, Record, Response, Sensor
+from models.scene import EFFECTS, Defect, Floor, Scene, natural_frequencies
 from monitor.report.figures.drawing import AXIS, BLUE, GREY, INK, PURPLE, SHADE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet
 from monitor.words.numbers import figure
@@ -44,6 +43,7 @@ class SensorSignal:
         periodic: whether the spectrum has lines at multiples of BPFO only.
         rms: m/s2, from the model.
         status: of the simulation.
+        model: which model answered, and how it was solved.
         band: of the RMS, Hz, None for full bandwidth.
     """
 
@@ -54,37 +54,49 @@ class SensorSignal:
     periodic: bool
     rms: float
     status: str
+    model: str
     band: tuple[float, float] | None = None
 
 
-def signal_of(response: Response, sensor: Sensor) -> SensorSignal:
-    """Return four ball periods and the lines of a periodic motion."""
-    signal = response.acceleration(_RATE, _PASSAGES / response.bpfo, sensor=sensor)
-    frequency, amplitude = response.lines(sensor)
-    shown = frequency <= _HIGHEST
-    rms = response.rms if sensor == "mo" else response.rms_resonator
-    time = np.arange(signal.size) / _RATE
-    lines = frequency[shown], amplitude[shown]
-    return SensorSignal(time, signal, *lines, True, rms, response.status, response.rms_band)
-
-
-def signal_over_time(response: TimeResponse, sensor: Sensor, fundamental: float) -> SensorSignal:
-    """Return four passages about the maximum and the spectrum (Hann window) of a motion that is not periodic.
+def signal_of(response: Response, sensor: Sensor, fundamental: float) -> SensorSignal:
+    """Return four ball periods and the lines of a periodic motion; of any other four passages and the spectrum.
 
     ``fundamental`` is the passage frequency of the damage, Hz.
     """
-    whole = response.acceleration[0 if sensor == "mo" else 1]
+    if response.record is not None:
+        return _over_time(response, response.record, sensor, fundamental)
+    signal = response.acceleration(_RATE, _PASSAGES / response.bpfo, sensor=sensor)
+    return _sensed(response, sensor, np.arange(signal.size) / _RATE, signal, *response.lines(sensor))
+
+
+def _over_time(response: Response, record: Record, sensor: Sensor, fundamental: float) -> SensorSignal:
+    """Return four passages about the maximum and the spectrum (Hann window) of a motion that is not periodic."""
+    whole = record.signal[SENSORS[sensor]]
     window = np.hanning(whole.size)
     amplitude = 2.0 * np.abs(np.fft.rfft(whole * window)) / np.sum(window)
-    frequency = np.arange(amplitude.size, dtype=np.float64) * (response.rate / whole.size)
-    shown = (frequency > 0.0) & (frequency <= _HIGHEST)
+    frequency = np.arange(amplitude.size, dtype=np.float64) * (record.rate / whole.size)
     # About the maximum: a damaged ball gives a signal only while it carries load.
-    samples = min(whole.size, math.ceil(_PASSAGES * response.rate / fundamental))
+    samples = min(whole.size, math.ceil(_PASSAGES * record.rate / fundamental))
     first = min(max(0, int(np.argmax(np.abs(whole))) - samples // 2), whole.size - samples)
     few = slice(first, first + samples)
-    rms = response.rms if sensor == "mo" else response.rms_resonator
-    time = np.arange(whole.size)[few] / response.rate
-    return SensorSignal(time, whole[few], frequency[shown], amplitude[shown], False, rms, response.status)
+    return _sensed(response, sensor, np.arange(whole.size)[few] / record.rate, whole[few], frequency, amplitude)
+
+
+def _sensed(
+    response: Response, sensor: Sensor, time: Values, signal: Values, frequency: Values, amplitude: Values
+) -> SensorSignal:
+    shown = (frequency > 0.0) & (frequency <= _HIGHEST)
+    return SensorSignal(
+        time,
+        signal,
+        frequency[shown],
+        amplitude[shown],
+        periodic=response.record is None,
+        rms=response.rms if sensor == "mo" else response.rms_resonator,
+        status=response.status,
+        model=f"{response.model}, {response.solver.replace('_', ' ')}",
+        band=response.rms_band,
+    )
 
 
 def scene_sheet(scene: Scene, sensed: SensorSignal, *, sensor: Sensor, title: str) -> Sheet:
@@ -93,10 +105,9 @@ def scene_sheet(scene: Scene, sensed: SensorSignal, *, sensor: Sensor, title: st
     band = "over full bandwidth" if sensed.band is None else f"in {sensed.band[0]:g} to {sensed.band[1]:g} Hz"
     lead = f"RMS {figure(sensed.rms / STANDARD_GRAVITY)} g {band} on the {place} ({sensed.status.replace('_', ' ')})."
     parts = [_signal_part(scene, sensed)]
-    if scene.defect is not None:
-        parts.append(_path_part(scene, scene.defect))
+    parts += [_path_part(scene, defect, number) for number, defect in enumerate(scene.defects)]
     parts.append(_spectrum_part(scene, sensed))
-    return Sheet(title, lead, parts, _facts(scene))
+    return Sheet(title, lead, parts, _facts(scene, sensed))
 
 
 def fundamental_of(scene: Scene) -> tuple[float, str]:
@@ -113,7 +124,7 @@ def passages(scene: Scene, until: float) -> list[tuple[float, float]]:
     Empty for a motion that is not periodic, where the phase of the cage is unknown.
     """
     defect = scene.defect
-    if defect is None or defect.part != "outer" or scene.effects:
+    if defect is None or defect.part != "outer" or len(scene.defects) > 1 or not scene.repeats:
         return []
     lines = kinematics(scene.bearing, scene.speed)
     period, omega = 1.0 / lines.bpfo, 2.0 * math.pi * lines.ftf
@@ -180,8 +191,9 @@ def _signal_part(scene: Scene, sensed: SensorSignal) -> Part:
     return Part("Signal of the sensor", caption, label, 2.5, draw, data, "signal")
 
 
-def _path_part(scene: Scene, defect: Defect) -> Part:
+def _path_part(scene: Scene, defect: Defect, number: int) -> Part:
     drawn = ways(scene, defect)
+    heading, name = ("The way over the damage", "way") if number == 0 else (f"Defect {number + 1}", f"way_{number + 1}")
 
     def draw(made: FigureBase) -> None:
         axes = made.subplots(1, 1)
@@ -201,10 +213,10 @@ def _path_part(scene: Scene, defect: Defect) -> Part:
         f"{figure(1e6 * defect.h_d)} µm deep, which it {'touches' if reached else 'does not reach'}."
     )
     data: dict[str, Any] = {}
-    for number, (name, (x, y)) in enumerate(drawn.items(), start=1):
-        data |= {f"way_{number}": name, f"angle_{number}_deg": x[::4], f"sunk_{number}_um": y[::4]}
+    for n, (way, (x, y)) in enumerate(drawn.items(), start=1):
+        data |= {f"way_{n}": way, f"angle_{n}_deg": x[::4], f"sunk_{n}_um": y[::4]}
     label = f"Depth to which the ball sinks over the damage, {figure(deepest)} µm at most."
-    return Part("The way over the damage", caption, label, 2.1, draw, data, "way")
+    return Part(heading, caption, label, 2.1, draw, data, name)
 
 
 def _deepest(found: Mapping[str, tuple[Values, Values]]) -> float:
@@ -262,7 +274,7 @@ def _mark_lines(axes: Axes, fundamental: float, name: str) -> None:
     top.set_xlabel(f"multiple of {name}", fontsize=8, color=SOFT)
 
 
-def _facts(scene: Scene) -> list[tuple[str, str]]:
+def _facts(scene: Scene, sensed: SensorSignal) -> list[tuple[str, str]]:
     rig, lines = scene.rig, kinematics(scene.bearing, scene.speed)
     named = (("BPFO", lines.bpfo), ("BPFI", lines.bpfi), ("BSF", lines.bsf), ("FTF", lines.ftf))
     masses = ", ".join(f"m_{name} {getattr(rig, f'm_{name}'):g} kg" for name in ("i", "o", "r"))
@@ -272,6 +284,6 @@ def _facts(scene: Scene) -> list[tuple[str, str]]:
         ("Rig", f"{'calibrated' if rig.calibrated else 'not calibrated on this machine'}; {masses}"),
         ("Stiffness", f"k_i {rig.k_i:.3g} N/m, k_r {rig.k_r:.3g} N/m, k_c {rig.k_c:.4g} N/m^1.5"),
         ("Damping", f"c_i {rig.c_i:g} N s/m, c_r {rig.c_r:g} N s/m, α_c {rig.alpha_c:g} 1/s, β_c {rig.beta_c:g} s"),
-        ("Effects", ", ".join(scene.effects) or "none"),
-        ("Model", scene.model),
+        ("Effects", ", ".join(EFFECTS[name] for name in scene.effects) or "none"),
+        ("Model", sensed.model),
     ]

@@ -264,7 +264,7 @@ def test_ways_by_part_and_floor() -> None:
 def test_a_scene_report_says_what_the_model_gives(defect: Defect, words: str) -> None:
     scene = scene_with(defect)
     response = simulate(scene)
-    sheet = scene_sheet(scene, signal_of(response, "mo"), sensor="mo", title="a scene")
+    sheet = scene_sheet(scene, signal_of(response, "mo", response.bpfo), sensor="mo", title="a scene")
     signal, way, spectrum = sheet.parts
     assert f"{response.rms / STANDARD_GRAVITY:.2g}"[:3] in sheet.lead
     assert "converged" in sheet.lead
@@ -280,12 +280,14 @@ def test_a_scene_report_says_what_the_model_gives(defect: Defect, words: str) ->
 
 def test_a_band_of_the_rms_is_said() -> None:
     scene = scene_with(PIT)
-    sensed = signal_of(simulate(scene, band=(0.0, 9500.0)), "mo")
+    response = simulate(scene, band=(0.0, 9500.0))
+    sensed = signal_of(response, "mo", response.bpfo)
     assert "in 0 to 9500 Hz" in scene_sheet(scene, sensed, sensor="mo", title="a scene").lead
 
 
 def test_a_silent_scene_has_a_report() -> None:
-    silent = SensorSignal(np.arange(8.0), np.zeros(8), np.arange(1.0, 9.0), np.zeros(8), True, 0.0, "converged")
+    none = np.zeros(8)
+    silent = SensorSignal(np.arange(8.0), none, np.arange(1.0, 9.0), none, True, 0.0, "converged", "six_dof")
     sheet = scene_sheet(scene_with(), silent, sensor="mr", title="healthy")
     assert [part.name for part in sheet.parts] == ["signal", "spectrum"]
     assert sheet.lead == "RMS 0 g over full bandwidth on the resonator (converged)."

@@ -1,0 +1,170 @@
+"""Which models there are, what each can do, and which of them answers for a scene.
+
+A model joins with a file in ``models/dynamics`` that holds a constant ``SOLVER``, and with a line in MODULES. A model
+may have several solvers, for different effects. Nothing is imported before a scene is simulated.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from models.response import check_band
+from models.scene import EFFECTS
+
+if TYPE_CHECKING:
+    from models.response import Response
+    from models.scene import Scene
+
+# The modules of each model's solvers.
+MODULES: dict[str, tuple[str, ...]] = {
+    "six_dof": ("models.dynamics.periodic", "models.dynamics.mean_force", "models.dynamics.time_domain"),
+}
+AUTO = "auto"
+# Periods that are simulated at least before a motion is said not to settle.
+_LEAST_PERIODS = 20
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked about a scene; see ``models.simulate.simulate``. Fields that a solver has no use for are ignored.
+
+    Raises:
+        ValueError: if a field is unusable; the message names it.
+    """
+
+    accuracy: float = 1e-3
+    tolerance: float | None = None
+    steps_per_period: int | None = None
+    max_periods: int = 300
+    band: tuple[float, float] | None = None
+    lines_to: float | None = None
+    direction: float = 0.0
+    duration: float = 1.0
+    rate: float = 51200.0
+
+    def __post_init__(self) -> None:
+        """Check each field by itself."""
+        for name in ("accuracy", "tolerance", "duration", "rate"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} must be positive and finite, got {value!r}")
+        if self.steps_per_period is not None and self.steps_per_period < 8:
+            raise ValueError(f"steps_per_period must be at least 8, got {self.steps_per_period!r}")
+        if self.max_periods < _LEAST_PERIODS:
+            raise ValueError(f"max_periods must be at least {_LEAST_PERIODS}, got {self.max_periods!r}")
+        if self.band is not None:
+            check_band(self.band)
+        if self.lines_to is not None and not (math.isfinite(self.lines_to) and self.lines_to >= 0.0):
+            raise ValueError(f"lines_to must be finite and not negative, got {self.lines_to!r} Hz")
+        if not math.isfinite(self.direction):
+            raise ValueError(f"direction must be finite, got {self.direction!r}")
+
+    def highest(self, resolved: float, by: str) -> float:
+        """Return the highest frequency that is asked for, Hz, 0 where none is.
+
+        Raises:
+            ValueError: if one is above ``resolved`` Hz, which ``by`` explains; the message names it.
+        """
+        asked = {"lines_to is": self.lines_to, "the band ends at": None if self.band is None else self.band[1]}
+        for words, frequency in asked.items():
+            if frequency is not None and frequency > resolved:
+                raise ValueError(f"{words} {frequency!r} Hz, {by} {resolved:.0f} Hz")
+        return max(frequency or 0.0 for frequency in asked.values())
+
+
+@dataclass(frozen=True)
+class Solver:
+    """One way to answer for a scene.
+
+    Attributes:
+        model: the model that it solves, a key of MODULES.
+        name: of the way, unique within the model.
+        effects: the names in ``models.scene.EFFECTS`` that it has; it refuses any other.
+        error: least relative error of the RMS that its steps can be asked for.
+        cost: expected processor time on one core, s; may raise a ValueError that names what would take too long.
+        solve: returns the response; raises a ValueError that names what it does not describe.
+        reason: why it is taken where it is the cheapest, a clause for people.
+    """
+
+    model: str
+    name: str
+    effects: frozenset[str]
+    error: float
+    cost: Callable[[Scene, Request], float]
+    solve: Callable[[Scene, Request], Response]
+    reason: str
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names a field which the registry could not use."""
+        unknown = sorted(self.effects - set(EFFECTS))
+        if unknown:
+            raise ValueError(
+                f"effects of {self.model} {self.name}: {', '.join(unknown)} is none of {', '.join(EFFECTS)}"
+            )
+        if not (math.isfinite(self.error) and self.error > 0.0):
+            raise ValueError(f"error of {self.model} {self.name} must be positive and finite, got {self.error!r}")
+
+
+def solvers(model: str = AUTO) -> tuple[Solver, ...]:
+    """Return the solvers of a model, or of all.
+
+    Raises:
+        ValueError: if there is no such model; the message names it and those that there are.
+    """
+    if model != AUTO and model not in MODULES:
+        raise ValueError(f"unknown model {model!r}; known are: {', '.join((AUTO, *MODULES))}")
+    modules = [m for name, named in MODULES.items() if model in (AUTO, name) for m in named]
+    return tuple(importlib.import_module(module).SOLVER for module in modules)
+
+
+def choose(scene: Scene, request: Request) -> tuple[Solver, str | None]:
+    """Return the cheapest solver that has all effects of a scene and the accuracy asked for, and why.
+
+    The reason is None where the scene names its model and that has one way only. If none reaches the accuracy, the
+    most accurate is taken, and the status of its response says so.
+
+    Raises:
+        ValueError: if no solver has all the effects; the message names those that lack, and who has them.
+    """
+    known = solvers(scene.model)
+    needed = frozenset(scene.effects)
+    able = [s for s in known if needed <= s.effects]
+    if not able:
+        raise ValueError(_refusal(scene, known))
+    accurate = [s for s in able if s.error <= request.accuracy]
+    if not accurate:
+        best = min(able, key=lambda s: s.error)
+    else:
+        best = accurate[0] if len(accurate) == 1 else min(accurate, key=lambda s: s.cost(scene, request))
+    if scene.model != AUTO:
+        return best, None
+    return best, _reason(best, scene, len({s.model for s in able}))
+
+
+def _reason(best: Solver, scene: Scene, models: int) -> str:
+    named = ", ".join(words(scene.effects)) or "no effect"
+    rank = "the only model" if models == 1 else f"the cheapest of {models} models"
+    return f"{best.model} is {rank} with {named}; {best.reason}"
+
+
+def words(effects: tuple[str, ...]) -> list[str]:
+    """Return the names of effects for people."""
+    return [EFFECTS[name] for name in effects]
+
+
+def _refusal(scene: Scene, known: tuple[Solver, ...]) -> str:
+    """Return why a scene is refused: what the closest solver lacks, and which models have all of it."""
+    needed = frozenset(scene.effects)
+    closest = min(known, key=lambda s: len(needed - s.effects))
+    missing = [name for name in scene.effects if name not in closest.effects]
+    rest = [name for name in scene.effects if name in closest.effects]
+    together = f" together with {', '.join(rest)}" if rest else ""
+    model = "no model" if scene.model == AUTO else scene.model
+    able = sorted({s.model for s in solvers() if needed <= s.effects})
+    others = "" if scene.model == AUTO else f"; models that describe it: {', '.join(able) or 'none'}"
+    verb = "describes" if scene.model == AUTO else "does not describe"
+    return f"{', '.join(missing)}: {model} {verb} this{together}{others}"
