@@ -124,5 +124,5 @@ def test_a_cylindrical_bearing_is_simulated(defect: Defect | None) -> None:
 
 
 def test_lanes_refuse_rollers_by_name() -> None:
-    with pytest.raises(ValueError, match="^roller: "):
+    with pytest.raises(ValueError, match=r"^roller: "):
         simulate_lanes([SCENE])
