@@ -26,7 +26,7 @@ _PEAK_OVERSAMPLING = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class SignalRecord:
     """Signals of a motion that was simulated over time, as a recorder would sample them.
 
     Attributes:
@@ -130,7 +130,7 @@ class Response:
     status: Status
     rms_band: tuple[float, float] | None
     coefficients: NDArray[np.complex128]
-    record: Record | None = None
+    record: SignalRecord | None = None
     why: str | None = None
 
     def lines(self, sensor: Sensor = "mo") -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -193,7 +193,7 @@ class Response:
 
     @staticmethod
     def _recorded(
-        record: Record,
+        record: SignalRecord,
         rate: float,
         duration: float,
         phase: float,

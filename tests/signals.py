@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing, Kinematics, from_catalogue, kinematics
-from models.response import Record, Response
+from models.response import Response, SignalRecord
 from monitor.health.spectrum.features import fundamentals
 
 Samples = NDArray[np.float64]
@@ -152,7 +152,7 @@ class HealthyMachine:
         return x
 
 
-def record_of(response: Response) -> Record:
+def record_of(response: Response) -> SignalRecord:
     """Return the record of a motion that was simulated over time."""
     assert response.record is not None
     return response.record

@@ -19,11 +19,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
-from models.dynamics.six_dof import check_scene
+from models.dynamics.six_dof import TIME_EFFECTS, check_scene
 from models.dynamics.stationary_record import (
     Record,
     cage_turns_of,
-    healthy,
     placed,
     run_from_rest,
     settling_turns,
@@ -60,6 +59,8 @@ _HARMONICS = ((0, 2), (24, 4))
 _BATCHES = 8
 
 DEFAULT_STANDARD_ERROR = 5e-3
+
+_EFFECTS = TIME_EFFECTS - {"outer_defect", "several_defects", "waviness", "inner_waviness", "unbalance", "gravity"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,17 +156,11 @@ def _cached_level(
 def _check(scene: Scene, accuracy: float, standard_error: float, band: tuple[float, float] | None) -> None:
     """Raise a ValueError that names what the model does not describe."""
     defect = scene.defect
-    if defect is None or defect.part == "outer" or defect.dphi_d == 0.0 or defect.h_d == 0.0:
+    if defect is None or defect.part == "outer" or not defect.moves_balls:
         raise ValueError("a stationary level needs a defect of the inner race or of a ball, with extent and depth")
-    for name in ("waviness", "unbalance", "gravity"):
-        if getattr(scene, name):
-            raise ValueError(f"{name}: only models.dynamics.time_domain.simulate_time models this")
-    if scene.slip is not None and scene.slip.phi_slip > 0.0:
-        if defect.part == "ball":
-            raise ValueError("slip moves a ball to or from a defect of a race; the defect is of a ball")
-        if scene.slip.rule != "per_passage":
-            raise ValueError(f"slip.rule {scene.slip.rule!r} is modelled on the outer race only")
-    check_scene(healthy(scene))
+    check_scene(scene, _EFFECTS)
+    if {"slip", "ball_defect"} <= set(scene.effects):
+        raise ValueError("slip moves a ball to or from a defect of a race; the defect is of a ball")
     for name, value in (("accuracy", accuracy), ("standard_error", standard_error)):
         if not (math.isfinite(value) and value > 0.0):
             raise ValueError(f"{name} must be positive and finite, got {value!r}")

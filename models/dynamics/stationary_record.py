@@ -55,7 +55,7 @@ def line_frequency(scene: Scene) -> float:
 
 def healthy(scene: Scene) -> Scene:
     """Return a scene without its defect."""
-    return replace(scene, defect=None, slip=None)
+    return replace(scene.healthy, slip=None)
 
 
 def turn_rate(scene: Scene, lines: Kinematics) -> float:

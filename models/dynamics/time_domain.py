@@ -29,7 +29,7 @@ from models.kernels import time_domain as kernels
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
 from models.numerics import filter_valid, kaiser_order
 from models.registry import Request, Solver
-from models.response import HARMONICS, PASSBAND, Record, Response, Status
+from models.response import HARMONICS, PASSBAND, Response, SignalRecord, Status
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -242,7 +242,7 @@ class _Measured:
 
     levels: tuple[_Levels, _Levels]
     peaks: tuple[float, float]
-    record: Record
+    record: SignalRecord
 
 
 def _measured(wave: NDArray[np.float64], run: _Run, oversampling: int) -> _Measured:
@@ -253,9 +253,8 @@ def _measured(wave: NDArray[np.float64], run: _Run, oversampling: int) -> _Measu
     window = wave[begin - margin : begin + (samples - 1) * oversampling + margin + 1]
     signals = np.array([filter_valid(window[:, k], taps)[::oversampling] for k in (0, 1)])
     blocks = max(samples / run.rate / run.block, _LEAST_BLOCKS)
-    return _Measured(
-        (_levels(settled[:, 0], blocks), _levels(settled[:, 1], blocks)), _peaks(settled), Record(run.rate, signals)
-    )
+    levels = (_levels(settled[:, 0], blocks), _levels(settled[:, 1], blocks))
+    return _Measured(levels, _peaks(settled), SignalRecord(run.rate, signals))
 
 
 def _peaks(wave: NDArray[np.float64]) -> tuple[float, float]:

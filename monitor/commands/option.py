@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 
 import click
 
+from models.scene import PARTS
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 POSITIVE = click.FloatRange(min=0, min_open=True)
@@ -128,6 +130,6 @@ class FurtherDefect(click.ParamType):
             dphi, h_d, *rest = [float(number) for number in numbers]
         except ValueError:
             self.fail(f"{value!r} is not {self.name}, such as inner:4:500:90", param, ctx)
-        if len(rest) > 1 or part not in ("outer", "inner", "ball"):
+        if len(rest) > 1 or part not in PARTS:
             self.fail(f"{value!r} is not {self.name} with outer, inner or ball first", param, ctx)
         return part, dphi, h_d, rest[0] if rest else 0.0

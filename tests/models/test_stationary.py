@@ -13,6 +13,7 @@ from models.dynamics.stationary import StationaryLevel, stationary_level
 from models.dynamics.stationary_record import line_frequency, steps_in_turn, take_record
 from models.dynamics.time_domain import simulate_time
 from models.scene import Defect, Floor, Part, Rig, Scene, Slip, Waviness
+from tests.signals import record_of
 
 ACCURACY = 2e-3
 
@@ -38,7 +39,7 @@ def test_the_level_is_that_of_a_long_run_with_fine_steps(part: Part, dphi_deg: f
     allowed = 3.0 * math.hypot(level.rms_se, long.rms_se) + level.rms_error * level.rms
     assert abs(level.rms - long.rms) < allowed < 0.015 * level.rms
     for k in (1, 2):
-        line = long.line(k * line_frequency(scene))
+        line = record_of(long).line(k * line_frequency(scene))
         off = abs(level.harmonics[k - 1] - line)
         assert off < 0.03 * line + 4.0 * level.harmonics_se[k - 1] + level.rms_error * level.rms
 

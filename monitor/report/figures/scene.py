@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from models.bearing import kinematics
 from models.hertz import mean_bearing_stiffness
 from models.path.contour import part_paths
-from models.response import SENSORS, Record, Response, Sensor
+from models.response import SENSORS, Response, Sensor, SignalRecord
 from models.scene import EFFECTS, Defect, Floor, Scene, natural_frequencies
 from monitor.report.figures.drawing import AXIS, BLUE, GREY, INK, PURPLE, SHADE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet
@@ -69,7 +69,7 @@ def signal_of(response: Response, sensor: Sensor, fundamental: float) -> SensorS
     return _sensed(response, sensor, np.arange(signal.size) / _RATE, signal, *response.lines(sensor))
 
 
-def _over_time(response: Response, record: Record, sensor: Sensor, fundamental: float) -> SensorSignal:
+def _over_time(response: Response, record: SignalRecord, sensor: Sensor, fundamental: float) -> SensorSignal:
     """Return four passages about the maximum and the spectrum (Hann window) of a motion that is not periodic."""
     whole = record.signal[SENSORS[sensor]]
     window = np.hanning(whole.size)
