@@ -334,7 +334,7 @@ class Scene:
                 )
             if any(defect.overlaps(other) for other in self.defects[:number]):
                 raise ValueError(
-                    f"{name}.position must lie apart from the other defects of the {defect.part}, "
+                    f"{name}.position must lie apart from the other defects of that part ({defect.part}), "
                     f"got {defect.position!r} rad, where it overlaps one"
                 )
 

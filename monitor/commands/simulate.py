@@ -177,6 +177,8 @@ def _slip(options: dict[str, Any]) -> Slip | None:
 
 def _more_defects(options: dict[str, Any]) -> Iterator[Defect]:
     """Yield the further defects, with the floor and rows of the first."""
+    if options["more_defect"] and _defect(options) is None:
+        raise ValueError("--more-defect needs a first defect: give --dphi-deg and --h-d-um")
     for part, dphi, h_d, position in options["more_defect"]:
         yield Defect(
             dphi_d=math.radians(dphi),

@@ -51,6 +51,17 @@ CASES = {
         Case(40.0, 4000.0, "ball", 0.6, 1e-5),
         replace(BASE, defect=Defect(0.6, 1e-5, part="ball")),
     ),
+    "a defect of each part": (
+        Case(
+            *(40.0, 4000.0, "outer", 0.1, 5e-4),
+            others=(Case(40.0, 4000.0, "inner", 0.2, 3e-5), Case(40.0, 4000.0, "ball", 0.3, 1e-3, rows=(1,))),
+        ),
+        replace(
+            BASE,
+            defect=Defect(0.1, 5e-4),
+            more_defects=(Defect(0.2, 3e-5, part="inner"), Defect(0.3, 1e-3, part="ball", first_row=1)),
+        ),
+    ),
     "waviness of both races": (
         Case(40.0, 4000.0, waves=((1e-6, 13, "outer", 0.3), (5e-7, 7, "inner", 1.0))),
         replace(BASE, waviness=(Waviness(1e-6, 13, "outer", 0.3), Waviness(5e-7, 7, "inner", 1.0))),
@@ -182,6 +193,18 @@ def test_lines_and_sidebands_of_each_part(designation: str) -> None:
     for part in parts:
         sums = {other: features[other].lines[0][part].total / features[other].envelopes[0].mean for other in parts}
         assert max(sums, key=lambda other: sums[other]) == part, sums
+
+
+def test_two_defects_have_the_lines_of_both() -> None:
+    """A pit of either race, of unlike depth, each with its own family, sidebands only about that of the inner race."""
+    bearing = from_catalogue("6205")
+    pit, lines = Defect(math.radians(4.0), 5e-4), kinematics(bearing, 30.0)
+    scene = Scene(30.0, 3000.0, bearing=bearing, defect=pit, slip=Slip(0.0035, seed=2))
+    both = replace(scene, more_defects=(replace(pit, part="inner"),))
+    alone, together = (features_in_noise(simulate_time(s, 4.0, RATE), lines).envelopes[0] for s in (scene, both))
+    for line in (lines.bpfo, 2.0 * lines.bpfo, lines.bpfi, lines.bpfi - lines.speed, lines.bpfi + lines.speed):
+        assert prominence(together, line) > 10.0
+    assert prominence(alone, lines.bpfi) < 6.0
 
 
 def test_an_unbalance_is_a_line_of_the_shaft() -> None:

@@ -112,6 +112,34 @@ def test_a_defect_without_size_is_none_bit_for_bit(part: Part) -> None:
         assert np.array_equal(waveform(scene, 1e-5, 2000), healthy)
 
 
+@pytest.mark.parametrize("part", ["outer", "inner", "ball"])
+def test_a_defect_of_each_row_is_one_of_both_bit_for_bit(part: Part) -> None:
+    defect = replace(PIT, part=part)
+    both = waveform(replace(SCENE, defect=replace(defect, rows=2)), 1e-5, 3000)
+    each = replace(SCENE, defect=defect, more_defects=(replace(defect, first_row=1),))
+    assert np.array_equal(waveform(each, 1e-5, 3000), both)
+    nothing = replace(each, more_defects=(*each.more_defects, Defect(0.0, 1e-5, part="inner"), Defect(0.1, 0.0)))
+    assert np.array_equal(waveform(nothing, 1e-5, 3000), both)
+
+
+def test_the_order_of_defects_does_not_matter() -> None:
+    defects = (PIT, replace(SPALL, position=1.0), replace(PIT, part="inner"), replace(PIT, part="ball", dphi_d=0.2))
+    forth, back = (
+        waveform(replace(SCENE, defect=d[0], more_defects=d[1:]), 1e-5, 4000) for d in (defects, defects[::-1])
+    )
+    assert forth == pytest.approx(back, abs=1e-7)
+
+
+def test_balls_slip_alike_over_all_defects_of_a_race() -> None:
+    """One sigma a passage: the second pit is met the same angle later as the first, whatever is drawn."""
+    near = replace(SCENE, defect=PIT, more_defects=(replace(PIT, position=0.5),), slip=Slip(0.02, seed=5))
+    plan = prepare_plan(near, 1.0)
+    count = len(plan.origin) // 2
+    first, second = (np.unique(plan.offset[(plan.piece // count) == k]) for k in (0, 1))
+    assert len(first) > 150
+    assert len(np.intersect1d(first, second)) > 0.95 * len(first)
+
+
 @pytest.mark.parametrize(
     ("name", "small"),
     [("unbalance", 1e-12), ("gravity", 1e-9), ("slip", Slip(1e-12))],

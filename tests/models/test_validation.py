@@ -105,7 +105,7 @@ def test_further_defects_are_checked_as_the_first() -> None:
         replace(scene, defect=None)
     with pytest.raises(ValueError, match=r"more_defects\[0\]\.rows 1 from more_defects\[0\]\.first_row 2"):
         replace(scene, more_defects=(replace(first, first_row=2),))
-    with pytest.raises(ValueError, match=r"more_defects\[1\]\.position must lie apart .* outer, got 0\.09 rad"):
+    with pytest.raises(ValueError, match=r"more_defects\[1\]\.position must lie apart .*outer\), got 0\.09 rad"):
         replace(scene, more_defects=(other, replace(first, position=0.09)))
     # Around the race, in another row, or without size there is room.
     with pytest.raises(ValueError, match=r"more_defects\[0\]\.position"):

@@ -27,7 +27,8 @@ PITCH = 2.0 * math.pi / N_BALLS
 @dataclass(frozen=True)
 class Case:
     """One scene: shaft speed Hz, load N, defect (part, extent rad, depth m, rows), waves (amplitude m, order, race,
-    phase rad), unbalance kg m, gravity m/s2 and its angle from the load rad, clearance m.
+    phase rad), unbalance kg m, gravity m/s2 and its angle from the load rad, clearance m, and cases of whose the
+    defects are there too.
     """
 
     speed: float
@@ -41,6 +42,7 @@ class Case:
     gravity: float = 0.0
     gravity_angle: float = 0.0
     clearance: float = 0.0
+    others: tuple[Case, ...] = ()
 
     @property
     def shaft(self) -> float:
@@ -97,6 +99,7 @@ class Oracle:
             self.faulty = np.flatnonzero(np.isin(self.row, case.rows))
         contacts = {"none": (), "ball": ("spot_outer", "spot_inner")}.get(case.part, (case.part,))
         self.on_floor = {contact: self._floor(contact) for contact in contacts}
+        self.others = [Oracle(other) for other in case.others]
 
     def _floor(self, contact: str) -> float:
         """Return the angle beyond an edge at which the floor is reached, or the largest possible where it is not."""
@@ -158,17 +161,31 @@ class Oracle:
                     if middle in (low, high) and high - low < 1e-14:
                         break
                 times.append(high)
+        for other in self.others:
+            times += other.breaks(end)
         return sorted(times)
 
-    def paths(self, t: float, pieces: NDArray[np.int_]) -> NDArray[np.float64]:
-        """Return how far the path has receded from every ball, m, and how fast, m/s, (2, balls)."""
-        case, out, dt = self.case, np.zeros((2, len(self.start))), 1e-8
+    def pieces(self, t: float) -> list[NDArray[np.int_]]:
+        """Return on which piece of each defect the balls are that meet it."""
+        own = np.array([self.piece(int(ball), t) for ball in self.faulty], dtype=int)
+        return [own, *(other.pieces(t)[0] for other in self.others)]
+
+    def over_defect(self, t: float, pieces: NDArray[np.int_]) -> NDArray[np.float64]:
+        """Return how far the path over the first defect has receded, m, and how fast, m/s, (2, balls)."""
+        out, dt = np.zeros((2, len(self.start))), 1e-8
         for ball, piece in zip(self.faulty, pieces, strict=True):
             if piece:
                 out[0, ball] += self.depth(int(ball), t, int(piece))
                 if piece != 2:
                     after, before = (self.depth(int(ball), t + s * dt, int(piece)) for s in (1.0, -1.0))
                     out[1, ball] += (after - before) / (2.0 * dt)
+        return out
+
+    def paths(self, t: float, pieces: list[NDArray[np.int_]]) -> NDArray[np.float64]:
+        """Return how far the path has receded from every ball, m, and how fast, m/s, (2, balls)."""
+        case, out = self.case, self.over_defect(t, pieces[0])
+        for other, met in zip(self.others, pieces[1:], strict=True):
+            out += other.over_defect(t, met)
         for amplitude, order, race, phase in case.waves:
             turning = case.cage - (case.shaft if race == "inner" else 0.0)
             angle = order * (self.start + turning * t) + phase
@@ -176,7 +193,7 @@ class Oracle:
             out[1] -= math.cos(ALPHA) * amplitude * order * turning * np.sin(angle)
         return out
 
-    def rhs(self, t: float, state: NDArray[np.float64], pieces: NDArray[np.int_]) -> NDArray[np.float64]:
+    def rhs(self, t: float, state: NDArray[np.float64], pieces: list[NDArray[np.int_]]) -> NDArray[np.float64]:
         """Return the time derivative of (x, v) of inner ring, outer ring and resonator, shape (12,)."""
         case = self.case
         x, v = state[:6], state[6:]
@@ -226,7 +243,7 @@ class Oracle:
         for a, b in pairwise(breaks):
             if b - a < 1e-12:
                 continue
-            pieces = np.array([self.piece(int(ball), 0.5 * (a + b)) for ball in self.faulty], dtype=int)
+            pieces = self.pieces(0.5 * (a + b))
             inside = np.flatnonzero((times >= a - 1e-12) & (times < b - 1e-12))
             grid = np.append(np.maximum(times[inside], a), b)
             solution = solve_ivp(self.rhs, (a, b), state, "DOP853", grid, rtol=rtol, atol=rtol * scale, args=(pieces,))

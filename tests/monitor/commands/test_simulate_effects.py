@@ -30,6 +30,11 @@ KEYS = {
     "spread_g",
     "model",
     "status",
+    "rms_error",
+    "peak_error",
+    "waveform_error",
+    "solver",
+    "why",
 }
 
 
@@ -91,6 +96,31 @@ def test_the_waveform_is_the_signal() -> None:
     assert np.sqrt(np.mean(rows[:, 1] ** 2)) == pytest.approx(values["rms_g"], rel=5e-2)
 
 
+def test_the_cheapest_solver_is_taken_and_said_why() -> None:
+    found = simulate(*PIT)
+    assert (found["model"], found["solver"]) == ("six_dof", "periodic")
+    assert "a defect of the outer race" in found["why"]
+    assert 0.0 < found["peak_error"] < 1e-2
+    named = simulate(*PIT, "--model", "six_dof")
+    assert named["why"] is None
+    assert named["rms_g"] == found["rms_g"]
+    assert simulate(*PIT, "--slip-deg", "0.3", "--slip-rule", "mean_force")["solver"] == "mean_force"
+    turning = simulate(*PIT, "--fault", "inner")
+    assert turning["solver"] == "time_domain"
+    assert 0.0 < turning["rms_error"] < 0.05
+
+
+def test_several_defects_at_once() -> None:
+    pit, both = simulate(*PIT), simulate(*PIT, "--more-defect", "inner:4:500", "--more-defect", "ball:16:500:30")
+    assert both["solver"] == "time_domain"
+    assert "several defects" in both["why"]
+    assert both["rms_g"] > pit["rms_g"]
+    apart = simulate(*PIT, "--more-defect", "outer:4:500:180")
+    # Opposite to the load nothing touches it.
+    assert apart["status"] in ("converged", "inaccurate")
+    assert apart["rms_g"] == pytest.approx(pit["rms_g"], rel=3e-3)
+
+
 def test_people_read_the_lines_of_the_part() -> None:
     result = CliRunner().invoke(command, [*PIT, "--fault", "inner"], catch_exceptions=False)
     assert "not_periodic" in result.stdout
@@ -123,6 +153,14 @@ def test_the_formula_of_the_line_contact_changes_the_stiffness() -> None:
         (["--first-row", "3"], "first_row"),
         (["--fault", "inner", "--rms-band-hz", "10:30000"], "band"),
         (["--fault", "ball", "--dphi-deg", "200"], "dphi_d"),
+        (["--more-defect", "axle:4:500"], "outer, inner or ball"),
+        (["--more-defect", "inner:4"], "such as inner:4:500:90"),
+        (["--more-defect", "outer:4:500:3"], "more_defects[0].position"),
+        (["--more-defect", "inner:4:500", "--h-d-um", "0"], "--more-defect needs a first defect"),
+        (["--more-defect", "inner:nan:500"], "dphi_d"),
+        (["--slip-deg", "1", "--slip-rule", "mean_force", "--unbalance-kg-m", "1e-3"], "unbalance"),
+        (["--model", "none"], "--model"),
+        (["--fault", "inner", "--speed-hz", "0.01"], "duration"),
     ],
 )
 def test_what_cannot_be_is_refused_in_words(
