@@ -13,6 +13,7 @@ from typing import Any, Self
 from monitor.config.load import Config, ConfigError
 from monitor.health.alarms import AlarmAcknowledgement, acknowledged
 from monitor.health.record import Record
+from monitor.health.spectrum.plans import load_fftw
 from monitor.health.state import SourceSettings, SourceState
 from monitor.health.step import SourceOutput, rejected_record, rejection_of, step
 from monitor.records.database import Closing, StoreError, UnstorableError
@@ -212,6 +213,8 @@ class Ingest(Closing):
         if not files:
             return step(before, item, settings, now=self._clock(), acknowledgements=given)
         size = item.samples.nbytes if isinstance(item, Block) else 0
+        # A death while this loads is not that of the first file, which comes first after each start.
+        load_fftw()
         self._ledger.analyse(item.source, files, size)
         try:
             return step(before, item, settings, now=self._clock(), acknowledgements=given)

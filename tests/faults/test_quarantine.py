@@ -11,6 +11,8 @@ from monitor.records.events import EventLog
 from monitor.records.store import Store
 from tests.faults.attacks import wide_text
 from tests.faults.daemons import call, make_machine, start, status
+from tests.faults.victims import analyse_first
+from tests.forks import Fork
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import stop, wait_until
 
@@ -21,6 +23,13 @@ def reasons(config: Path) -> list[str]:
     """Return why blocks were rejected."""
     with Store.open(config.parent / "state" / "state.db", read_only=True) as store:
         return [record.reason or "" for record in store.records()]
+
+
+def test_the_first_file_is_not_blamed_for_what_loads_with_it(tmp_path: Path) -> None:
+    config = make_machine(tmp_path)
+    (tmp_path / "in0" / "1.csv").write_bytes(csv_bytes(noise(512)))
+    ((name, loaded),) = Fork(analyse_first, config).finish()
+    assert (name, loaded) == ("1.csv", True)
 
 
 def test_a_file_of_which_the_daemon_dies_twice(tmp_path: Path) -> None:

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import sys
+import threading
 import time
+from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
+from unittest.mock import patch
 
+from monitor.config.load import load_config
 from monitor.records import compact
 from monitor.records.condense import condense
+from monitor.records.events import EventLog
+from monitor.records.ledger import StoreLedger
 from monitor.records.moved_days import days_before, move_day
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Published, Store
+from monitor.service.ingest import Ingest
 from tests.faults.test_store_kill import block
 from tests.forks import Messages
 
@@ -46,3 +54,22 @@ def move_days(messages: Messages, records_dir: Path, to: Path, database: Path, b
     messages.send("begins")
     for path in days:
         move_day(path, "m", to, database, time.time())
+
+
+def analyse_first(messages: Messages, config: Path) -> None:
+    """Take the first block; send which file is noted during its analysis, and whether the transforms are loaded."""
+
+    def noted(ledger: StoreLedger, source: str, paths: Sequence[str], size: int = 0) -> None:
+        if paths:
+            messages.send((paths[0], "pyfftw" in sys.modules))
+
+    found = load_config(config)
+    found.machine.state_dir.mkdir(parents=True, exist_ok=True)
+    with (
+        patch.object(StoreLedger, "analyse", noted),
+        Store.open(found.machine.state_dir / "state.db", machine="m") as store,
+        EventLog(store.path),
+        Ingest.open(found, store) as ingest,
+    ):
+        while ingest.step(threading.Event()) is None:
+            pass

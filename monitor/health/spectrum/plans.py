@@ -9,6 +9,7 @@ import math
 import threading
 from collections.abc import Generator
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Literal
 
 Precision = Literal["float32", "float64"]
@@ -16,6 +17,11 @@ Effort = Literal["estimate", "measure"]
 
 Wisdom = tuple[bytes, bytes, bytes]
 """Results of FFTW's measurements for float64, float32 and long double."""
+
+
+def load_fftw() -> None:
+    """Load pyFFTW before the first transform would: that takes longer than some ten analyses of a block."""
+    import_module("pyfftw")
 
 
 def is_smooth(n: int) -> bool:
