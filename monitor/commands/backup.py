@@ -70,9 +70,11 @@ def _configuration(config: Config, path: Path) -> Iterator[tuple[str, Path]]:
     """Yield the configuration, and the maps and libraries that it names, by their names in the backup."""
     yield f"config/{path.name}", path
     for channel in config.channel:
-        for file in (channel.map, channel.library):
+        # Maps of several parts may have the same name in folders of their own.
+        named = [("" if place == 0 else f"{place + 1}-", file) for place, file in enumerate(channel.maps)]
+        for prefix, file in (*named, ("", channel.library)):
             if file is not None and file.is_file():
-                yield f"config/{channel.name}-{file.name}", file
+                yield f"config/{channel.name}-{prefix}{file.name}", file
 
 
 def _note(state_dir: Path, values: Mapping[str, Any], *, quiet: bool) -> None:

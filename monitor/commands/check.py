@@ -191,7 +191,7 @@ def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
 
     missing = list(_missing_files(config, channel))
     yield from missing
-    if missing or (channel.map is None and channel.library is None):
+    if missing or (not channel.maps and channel.library is None):
         return
     source = next(source for source in config.source if source.name == channel.source)
     try:
@@ -200,8 +200,9 @@ def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
         yield str(error)
         return
     load, speed = config.operating.load_newton, config.operating.speed_hz
-    if damage is not None and damage.map_at is not None and damage.map_at(load, speed)[0] is None:
-        yield f"channel {channel.name!r}: its map does not cover the configured load and speed"
+    for part, rms_map in {} if damage is None else damage.maps.items():
+        if rms_map.map_at(load, speed)[0] is None:
+            yield f"channel {channel.name!r}: its map of the part {part!r} does not cover the configured load and speed"
     library = None if damage is None else damage.library
     if library is not None and (load is None or speed is None or not library.covers_conditions(load, speed)):
         yield f"channel {channel.name!r}: its library does not cover the configured load and speed"
@@ -210,11 +211,11 @@ def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
 def _missing_files(config: Config, channel: ChannelSection) -> Iterator[str]:
     name = f"channel {channel.name!r}"
     track, forecast = _methods(config, channel)
-    if channel.map is None and track in ("thesis", "filter"):
+    if not channel.maps and track in ("thesis", "filter"):
         yield f"{name}: track = true, but no map is given: V_eq will answer no_map"
     if channel.library is None and "library" in (track, forecast):
         yield f'{name}: method = "library", but no library is given: the answer will be no_library'
-    for kind, path in (("map", channel.map), ("library", channel.library)):
+    for kind, path in (*(("map", path) for path in channel.maps), ("library", channel.library)):
         if path is not None and not path.exists():
             yield f"{name}: {kind} {path.name} does not exist (yet); make it with: spallwatch {kind} build"
 

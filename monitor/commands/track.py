@@ -21,7 +21,7 @@ from monitor.health.damage import Damage, DamageInput
 from monitor.health.damage import tracker as damage
 from monitor.health.damage.thesis import edv
 from monitor.health.damage.thesis.edv import rms_from_map, rms_from_model, rms_history
-from monitor.service.setup import filter_settings, map_lookup, spread_lookup
+from monitor.service.setup import part_map
 from streams.block import STANDARD_GRAVITY
 
 
@@ -97,9 +97,7 @@ def command(
     settings = damage.DamageSettings(
         track_method=method,
         forecast_method="library" if method == "library" else "thesis",
-        map_at=None if rms_map is None else map_lookup(rms_map),
-        spread_at=None if rms_map is None else spread_lookup(rms_map),
-        filter=None if rms_map is None else filter_settings(rms_map, chosen.split("+"), interval),
+        maps={} if rms_map is None else {rms_map.part: part_map(rms_map, chosen.split("+"), interval)},
         edv=edv.EdvSettings(smoothing_blocks=smoothing_blocks, stop_outside_map=stop_outside_map),
         **library_settings(method, library_path, chosen, interval),
     )
@@ -122,6 +120,8 @@ def command(
         "method": method,
         "interval": None if method == "thesis" else interval,
         "prior": prior_of(settings.library) or settings.prior,
+        "fault": None if rms_map is None else rms_map.part,
+        "v_eq": None if rms_map is None else rms_map.volume_words,
         "map_hash": None if rms_map is None else rms_map.hash,
         "calibrated": rms_map is not None and rms_map.plan.rig.calibrated,
         "rows": rows,

@@ -145,7 +145,7 @@ class ChannelSection(Section):
     rms_band_hz: Band | None = None
     average_blocks: Blocks = 1
     track: bool = False
-    map: Path | None = None
+    map: Path | tuple[Path, ...] | None = None
     library: Path | None = None
 
     @model_validator(mode="after")
@@ -156,6 +156,8 @@ class ChannelSection(Section):
             raise ValueError("give column or key, not both")
         if self.band_hz == ():
             raise ValueError('band_hz is empty; give [[lo, hi]] or "auto"')
+        if self.map == ():
+            raise ValueError("map is empty; give a file, or a list of one file a part")
         bands = [("band_hz", band) for band in self._bands]
         if self.rms_band_hz is not None:
             bands.append(("rms_band_hz", self.rms_band_hz))
@@ -163,6 +165,13 @@ class ChannelSection(Section):
             if low >= high:
                 raise ValueError(f"{key}: the lower edge {low:g} Hz must be below the upper edge {high:g} Hz")
         return self
+
+    @property
+    def maps(self) -> tuple[Path, ...]:
+        """Files of the RMS maps, one a damaged part."""
+        if self.map is None:
+            return ()
+        return self.map if isinstance(self.map, tuple) else (self.map,)
 
     @property
     def _bands(self) -> tuple[Band, ...]:

@@ -100,9 +100,9 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
         state = _vote(state, block, lines)
     resolved = bool(np.all(features.bpfo_resolved))
     harmonics = tuple(float(value) for value in features.bpfo_amplitude) if resolved else None
-    state, found, forecasts = track(state, block, settings, features.rms, harmonics)
     if naming is not None:
         state = latch_name(state, _named(naming, block.sequence))
+    state, found, forecasts = track(state, block, settings, features.rms, harmonics)
     return state, ChannelOutput(
         verdict=verdict,
         stage=state.detect.stage,
@@ -192,7 +192,7 @@ def track(
     """Track and forecast, where the channel is tracked.
 
     Args:
-        state: after the detector.
+        state: after the detector and the naming.
         block: its verdict, speed and load.
         settings: of the channel.
         rms: in the RMS band, m/s2.
@@ -208,6 +208,7 @@ def track(
         raised=state.detect.elevated is not None,
         usable=block.verdict.for_tracker,
         absolute=settings.absolute,
+        fault=None if state.named is None else state.named.fault,
     )
     after, found, forecasts = damage.step(state.damage, damage_input, gate, settings.damage)
     return replace(state, damage=after), found, forecasts

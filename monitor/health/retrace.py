@@ -152,9 +152,9 @@ def _channel(
     state = replace(state, detect=detector)
     lines = values.get("bpfo_amplitude")
     harmonics = None if lines is None or None in lines else tuple(lines)
-    state, _, _ = track(state, block, settings, values["rms"], harmonics)
     if verdict.for_baseline:
         state = latch_name(state, _named(values, record.sequence, averaged))
+    state, _, _ = track(state, block, settings, values["rms"], harmonics)
     return state, found
 
 

@@ -213,7 +213,7 @@ def _damage(context: ChannelContext, options: Options) -> Iterator[Picture | Non
     if options.holds("damage"):
         yield damaged_volume(context)
     if options.holds("path"):
-        rms_map = options.map_for(channel.name) or kept_map(hash_of(run, channel.name))
+        rms_map = options.map_for(channel.name) or kept_map(hash_of(run, channel.name), context.verdict.fault)
         yield None if rms_map is None else map_path(context, rms_map)
     if options.holds("posterior") and channel.name in run.particles:
         yield posterior(context, run.particles[channel.name])

@@ -36,7 +36,8 @@ class ChannelSummary:
         last: time of the last block.
         rms_end: at the end of the final stage, None in an unknown unit.
         load, speed: last known.
-        map_hash: "" for none.
+        map_hash: of its maps, joined by "+"; "" for none.
+        fault: the damaged part, "" for none named.
         law: a, b, c of the last fitted law and its R^2; empty for none.
         final: ``rms_g`` and ``v_eq_mm2`` over the final stage, each {``time_s`` since t_fs, ``value``}.
         sizes: ``time_s`` since t_fs, ``dphi_d``, ``h_d`` of the tracker.
@@ -59,6 +60,7 @@ class ChannelSummary:
     load: float | None
     speed: float | None
     map_hash: str
+    fault: str
     law: tuple[float, ...]
     final: Mapping[str, Any]
     sizes: Mapping[str, Any]
@@ -139,6 +141,7 @@ def _channel(run: Run, channel: Channel, part: ChannelPart) -> ChannelSummary:
         load=_last(channel, "load"),
         speed=_last(channel, "speed"),
         map_hash=hash_of(run, channel.name),
+        fault=verdict.fault,
         law=_law(channel),
         final=_final(channel, start),
         sizes=_sizes(channel, start),

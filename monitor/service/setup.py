@@ -15,7 +15,7 @@ from models.lives.population import Population
 from models.maps.data import OutsideMapError, RmsMap
 from models.maps.file import load_map
 from models.maps.plan import MapError
-from models.scene import Rig
+from models.scene import PARTS, Part, Rig
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
@@ -25,7 +25,7 @@ from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
 from monitor.health.damage.thesis.edv import EdvSettings
 from monitor.health.damage.thesis.level_set import LevelMap
-from monitor.health.damage.tracker import DamageSettings, MapAt, SpreadAt
+from monitor.health.damage.tracker import DamageSettings, PartMap
 from monitor.health.state import ChannelSettings, SourceSettings
 from monitor.records.library_file import LibraryError, load_library
 from streams.block import STANDARD_GRAVITY
@@ -99,26 +99,37 @@ def source_settings(
     ``maps`` and ``libraries`` by channel take the place of the configured files.
 
     Raises:
-        ConfigError: a map or a library cannot be read or does not fit the channel.
+        ConfigError: a map or a library cannot be read or does not fit the channel, or two maps are of one part.
     """
     channels = {}
     for channel in config.channel:
         if channel.source != source.name:
             continue
-        rms_map = (maps or {}).get(channel.name)
-        if rms_map is None and channel.track and channel.map is not None:
-            rms_map = _load(channel, channel.map)
-        if rms_map is not None:
-            plan = rms_map.plan
-            _check_band(channel, rms_map.rms_band, "map")
-            _check_origin(config, channel, "map", (plan.bearing, plan.rig, plan.clearance))
+        given = (maps or {}).get(channel.name)
+        own = [] if given is None else [given]
+        if given is None and channel.track:
+            own = [_load(channel, path) for path in channel.maps]
+        by_part = _by_part(config, channel, own)
         library = (libraries or {}).get(channel.name)
         if library is None and channel.track and channel.library is not None:
             library = _load_library(channel, channel.library)
         if library is not None:
             _check_library(config, channel, library)
-        channels[channel.name] = _channel_settings(config, source, channel, rms_map, library)
+        channels[channel.name] = _channel_settings(config, source, channel, by_part, library)
     return SourceSettings(source.name, channels, source.rate_hz)
+
+
+def _by_part(config: Config, channel: ChannelSection, maps: Sequence[RmsMap]) -> dict[Part, RmsMap]:
+    """Return the maps of a channel by their damaged part, each checked against the channel."""
+    found: dict[Part, RmsMap] = {}
+    for rms_map in maps:
+        plan = rms_map.plan
+        if plan.part in found:
+            raise ConfigError(f"channel {channel.name!r}: map: two files are maps of the part {plan.part!r}")
+        _check_band(channel, rms_map.rms_band, "map")
+        _check_origin(config, channel, "map", (plan.bearing, plan.rig, plan.clearance), plan.part)
+        found[plan.part] = rms_map
+    return found
 
 
 def _load(channel: ChannelSection, path: Path) -> RmsMap:
@@ -161,12 +172,15 @@ def _check_band(channel: ChannelSection, made_for: tuple[float, float] | None, k
         )
 
 
-def _check_origin(config: Config, channel: ChannelSection, kind: str, made_for: tuple[Bearing, Rig, float]) -> None:
+def _check_origin(
+    config: Config, channel: ChannelSection, kind: str, made_for: tuple[Bearing, Rig, float], part: Part = "outer"
+) -> None:
     """Refuse a map or library of another bearing or rig, whose volumes would be wrong."""
     of_bearing, of_rig, of_clearance = made_for
     bearing, rig = config.bearing_of(channel), config.rig_of(config.entry_of(channel))
     clearance = next(b.clearance_um for b in config.bearing if b.name == channel.bearing) * 1e-6
-    pairs = [(f"bearing {name}", getattr(of_bearing, name), getattr(bearing, name)) for name in _GEOMETRY]
+    geometry = _GEOMETRY if part == "outer" else (*_GEOMETRY, "inner_race_radius")
+    pairs = [(f"bearing {name}", getattr(of_bearing, name), getattr(bearing, name)) for name in geometry]
     pairs += [(f"rig {name}", getattr(of_rig, name), getattr(rig, name)) for name in _PARAMETERS]
     pairs.append(("clearance", of_clearance, clearance))
     for name, made, configured in pairs:
@@ -182,7 +196,11 @@ def _words(band: tuple[float, ...] | None) -> str:
 
 
 def _channel_settings(
-    config: Config, source: SourceSection, channel: ChannelSection, rms_map: RmsMap | None, library: Library | None
+    config: Config,
+    source: SourceSection,
+    channel: ChannelSection,
+    maps: Mapping[Part, RmsMap],
+    library: Library | None,
 ) -> ChannelSettings:
     samples = signal_range = None
     if source.block_s != "file" and source.rate_hz is not None:
@@ -203,23 +221,23 @@ def _channel_settings(
         average_blocks=channel.average_blocks,
         condition=config.operating.to_condition(),
         detect=config.detect.to_settings(),
-        damage=_damage_settings(config, rms_map, library) if channel.track else None,
-        map_hash=None if rms_map is None else rms_map.hash,
+        damage=_damage_settings(config, maps, library) if channel.track else None,
+        map_hash="+".join(maps[part].hash for part in PARTS if part in maps) or None,
         alarms=config.alarms.to_settings(channel.name, config.detect.run_in_blocks),
         waterfall=config.machine.to_waterfall(),
     )
 
 
-def _damage_settings(config: Config, rms_map: RmsMap | None, library: Library | None) -> DamageSettings:
+def _damage_settings(config: Config, maps: Mapping[Part, RmsMap], library: Library | None) -> DamageSettings:
     """Return how damage is tracked; without a configured method, by the library where there is one."""
     window = config.forecast.window_hours
     return DamageSettings(
         track_method=method_or_best(config.track.method, library),
         forecast_method=method_or_best(config.forecast.method, library),
-        map_at=None if rms_map is None else map_lookup(rms_map),
-        spread_at=None if rms_map is None else spread_lookup(rms_map),
+        maps={
+            part: part_map(rms_map, config.track.features, config.forecast.interval) for part, rms_map in maps.items()
+        },
         edv=EdvSettings(smoothing_blocks=config.track.smoothing_blocks),
-        filter=None if rms_map is None else filter_settings(rms_map, config.track.features, config.forecast.interval),
         thresholds=config.forecast.thresholds,
         library=library,
         library_settings=LibrarySettings(
@@ -230,24 +248,24 @@ def _damage_settings(config: Config, rms_map: RmsMap | None, library: Library | 
     )
 
 
-def filter_settings(rms_map: RmsMap, features: Sequence[str], interval: float) -> FilterSettings:
-    """Return the settings of the physical tracker on a map."""
-    lines = FilterSettings.lines if "harmonics" in features else 0
-    return FilterSettings(part_radius=rms_map.part_radius, lines=lines, interval=interval)
+def part_map(rms_map: RmsMap, features: Sequence[str], interval: float) -> PartMap:
+    """Return a map as the trackers take it.
 
-
-def map_lookup(rms_map: RmsMap) -> MapAt:
-    """Return the function that gives the map at a load and speed, or ``outside_conditions``."""
-    return _Lookup(lambda load, speed: to_slice(rms_map, load, speed))
-
-
-def spread_lookup(rms_map: RmsMap) -> SpreadAt:
-    """Return the same with the lines and the spreads of the map."""
-    return _Lookup(rms_map.slice_at)
+    The filter uses the lines of the outer race only: blocks give the amplitudes of BPFO, those of the other parts not.
+    """
+    lines = FilterSettings.lines if "harmonics" in features and rms_map.part == "outer" else 0
+    return PartMap(
+        map_at=_Lookup(lambda load, speed: to_slice(rms_map, load, speed)),
+        spread_at=_Lookup(rms_map.slice_at),
+        filter=FilterSettings(part_radius=rms_map.part_radius, lines=lines, interval=interval),
+    )
 
 
 class _Lookup(Generic[Slice]):
-    """Slices of a map by load and speed, each made once: trackers cache derived values by the object."""
+    """Slices of a map by load and speed, each made once, or ``outside_conditions``.
+
+    Trackers cache derived values by the object.
+    """
 
     def __init__(self, make: Callable[[float, float], Slice]) -> None:
         self._make = make

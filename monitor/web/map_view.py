@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from monitor.health.damage.tracker import part_of
 from monitor.records.packing import columns_of, numbers_of, places_of
 from monitor.web.answers import RequestError, numbers, times
 from monitor.web.api import is_dated, latest_values
@@ -17,6 +18,7 @@ from monitor.words.features import FEATURES
 
 if TYPE_CHECKING:
     from models.maps.data import RmsMap
+    from models.scene import Part
 
 _MAX_POINTS = 2000
 _MAX_MAPS = 16
@@ -31,12 +33,16 @@ def map_of(machine: Machine, channel: str) -> dict[str, Any]:
     section = machine.channel(channel)
     if not section.track:
         return {"map": None, "reason": "the channel is not tracked"}
-    if section.map is None:
+    if not section.maps:
         return {"map": None, "reason": "the channel has no RMS map"}
     try:
-        rms_map = _load(section.map)
+        maps: dict[Part, RmsMap] = {rms_map.part: rms_map for rms_map in map(_load, section.maps)}
     except RequestError as error:
         return {"map": None, "reason": error.sentence}
+    part = part_of(machine.status().values["channels"].get(channel, {}).get("fault"), maps)
+    if part is None:
+        return {"map": None, "reason": "the channel has no RMS map of the part that is named"}
+    rms_map = maps[part]
     latest = latest_values(machine, section.source, channel)
     load, speed = _nearest(rms_map, machine, latest)
     at = rms_map.slice_at(load, speed)
@@ -46,6 +52,8 @@ def map_of(machine: Machine, channel: str) -> dict[str, Any]:
         "rms_g": [numbers(row / FEATURES["rms"].unit.si, 5) for row in at.rms],
         "load_newton": load,
         "speed_hz": speed,
+        "fault": part,
+        "v_eq": rms_map.volume_words,
         "calibrated": machine.config.rig.calibrated,
         "dated": is_dated(machine, section.source),
         "track": _track(machine, section.source, channel, latest.get("t_fs_block")),

@@ -35,7 +35,7 @@ EDV_REFUSALS = {
     "below_map": "the vibration is weaker than that of the smallest damage of the map",
     "above_map": "the vibration is stronger than that of any damage of the map: either the damage is larger than the "
     "map reaches, or the map does not fit this machine",
-    "no_map": "there is no RMS map for this channel, or it has a hole at this level",
+    "no_map": "there is no RMS map for this channel or for the part that is named, or it has a hole at this level",
     "no_library": "there is no library of simulated lives for this machine",
     "not_final_stage": "the bearing is not in the final stage of its life",
     "bad_block": "the quality of the latest block does not allow it",

@@ -23,6 +23,7 @@ from monitor.health.damage.tracker import (
     DamageGate,
     DamageSettings,
     DamageState,
+    PartMap,
     TrackMethod,
     step,
 )
@@ -106,9 +107,13 @@ def settings_of(method: TrackMethod, made: Map, library: Library) -> DamageSetti
     return DamageSettings(
         track_method=method,
         forecast_method="library" if method == "library" else "thesis",
-        map_at=lambda load, speed: (narrow, None),
-        spread_at=lambda load, speed: (wide, None),
-        filter=FilterSettings(part_radius=RADIUS, particles=200),
+        maps={
+            "outer": PartMap(
+                lambda load, speed: (narrow, None),
+                lambda load, speed: (wide, None),
+                FilterSettings(part_radius=RADIUS, particles=200),
+            )
+        },
         thresholds=(THRESHOLD,),
         library=library,
         library_settings=LibrarySettings(features="rms+harmonics"),
@@ -347,8 +352,13 @@ def test_conditions_without_a_map_or_lives_keep_the_block_out(method: TrackMetho
     times, rms, lines = growing()
     settings = replace(
         settings_of(method, plain_map(), library),
-        map_at=lambda load, speed: (None, EdvStatus.OUTSIDE_CONDITIONS),
-        spread_at=lambda load, speed: (None, EdvStatus.OUTSIDE_CONDITIONS),
+        maps={
+            "outer": PartMap(
+                lambda load, speed: (None, EdvStatus.OUTSIDE_CONDITIONS),
+                lambda load, speed: (None, EdvStatus.OUTSIDE_CONDITIONS),
+                FilterSettings(part_radius=RADIUS, particles=200),
+            )
+        },
     )
     reading = DamageInput(times[0], rms[0], tuple(lines[0]), 9000.0, SPEED)
     state, damage, forecasts = step(DamageState(), reading, DamageGate(), settings)
@@ -363,7 +373,9 @@ def test_features_configured_anew_begin_a_new_history_and_break_nothing(method: 
     settings = settings_of(method, plain_map(), library)
     fewer = replace(
         settings,
-        filter=FilterSettings(part_radius=RADIUS, particles=200, lines=0),
+        maps={
+            "outer": replace(settings.maps["outer"], filter=FilterSettings(part_radius=RADIUS, particles=200, lines=0))
+        },
         library_settings=LibrarySettings(features="rms"),
     )
     *_, state = follow(times[:30], rms[:30], lines[:30], settings)

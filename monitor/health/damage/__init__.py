@@ -12,10 +12,10 @@ class EdvStatus(StrEnum):
 
     Values come with ``ok``, ``widened`` (the search went back, so V_eq may be lower than before) and ``ambiguous`` (the
     volumes are of two kinds, or far apart). Without values: ``below_map`` and ``above_map``: no defect of the map has
-    this RMS, or the damage has grown beyond the map; ``no_map``: there is none, or a hole of it covers the level;
-    ``bad_block``: no usable features; ``outside_conditions``: a load or speed outside the map or the library, or that
-    changes more between blocks than in the library's lives; ``outside_library``: levels, elapsed time or block interval
-    outside its lives.
+    this RMS, or the damage has grown beyond the map; ``no_map``: there is none, or none of the named part, or a hole of
+    it covers the level; ``bad_block``: no usable features; ``outside_conditions``: a load or speed outside the map or
+    the library, or that changes more between blocks than in the library's lives; ``outside_library``: levels, elapsed
+    time or block interval outside its lives.
     """
 
     OK = "ok"

@@ -7,7 +7,7 @@ does not count.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -23,6 +23,7 @@ from monitor.health.damage.thesis.level_set import LevelMap
 
 if TYPE_CHECKING:
     from models.maps import data as map_data
+    from models.scene import Part
 
 MapAt = Callable[[float | None, float | None], "tuple[LevelMap | None, EdvStatus | None]"]
 """The map at a load (N) and speed (Hz), or the status that says why there is none."""
@@ -38,22 +39,33 @@ MAX_PENDING_BLOCKS = 2000
 
 
 @dataclass(frozen=True)
+class PartMap:
+    """The RMS map of one damaged part.
+
+    Attributes:
+        map_at: by load and speed.
+        spread_at: the same with its lines and spreads, for the filter.
+        filter: settings of the filter on it, or None where there is no filter.
+    """
+
+    map_at: MapAt
+    spread_at: SpreadAt | None = None
+    filter: FilterSettings | None = None
+
+
+@dataclass(frozen=True)
 class DamageSettings:
     """How damage is tracked and forecast on a channel.
 
     Attributes:
-        map_at: the RMS map by load and speed, or None.
-        spread_at: the same map with its lines and spreads, for the filter.
-        filter: None where there is no map for it.
+        maps: by the damaged part.
         thresholds: of V_eq, m2, ascending.
     """
 
     track_method: TrackMethod = "thesis"
     forecast_method: ForecastMethod = "thesis"
-    map_at: MapAt | None = None
-    spread_at: SpreadAt | None = None
+    maps: Mapping[Part, PartMap] = field(default_factory=dict["Part", PartMap])
     edv: edv.EdvSettings = field(default_factory=edv.EdvSettings)
-    filter: FilterSettings | None = None
     forecast: forecast.ForecastSettings = field(default_factory=forecast.ForecastSettings)
     thresholds: tuple[float, ...] = (0.05e-6,)
     library: Library | None = None
@@ -68,8 +80,9 @@ class DamageSettings:
     def prior(self) -> str | None:
         """The prior of the intervals, as text; None where there are no intervals."""
         parts: list[str] = []
-        if self.track_method == "filter" and self.filter is not None:
-            parts.append(f"for V_eq, {_describe_growth(self.filter.growth)}")
+        filters = [one.filter for one in self.maps.values() if one.filter is not None]
+        if self.track_method == "filter" and filters:
+            parts.append(f"for V_eq, {_describe_growth(filters[0].growth)}")
         if self.uses_library and self.library is not None:
             parts.append(f"for TT, {self.library.prior}" if parts else self.library.prior)
         return ", and ".join(parts) or None
@@ -81,9 +94,11 @@ class DamageState:
 
     Attributes:
         pending: blocks since the detector's score first rose, while t_fs is unknown.
+        part: whose map the blocks so far were tracked on, or None.
     """
 
     pending: tuple[DamageInput, ...] = ()
+    part: Part | None = None
     edv: edv.EdvState = field(default_factory=edv.EdvState)
     filter: FilterState = field(default_factory=FilterState)
     forecast: forecast.ForecastState = field(default_factory=forecast.ForecastState)
@@ -92,6 +107,7 @@ class DamageState:
     def to_dict(self) -> dict[str, Any]:
         """Return the state as plain values for JSON."""
         return {
+            "part": self.part,
             "pending": [[r.time, r.rms, r.harmonics, r.load, r.speed] for r in self.pending],
             "edv": self.edv.to_dict(),
             "filter": self.filter.to_dict(),
@@ -107,6 +123,7 @@ class DamageState:
                 DamageInput(time, rms, None if harmonics is None else tuple(harmonics), load, speed)
                 for time, rms, harmonics, load, speed in stored["pending"]
             ),
+            part=stored.get("part"),
             edv=edv.EdvState.from_dict(stored["edv"]),
             filter=FilterState.from_dict(stored["filter"]),
             forecast=forecast.ForecastState.from_dict(stored["forecast"]),
@@ -123,12 +140,28 @@ class DamageGate:
         raised: the detector's score is raised, the final stage not yet known.
         usable: the quality of the block allows inversion.
         absolute: the unit of the channel is known.
+        fault: the part that the envelope names, several joined by "|", or None.
     """
 
     final: bool = True
     raised: bool = False
     usable: bool = True
     absolute: bool = True
+    fault: str | None = None
+
+
+def part_of(fault: str | None, parts: Collection[Part]) -> Part | None:
+    """Return the part whose map is taken, None where there is none for what is named.
+
+    Of parts that are named together it is the only one that has a map. Without a name it is the outer race, as in the
+    thesis, or the only part that has a map.
+    """
+    candidates: list[Part]
+    if fault is None:
+        candidates = [part for part in parts if part == "outer" or len(parts) == 1]
+    else:
+        candidates = [part for part in parts if part in fault.split("|")]
+    return candidates[0] if len(candidates) == 1 else None
 
 
 def _describe_growth(growth: GrowthPrior) -> str:
@@ -177,10 +210,8 @@ def _track_one(
     damage, forecasts = Damage(EdvStatus.NO_MAP), ()
     if settings.uses_library:
         state, damage, forecasts = _track_by_library(state, block, gate, gates, settings)
-    if settings.track_method == "thesis":
-        state, damage = _thesis_volume(state, block, gate, settings)
-    elif settings.track_method == "filter":
-        state, damage = _filter_volume(state, block, gate, settings)
+    if settings.track_method != "library":
+        state, damage = _track_on_map(state, block, gate, gates, settings)
     if settings.forecast_method == "thesis":
         after, forecasts = forecast.step(
             state.forecast,
@@ -216,31 +247,37 @@ def _track_by_library(
     return replace(state, library=after), damage, forecasts
 
 
-def _thesis_volume(
-    state: DamageState, block: DamageInput, gate: EdvStatus | None, settings: DamageSettings
+def _track_on_map(
+    state: DamageState, block: DamageInput, gate: EdvStatus | None, gates: DamageGate, settings: DamageSettings
 ) -> tuple[DamageState, Damage]:
-    if settings.map_at is None and gate is not EdvStatus.NO_ABSOLUTE_LEVEL:
+    """Track by the map of the named part; where that is another part than before, the trackers begin anew."""
+    if not settings.maps and gate is not EdvStatus.NO_ABSOLUTE_LEVEL:
         return state, Damage(EdvStatus.NO_MAP)
-    map_slice = None
-    if settings.map_at is not None and gate is None:
-        map_slice, gate = settings.map_at(block.load, block.speed)
     if gate is not None:
         return state, Damage(gate)
+    part = part_of(gates.fault, settings.maps)
+    if part is None:
+        return state, Damage(EdvStatus.NO_MAP)
+    if part != state.part:
+        # Volumes of two parts are no one growth.
+        begun = DamageState(part=part) if state.part is not None else state
+        state = replace(state, part=part, edv=begun.edv, filter=begun.filter, forecast=begun.forecast)
+    if settings.track_method == "filter":
+        return _filter_volume(state, block, settings.maps[part])
+    map_slice, refused = settings.maps[part].map_at(block.load, block.speed)
+    if refused is not None:
+        return state, Damage(refused)
     after, damage = edv.step(state.edv, block.rms, map_slice=map_slice, settings=settings.edv)
     return replace(state, edv=after), damage
 
 
-def _filter_volume(
-    state: DamageState, block: DamageInput, gate: EdvStatus | None, settings: DamageSettings
-) -> tuple[DamageState, Damage]:
-    if (settings.spread_at is None or settings.filter is None) and gate is not EdvStatus.NO_ABSOLUTE_LEVEL:
+def _filter_volume(state: DamageState, block: DamageInput, used: PartMap) -> tuple[DamageState, Damage]:
+    if used.spread_at is None or used.filter is None:
         return state, Damage(EdvStatus.NO_MAP)
-    map_slice = None
-    if settings.spread_at is not None and gate is None:
-        map_slice, gate = settings.spread_at(block.load, block.speed)
-    if gate is not None or settings.filter is None:
-        return state, Damage(gate or EdvStatus.NO_MAP)
+    map_slice, refused = used.spread_at(block.load, block.speed)
+    if refused is not None:
+        return state, Damage(refused)
     # The configuration has changed: a posterior over other features cannot be continued.
-    before = state.filter if len(state.filter.sensors) == 1 + settings.filter.lines else FilterState()
-    after, damage = filter_step(before, block, map_slice=map_slice, settings=settings.filter)
+    before = state.filter if len(state.filter.sensors) == 1 + used.filter.lines else FilterState()
+    after, damage = filter_step(before, block, map_slice=map_slice, settings=used.filter)
     return replace(state, filter=after), damage

@@ -14,8 +14,10 @@ from platformdirs import user_cache_dir
 
 from models.maps.data import MapSlice, OutsideMapError, RmsMap
 from models.maps.file import load_map
-from models.maps.plan import MapError
+from models.maps.plan import DAMAGED, MapError
+from models.scene import Part
 from monitor.health.damage.filter.particles import Particles
+from monitor.health.damage.tracker import part_of
 from monitor.records.archive import of_channel
 from monitor.report.figures.drawing import (
     GREY,
@@ -42,8 +44,18 @@ _MAX_POINTS = 400
 _MAX_DOTS = 250
 
 
-def kept_map(wanted: str) -> RmsMap | None:
-    """Return the map with a hash from the user's cache folder, None if there is none."""
+def kept_map(hashes: str, fault: str = "") -> RmsMap | None:
+    """Return the map of the named part from the user's cache folder, None if it is not there.
+
+    ``hashes`` are those of the channel's maps, joined by "+"; ``fault`` is "" where no part is named.
+    """
+    found = [rms_map for rms_map in map(_kept, hashes.split("+")) if rms_map is not None]
+    maps: dict[Part, RmsMap] = {rms_map.part: rms_map for rms_map in found}
+    part = part_of(fault or None, maps)
+    return None if part is None else maps[part]
+
+
+def _kept(wanted: str) -> RmsMap | None:
     if len(wanted) < 16 or not wanted.isalnum():
         return None
     try:
@@ -54,7 +66,7 @@ def kept_map(wanted: str) -> RmsMap | None:
 
 
 def hash_of(run: Run, channel: str) -> str:
-    """Return the hash of a channel's RMS map in the records, "" for none."""
+    """Return the hashes of a channel's RMS maps in the records, joined by "+", "" for none."""
     found = of_channel(run.attributes.get("map_hash"), channel)
     return "" if found in (None, "none") else found
 
@@ -97,7 +109,7 @@ def map_path(context: ChannelContext, rms_map: RmsMap) -> Picture | None:
     caption = (
         f"{count(rows.size, 'size')} that the tracker gave, from {figure(x[0], 2)}° and {figure(y[0], 2)} µm to "
         f"{figure(x[-1], 2)}° and {figure(y[-1], 2)} µm, over the map at {figure(at.load)} N and "
-        f"{figure(at.speed)} Hz. Dashed: equal volume."
+        f"{figure(at.speed)} Hz, of the {DAMAGED[rms_map.part]}. Dashed: equal volume."
     )
     if cloud:
         caption += " Dots: possible sizes after the last block, the larger the more likely."
@@ -128,7 +140,7 @@ def _latest_level(channel: Channel, row: int) -> float:
 
 
 def _volumes(axes: Axes, radius: float, extent: NDArray[np.float64], depth: NDArray[np.float64]) -> None:
-    """Draw lines of equal volume, V_eq = r_o dphi_d h_d (Eq. 90)."""
+    """Draw lines of equal volume, V_eq = radius dphi_d h_d (Eq. 90)."""
     span = np.linspace(max(float(extent[0]), 0.05), float(extent[-1]), 300)
     for value, share in _VOLUMES.items():
         h = value * 1e-6 / (radius * np.radians(span)) * 1e6

@@ -127,12 +127,13 @@ def other_conditions(
         if channel.load is not None and channel.speed is not None and channel.rms_end is not None
     ]
     sources = [(_named(run, channel), channel) for run in runs for channel in run.channels if channel.sizes]
-    maps: dict[str, RmsMap | None] = {}
+    maps: dict[tuple[str, str], RmsMap | None] = {}
     histories: dict[tuple[str, str], tuple[list[float], NDArray[np.float64]]] = {}
     for label, channel in sources:
-        if channel.map_hash not in maps:
-            maps[channel.map_hash] = options.map_for(channel.name) or kept_map(channel.map_hash)
-        rms_map = maps[channel.map_hash]
+        key = (channel.map_hash, channel.fault)
+        if key not in maps:
+            maps[key] = options.map_for(channel.name) or kept_map(*key)
+        rms_map = maps[key]
         others = [one for one in recorded if one.label != label][:_MAX_LINES]
         for one in others:
             values = _under(rms_map, channel, one)

@@ -71,7 +71,8 @@ export class TrackMap {
       sayInstead(this.body, sentence(data.reason ?? "this channel has no map"));
       return;
     }
-    const same = this.data && JSON.stringify(this.data.dphi_deg) === JSON.stringify(data.dphi_deg);
+    const axes = (found) => JSON.stringify([found.fault, found.dphi_deg]);
+    const same = this.data && axes(this.data) === axes(data);
     this.data = data;
     if (!same) this.image = null;
     fill(this.body, this.content);

@@ -68,14 +68,17 @@ def test_a_backup_beside_a_running_daemon_is_put_back_and_the_daemon_goes_on(tmp
 def test_configuration_maps_and_libraries_are_in_it_and_secrets_are_not(tmp_path: Path) -> None:
     config = make_machine(tmp_path)
     (tmp_path / "maps").mkdir()
-    (tmp_path / "maps" / "m.nc").write_bytes(b"map")
+    (tmp_path / "inner").mkdir()
+    for folder in ("maps", "inner"):
+        (tmp_path / folder / "m.nc").write_bytes(folder.encode())
     (tmp_path / "password").write_bytes(b"secret")
-    text = config.read_text() + 'map = "maps/m.nc"\n'
+    text = config.read_text() + 'map = ["maps/m.nc", "inner/m.nc"]\n'
     mail = '[notify.smtp]\nhost = "h"\nsender = "a@b"\nto = ["a@b"]\n'
     config.write_text(f'{text}{mail}username_file = "password"\npassword_file = "password"\n')
     store_of(config)
     folder = Path(str(backed_up(config)["out"]))
-    assert sorted(path.name for path in (folder / "config").iterdir()) == ["m.toml", "x0-m.nc"]
+    assert sorted(path.name for path in (folder / "config").iterdir()) == ["m.toml", "x0-2-m.nc", "x0-m.nc"]
+    assert (folder / "config" / "x0-2-m.nc").read_bytes() == b"inner"
     assert (folder / "config" / "m.toml").read_text() == config.read_text()
 
 

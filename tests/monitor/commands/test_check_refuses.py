@@ -85,6 +85,7 @@ _CONFIGURED: list[tuple[dict[str, str], str]] = [
     ({"places": 'state_dir = "file/state"\n'}, "machine.state_dir = "),
     ({"channel": 'track = true\nmap = "none.nc"\n'}, "none.nc"),
     ({"channel": 'track = true\nmap = "file"\n'}, "file"),
+    ({"channel": "track = true\nmap = []\n"}, "map is empty"),
     ({"channel": 'track = true\nlibrary = "none.npz"\n'}, "none.npz"),
     ({"channel": "band_hz = [[600, 500]]\n"}, "band_hz"),
     ({"more": "[detekt]\n"}, "detekt"),

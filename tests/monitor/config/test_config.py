@@ -161,7 +161,15 @@ def test_paths_are_relative_to_the_file(tmp_path):
         )
     )
     config = load_config(path)
-    assert config.channel[0].map == tmp_path / "maps" / "m.nc"
+    assert config.channel[0].maps == (tmp_path / "maps" / "m.nc",)
+    path.write_text(path.read_text().replace('"maps/m.nc"', '["maps/m.nc", "/other/inner.nc"]'))
+    assert load_config(path).channel[0].maps == (tmp_path / "maps" / "m.nc", Path("/other/inner.nc"))
+    path.write_text(path.read_text().replace('["maps/m.nc", "/other/inner.nc"]', "[]"))
+    with pytest.raises(ConfigError, match="map is empty"):
+        load_config(path)
+    path.write_text(path.read_text().replace("map = []", "map = 3"))
+    with pytest.raises(ConfigError, match="map"):
+        load_config(path)
     assert config.machine.state_dir == tmp_path / "state"
 
 

@@ -29,7 +29,7 @@ from monitor.health.damage.filter.particles import (
 )
 from monitor.health.damage.filter.prior import ErrorModel, GrowthPrior, build_lookup
 from monitor.health.damage.thesis.level_set import LevelMap
-from monitor.health.damage.tracker import DamageGate, DamageSettings, DamageState, TrackMethod
+from monitor.health.damage.tracker import DamageGate, DamageSettings, DamageState, PartMap, TrackMethod
 from monitor.health.damage.tracker import step as damage_step
 from tests.effort import effort_count
 from tests.oracles.filter_oracle import latest_b_and_z, posterior_of_one_block, strangeness
@@ -251,14 +251,14 @@ def test_an_empty_state_comes_back() -> None:
 )
 def test_a_gated_block_leaves_the_trackers_alone(gates: DamageGate, status: EdvStatus, method: TrackMethod) -> None:
     level_map = LevelMap(TOY.dphi_d, TOY.h_d, TOY.rms, SETTINGS.part_radius)
-    open_settings = DamageSettings(
-        track_method=method, map_at=lambda *_: (level_map, None), spread_at=lambda *_: (TOY, None), filter=SETTINGS
-    )
+    open_map = PartMap(lambda *_: (level_map, None), lambda *_: (TOY, None), SETTINGS)
+    open_settings = DamageSettings(track_method=method, maps={"outer": open_map})
     inputs, _ = toy_life(4)
     state = DamageState()
     for block in inputs[:3]:
         state, _, _ = damage_step(state, block, DamageGate(), open_settings)
-    refusing = replace(open_settings, map_at=lambda *_: (None, status), spread_at=lambda *_: (None, status))
+    refused = PartMap(lambda *_: (None, status), lambda *_: (None, status), SETTINGS)
+    refusing = replace(open_settings, maps={"outer": refused})
     after, damage, _ = damage_step(state, inputs[3], gates, refusing)
     assert after.edv is state.edv
     assert after.filter is state.filter

@@ -16,7 +16,7 @@ from monitor.health.channel import ChannelBlock, check_channel, detect_input, st
 from monitor.health.condition import Quantity
 from monitor.health.damage.thesis import edv, forecast
 from monitor.health.damage.thesis.level_set import LevelMap
-from monitor.health.damage.tracker import DamageSettings
+from monitor.health.damage.tracker import DamageSettings, PartMap
 from monitor.health.detect import DetectSettings
 from monitor.health.output import ChannelOutput, record_values
 from monitor.health.quality import Verdict, with_flags
@@ -87,7 +87,7 @@ def record_of(i: int, state: ChannelState, output: ChannelOutput) -> Record:
     return Record("source", i + 1, "block", "", channels={"one": record_values(state.detect, output)})
 
 
-DAMAGE = DamageSettings(map_at=lambda load, speed: (map_slice(), None))
+DAMAGE = DamageSettings(maps={"outer": PartMap(lambda load, speed: (map_slice(), None))})
 TRACKED = base(damage=DAMAGE)
 
 
@@ -211,7 +211,8 @@ def test_without_a_map_the_status_says_so() -> None:
 
 
 def test_outside_the_conditions_of_the_map_the_status_says_so() -> None:
-    settings = base(damage=DamageSettings(map_at=lambda load, speed: (None, edv.EdvStatus.OUTSIDE_CONDITIONS)))
+    nowhere = PartMap(lambda load, speed: (None, edv.EdvStatus.OUTSIDE_CONDITIONS))
+    settings = base(damage=DamageSettings(maps={"outer": nowhere}))
     state, outputs = run(life(), settings)
     assert outputs[-1].damage is not None
     assert str(outputs[-1].damage.status) == "outside_conditions"

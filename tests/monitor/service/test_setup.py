@@ -12,6 +12,7 @@ from models.lives.population import Population
 from models.maps.build import build_map
 from models.maps.file import save_map
 from models.maps.plan import MapPlan
+from models.scene import Part
 from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError, validate
 from monitor.health.damage import EdvStatus
@@ -72,8 +73,7 @@ def test_the_map_is_given_where_it_holds(small_map):
     c = config()
     damage = source_settings(c, c.source[0], {"c": small_map}).channels["c"].damage
     assert damage is not None
-    at = damage.map_at
-    assert at is not None
+    at = damage.maps["outer"].map_at
     found, gate = at(4000.0, 40.0)
     assert gate is None
     assert found is not None
@@ -81,6 +81,46 @@ def test_the_map_is_given_where_it_holds(small_map):
     assert at(4000.0, 40.2)[1] is None
     for load, speed in ((3000.0, 40.0), (4000.0, 30.0), (None, 40.0), (4000.0, None)):
         assert at(load, speed) == (None, EdvStatus.OUTSIDE_CONDITIONS)
+
+
+def test_one_map_a_part_is_read_from_the_files_and_two_of_a_part_are_refused(plan, small_map, tmp_path):
+    inner = build_map(replace(plan, part="inner", h_d=(5e-6, 10e-6), dphi_d=plan.dphi_d[1:]))
+    save_map(small_map, tmp_path / "outer.nc")
+    save_map(inner, tmp_path / "inner.nc")
+    files = [str(tmp_path / name) for name in ("inner.nc", "outer.nc")]
+    c = config(map=files)
+    channel = source_settings(c, c.source[0]).channels["c"]
+    assert channel.damage is not None
+    assert channel.map_hash == f"{small_map.hash}+{inner.hash}"
+    maps = channel.damage.maps
+    assert set(maps) == {"outer", "inner"}
+    cases: tuple[tuple[Part, float, int], ...] = (("outer", 22.91e-3, 3), ("inner", 16.64e-3, 0))
+    for part, radius, lines in cases:
+        used, found = maps[part].filter, maps[part].map_at(4000.0, 40.0)[0]
+        assert used is not None
+        assert found is not None
+        assert used.part_radius == pytest.approx(radius)
+        assert used.lines == lines
+        assert found.volume(0.1, 1e-5) == pytest.approx(radius * 1e-6)
+    assert not [problem for problem in find_problems(c) if "map" in problem]
+    twice = config(map=[files[0], files[0]])
+    with pytest.raises(ConfigError, match="two files are maps of the part 'inner'"):
+        source_settings(twice, twice.source[0])
+    missing = config(map=[files[0], str(tmp_path / "ball.nc")])
+    assert any("ball.nc does not exist" in problem for problem in find_problems(missing))
+
+
+def test_a_map_of_the_inner_race_needs_its_radius(plan, small_map):
+    other = replace(plan.bearing, inner_race_radius=16.0e-3)
+    for part, refused in (("outer", False), ("inner", True)):
+        parameters = replace(plan, part=part, bearing=other).as_json()
+        changed = replace(small_map, attributes={**small_map.attributes, "parameters": parameters})
+        c = config()
+        if refused:
+            with pytest.raises(ConfigError, match="inner_race_radius"):
+                source_settings(c, c.source[0], {"c": changed})
+        else:
+            source_settings(c, c.source[0], {"c": changed})
 
 
 def test_a_map_of_another_band_is_refused(small_map):
@@ -134,8 +174,9 @@ def test_without_a_method_a_library_is_taken_where_there_is_one(small_map, libra
     mixed = c.model_copy(update={"track": c.track.model_copy(update={"method": "filter"})})
     damage = damage_of(mixed, maps={"c": small_map}, libraries={"c": library})
     assert (damage.track_method, damage.forecast_method) == ("filter", "library")
-    assert damage.filter is not None
-    assert damage.filter.lines == 3
+    used = damage.maps["outer"].filter
+    assert used is not None
+    assert used.lines == 3
     assert library.prior in str(damage.prior)
     assert "may stall or jump" in str(damage.prior)
 

@@ -255,6 +255,7 @@ def test_the_map_of_a_channel_and_why_there_is_none(watched: Watched, tmp_path: 
     assert found["h_d_um"] == pytest.approx([0.0, 20.0])
     assert np.array(found["rms_g"], dtype=float) == pytest.approx(rms_map.rms[0, 0] / G, rel=1e-4, nan_ok=True)
     assert (found["load_newton"], found["calibrated"]) == (4000.0, False)
+    assert (found["fault"], found["v_eq"]) == ("outer", f"r_o * dphi_d * h_d, r_o = {1e3 * rms_map.part_radius:.4g} mm")
     assert found["track"] == {"time_s": [], "dphi_deg": [], "h_d_um": [], "v_eq_mm2": []}
     assert broken["map"] is None
     assert str(tmp_path) not in broken["reason"]
