@@ -32,9 +32,10 @@ from benchmarks.common import (
     write_json,
 )
 from monitor.health.spectrum import plans
-from monitor.health.spectrum.comb import FALSE_ALARM, fault_lines, line_spectrum
+from monitor.health.spectrum.comb import line_spectrum
 from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features
 from monitor.health.spectrum.indicators import time_indicators
+from monitor.health.spectrum.lines import FALSE_ALARM, fault_lines
 from monitor.health.spectrum.plans import Effort, Precision
 from monitor.health.spectrum.transform import Band, BlockTransform
 from tests.oracles import features_oracle as oracle

@@ -34,8 +34,8 @@ from models.bearing import Kinematics, catalogue, kinematics
 from monitor.health.naming import MIN_DEPTH, Naming, name_fault
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import candidate_bands, find_band
-from monitor.health.spectrum.comb import SEARCH
 from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features, fundamentals
+from monitor.health.spectrum.lines import SEARCH
 from monitor.health.spectrum.transform import Band
 from streams.block import Block
 from tests.conftest import recordings_folder

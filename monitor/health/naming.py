@@ -25,8 +25,9 @@ from types import MappingProxyType
 import numpy as np
 
 from models.bearing import Kinematics
-from monitor.health.spectrum.comb import SEARCH, FaultLines, LineSpectrum, comb_grid
+from monitor.health.spectrum.comb import LineSpectrum, comb_grid
 from monitor.health.spectrum.features import FAULTS, N_HARMONICS, fundamentals, highest_rival
+from monitor.health.spectrum.lines import SEARCH, FaultLines
 from monitor.health.spectrum.search import PLAIN, FamilySearch
 
 _SPEED_ERROR = 0.025

@@ -25,8 +25,8 @@ from monitor.health.detect import DetectOutput, DetectState
 from monitor.health.naming import Naming
 from monitor.health.quality import Verdict
 from monitor.health.record import plain
-from monitor.health.spectrum.comb import FaultLines
-from monitor.health.spectrum.features import FAULTS, BlockFeatures, fundamentals
+from monitor.health.spectrum.features import FAULTS, SPECTRUM_LINES, BlockFeatures, fundamentals
+from monitor.health.spectrum.lines import FaultLines
 from monitor.health.spectrum.transform import Band
 from monitor.health.waterfall import SpectrumRow
 from streams.block import Block
@@ -37,8 +37,6 @@ _REPORTED = (BAD_DATA, OUT_OF_SPECIFICATION)
 """An event says when a channel enters or leaves one of these."""
 _DAMAGE = ("rms_smoothed", "dphi_d", "h_d", "v_eq", "v_eq_lower", "v_eq_upper")
 _REMAINING = ("tt", "tt_lower", "tt_upper", "p_threshold")
-_SPECTRUM_LINES = 6.5
-"""A kept spectrum reaches this many times the first line of the highest family."""
 
 
 @dataclass(frozen=True)
@@ -140,8 +138,10 @@ def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str,
 
 def _resolved(lines: FaultLines, name: str) -> list[float | None]:
     """Return an attribute of each line, None where the spectrum does not resolve it."""
-    found = zip(getattr(lines, name), lines.resolved, strict=True)
-    return [float(value) if resolved else None for value, resolved in found]
+    values: list[float | None] = getattr(lines, name).tolist()
+    if lines.resolved.all():
+        return values
+    return [value if resolved else None for value, resolved in zip(values, lines.resolved, strict=True)]
 
 
 def _forecast_values(forecasts: tuple[Remaining, ...]) -> dict[str, Any]:
@@ -244,7 +244,7 @@ def spectrum_row(block: Block, channel: str, bearing: Bearing, output: ChannelOu
         return None
     envelope, lines = features.envelopes[output.leading], features.lines[output.leading]
     nominal = fundamentals(kinematics(bearing, speed))
-    keep = min(envelope.amplitude.size, int(_SPECTRUM_LINES * max(nominal.values()) / envelope.resolution))
+    keep = min(envelope.amplitude.size, int(SPECTRUM_LINES * max(nominal.values()) / envelope.resolution))
     row = SpectrumRow(
         source=block.source,
         channel=channel,

@@ -29,6 +29,11 @@ class RecordError(SpallwatchError, ValueError):
 
 def plain(value: Any) -> Any:
     """Return a value as records hold it: Python numbers, tuples for sequences and arrays, None for NaN and infinity."""
+    # Nearly all values are of one of two exact types, which are told sooner than their classes.
+    if type(value) is float:
+        return value if math.isfinite(value) else None
+    if type(value) is list:
+        return tuple(map(plain, cast("list[object]", value)))
     if isinstance(value, str | bool) or value is None:
         return value
     if isinstance(value, np.ndarray | np.generic):
@@ -99,10 +104,10 @@ class Record:
         object.__setattr__(self, "flags", flags)
         for key in ("time", "elapsed"):
             object.__setattr__(self, key, _number(getattr(self, key), f"{where}: {key}"))
-        channels = {
-            channel: {name: _value(name, value, f"{where}: channel {channel!r}") for name, value in values.items()}
-            for channel, values in self.channels.items()
-        }
+        channels: dict[str, dict[str, Any]] = {}
+        for channel, values in self.channels.items():
+            place = f"{where}: channel {channel!r}"
+            channels[channel] = {name: _value(name, value, place) for name, value in values.items()}
         object.__setattr__(self, "channels", channels)
         for key in ("forecasts", "events"):
             object.__setattr__(self, key, tuple(_free(item, f"{where}: {key}") for item in getattr(self, key)))
@@ -166,6 +171,8 @@ def _nested(variable: Variable, value: Any, dims: tuple[str, ...], where: str) -
         return (_nested(variable, None, dims[1:], where),) * size
     if size is not None and len(value) != size:
         raise RecordError(f"{where}: expected {size} values over {dims[0]}, got {len(value)}")
+    if len(dims) == 1 and variable.kind == "float":
+        return tuple(_number(item, where) for item in value)
     return tuple(_nested(variable, item, dims[1:], where) for item in value)
 
 
@@ -176,9 +183,10 @@ def _is_absent(value: object) -> bool:
 
 def _depth(value: object) -> int:
     """Return how deeply sequences are nested in a value."""
-    if isinstance(value, list | tuple):
-        return 1 + max(map(_depth, cast("Sequence[object]", value)), default=0)
-    return 0
+    if not isinstance(value, list | tuple):
+        return 0
+    items = cast("Sequence[object]", value)
+    return 1 + max((_depth(item) for item in items if isinstance(item, list | tuple)), default=0)
 
 
 def _scalar(variable: Variable, value: Any, where: str) -> float | int | str | None:
@@ -214,8 +222,8 @@ def _mask(variable: Variable, value: Any, where: str) -> str | None:
 
 def _number(value: Any, where: str) -> float | None:
     """Return a finite float or None."""
-    if value is None:
-        return None
+    if value is None or (type(value) is float and math.isfinite(value)):
+        return value
     if isinstance(value, bool) or not isinstance(value, float | int | np.floating | np.integer):
         raise RecordError(f"{where}: expected a number or null, got {value!r}")
     number = float(cast("float", value))

@@ -31,7 +31,7 @@ OPTIONAL_DIMENSIONS = frozenset({"band", "threshold"})
 
 Kind = Literal["float", "int", "flag", "mask"]
 
-_SEARCH = "monitor/health/spectrum/comb.py"
+_SEARCH = "monitor/health/spectrum/lines.py"
 
 
 @dataclass(frozen=True)

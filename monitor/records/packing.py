@@ -30,9 +30,13 @@ class Entry(NamedTuple):
     start: int
 
 
+_ChannelLayout = tuple[str, tuple[tuple[str, tuple[int, ...] | None], ...]]
+"""A channel, and of each of its variables the name and the shape."""
+
+
 def pack(channels: Mapping[str, Mapping[str, Any]]) -> tuple[str, bytes]:
     """Return the layout, as JSON, and the row, as little-endian float64, of a record's checked values."""
-    layout: list[tuple[str, list[tuple[str, tuple[int, ...] | None]]]] = []
+    layout: list[_ChannelLayout] = []
     row: list[float] = []
     for channel, values in channels.items():
         entries: list[tuple[str, tuple[int, ...] | None]] = []
@@ -50,9 +54,17 @@ def pack(channels: Mapping[str, Mapping[str, Any]]) -> tuple[str, bytes]:
                     shape.append(len(items[0]))
                     items = tuple(chain.from_iterable(items))
             entries.append((name, tuple(shape)))
-            row.extend(_number(variable, item) for item in items)
-        layout.append((channel, entries))
-    return json.dumps(layout, separators=(",", ":")), np.array(row, dtype="<f8").tobytes()
+            if variable.kind in ("float", "int"):
+                row.extend([math.nan if item is None else item for item in items])
+            else:
+                row.extend(_number(variable, item) for item in items)
+        layout.append((channel, tuple(entries)))
+    return _layout_text(tuple(layout)), np.array(row, dtype="<f8").tobytes()
+
+
+@lru_cache(maxsize=256)
+def _layout_text(layout: tuple[_ChannelLayout, ...]) -> str:
+    return json.dumps(layout, separators=(",", ":"))
 
 
 def unpack(layout: str, row: bytes) -> dict[str, dict[str, Any]]:
@@ -113,18 +125,17 @@ def numbers_of(row: bytes) -> NDArray[np.float64]:
     return np.frombuffer(row, dtype="<f8")
 
 
-def _number(variable: Variable, value: Any) -> float:
-    if value is None:
+def _number(variable: Variable, words: str | None) -> float:
+    """Return the number that stands for the words of a flag or a mask."""
+    if words is None:
         return math.nan
     if variable.kind == "flag":
-        return variable.values.index(value)
-    if variable.kind == "mask":
-        return sum(1 << variable.values.index(name) for name in value.split("|"))
-    return value
+        return variable.values.index(words)
+    return sum(1 << variable.values.index(name) for name in words.split("|"))
 
 
 def _plain(variable: Variable, value: Any) -> Any:
-    """Return what :func:`_number` was given, for a number or nested lists of them."""
+    """Return the value that was packed as a number, or as nested lists of them."""
     if isinstance(value, list):
         return tuple(_plain(variable, item) for item in value)
     if math.isnan(value):

@@ -17,9 +17,11 @@ from monitor.config.load import Config, ConfigError
 from monitor.health.damage.library.model import Library
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.record import Record
+from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import VOTES_NEEDED, find_band
-from monitor.health.spectrum.features import fundamentals
-from monitor.health.state import SourceSettings, SourceState
+from monitor.health.spectrum.features import SPECTRUM_LINES, fundamentals
+from monitor.health.spectrum.transform import EnvelopeSpectrum
+from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.step import SourceOutput, step
 from monitor.health.waterfall import SpectrumChange
 from monitor.records.database import StoreError
@@ -38,8 +40,6 @@ from streams.source import FileSource, Source
 _FILE_COUNTS = ("offered", "accepted", "rejected", "ignored", "pending")
 _BATCH_BLOCKS = 64
 """Blocks to a transaction: a replay that is cut off begins again at the last batch, as the recording is still there."""
-_SPECTRUM_LINES = 6.5
-"""A drawn spectrum reaches this many times the first line of the highest family."""
 
 Drawable = tuple[NDArray[np.floating], NDArray[np.floating], dict[str, float], str]
 """An envelope spectrum to draw: frequency (Hz), amplitude (g, or the channel's unknown unit), the fundamentals of the
@@ -100,7 +100,8 @@ def replay(
         seconds = time.perf_counter() - began
         files = publish(store, out / "records")
         summary = run.summary(seconds, files)
-    return Replay(summary, out / "state.db", {name: found.spectrum for name, found in run.drawn.items()})
+    spectra = {name: drawn.spectrum(settings.channels[name]) for name, drawn in run.drawn.items()}
+    return Replay(summary, out / "state.db", spectra)
 
 
 def _kept_dating(out: Path, source: str) -> Dating | None:
@@ -170,10 +171,34 @@ def _fix_bands(source: Source, state: SourceState, settings: SourceSettings) -> 
 
 @dataclass(frozen=True)
 class _Drawn:
-    """An envelope spectrum of a channel, and the relative score of the fault named by then, 0 without a name."""
+    """The envelope spectrum of a channel to draw.
 
-    spectrum: Drawable
+    Attributes:
+        envelope: of the block itself.
+        recent: spectra of the latest blocks, whose average is drawn where there are several.
+        speed: of the shaft, Hz.
+        sequence: number of the block.
+        score: relative score of the fault named by then, 0 without a name.
+    """
+
+    envelope: EnvelopeSpectrum
+    recent: RecentSpectra
+    speed: float
+    sequence: int
     score: float
+
+    def spectrum(self, channel: ChannelSettings) -> Drawable:
+        """Return what is drawn of it."""
+        lines = fundamentals(kinematics(channel.bearing, self.speed))
+        count, resolution = self.recent.count, self.envelope.resolution
+        amplitude = np.asarray(self.envelope.amplitude, dtype=np.float64)
+        if count > 1:
+            amplitude = self.recent.averages()[0] * self.envelope.mean
+        if channel.absolute:
+            amplitude = amplitude / STANDARD_GRAVITY
+        keep = min(amplitude.size, int(SPECTRUM_LINES * max(lines.values()) / resolution))
+        mean = f", mean of {count}" if count > 1 else ""
+        return np.arange(keep) * resolution, amplitude[:keep].copy(), lines, f"block {self.sequence}{mean}"
 
 
 @dataclass
@@ -246,24 +271,13 @@ class _Run:
         for name, found in output.channels.items():
             if found.features is None or found.speed.value is None:
                 continue
-            state, settings = self.state.channels[name], self.settings.channels[name]
+            state = self.state.channels[name]
             score = 0.0 if state.named is None else state.named.standing
             best = self.drawn[name].score if name in self.drawn else 0.0
             if score < best or score == best > 0.0:
                 continue
-            envelope = found.features.envelopes[0]
-            amplitude = np.asarray(envelope.amplitude, dtype=np.float64)
-            averaged = state.spectra
-            if averaged.count > 1:
-                amplitude = averaged.averages()[0] * envelope.mean
-            lines = fundamentals(kinematics(settings.bearing, found.speed.value))
-            if settings.absolute:
-                amplitude = amplitude / STANDARD_GRAVITY
-            keep = min(amplitude.size, int(_SPECTRUM_LINES * max(lines.values()) / envelope.resolution))
-            mean = f", mean of {averaged.count}" if averaged.count > 1 else ""
-            frequency = np.arange(keep) * envelope.resolution
-            drawable = (frequency, amplitude[:keep].copy(), lines, f"block {output.record.sequence}{mean}")
-            self.drawn[name] = _Drawn(drawable, score)
+            envelope, sequence = found.features.envelopes[0], output.record.sequence
+            self.drawn[name] = _Drawn(envelope, state.spectra, found.speed.value, sequence, score)
 
     def summary(self, seconds: float, files: list[Path]) -> dict[str, Any]:
         """Return the keys of the interface; the counts are those of the whole store, earlier replays included."""

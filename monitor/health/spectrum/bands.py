@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.spectrum.comb import MIN_FLOOR_BINS, noise_floor
+from monitor.health.spectrum.floor import MIN_FLOOR_BINS, noise_floor
 from monitor.health.spectrum.indicators import sample_range
 from monitor.health.spectrum.plans import envelope_length
 from monitor.health.spectrum.transform import Band, band_bins, fast_length
@@ -185,7 +185,7 @@ def _score(
         amplitude = np.abs(np.fft.rfft((envelope - np.float32(1.0)) * hann)[low:high]) * (4.0 / length)
         powers.append(np.square(amplitude))
     power = np.median(powers, axis=0).astype(np.float64) if len(powers) > 2 else np.mean(powers, axis=0)
-    floor = noise_floor(power, MIN_FLOOR_BINS)
+    floor = noise_floor(np.sqrt(power), MIN_FLOOR_BINS)
     stands_out = power > floor * (1.0 + _LINE_OVER_FLOOR / math.sqrt(len(powers)))
     excess = np.where(stands_out, power - floor, 0.0)
     depth = math.sqrt(float(excess.sum()) / 1.5)

@@ -17,8 +17,17 @@ from numpy.typing import NDArray
 
 from models.bearing import Kinematics
 from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.comb import FALSE_ALARM, SEARCH, FaultLines, LineSpectrum, fault_lines, line_spectrum
-from monitor.health.spectrum.indicators import TimeIndicators, time_indicators
+from monitor.health.spectrum.comb import LineSpectrum, line_spectrum
+from monitor.health.spectrum.indicators import TimeIndicators, sample_range, time_indicators
+from monitor.health.spectrum.lines import (
+    FALSE_ALARM,
+    SEARCH,
+    CombQuery,
+    FaultLines,
+    fault_lines,
+    find_lines,
+    line_amplitudes,
+)
 from monitor.health.spectrum.plans import Effort, Precision
 from monitor.health.spectrum.search import FamilySearch
 from monitor.health.spectrum.transform import (
@@ -39,7 +48,10 @@ N_HARMONICS = 5
 N_RAW_HARMONICS = 6
 """BPFO harmonics of the raw spectrum; A* takes the first five (Eq. 57)."""
 
-_RAW_MARGIN_BINS = 210
+SPECTRUM_LINES = 6.5
+"""An envelope spectrum that is kept or drawn reaches this many times the first line of the highest family."""
+
+_RAW_MARGIN_BINS, _SOUGHT_MARGIN_BINS = 210, 10
 
 
 @dataclass(frozen=True)
@@ -183,18 +195,20 @@ def block_features(
     if rate != settings.rate:
         raise ValueError(f"the settings are for {settings.rate:g} Hz, the block has {rate:g} Hz")
     outer = settings.fundamentals["outer"]
-    # Rounded up to a power of two so that a speed that varies from block to block does not ask for ever new plans.
-    limit = N_RAW_HARMONICS * outer * _reach(settings, "outer") + _RAW_MARGIN_BINS * rate / x.size
+    raw_limit = N_RAW_HARMONICS * outer * _reach(settings, "outer") + _RAW_MARGIN_BINS * rate / x.size
     transform = get_transform(
         x.size,
         rate,
         settings.bands,
         settings.precision,
         rms_band=settings.rms_band,
-        raw_limit=2.0 ** math.ceil(math.log2(limit)),
+        raw_limit=_rounded_up(raw_limit),
+        envelope_limit=_rounded_up(_envelope_limit(settings, rate / x.size)),
         effort=settings.effort,
     )
-    spectra = transform(x)
+    span = sample_range(x)
+    indicators = time_indicators(x, span)
+    spectra = transform(x, span)
     relative = tuple(_relative(envelope, settings) for envelope in spectra.envelopes)
     averages = settings.average_blocks > 1
     recent = (recent or RecentSpectra()).add(relative, settings.average_blocks) if averages else RecentSpectra()
@@ -206,10 +220,7 @@ def block_features(
     )
     families = tuple(_families(spectrum, settings) for spectrum in sought)
     lines = tuple(map(partial(_own_lines, settings, averaged=recent.count > 1), spectra.envelopes, relative, families))
-    raw, outer = _raw_lines(spectra.raw, _leader(families, ("outer",)), settings)
-    shown = raw.resolved & _inside(settings.rms_band, outer * raw.speed_factor)
-    amplitude = np.where(shown, raw.amplitude, 0.0)
-    indicators = time_indicators(x)
+    amplitude, shown = _raw_lines(spectra.raw, _leader(families, ("outer",)), settings)
     leader = _leader(families, FAULTS)
     found = BlockFeatures(
         n_used=spectra.n_used,
@@ -233,11 +244,26 @@ def highest_rival(fundamentals: Mapping[str, float], speed: float | None) -> flo
     return max(10.0 * (speed or 0.0), 1.1 * max(fundamentals.values()))
 
 
+def _rounded_up(limit: float) -> float:
+    """Return the next power of two: a speed that varies from block to block must not ask for ever new plans."""
+    return 2.0 ** math.ceil(math.log2(limit))
+
+
+def _sought_limit(settings: FeatureSettings) -> float:
+    """Return the highest frequency of the envelope at which combs are sought, Hz."""
+    families = {fault: line * _margin(settings, fault) for fault, line in settings.fundamentals.items()}
+    return N_HARMONICS * highest_rival(families, settings.speed) * 1.05
+
+
+def _envelope_limit(settings: FeatureSettings, resolution: float) -> float:
+    """Return the highest frequency of the envelope that is used, Hz, with a margin for the floor under it."""
+    shown = SPECTRUM_LINES * max(settings.fundamentals.values())
+    return max(_sought_limit(settings), shown) + 2 * _SOUGHT_MARGIN_BINS * resolution
+
+
 def _relative(envelope: EnvelopeSpectrum, settings: FeatureSettings) -> NDArray[np.float32]:
     """Return an envelope spectrum over the mean envelope, as far as combs are sought."""
-    families = {fault: line * _margin(settings, fault) for fault, line in settings.fundamentals.items()}
-    highest = N_HARMONICS * highest_rival(families, settings.speed) * 1.05
-    needed = math.ceil(highest / envelope.resolution) + 10
+    needed = math.ceil(_sought_limit(settings) / envelope.resolution) + _SOUGHT_MARGIN_BINS
     mean = max(envelope.mean, float(np.finfo(np.float32).tiny))
     return np.asarray(envelope.amplitude[:needed], dtype=np.float32) / np.float32(mean)
 
@@ -254,23 +280,21 @@ def _reach(settings: FeatureSettings, fault: str) -> float:
 
 
 def _families(spectrum: LineSpectrum, settings: FeatureSettings) -> dict[str, FaultLines]:
-    """Return the lines of each fault family, each at its own speed factor."""
-    return {fault: _family(spectrum, settings, fault) for fault in FAULTS}
-
-
-def _family(spectrum: LineSpectrum, settings: FeatureSettings, fault: str) -> FaultLines:
-    """Return the lines of a family, at the highest comb of the places where it may stand."""
-    nominal, search = settings.fundamentals[fault], settings.searches.get(fault)
-    if search is None:
-        return fault_lines(spectrum, nominal, n_harmonics=N_HARMONICS, search=settings.search)
-    alarm = FALSE_ALARM / len(search.places)
-    return max(
-        (
-            fault_lines(spectrum, nominal * place, n_harmonics=N_HARMONICS, search=search.width, false_alarm=alarm)
-            for place in search.places
-        ),
-        key=lambda found: found.comb_score,
-    )
+    """Return the lines of each fault family, each at its own speed factor: the highest comb of the places sought."""
+    queries: list[tuple[str, CombQuery]] = []
+    for fault, nominal in settings.fundamentals.items():
+        search = settings.searches.get(fault)
+        if search is None:
+            queries.append((fault, CombQuery(nominal, settings.search)))
+            continue
+        alarm = FALSE_ALARM / len(search.places)
+        queries += [(fault, CombQuery(nominal * place, search.width, false_alarm=alarm)) for place in search.places]
+    lines = find_lines(spectrum, [query for _, query in queries], N_HARMONICS)
+    found: dict[str, FaultLines] = {}
+    for (fault, _), candidate in zip(queries, lines, strict=True):
+        if fault not in found or candidate.comb_score > found[fault].comb_score:
+            found[fault] = candidate
+    return {fault: found[fault] for fault in FAULTS}
 
 
 def _nominal(settings: FeatureSettings, fault: str, found: FaultLines | None) -> float:
@@ -292,23 +316,33 @@ def _own_lines(
     if not averaged:
         return {fault: found.scaled(envelope.mean) for fault, found in families.items()}
     own = line_spectrum(relative, envelope.resolution, speed=settings.speed)
-    return {
-        fault: fault_lines(own, _nominal(settings, fault, found), speed_factor=found.speed_factor).scaled(envelope.mean)
+    queries = [
+        CombQuery(_nominal(settings, fault, found), speed_factor=found.speed_factor)
         for fault, found in families.items()
-    }
+    ]
+    lines = find_lines(own, queries, N_HARMONICS)
+    return {fault: found.scaled(envelope.mean) for fault, found in zip(families, lines, strict=True)}
 
 
-def _raw_lines(raw: AmplitudeSpectrum, found: FaultLines | None, settings: FeatureSettings) -> tuple[FaultLines, float]:
-    """BPFO harmonics of the raw spectrum, at the speed of the envelope or the best one, and the nominal BPFO."""
+def _raw_lines(
+    raw: AmplitudeSpectrum, found: FaultLines | None, settings: FeatureSettings
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the BPFO harmonics of the raw spectrum, at the speed of the envelope or the best one, 0 where not shown.
+
+    Returns:
+        Amplitude, and whether the spectrum shows the line inside the RMS band, both (6,).
+    """
     nominal, search = _nominal(settings, "outer", found), settings.searches.get("outer")
-    lines = fault_lines(
-        line_spectrum(raw.amplitude, raw.resolution, speed=settings.speed),
-        nominal,
-        n_harmonics=N_RAW_HARMONICS,
-        search=settings.search if search is None else search.width,
-        speed_factor=None if found is None else found.speed_factor,
-    )
-    return lines, nominal
+    if found is not None:
+        factor = found.speed_factor
+        amplitude, shown = line_amplitudes(raw.amplitude, raw.resolution, nominal, factor, N_RAW_HARMONICS)
+    else:
+        spectrum = line_spectrum(raw.amplitude, raw.resolution, speed=settings.speed)
+        width = settings.search if search is None else search.width
+        lines = fault_lines(spectrum, nominal, n_harmonics=N_RAW_HARMONICS, search=width)
+        factor, amplitude, shown = lines.speed_factor, lines.amplitude, lines.resolved
+    shown = shown & _inside(settings.rms_band, nominal * factor)
+    return np.where(shown, amplitude, 0.0), shown
 
 
 def _leader(lines: Sequence[Mapping[str, FaultLines]], faults: Sequence[str]) -> FaultLines | None:

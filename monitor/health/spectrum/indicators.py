@@ -49,7 +49,7 @@ class TimeIndicators:
     flat: bool
 
 
-def time_indicators(x: NDArray[np.number]) -> TimeIndicators:
+def time_indicators(x: NDArray[np.number], span: tuple[float, float] | None = None) -> TimeIndicators:
     """Return the time-domain indicators of one block.
 
     The ratios are those of Sassi: the peak is max |x|, where Ceruti takes half the range. RMS leaves out the mean, near
@@ -57,13 +57,14 @@ def time_indicators(x: NDArray[np.number]) -> TimeIndicators:
 
     Args:
         x: (n_samples,), real; float32 is processed as such, everything else as float64.
+        span: what :func:`sample_range` gives for it, where that is known.
 
     Raises:
         ValueError: no samples, another dimension, or a sample that is not finite or beyond ``MAX_SAMPLE``.
     """
     if x.ndim != 1 or x.size == 0:
         raise ValueError(f"expected samples of shape (n,), n >= 1, got shape {x.shape}")
-    low, high = sample_range(x)
+    low, high = sample_range(x) if span is None else span
     peak = max(abs(low), abs(high))
     half_range = 0.5 * (high - low)
     if high - low < MIN_RANGE:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from models.kinematic_uncertainty import KinematicUncertainty
-from monitor.health.spectrum.comb import SEARCH
+from monitor.health.spectrum.lines import SEARCH
 
 _DEVIATIONS = 2.0
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing, kinematics
-from monitor.health.spectrum.comb import MIN_FLOOR_BINS, noise_floor
+from monitor.health.spectrum.floor import MIN_FLOOR_BINS, noise_floor
 from monitor.health.spectrum.transform import AmplitudeSpectrum, Band, get_transform
 
 SHAFT_ORDERS = 8
@@ -71,7 +71,7 @@ def whitened(spectrum: AmplitudeSpectrum) -> NDArray[np.float64]:
     """Return ln(power over local floor) of each bin less its mean in noise, limited to 0 to ``_MAX_HEIGHT``."""
     power = np.square(spectrum.amplitude, dtype=np.float64)
     tiny = np.finfo(np.float64).tiny
-    floor = np.maximum(noise_floor(power, MIN_FLOOR_BINS), tiny)
+    floor = np.maximum(noise_floor(spectrum.amplitude, MIN_FLOOR_BINS), tiny)
     height = np.clip(np.log(np.maximum(power, tiny) / floor) - math.log(3.0), 0.0, _MAX_HEIGHT)
     height[:3] = 0.0
     return height

@@ -56,7 +56,7 @@ class AmplitudeSpectrum:
 
 @dataclass(frozen=True, eq=False)
 class EnvelopeSpectrum(AmplitudeSpectrum):
-    """Spectrum of the envelope (Eq. 95) of one band, its mean removed; as wide as the band itself.
+    """Spectrum of the envelope (Eq. 95) of one band, its mean removed, up to the width of the band or a lower limit.
 
     Attributes:
         band: (lo, hi) of the demodulated band, Hz.
@@ -161,6 +161,7 @@ class BlockTransform:
         *,
         rms_band: Band | None = None,
         raw_limit: float | None = None,
+        envelope_limit: float = math.inf,
         precision: Precision = "float32",
         effort: Effort = "estimate",
         oversampling: float = OVERSAMPLING,
@@ -171,6 +172,7 @@ class BlockTransform:
             n_samples: length of the blocks; it is cut to the fast length below.
             rms_band: band of the RMS, Hz, or None.
             raw_limit: highest frequency of the raw spectrum, Hz, or None for the Nyquist frequency.
+            envelope_limit: highest frequency of the envelope spectra, Hz; they are no wider than their bands.
             precision: storage and arithmetic of the transforms.
             effort: "estimate" plans at once and always gives the same bits; "measure" tries algorithms for seconds and
                 gives the same bits only with the same wisdom.
@@ -189,6 +191,7 @@ class BlockTransform:
         self._rms_bins = None if rms_band is None else band_bins(rms_band, self.n_used, rate)
         limit = 0.5 * rate if raw_limit is None else min(raw_limit, 0.5 * rate)
         self._n_raw = min(self.n_used // 2, math.floor(limit / self.resolution)) + 1
+        self._n_envelope = math.floor(min(envelope_limit, 0.5 * rate) / self.resolution) + 1
         with planning(effort):
             self._forward = FftPlan(self.n_used, "real", precision, effort)
             plans: dict[int, _EnvelopePlan] = {}
@@ -199,23 +202,25 @@ class BlockTransform:
                     plans[length] = _EnvelopePlan(length, self.n_used, precision, effort)
                 self._envelope_plans.append(plans[length])
 
-    def __call__(self, x: NDArray[np.number]) -> BlockSpectra:
+    def __call__(self, x: NDArray[np.number], span: tuple[float, float] | None = None) -> BlockSpectra:
         """Return the spectra of one block.
 
         Args:
             x: (n_samples,), any real type.
+            span: what ``sample_range`` gives for x, where that is known.
 
         Raises:
             ValueError: another shape, or a sample that is not finite or beyond 1e30.
         """
         if x.shape != (self.n_samples,):
             raise ValueError(f"the transform is planned for shape ({self.n_samples},), got {x.shape}")
-        mean, scale = self._load(x[: self.n_used])
+        used = x[: self.n_used]
+        mean, scale = self._load(used, sample_range(used) if span is None or used.size < x.size else span)
         self._forward.execute()
         spectrum = self._forward.output
         envelopes: list[EnvelopeSpectrum] = []
         for band, (first, last), plan in zip(self.bands, self._bins, self._envelope_plans, strict=True):
-            n_keep = min(last - first + 1, plan.n // 2 + 1)
+            n_keep = min(last - first + 1, plan.n // 2 + 1, self._n_envelope)
             amplitude, level = plan(spectrum[first : last + 1], n_keep)
             if scale != 1.0:
                 amplitude = amplitude.astype(np.float64) / scale
@@ -232,9 +237,9 @@ class BlockTransform:
             envelopes=tuple(envelopes),
         )
 
-    def _load(self, x: NDArray[np.number]) -> tuple[float, float]:
+    def _load(self, x: NDArray[np.number], span: tuple[float, float]) -> tuple[float, float]:
         """Load the samples less their mean; return the mean and the factor applied."""
-        low, high = sample_range(x)
+        low, high = span
         workspace = self._forward.input
         if high - low < MIN_RANGE:
             workspace[:] = 0
@@ -282,20 +287,28 @@ def get_transform(
     *,
     rms_band: Band | None = None,
     raw_limit: float | None = None,
+    envelope_limit: float = math.inf,
     effort: Effort = "estimate",
 ) -> BlockTransform:
     """Return this thread's transform for such blocks; the 16 used last are kept.
 
     Arguments and errors are those of ``BlockTransform``.
     """
-    key = (n_samples, rate, tuple(bands), precision, rms_band, raw_limit, effort)
+    key = (n_samples, rate, tuple(bands), precision, rms_band, raw_limit, envelope_limit, effort)
     kept: OrderedDict[object, BlockTransform] | None = getattr(_local, "kept", None)
     if kept is None:
         kept = _local.kept = OrderedDict[object, BlockTransform]()
     transform = kept.get(key)
     if transform is None:
         transform = BlockTransform(
-            n_samples, rate, bands, rms_band=rms_band, raw_limit=raw_limit, precision=precision, effort=effort
+            n_samples,
+            rate,
+            bands,
+            rms_band=rms_band,
+            raw_limit=raw_limit,
+            envelope_limit=envelope_limit,
+            precision=precision,
+            effort=effort,
         )
         kept[key] = transform
         if len(kept) > _CACHED_TRANSFORMS:

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from monitor.health.spectrum.comb import fault_lines, line_spectrum, noise_threshold
+from monitor.health.spectrum.comb import line_spectrum
+from monitor.health.spectrum.lines import fault_lines, noise_threshold
 from tests.effort import effort_count
 from tests.oracles import features_oracle as oracle
 

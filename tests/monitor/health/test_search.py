@@ -8,8 +8,8 @@ import pytest
 from models.bearing import CatalogueEntry, Kinematics, catalogue, catalogue_entry, kinematics
 from models.kinematic_uncertainty import KNOWN, KinematicUncertainty, kinematics_uncertainty, with_count
 from monitor.health.naming import Naming, name_fault
-from monitor.health.spectrum.comb import SEARCH
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
+from monitor.health.spectrum.lines import SEARCH
 from monitor.health.spectrum.search import FamilySearch, family_searches, overlapping
 from tests.effort import effort_count
 from tests.signals import Samples, impacts
