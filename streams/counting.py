@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from pathlib import PurePosixPath
 
 from streams.files import natural_key, unpacked_name
 
@@ -31,7 +30,7 @@ def folder_of(path: str) -> str:
 
 def numbers_of(path: str) -> list[Number]:
     """Return the numbers in the name of a file that may count files: none before a letter, as in 25600Hz."""
-    name = PurePosixPath(unpacked_name(path)).name
+    name = unpacked_name(path).rpartition("/")[2]
     stem, dot, ending = name.rpartition(".")
     text = stem if dot and not ending.isdigit() else name
     found: list[Number] = []

@@ -230,13 +230,12 @@ class Dater:
             return replace(samples, start=choice.start, elapsed=0.0)
         if samples.start is not None and self._spec.time_from is None:
             self._remark("header", f"{path} states {utc_text(samples.start)}, but blocks are dated {choice.describe()}")
-        samples = replace(samples, start=None, elapsed=None, joins=False)
         if choice.group is None:
-            return samples
+            return _without_time(samples)
         found = numbers_of(path)
         if len(found) != choice.numbers or folder_of(path) != choice.folder:
             self._remark("undated", f"{path} has no number like {choice.example}: its blocks have no date")
-            return samples
+            return _without_time(samples)
         number, example = found[-choice.group].value, numbers_of(choice.example)
         if path != choice.example and number == example[-choice.group].value and found != example:
             raise UndatedError(
@@ -252,9 +251,10 @@ class Dater:
             raise UndatedError(f"{path}: waits for its end: its length is the time between files")
         if step is not None and length > step * (1.0 + _LENGTH_TOLERANCE):
             self._remark_long(path, length, step)
-            return samples
+            return _without_time(samples)
         elapsed = place * (step or 0.0)
-        return replace(samples, start=None if choice.start is None else choice.start + elapsed, elapsed=elapsed)
+        start = None if choice.start is None else choice.start + elapsed
+        return replace(samples, start=start, elapsed=elapsed, joins=False)
 
     def _settled_step(self, path: str, length: float, whole: bool) -> float | None:
         """Return the time between files, chosen at the first whole one; None before.
@@ -330,3 +330,8 @@ class Dater:
             f"set [[source]] date_order = {order}{name}, and where blocks are dated already: "
             f"spallwatch redate {self._spec.name}"
         )
+
+
+def _without_time(samples: Samples) -> Samples:
+    """Return samples that have no time of their own and are not joined by it."""
+    return replace(samples, start=None, elapsed=None, joins=False)

@@ -164,14 +164,15 @@ def _damage(error: BaseException, where: str) -> ReaderError:
     return ReaderError("unreadable", f"{where}: the archive is damaged ({error})")
 
 
-def path_within(root: Path, path: str) -> Path:
+def path_within(root: Path, path: str) -> str:
     """Return the real path of ``path`` below the resolved folder ``root``.
 
     Raises:
         ReaderError: ``refused`` for a link out of the folder.
     """
-    real = Path(os.path.realpath(root / path))
-    if not real.is_relative_to(root):
+    top = str(root)
+    real = os.path.realpath(f"{top}/{path}")
+    if real != top and not real.startswith(top if top == "/" else f"{top}/"):
         raise ReaderError("refused", f"{path}: a link out of {root.name}")
     return real
 
@@ -229,7 +230,8 @@ def read_guarded(root: Path, path: str, *, may_grow: bool = False, max_bytes: in
 
 def packed_suffix(name: str) -> str:
     """Return ".xz", ".bz2" or ".gz" where a file name ends so, else ""."""
-    return next((suffix for suffix in _OPENERS if name.lower().endswith(suffix)), "")
+    ending = name[name.rfind(".") :].lower()
+    return ending if ending in _OPENERS else ""
 
 
 def unpacked_name(name: str) -> str:

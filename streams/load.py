@@ -211,7 +211,8 @@ def choose_channels(
         ReaderError: ``wrong_shape`` where a channel matches no row or several; ``wrong_unit`` where the file states
             another unit than the configuration, or neither states one, or nothing states the level of integers.
     """
-    samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
+    if unit is not None:
+        samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
     if not channels:
         for row, (name, stated) in enumerate(zip(samples.names, samples.units, strict=True)):
             _check_unit(stated, name, where)
@@ -224,7 +225,7 @@ def choose_channels(
         _factor_of(samples, row, replace(channel, unit=unit), range_g, f"{where}: channel {channel.name}")
         for row, channel, unit in both
     ]
-    chosen = replace(samples.select(rows), channels=tuple(channel.name for channel in channels), units=units)
+    chosen = samples.select(rows, tuple(channel.name for channel in channels), units)
     if all(factor == 1.0 for factor in factors):
         return chosen
     return replace(chosen, values=chosen.values * np.array(factors, chosen.values.dtype)[:, np.newaxis])

@@ -125,16 +125,27 @@ class Samples:
             return None
         return 0.0 if began is None else start - began
 
-    def select(self, rows: Sequence[int]) -> Samples:
-        """Return some rows in the order given; all rows in order are not copied."""
+    def select(
+        self,
+        rows: Sequence[int],
+        channels: tuple[str, ...] | None = None,
+        units: tuple[str | None, ...] | None = None,
+    ) -> Samples:
+        """Return some rows in the order given; all rows in order are not copied.
+
+        Args:
+            rows: places of the rows.
+            channels: their names, by default as they are.
+            units: their units, by default as they are.
+        """
         whole = list(rows) == list(range(len(self.columns)))
         return replace(
             self,
             values=np.ascontiguousarray(self.values if whole else self.values[list(rows)]),
-            channels=tuple(self.channels[row] for row in rows),
+            channels=tuple(self.channels[row] for row in rows) if channels is None else channels,
             names=tuple(self.names[row] for row in rows),
             columns=tuple(self.columns[row] for row in rows),
-            units=tuple(self.units[row] for row in rows),
+            units=tuple(self.units[row] for row in rows) if units is None else units,
             stored=tuple(self.stored[row] for row in rows),
         )
 

@@ -42,7 +42,7 @@ _STOPPED_SHARE = 0.05
 _STOPPED_RMS = 0.03
 """The same before a level is learned, m/s2 (3 mg, above the noise of the electronics)."""
 _CLIP_SHARE = 1e-3
-_PROVING_STRIDE = 16
+_PROVING_SHARE = 16
 _RAIL = 0.995
 _MIN_TIME = 315532800.0
 """1980-01-01 UTC, s: earlier times are of a clock that was never set."""
@@ -141,7 +141,7 @@ def _stuck(samples: NDArray[np.floating]) -> bool:
 
 def _exceeds(samples: NDArray[np.floating], rms: float) -> bool:
     """Return whether a part of the samples alone proves that the RMS about the mean exceeds a value."""
-    part = samples[::_PROVING_STRIDE]
+    part = samples[: -(-samples.size // _PROVING_SHARE)]
     # The squares about the mean of all samples sum to no less than those of a part about the mean of the part.
     return float(np.var(part, dtype=np.float64)) * part.size > rms**2 * samples.size
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import struct
+from dataclasses import dataclass
 from math import prod
 from typing import Any
 
@@ -17,7 +18,7 @@ _SUPERBLOCKS = {0: (13, 24), 1: (13, 28), 2: (9, 12), 3: (9, 12)}
 
 _MAX_NPY_HEADER_BYTES = 1024
 _NPY_HEADER = re.compile(
-    rb"\{'descr': '[<>|=][fiu](\d{1,2})', 'fortran_order': (?:False|True),"
+    rb"\{'descr': '([<>|=][fiu]\d{1,2})', 'fortran_order': (False|True),"
     rb" 'shape': \((\d{1,12},|\d{1,12}, ?\d{1,12})\),? ?\} *\n"
 )
 
@@ -46,18 +47,46 @@ def _riff_size(data: bytes) -> int | None:
     return None if size in (0, 0xFFFFFFFF, 0x7FFFFFFF) else size + 8
 
 
-def npy_header(stream: io.BytesIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Read shape, Fortran order and type of a .npy file, up to its samples.
+@dataclass(frozen=True)
+class NpyHeader:
+    """What the header of a .npy file states.
 
-    The header is Python source, and a damaged one raises any exception that source can.
+    Attributes:
+        end: bytes of the header; the samples begin there.
+        shape: of the array.
+        fortran_order: whether its first index moves fastest.
+        dtype: of its numbers.
     """
+
+    end: int
+    shape: tuple[int, ...]
+    fortran_order: bool
+    dtype: np.dtype[Any]
+
+    @property
+    def promised(self) -> int:
+        """Bytes that must follow the header."""
+        return prod(self.shape) * self.dtype.itemsize
+
+
+def npy_header(data: bytes) -> NpyHeader:
+    """Return the header of a .npy file.
+
+    A header that numpy would not write is evaluated as Python source; a damaged one raises any exception that source
+    can.
+    """
+    plain = plain_npy_header(data)
+    if plain is not None:
+        return plain
+    stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    return read(stream)
+    shape, fortran_order, dtype = read(stream)
+    return NpyHeader(stream.tell(), shape, fortran_order, dtype)
 
 
-def plain_npy_header(data: bytes) -> tuple[int, int] | None:
-    """Return the bytes of the header and those it promises after it; None where numpy would not write it so.
+def plain_npy_header(data: bytes) -> NpyHeader | None:
+    """Return the header of a .npy file as numpy writes it, else None.
 
     Such a header is of numbers in at most two dimensions, and nothing in it has to be evaluated.
     """
@@ -68,13 +97,17 @@ def plain_npy_header(data: bytes) -> tuple[int, int] | None:
     match = _NPY_HEADER.fullmatch(data[begin:end]) if end - begin <= _MAX_NPY_HEADER_BYTES else None
     if match is None:
         return None
-    return end, prod(int(size) for size in match[2].replace(b" ", b"").split(b",") if size) * int(match[1])
+    try:
+        dtype = np.dtype(match[1].decode("ascii"))
+    except TypeError:
+        return None
+    return NpyHeader(end, tuple(int(size) for size in match[3].split(b",") if size), match[2] == b"True", dtype)
 
 
 def _npy_size(data: bytes) -> int | None:
     # Another header promises nothing here; the reader says what is missing.
-    sizes = plain_npy_header(data)
-    return None if sizes is None else sum(sizes)
+    header = plain_npy_header(data)
+    return None if header is None else header.end + header.promised
 
 
 def hdf5_size(data: bytes, base: int) -> int | None:

@@ -40,25 +40,26 @@ def read_npy(data: bytes, name: str) -> Samples:
     """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
-    stream = io.BytesIO(data)
     try:
-        shape, fortran_order, dtype = npy_header(stream)
+        header = npy_header(data)
     except Exception as error:  # See npy_header.
         raise ReaderError("unreadable", f"{name}: not a .npy file ({error})") from error
+    shape, dtype = header.shape, header.dtype
     if dtype.hasobject:
         raise ReaderError("unreadable", f"{name}: holds pickled objects, which are never loaded")
     if len(shape) > MAX_DIMENSIONS:
         found = f"{len(shape)} (shape {str(shape)[:60]})"
         raise ReaderError("wrong_shape", f"{name}: expected 1 or {MAX_DIMENSIONS} dimensions, got {found}")
-    declared = prod(shape) * dtype.itemsize
+    declared = header.promised
     if declared > MAX_BYTES:
         raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {MAX_BYTES} are allowed")
-    present = len(data) - stream.tell()
+    present = len(data) - header.end
     if declared > present:
         raise ReaderError("incomplete", f"{name}: the header promises {declared} bytes, {present} are there")
     if declared < present:
         raise ReaderError("unreadable", f"{name}: the header promises {declared} bytes, {present} follow it")
-    array = np.frombuffer(data, dtype, prod(shape), stream.tell()).reshape(shape, order="F" if fortran_order else "C")
+    order = "F" if header.fortran_order else "C"
+    array = np.frombuffer(data, dtype, prod(shape), header.end).reshape(shape, order=order)
     # Where the writer did not pad the header, the samples begin at any byte.
     rows = rows_of(array if array.flags.aligned else array.copy(), name)
     return Samples(rows, stored=(stored_as(dtype),) * len(rows))

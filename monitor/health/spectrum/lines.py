@@ -238,9 +238,7 @@ def find_lines(spectrum: LineSpectrum, queries: Sequence[CombQuery], n_harmonics
         span = float(bins[row, count - 1] - bins[row, 0] + 2 * half)
         n_floor = min(count * spectrum.floor_bins, span + spectrum.floor_bins)
         # The highest line moves by so many bins in all.
-        trials = (
-            1.0 if query.speed_factor is not None else 1.0 + 2.0 * query.search * float(places.spacing[row]) * count
-        )
+        moved = 0.0 if query.speed_factor is not None else 2.0 * query.search * float(places.spacing[row]) * count
         lines.append(
             FaultLines(
                 amplitude[row],
@@ -251,7 +249,7 @@ def find_lines(spectrum: LineSpectrum, queries: Sequence[CombQuery], n_harmonics
                 at_edge,
                 comb_score,
                 score=math.sqrt(ratio[row] / count),
-                threshold=noise_threshold(count, half, spectrum.n_averages, n_floor, trials, query.false_alarm),
+                threshold=noise_threshold(count, half, spectrum.n_averages, n_floor, 1.0 + moved, query.false_alarm),
             )
         )
     return lines
