@@ -10,7 +10,9 @@ import threading
 from collections.abc import Generator
 from contextlib import contextmanager
 from importlib import import_module
-from typing import Literal
+from typing import Any, Literal
+
+from numpy.typing import NDArray
 
 Precision = Literal["float32", "float64"]
 Effort = Literal["estimate", "measure"]
@@ -64,17 +66,33 @@ def envelope_length(n_bins: int, n_samples: int, oversampling: float) -> int:
 class FftPlan:
     """One FFTW plan; ``execute()`` transforms ``input`` into ``output``."""
 
-    def __init__(self, n: int, kind: Literal["real", "inverse"], precision: Precision, effort: Effort) -> None:
-        """Plan a real forward or a complex inverse transform of ``n`` samples, not normalised."""
+    def __init__(
+        self,
+        n: int,
+        kind: Literal["real", "inverse"],
+        precision: Precision,
+        effort: Effort,
+        *,
+        source: NDArray[Any] | None = None,
+        target: NDArray[Any] | None = None,
+    ) -> None:
+        """Plan a real forward or a complex inverse transform of ``n`` samples, not normalised.
+
+        Args:
+            n: samples.
+            kind: of the transform.
+            precision: of its arrays.
+            effort: of the planning.
+            source: aligned array whose beginning is the input, by default a new one.
+            target: aligned array whose beginning is the output, by default a new one.
+        """
         import pyfftw
 
         complex_type = "complex64" if precision == "float32" else "complex128"
-        if kind == "real":
-            self.input = pyfftw.zeros_aligned(n, precision)
-            self.output = pyfftw.zeros_aligned(n // 2 + 1, complex_type)
-        else:
-            self.input = pyfftw.zeros_aligned(n, complex_type)
-            self.output = pyfftw.zeros_aligned(n, complex_type)
+        n_output = n // 2 + 1 if kind == "real" else n
+        input_type = precision if kind == "real" else complex_type
+        self.input = pyfftw.zeros_aligned(n, input_type) if source is None else source[:n]
+        self.output = pyfftw.zeros_aligned(n_output, complex_type) if target is None else target[:n_output]
         direction = "FFTW_FORWARD" if kind == "real" else "FFTW_BACKWARD"
         flag = "FFTW_ESTIMATE" if effort == "estimate" else "FFTW_MEASURE"
         plan = pyfftw.FFTW(self.input, self.output, direction=direction, flags=(flag,), threads=1)

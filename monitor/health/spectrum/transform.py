@@ -118,12 +118,18 @@ def band_bins(band: Band, n_used: int, rate: float) -> tuple[int, int]:
 
 
 class _EnvelopePlan:
-    """Analytic signal to envelope spectrum for one length, shared by bands of equal length."""
+    """Analytic signal to envelope spectrum for one length, shared by bands of equal length.
 
-    def __init__(self, n_samples: int, n_used: int, precision: Precision, effort: Effort) -> None:
+    It takes the workspace of the samples, of at least that length, for the envelope, and that of the analytic signal
+    for the spectrum: the arrays of a long block are larger than the cache.
+    """
+
+    def __init__(
+        self, n_samples: int, n_used: int, precision: Precision, effort: Effort, workspace: NDArray[np.floating]
+    ) -> None:
         self.n = n_samples
         self.analytic = FftPlan(n_samples, "inverse", precision, effort)
-        self.envelope = FftPlan(n_samples, "real", precision, effort)
+        self.envelope = FftPlan(n_samples, "real", precision, effort, source=workspace, target=self.analytic.output)
         hann = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(n_samples) / n_samples)
         # 2/n_used makes the analytic signal of the bins, 4/n the Hann-windowed line amplitude of its envelope.
         self.window = (hann * (2.0 / n_used) * (4.0 / n_samples)).astype(precision)
@@ -199,7 +205,7 @@ class BlockTransform:
             for first, last in self._bins:
                 length = envelope_length(last - first + 1, self.n_used, oversampling)
                 if length not in plans:
-                    plans[length] = _EnvelopePlan(length, self.n_used, precision, effort)
+                    plans[length] = _EnvelopePlan(length, self.n_used, precision, effort, self._forward.input)
                 self._envelope_plans.append(plans[length])
 
     def __call__(self, x: NDArray[np.number], span: tuple[float, float] | None = None) -> BlockSpectra:
