@@ -148,15 +148,14 @@ def _best_rival(spectrum: LineSpectrum, kinematics: Kinematics, fundamental: flo
     resolution, speed = spectrum.resolution, kinematics.speed
     lowest, highest = max(0.3 * speed, 4.0 * resolution), highest_rival(fundamentals(kinematics), speed)
     grid = comb_grid(lowest, highest, resolution)
-    unrelated = np.ones(grid.lines.size, dtype=bool)
     tolerance = max(SEARCH, resolution / fundamental)
     of_family = [(ratio * fundamental, math.exp(tolerance)) for ratio in _SIMPLE_RATIOS]
     of_shaft = [(order * speed, 1.0 + SEARCH) for order in range(1, math.ceil(highest / speed) + 1)]
-    for centre, reach in (*of_family, *of_shaft):
-        first, last = np.searchsorted(grid.lines, (centre / reach, centre * reach))
-        unrelated[first:last] = False
+    related = [(centre / reach, centre * reach) for centre, reach in (*of_family, *of_shaft)]
     scores = spectrum.comb_scores(spectrum.excess, grid)
-    return float(np.max(scores, where=unrelated, initial=0.0))
+    for first, last in np.searchsorted(grid.lines, related).tolist():
+        scores[first:last] = 0.0
+    return float(scores.max())
 
 
 def _joined(
