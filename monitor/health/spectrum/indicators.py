@@ -17,9 +17,6 @@ MIN_RANGE = 1e-30
 _CHUNK = 16384
 """Samples processed at a time, so that their powers stay in the cache."""
 
-_PLAIN_EXPONENT = 20
-"""Samples and ranges between 2 to minus this and 2 to this have fourth powers well inside float32."""
-
 
 @dataclass(frozen=True)
 class TimeIndicators:
@@ -72,11 +69,10 @@ def time_indicators(x: NDArray[np.number], span: tuple[float, float] | None = No
     half_range = 0.5 * (high - low)
     if high - low < MIN_RANGE:
         return TimeIndicators(0.5 * (low + high), 0.0, peak, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, flat=True)
+    # In units of a power of two near the peak, so that fourth powers neither overflow nor vanish and no digit is lost.
+    unit = math.ldexp(1.0, math.frexp(peak)[1])
     mean = float(x.mean(dtype=np.float64))
-    # In units of a power of two near the peak where fourth powers would overflow or vanish; so no digit is lost.
-    exponents = math.frexp(peak)[1], math.frexp(half_range)[1]
-    plain = max(map(abs, exponents)) <= _PLAIN_EXPONENT
-    unit, spread = (1.0, 1.0) if plain else (math.ldexp(1.0, exponent) for exponent in exponents)
+    spread = math.ldexp(1.0, math.frexp(half_range)[1])
     moments, mean_abs, mean_root = _sums(x, unit, mean / unit, spread / unit)
     rms = math.sqrt(moments[0]) * spread
     mean_abs *= unit
@@ -112,37 +108,28 @@ def _sums(
 ) -> tuple[tuple[float, float, float], float, float]:
     """Return central moments 2 to 4 in units of ``spread``, mean |x| and mean sqrt |x|; x in units of ``unit``."""
     work = np.float32 if x.dtype == np.float32 else np.float64
-    first, second, third = (np.empty(min(_CHUNK, x.size), work) for _ in range(3))
-    square = cube = fourth = absolute = root = 0.0
+    scaled, square, other = (np.empty(min(_CHUNK, x.size), work) for _ in range(3))
+    second = third = fourth = absolute = root = 0.0
+    factor = work(1.0 / unit)
     # The mean in two parts: with a large offset its rounding to float32 would bias the third moment.
     coarse = work(centre)
     rest = work((centre - float(coarse)) / spread)
     for start in range(0, x.size, _CHUNK):
         part = x[start : start + _CHUNK]
-        u, u2, v = first[: part.size], second[: part.size], third[: part.size]
-        if unit != 1.0:
-            np.multiply(part, work(1.0 / unit), out=u, casting="same_kind")
-            part = u
-        np.abs(part, out=v, casting="same_kind")
+        u, u2, v = scaled[: part.size], square[: part.size], other[: part.size]
+        np.multiply(part, factor, out=u, casting="same_kind")
+        np.abs(u, out=v)
+        absolute += float(v.sum())
         np.sqrt(v, out=v)
-        root += float(np.add.reduce(v))
-        absolute += _dot(v, v)
-        np.subtract(part, coarse, out=u, casting="same_kind")
-        if spread != 1.0:
-            u *= work(1.0 / spread)
+        root += float(v.sum())
+        u -= coarse
+        u *= work(1.0 / spread)
         u -= rest
         np.multiply(u, u, out=u2)
-        square += _dot(u, u)
-        # Pairwise sums: a third moment may be a small difference of large ones, a fourth that of a few samples.
+        second += float(u2.sum())
         np.multiply(u2, u, out=v)
-        cube += float(np.add.reduce(v))
+        third += float(v.sum())
         np.multiply(u2, u2, out=v)
-        fourth += float(np.add.reduce(v))
+        fourth += float(v.sum())
     n = x.size
-    return (square / n, cube / n, fourth / n), absolute / n, root / n
-
-
-def _dot(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
-    """Return the sum of products of at most ``_CHUNK`` numbers, by halves: BLAS divides longer ones among threads."""
-    half = a.size // 2
-    return float(np.dot(a[:half], b[:half])) + float(np.dot(a[half:], b[half:]))
+    return (second / n, third / n, fourth / n), absolute / n, root / n
