@@ -185,8 +185,8 @@ def _depth(value: object) -> int:
     """Return how deeply sequences are nested in a value."""
     if not isinstance(value, list | tuple):
         return 0
-    nested = [item for item in cast("Sequence[object]", value) if isinstance(item, list | tuple)]
-    return 1 + max(map(_depth, cast("Sequence[object]", nested)), default=0)
+    items = cast("Sequence[object]", value)
+    return 1 + max((_depth(cast("object", item)) for item in items if isinstance(item, list | tuple)), default=0)
 
 
 def _scalar(variable: Variable, value: Any, where: str) -> float | int | str | None:
