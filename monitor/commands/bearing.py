@@ -94,7 +94,8 @@ def describe(
     bearing = entry.bearing
     lines = kinematics(bearing, speed)
     rig = config.rig_of(entry)
-    k_c = rig.k_c if config.owns_rig(entry) and bearing.element == "ball" else None
+    configured = bearing.element == "ball" or config.rig.k_c_newton_per_m109 is not None
+    k_c = rig.k_c if config.owns_rig(entry) and configured else None
     geometry, elliptic = contact_stiffnesses(bearing)
     estimate = None if geometry is not None and not entry.estimated else _estimate(entry, line_contact, load)
     formulas = None if bearing.element == "ball" else _formulas(entry, load)
@@ -114,7 +115,8 @@ def describe(
         "bpfo_hz": lines.bpfo,
         "bpfi_hz": lines.bpfi,
         "bsf_hz": lines.bsf,
-        "k_c_newton_per_m15": k_c,
+        "k_c_newton_per_m15": k_c if bearing.element == "ball" else None,
+        "k_c_newton_per_m109": k_c if bearing.element == "roller" else None,
         f"k_c_geometry_newton_per_{_power(bearing)}": geometry,
         "k_c_elliptic_newton_per_m15": elliptic,
         f"k_c_estimate_newton_per_{_power(bearing)}": None if estimate is None else _bounded(estimate),
@@ -258,7 +260,7 @@ def _lines(bearing: Bearing, load: float, speed: float, values: dict[str, Any]) 
     unit = "N/m^1.5" if bearing.element == "ball" else "N/m^(10/9)"
     estimate = values[f"k_c_estimate_newton_per_{_power(bearing)}"]
     for key, words in (
-        ("k_c_newton_per_m15", "configured"),
+        (f"k_c_newton_per_{_power(bearing)}", "configured"),
         (f"k_c_geometry_newton_per_{_power(bearing)}", "geometry"),
         ("k_c_elliptic_newton_per_m15", "geometry, exact elliptic Hertz"),
     ):

@@ -10,16 +10,18 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from models.bearing import from_catalogue, kinematics
+from models.bearing import Bearing, CatalogueEntry, catalogue_entry, from_catalogue, kinematics
+from models.contact_estimates import element_mass, estimate_stiffness
 from models.dynamics.lanes import simulate_lanes
 from models.dynamics.six_dof import contact_power, operating_point
 from models.dynamics.time_domain import simulate_time
 from models.hertz import contact_stiffness
 from models.kernels.step import P_U_1, P_U_2
-from models.scene import Defect, Rig, Scene
+from models.scene import Defect, Part, Rig, Scene
 from models.simulate import simulate
 from tests.effort import effort_count
 from tests.oracles import six_dof_oracle as oracle
+from tests.signals import recorded
 
 EXPONENT = 10.0 / 9.0
 K_C = 1.2e9
@@ -121,6 +123,34 @@ def test_a_cylindrical_bearing_is_simulated(defect: Defect | None) -> None:
     assert found.status == "converged"
     assert found.bpfo == pytest.approx(kinematics(CYLINDERS, 30.0).bpfo)
     assert found.rms > 0.0
+
+
+NEEDLE = Bearing("needle", 16, 2.5e-3, 22.5e-3, element="roller", effective_length=9.8e-3)
+ENTRIES = {
+    "needle": CatalogueEntry(NEEDLE, {}, ((16, 1.0),)),
+    **{name: catalogue_entry(name) for name in ("22207", "30205", "NU205", "MFPT")},
+}
+
+
+@pytest.mark.parametrize("name", list(ENTRIES)[: effort_count(quick=3, full=5)])
+def test_cylindrical_needle_tapered_and_spherical_rollers_over_time(name: str) -> None:
+    """Each part of each kind is damaged: louder than the healthy bearing, with a line of the part's own rate."""
+    found = estimate_stiffness(ENTRIES[name])
+    bearing, rig = ENTRIES[name].bearing, Rig(k_c=found.value, m_b=element_mass(found.bearing), element="roller")
+    healthy = simulate_time(Scene(30.0, 2000.0, bearing, rig), 0.1, 25600.0, settle=0.1)
+    lines = kinematics(bearing, 30.0)
+    rates: dict[Part, float] = {"outer": lines.bpfo, "inner": lines.bpfi, "ball": 2.0 * lines.bsf}
+    for part, rate in rates.items():
+        # Deeper than any element sinks, and as wide for an element as for a race.
+        defect = Defect(0.04 if part != "ball" else 0.3, 1e-3, part=part)
+        damaged = simulate_time(Scene(30.0, 2000.0, bearing, rig, defect), 0.4, 25600.0)
+        assert damaged.status in ("converged", "not_periodic", "inaccurate")
+        assert damaged.rms_error < 0.1
+        assert damaged.rms > 3.0 * healthy.rms
+        envelope = np.abs(recorded(damaged)[0])
+        spectrum = np.abs(np.fft.rfft(envelope - envelope.mean()))
+        at = round(rate * 0.4)
+        assert spectrum[at - 1 : at + 2].max() > 3.0 * np.median(spectrum[2 : 5 * at]), (part, rate)
 
 
 def test_lanes_refuse_rollers_by_name() -> None:

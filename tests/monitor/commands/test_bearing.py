@@ -90,6 +90,19 @@ def test_formulas_of_the_line_contact_stand_beside_each_other() -> None:
     assert values("6205")["k_c_line_contact_newton_per_m109"] is None
 
 
+def test_a_configured_stiffness_of_rollers_is_used(tmp_path: Path) -> None:
+    config = tmp_path / "config.toml"
+    text = Path("config.toml").read_text(encoding="utf-8")
+    text = text.replace("[rig]", '[rig]\nbearing = "support"\nk_c_newton_per_m109 = 2e8', 1)
+    config.write_text(text, encoding="utf-8")
+    found, other = (values(*of, "--bearing", "support") for of in (("--config", str(config)), ()))
+    assert found["k_c_newton_per_m109"] == 2e8
+    assert other["k_c_newton_per_m109"] is None
+    softer = other["k_c_estimate_newton_per_m109"]["value"] / 2e8
+    assert found["displacement_um"] == pytest.approx(softer**0.9 * other["displacement_um"], rel=1e-6)
+    assert "2e+08 N/m^(10/9) (configured)" in run("--config", str(config), "--bearing", "support")
+
+
 def test_a_needle_bearing_by_its_geometry(tmp_path: Path) -> None:
     """NK 20/16: 16 needles of 2.5 x 9.8 mm; the configuration has no other dimension of it."""
     config = tmp_path / "config.toml"
