@@ -70,13 +70,18 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
             ``wrong_shape`` where nothing matches or lengths differ; ``wrong_rate`` where rates differ; ``unreadable``.
     """
     with open_hdf5(data, name) as file:
-        found = list(walk(file, name, patterns))
+        found: list[Found] = []
+        vectors: list[Found] = []
+        for item in walk(file, name, patterns):
+            found.append(item)
+            shape = item.dataset.shape
+            if shape and max(shape) >= 2 and item.dataset.dtype.kind in "fiu":
+                vectors.append(item)
+                # Before any is loaded, and before the rest is listed.
+                check_rows(len(vectors), name, "vectors")
         arrays: list[tuple[str, NDArray[np.floating], Facts]] = []
         budget = Budget(name, len(data))
-        for item in found:
-            shape = item.dataset.shape
-            if not shape or max(shape) < 2 or item.dataset.dtype.kind not in "fiu":
-                continue
+        for item in vectors:
             array, facts = scaled_integers(load(item, name, budget), item.facts)
             arrays.append((item.path, rows_of(array, f"{name}: data set {item.path}"), facts))
             budget.add_rows(len(arrays[-1][1]))

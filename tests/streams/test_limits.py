@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from streams import files, limits
 from streams.block import Block, Rejected
 from streams.open import open_source
-from streams.readers import npy_wav, numbers
+from streams.readers import hdf5, npy_wav, numbers
 from streams.readers.text import read_layout
 from streams.samples import ReaderError
 from streams.spec import ChannelSpec, SourceSpec
@@ -105,6 +106,28 @@ def test_blocks_of_one_file_are_limited(tmp_path: Path) -> None:
     assert found.status == "refused"
     assert f"7812 blocks of 0.01 s, 1000 are allowed for {len(zeros)} bytes" in found.reason
     assert isinstance(verdict(tmp_path / "x.h5", "hdf5", block_s=0.1), Block)
+
+
+def test_too_many_vectors_are_refused_before_any_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[object] = []
+    attributes = hdf5.attributes
+
+    def noted(item: Any) -> dict[str, object]:
+        looked.append(item)
+        return attributes(item)
+
+    monkeypatch.setattr(hdf5, "attributes", noted)
+    monkeypatch.setattr(hdf5, "load", lambda *_: pytest.fail("a vector was loaded"))
+    monkeypatch.setattr("streams.samples.MAX_ROWS", 10)
+
+    def fill(file: Any) -> None:
+        for number in range(40):
+            file[f"d{number:02d}"] = np.array([0.5, 1.5])
+
+    with pytest.raises(ReaderError, match="11 vectors, 10 are allowed"):
+        hdf5.read_hdf5(hdf5_of(fill), "x.h5")
+    # Those of the file, and of eleven data sets.
+    assert len(looked) == 12
 
 
 def test_a_large_sidecar_is_not_read(tmp_path: Path) -> None:
