@@ -30,7 +30,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 settings.register_profile(
     "any machine",
     deadline=None,
-    max_examples=effort_count(quick=25, full=100),
+    max_examples=effort_count(quick=16, full=100),
     derandomize=effort_count(quick=1, full=0) == 1,
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],

@@ -20,7 +20,11 @@ from models.catalogue.rules import RULES, count_probabilities, estimate
 from models.catalogue.series import families, geometry, read_designation, series_of
 
 BASES = sorted(families())
-DERIVED = [base for base in BASES if "derived" in geometry(base).source]
+SERIES = sorted({series_of(base) for base in BASES})
+
+
+def bases_of(series: str) -> list[str]:
+    return [base for base in BASES if series_of(base) == series]
 
 
 def test_the_common_series_are_there() -> None:
@@ -31,30 +35,38 @@ def test_the_common_series_are_there() -> None:
     assert {base[:2] for base in BASES if base.startswith("N")} == {"NU", "NJ"}
 
 
-@pytest.mark.parametrize("base", [*BASES, *(f"{base}E" for base in BASES if base.startswith("NU"))])
-def test_geometry_is_possible(base: str) -> None:
+@pytest.mark.parametrize("series", SERIES)
+def test_geometry_is_possible(series: str) -> None:
+    bases = bases_of(series)
+    for base in [*bases, *(f"{base}E" for base in bases if base.startswith("NU"))]:
+        assert_possible(base)
+
+
+def assert_possible(base: str) -> None:
     found = geometry(base)
     bearing = from_catalogue(base) if base not in catalogue() else bearing_of(found)
     radius, pitch = 0.5 * found.element_diameter, 0.5 * found.pitch_diameter
-    assert pitch * math.sin(math.pi / found.n_elements) > radius * math.cos(found.contact_angle), "elements overlap"
-    assert pitch - radius * math.cos(found.contact_angle) > 0.5 * found.bore, "through the bore"
-    assert pitch + radius * math.cos(found.contact_angle) < 0.5 * found.outside, "through the outside"
+    assert pitch * math.sin(math.pi / found.n_elements) > radius * math.cos(found.contact_angle), f"{base}: overlap"
+    assert pitch - radius * math.cos(found.contact_angle) > 0.5 * found.bore, f"{base}: through the bore"
+    assert pitch + radius * math.cos(found.contact_angle) < 0.5 * found.outside, f"{base}: through the outside"
     if found.effective_length is not None:
-        assert found.rows * found.effective_length < found.width
+        assert found.rows * found.effective_length < found.width, base
     else:
-        assert found.element_diameter < found.width
+        assert found.element_diameter < found.width, base
     lines = kinematics(bearing, 25.0)
-    assert lines.bpfo + lines.bpfi == pytest.approx(25.0 * bearing.n_elements)
-    assert sum(probability for _, probability in found.counts) == pytest.approx(1.0)
-    assert found.counts[0][1] == max(probability for _, probability in found.counts)
+    assert lines.bpfo + lines.bpfi == pytest.approx(25.0 * bearing.n_elements), base
+    assert sum(probability for _, probability in found.counts) == pytest.approx(1.0), base
+    assert found.counts[0][1] == max(probability for _, probability in found.counts), base
 
 
-@pytest.mark.parametrize("base", DERIVED)
-def test_the_derived_geometry_gives_the_published_ratings(base: str) -> None:
-    inside = internal(geometry(base), families()[base])
-    dynamic, static = published_ratings(base)
-    assert static_rating(inside) == pytest.approx(static, rel=0.021)
-    assert dynamic_rating(inside) == pytest.approx(dynamic, rel=0.026)
+def test_the_derived_geometry_gives_the_published_ratings() -> None:
+    derived = [base for base in BASES if "derived" in geometry(base).source]
+    assert len(derived) > 300
+    for base in derived:
+        inside = internal(geometry(base), families()[base])
+        dynamic, static = published_ratings(base)
+        assert static_rating(inside) == pytest.approx(static, rel=0.021), base
+        assert dynamic_rating(inside) == pytest.approx(dynamic, rel=0.026), base
 
 
 # ISO 76, table 1: 6205 and 6310 print f0 of 13.9 and 13.2; ISO 281, table 2: f_c = 59.9 at gamma 0.2, 46.7 at 0.05.
