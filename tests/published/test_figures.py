@@ -6,6 +6,7 @@ import itertools
 import math
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,6 @@ from models.published.figure import Figure, worst
 from models.published.thesis import inner_taken_as_concave, published_figures
 from models.scene import Rig, contact_damping, natural_frequencies, stiffness_damping
 
-FIGURES = published_figures()
 BEYOND = {
     ("Table 14", "k_c, exact elliptic Hertz"),
     ("Section 3.3.3", "k_c, exact elliptic Hertz"),
@@ -42,6 +42,11 @@ BEYOND = {
 """Groups of which at least one figure is not met within 3 %; the document says why of each."""
 
 COUNTS = {"reproduced": 71, "close": 42, "not reproduced": 23}
+
+
+@cache
+def all_figures() -> list[Figure]:
+    return published_figures()
 
 
 def figure(text: str, obtained: float, **others: str) -> Figure:
@@ -68,23 +73,25 @@ def test_poorest_figure_of_a_group() -> None:
 
 
 def test_groups_that_are_not_reproduced_are_the_known_ones() -> None:
-    missed = {(f.place, f.quantity) for f in FIGURES if f.verdict == "not reproduced"}
+    missed = {(f.place, f.quantity) for f in all_figures() if f.verdict == "not reproduced"}
     assert missed == BEYOND
 
 
 def test_count_of_verdicts() -> None:
-    assert Counter(f.verdict for f in FIGURES) == COUNTS
+    assert Counter(f.verdict for f in all_figures()) == COUNTS
 
 
 def test_figures_of_one_bearing() -> None:
-    assert published_figures("6210") == [f for f in FIGURES if f.designation == "6210"]
+    assert published_figures("6210") == [f for f in all_figures() if f.designation == "6210"]
     assert published_figures("unheard-of") == []
 
 
 def test_table_11_took_the_inner_race_as_concave() -> None:
     """All twelve printed semi-axes of the inner contact follow, against none with the race convex."""
     columns = [
-        f for f in FIGURES if f.place == "Table 11" and f.designation == "6210" and f.quantity[:3] in {"a_i", "b_i"}
+        f
+        for f in all_figures()
+        if f.place == "Table 11" and f.designation == "6210" and f.quantity[:3] in {"a_i", "b_i"}
     ]
     slipped = [f for f in columns if "concave" in f.quantity]
     convex = [f for f in columns if "concave" not in f.quantity]
@@ -122,7 +129,7 @@ def test_document_holds_the_table_as_computed() -> None:
     text = (Path(__file__).resolve().parents[2] / "docs" / "evidence" / "published-figures.md").read_text(
         encoding="utf-8"
     )
-    assert renewed(text, markdown_table(FIGURES)) == text
+    assert renewed(text, markdown_table(all_figures())) == text
     with pytest.raises(ValueError, match="lacks the lines"):
         renewed("nothing", "")
 
@@ -163,7 +170,7 @@ def test_note_damping_of_the_shaft() -> None:
 def test_note_line_contacts_are_wider_in_print() -> None:
     """The moduli that the printed half widths of Table 11 ask for, if the difference lay in them alone."""
     ranges = {"a_i": [0.0, math.inf], "a_o": [0.0, math.inf]}
-    for f in FIGURES:
+    for f in all_figures():
         if f.designation == "NU 202 ECP" and f.place == "Table 11":
             low, high = (210.0 * (f.obtained / (f.printed + step)) ** 2 for step in (5e-4, -5e-4))
             ranges[f.quantity] = [max(ranges[f.quantity][0], low), min(ranges[f.quantity][1], high)]
