@@ -22,7 +22,7 @@ from tests.forks import Fork
 
 pytestmark = pytest.mark.process
 
-KILLS = effort_count(quick=20, full=200)
+KILLS = effort_count(quick=8, full=200)
 DAYS, BLOCKS_A_DAY = 10, 4
 DAY_S = 86400.0
 BEFORE = date(2023, 11, 23)
