@@ -160,6 +160,26 @@ def speed_table() -> str:
     return markdown(["what", "benchmark", "thread time", "RMS error, rms over scenes"], lines)
 
 
+def families_table() -> str:
+    """Return what benchmarks.engine_families left in its file of results."""
+    lines = [
+        [
+            str(row["family"]),
+            f"{row['asked for']:g}",
+            f"{row['steps, median']:.0f}",
+            f"{row['RMS error rms']:.1e}",
+            f"{row['max']:.1e}",
+            f"{row['estimate bounds it']:.2f}",
+            f"{row['inaccurate']}",
+            f"{row['ms, median']:.2g}",
+            f"{row['ms, most']:.2g}",
+        ]
+        for row in _results("engine_families").get("families", [])
+    ]
+    head = ["family", "asked for", "steps", "RMS error, rms", "most", "estimate bounds it", "inaccurate"]
+    return markdown([*head, "ms, median", "ms, most"], lines)
+
+
 def _results(name: str) -> dict[str, list[dict[str, float]]]:
     path = RESULTS / f"{name}.json"
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -236,6 +256,7 @@ def renew(document: Path, tables: Mapping[str, Sequence[Row]]) -> None:
         "steps": errors_table(runs, [("this project's kernel", step) for step in steps]),
         "settled": settled_table(tables["settled"]),
         "speed": speed_table(),
+        "families": families_table(),
     }
     text = document.read_text(encoding="utf-8")
     for name, part in parts.items():

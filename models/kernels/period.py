@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
     from models.kernels.step import Axis, Flow
 
-# A step in which contacts change is divided into so many parts, and again each part in which they change; the smallest
-# is SUBSTEPS ** DIVISIONS of a step.
+# A step in which contacts change is divided into so many parts, and again each part in which they change, until a part
+# is one in so many of the step. The damping of a line contact sets in as the ninth root of the approach, nearly a jump.
 SUBSTEPS = 4
-DIVISIONS = 3
-_FINEST = SUBSTEPS**DIVISIONS
+FINEST_OF_BALLS = SUBSTEPS**3
+FINEST_OF_ROLLERS = SUBSTEPS**4
 
 
 class Period(NamedTuple):
@@ -158,17 +158,17 @@ def _divided_step(
     """
     p, turn, count = period.parameter, period.nodes.turn, period.balls.moved.shape[1]
     within = Nodes(np.empty((1, 3, 2)), np.empty((1, 3, count)), np.empty((1, 3, count)), None)
-    zero = np.int64(0)
-    place, size = 0, _FINEST // SUBSTEPS
-    e, known = propagators(p, h * size / _FINEST), size
+    zero, finest = np.int64(0), FINEST_OF_BALLS if period.balls.power == 0.5 else FINEST_OF_ROLLERS
+    place, size = 0, finest // SUBSTEPS
+    e, known = propagators(p, h * size / finest), size
     before = 0
     parts[n] = 0.0
-    while place < _FINEST:
-        length = h * size / _FINEST
+    while place < finest:
+        length = h * size / finest
         if known != size:
             e, known = propagators(p, length), size
         for node in range(3):
-            at = (place + 0.5 * node * size) / _FINEST
+            at = (place + 0.5 * node * size) / finest
             c, s = math.cos(p[P_OMEGA] * h * at), math.sin(p[P_OMEGA] * h * at)
             within.turn[0, node, 0] = turn[n, 0, 0] * c - turn[n, 0, 1] * s
             within.turn[0, node, 1] = turn[n, 0, 1] * c + turn[n, 0, 0] * s
@@ -179,16 +179,16 @@ def _divided_step(
             continue
         # The trapezoid rule: half of the part before and half of this one belong to the value between them.
         a_o, a_r = accelerations(x1, x2, g1, g2, p)
-        weight = share * 0.5 * (before + size) / _FINEST
+        weight = share * 0.5 * (before + size) / finest
         _add(parts, n, weight, a_o, a_r)
         before = size
         x1, x2 = y1, y2
         place += size
-        while size < _FINEST // SUBSTEPS and place % (SUBSTEPS * size) == 0:
+        while size < finest // SUBSTEPS and place % (SUBSTEPS * size) == 0:
             size *= SUBSTEPS
-    g1, g2, _ = contact(x1, x2, p, period.balls, period.nodes, n, np.int64(2))
+    g1, g2, _ = contact(x1, x2, p, period.balls, period.nodes, n, np.int64(2), 0.0)
     a_o, a_r = accelerations(x1, x2, g1, g2, p)
-    weight = share * 0.5 * before / _FINEST
+    weight = share * 0.5 * before / finest
     _add(parts, n, weight, a_o, a_r)
     return x1, x2
 
@@ -215,7 +215,7 @@ def ball_period(state: NDArray[np.float64], state_out: NDArray[np.float64], trac
                 y1, y2 = _divided_step(x1, x2, h, h / period.time[-1], period, n, trace.parts)
             x1, x2 = y1, y2
         last = first[segment + 1] - 1
-        g1, g2, _ = contact(x1, x2, p, balls, nodes, last, np.int64(2))
+        g1, g2, _ = contact(x1, x2, p, balls, nodes, last, np.int64(2), 0.0)
         wave[last + segment + 1, 0], wave[last + segment + 1, 1] = accelerations(x1, x2, g1, g2, p)
     fill_weights(flow, first, period.weight, trace.changed, any_changed, trace.weight)
     bad = False

@@ -36,7 +36,7 @@ class Point(NamedTuple):
     rows: NDArray[np.int64]
     offsets: NDArray[np.float64]
     waves: NDArray[np.float64]
-    power: float | None
+    power: float
 
 
 @kernel

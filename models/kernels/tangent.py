@@ -102,7 +102,7 @@ def _slopes(
 
 @inlined
 def _noted_forces(
-    x1: Axis, x2: Axis, p: NDArray[np.float64], context: Context, n: Index, stage: Index
+    x1: Axis, x2: Axis, p: NDArray[np.float64], context: Context, n: Index, stage: Index, h: float
 ) -> tuple[float, float, float, float, float]:
     """Return the forces, and write the slopes of the contact force in the resting frame to the row of the stage."""
     balls, nodes, slopes = context
@@ -120,12 +120,12 @@ def _noted_forces(
     slopes[stage, 0], slopes[stage, 1] = k11 - omega * c12, k12 + omega * c11
     slopes[stage, 2], slopes[stage, 3] = k12 - omega * c22, k22 + omega * c12
     slopes[stage, 4], slopes[stage, 5], slopes[stage, 6], slopes[stage, 7] = c11, c12, c12, c22
-    return forces(x1, x2, p, (balls, nodes), n, stage)
+    return forces(x1, x2, p, (balls, nodes), n, stage, h)
 
 
 @inlined
 def _linear_forces(
-    x1: Axis, x2: Axis, p: NDArray[np.float64], context: NDArray[np.float64], n: Index, stage: Index
+    x1: Axis, x2: Axis, p: NDArray[np.float64], context: NDArray[np.float64], n: Index, stage: Index, h: float
 ) -> tuple[float, float, float, float, float]:
     """Return the change of the forces by a change of the state."""
     share = p[P_SHARE_R]
