@@ -48,10 +48,7 @@ class SignalRecord:
         passed = PASSBAND * 0.5 * self.rate
         if high > passed:
             raise ValueError(f"the band ends at {high!r} Hz, the signal is flat up to {passed:g} Hz")
-        signal = self.signal[SENSORS[sensor]]
-        frequency = np.fft.rfftfreq(len(signal), 1.0 / self.rate)
-        inside = (frequency >= low) & (frequency <= high)
-        return np.fft.irfft(np.where(inside, np.fft.rfft(signal), 0.0), len(signal))
+        return band_passed(self.signal[SENSORS[sensor]], self.rate, (low, high))
 
     def levels_in_band(self, low: float, high: float, sensor: Sensor = "mo") -> tuple[float, float]:
         """Return RMS and peak of the sampled signal between two frequencies, Hz, in m/s2; errors as ``in_band``."""
@@ -86,8 +83,8 @@ class Response:
         rms_se: that standard error of ``rms``, m/s2; zero where the motion repeats.
         peak_error: relative error of ``peak``, estimated: that of the steps; where the motion does not repeat, the
             standard deviation over parts of the run, over ``peak``.
-        waveform_error: RMS of the error of the waveform of a_o due to the steps over its RMS, estimated; NaN where it
-            was not looked at.
+        waveform_error: RMS of the error due to the steps of the waveform of a_o over its RMS, estimated: at the steps
+            where the motion repeats, of the record over time, NaN where it was not looked at.
         bpfo: ball-pass frequency over the outer race, Hz.
         harmonics: single-sided amplitudes of the first six lines k * bpfo of a_o, m/s2, shape (6,).
         harmonics_error: their estimated errors, m/s2, NaN where the motion does not repeat.
@@ -234,6 +231,13 @@ def _at_multiples(values: NDArray[np.float64], turn: float, count: int) -> NDArr
     kernel[size - samples + 1 :] = np.conj(chirp[1:samples])[::-1]
     folded = np.fft.ifft(np.fft.fft(values * chirp[:samples], size) * np.fft.fft(kernel))
     return folded[:, : count + 1] * chirp[: count + 1]
+
+
+def band_passed(signal: NDArray[np.float64], rate: float, band: tuple[float, float]) -> NDArray[np.float64]:
+    """Return a sampled signal without what lies outside a band (lo, hi), Hz, both ends included."""
+    frequency = np.fft.rfftfreq(len(signal), 1.0 / rate)
+    inside = (frequency >= band[0]) & (frequency <= band[1])
+    return np.fft.irfft(np.where(inside, np.fft.rfft(signal), 0.0), len(signal))
 
 
 def check_band(band: tuple[float, float]) -> tuple[float, float]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -343,10 +344,10 @@ class Scene:
         """All defects."""
         return () if self.defect is None else (self.defect, *self.more_defects)
 
-    @property
+    @cached_property
     def healthy(self) -> Scene:
         """The scene without its defects."""
-        return replace(self, defect=None, more_defects=())
+        return self if self.defect is None else replace(self, defect=None, more_defects=())
 
     @property
     def _damage(self) -> tuple[Defect, ...]:
@@ -366,7 +367,7 @@ class Scene:
             and all(defect.part == "outer" for defect in self._damage)
         )
 
-    @property
+    @cached_property
     def effects(self) -> tuple[str, ...]:
         """Names in EFFECTS of what the scene has."""
         damage, parts = self._damage, {defect.part for defect in self._damage}

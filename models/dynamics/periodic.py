@@ -29,11 +29,11 @@ from models.dynamics.six_dof import (
 from models.kernels import settled as kernels
 from models.kernels.lines import fourier_coefficients
 from models.kernels.orbit import STATE_SCALE, jacobian, newton_steering
+from models.kernels.peaks import largest
 from models.kernels.period import mean_square
 from models.kernels.period_setup import set_up
 from models.kernels.settled import Effort
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, P_U_1
-from models.numerics import crests
 from models.registry import Request, Solver
 from models.response import HARMONICS, Response, Status, peak_in_band
 
@@ -66,7 +66,7 @@ _WORST_CONDITION = 1e10
 # Estimated error of a line over its change by the last halving of the steps.
 CHANGE_TO_ERROR = 1.0 / 3.0
 # Steps of the scene's coarsest grid that are taken in all, and processor time of one, s.
-_STEPS_TAKEN = 16.0
+_STEPS_TAKEN = 6.0
 _SECONDS_A_STEP = 1e-6
 _LEAST_ERROR = 1e-9
 # A smaller peak counts as zero, m/s2.
@@ -210,7 +210,8 @@ def _repeating(scene: Scene, orbit: _Orbit, effort: Effort, request: Request, ea
     period, found = orbit.period, orbit.found
     coefficients = fourier_coefficients(orbit.trace, period, _line_count(scene, period, request))
     power = np.array([mean_square(orbit.trace, sensor) for sensor in (0, 1)])
-    peak, coarse = _peaks(orbit.trace.wave, period)
+    peak = np.array([largest(orbit.trace.wave, period.first, sensor, 1) for sensor in (0, 1)])
+    coarse = largest(orbit.trace.wave, period.first, 0, 2)
     error, wave_error = float(found[kernels.R_ERROR]), float(found[kernels.R_WAVE])
     status: Status = "converged" if error <= effort.accuracy else "inaccurate"
     lines = found[kernels.R_LINES :].reshape(2, HARMONICS)
@@ -228,19 +229,6 @@ def _repeating(scene: Scene, orbit: _Orbit, effort: Effort, request: Request, ea
         harmonics_error=np.abs(lines[1]) * CHANGE_TO_ERROR,
         status=status,
     )
-
-
-def _peaks(wave: NDArray[np.float64], period: Period) -> tuple[NDArray[np.float64], float]:
-    """Return the largest absolute values of both sensors, (2,), and that of the casing seen at every other point."""
-    count = np.diff(period.first) + 1
-    behind = np.arange(len(wave)) - np.repeat(np.cumsum(count) - count, count)
-    ahead = np.repeat(count - 1, count) - behind
-    inner = np.flatnonzero((behind > 0) & (ahead > 0))
-    peak = np.maximum(np.max(np.abs(wave), axis=0), crests(wave[inner - 1], wave[inner], wave[inner + 1]))
-    other, casing = behind % 2 == 0, wave[:, 0]
-    inner = np.flatnonzero(other & (behind > 1) & (ahead > 1))
-    coarse = np.maximum(np.max(np.abs(casing[other])), crests(casing[inner - 2], casing[inner], casing[inner + 2]))
-    return peak, float(coarse)
 
 
 def _not_repeating(scene: Scene, motion: Motion, orbit: _Orbit, request: Request, periods: int) -> Response:

@@ -73,6 +73,7 @@ def check_scene(scene: Scene, effects: frozenset[str] = PERIODIC_EFFECTS) -> Non
         )
 
 
+@lru_cache(maxsize=512)
 def steps_for(scene: Scene) -> int:
     """Return the least steps in a ball period of the coarsest grid of a scene, from its stiffest rates and its floor.
 

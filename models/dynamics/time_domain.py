@@ -29,7 +29,7 @@ from models.kernels import time_domain as kernels
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
 from models.numerics import filter_valid, kaiser_order
 from models.registry import Request, Solver
-from models.response import HARMONICS, PASSBAND, Response, SignalRecord, Status
+from models.response import HARMONICS, PASSBAND, Response, SignalRecord, Status, band_passed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -51,7 +51,9 @@ _LOOKED_AT = 0.1
 _BLOCKS_LOOKED_AT = 2.0
 # Error of the RMS over the RMS of the change of the waveform by halving the steps: what steps leave is mostly noise.
 _OF_WAVE = 0.125
-# A halving that leaves more than this share of the error does not help.
+# Error of a sampled signal over its change by halving the steps: first order, where the force jumps between steps.
+_HALVED = 2.0
+# A halving that leaves more than this share of the waveform's error does not help.
 _HELPS = 0.7
 # A smaller change of the RMS from the first to the second half is ignored at any standard error.
 _SAME_LEVEL = 3e-3
@@ -139,16 +141,16 @@ class _Run:
         self.rate, self.samples = request.rate, max(1, round(request.duration * request.rate))
         self.settled = math.ceil(settle * request.rate)
         self.block = 1.0 / _block_rate(scene, self.lines)
-        self._scene, self._direction = scene, direction
+        self._scene, self._request, self._direction = scene, request, direction
         self._plan: kernels.Plan | None = None
 
     @property
     def plan(self) -> kernels.Plan:
         """What the kernel needs."""
         if self._plan is None:
-            # The filter reaches beyond the end by its half length.
-            reach = (self.settled + self.samples + _margin(2) + 2) / self.rate
-            plan = prepare_plan(self._scene, reach)
+            # The filter reaches beyond both ends by its half length, which hardly depends on the steps.
+            margin = _margin(2) + 2
+            plan = prepare_plan(self._scene, (max(margin, self.settled) + self.samples + margin) / self.rate)
             plan.parameter[P_DIRECTION_1], plan.parameter[P_DIRECTION_2] = self._direction
             self._plan = plan
         return self._plan
@@ -179,28 +181,50 @@ class _Run:
         span = min(whole, math.ceil(max(_LOOKED_AT * whole, _BLOCKS_LOOKED_AT * self.block * self.rate)))
         wave, _ = self._from_rest(span * oversampling, oversampling)
         finer, _ = self._from_rest(2 * span * oversampling, 2 * oversampling)
-        error = _step_error(wave, finer)
+        error = _step_error(wave, finer, oversampling, self._request)
         while accuracy is not None and error.rms > accuracy and 2 * whole * oversampling <= MOST_STEPS:
             wave, (finer, _) = finer, self._from_rest(4 * span * oversampling, 4 * oversampling)
-            better = _step_error(wave, finer)
-            if not better.rms < _HELPS * error.rms:
+            better = _step_error(wave, finer, 2 * oversampling, self._request)
+            if not better.wave < _HELPS * error.wave:
                 break
             oversampling, error = 2 * oversampling, better
         return oversampling, error
 
 
-def _step_error(wave: NDArray[np.float64], finer: NDArray[np.float64]) -> _StepError:
-    """Return the errors of the casing's waveform from one with half the steps."""
+def _rms(signal: NDArray[np.float64]) -> float:
+    return math.sqrt(float(np.mean(signal * signal)))
+
+
+def _step_error(
+    wave: NDArray[np.float64], finer: NDArray[np.float64], oversampling: int, request: Request
+) -> _StepError:
+    """Return the errors of the casing's waveform from one with half the steps.
+
+    That of the waveform is of the sampled signal: where the force jumps between steps, it is larger than at the steps.
+    So is that of the RMS in a band.
+    """
     coarse, fine = wave[:, 0], finer[::2, 0]
-    level = math.sqrt(float(np.mean(fine * fine)))
+    level = _rms(fine)
     if not math.isfinite(level):
         return _StepError(math.inf, math.inf, math.inf)
     if level <= SILENCE:
         return _StepError(0.0, 0.0, 0.0)
-    delta = abs(math.sqrt(float(np.mean(coarse * coarse))) - level) / level
-    change = math.sqrt(float(np.mean((coarse - fine) ** 2))) / level
+    change = _rms(coarse - fine) / level
+    error = max(abs(_rms(coarse) - level) / level, _OF_WAVE * change)
     peak, peak_fine = _peaks(wave)[0], _peaks(finer)[0]
-    return _StepError(max(delta, _OF_WAVE * change), change, abs(peak - peak_fine) / peak_fine + change)
+    margin, samples = _margin(oversampling), len(wave) // oversampling
+    sampled = change
+    if samples > 4 * margin:
+        kept = samples - 2 * margin - 1
+        ours, better = (
+            _sampled(run[:, 0], n, margin, kept) for run, n in ((wave, oversampling), (finer, 2 * oversampling))
+        )
+        sampled = max(change, _HALVED * _rms(ours - better) / level)
+        if request.band is not None:
+            ours, better = (band_passed(signal, request.rate, request.band) for signal in (ours, better))
+            inside = max(_rms(better), SILENCE)
+            error = _HALVED * max(abs(_rms(ours) - inside), _OF_WAVE * _rms(ours - better)) / inside
+    return _StepError(error, sampled, abs(peak - peak_fine) / peak_fine + change)
 
 
 def _cost(scene: Scene, request: Request) -> float:
@@ -246,15 +270,19 @@ class _Measured:
 
 
 def _measured(wave: NDArray[np.float64], run: _Run, oversampling: int) -> _Measured:
-    taps = anti_alias_filter(oversampling)
-    margin, samples = len(taps) // 2, run.samples
-    begin = max(_margin(oversampling), run.settled) * oversampling
-    settled = wave[begin : begin + samples * oversampling]
-    window = wave[begin - margin : begin + (samples - 1) * oversampling + margin + 1]
-    signals = np.array([filter_valid(window[:, k], taps)[::oversampling] for k in (0, 1)])
+    samples, first = run.samples, max(_margin(oversampling), run.settled)
+    settled = wave[first * oversampling : (first + samples) * oversampling]
+    signals = np.array([_sampled(wave[:, k], oversampling, first, samples) for k in (0, 1)])
     blocks = max(samples / run.rate / run.block, _LEAST_BLOCKS)
     levels = (_levels(settled[:, 0], blocks), _levels(settled[:, 1], blocks))
     return _Measured(levels, _peaks(settled), SignalRecord(run.rate, signals))
+
+
+def _sampled(signal: NDArray[np.float64], oversampling: int, first: int, samples: int) -> NDArray[np.float64]:
+    """Return a signal as a recorder samples it, from sample ``first`` on."""
+    taps = anti_alias_filter(oversampling)
+    half, begin = len(taps) // 2, first * oversampling
+    return filter_valid(signal[begin - half : begin + (samples - 1) * oversampling + half + 1], taps)[::oversampling]
 
 
 def _peaks(wave: NDArray[np.float64]) -> tuple[float, float]:

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from models.bearing import from_catalogue, kinematics
 from models.dynamics.periodic import solve
 from models.dynamics.time_domain import SILENCE, anti_alias_filter, simulate_time
+from models.dynamics.time_domain import solve as solve_time
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.kernels.jit import compiling
 from models.registry import Request
-from models.scene import Defect, Floor, Part, Scene, Slip, Waviness
+from models.scene import Defect, Floor, Part, Rig, Scene, Slip, Waviness
 from models.simulate import simulate
 from tests.effort import effort_count
 from tests.signals import record_of, recorded
@@ -222,6 +223,35 @@ def test_levels_and_lines_are_those_of_the_signal() -> None:
     assert peak > level
     with pytest.raises(ValueError, match="band"):
         record.levels_in_band(0.0, 25000.0)
+
+
+@pytest.mark.parametrize("part", ["inner", "ball"])
+@pytest.mark.parametrize("step", [10e-6, 5e-6])
+def test_the_error_of_a_recorded_waveform_is_stated(part: Part, step: float) -> None:
+    scene = replace(SCENE, defect=replace(SPALL, part=part))
+    found, fine = (simulate_time(scene, 0.3, 51200.0, step=s) for s in (step, 0.625e-6))
+    difference = np.linalg.norm(recorded(found)[0] - recorded(fine)[0]) / np.linalg.norm(recorded(fine)[0])
+    assert difference <= found.waveform_error <= 6.0 * difference
+    assert abs(found.rms / fine.rms - 1.0) <= found.rms_error + fine.rms_error
+
+
+def test_the_error_of_a_band_is_that_of_the_recorded_signal() -> None:
+    """Jumps between steps are aliased into the band: more than the RMS over full bandwidth shows."""
+    scene = replace(SCENE, rig=Rig(beta_c=5e-4), defect=replace(SPALL, part="inner"))
+    asked = Request(accuracy=0.1, duration=0.2, band=(100.0, 5000.0))
+    found, fine = (solve_time(scene, replace(asked, steps_per_period=n)) for n in (512, 8192))
+    assert abs(found.rms / fine.rms - 1.0) <= (found.rms_error - found.rms_se / found.rms) + 1e-4
+    tight = solve_time(scene, replace(asked, accuracy=1e-4))
+    assert tight.rms_error - tight.rms_se / tight.rms < 0.5 * (found.rms_error - found.rms_se / found.rms)
+
+
+def test_steps_are_halved_until_the_accuracy_is_met() -> None:
+    light = replace(SCENE, rig=Rig(m_o=0.5, m_r=0.3), defect=Defect(0.1, 2e-5, part="inner"))
+    loose, tight = (solve_time(light, Request(accuracy=a, duration=0.2)) for a in (1e-1, 1e-4))
+    assert tight.waveform_error < 0.6 * loose.waveform_error
+    assert tight.rms == pytest.approx(loose.rms, rel=loose.rms_error + tight.rms_error)
+    with pytest.raises(ValueError, match=r"duration 1000 s .* take \d+ steps of .* at most 20000000"):
+        solve_time(light, Request(duration=1000.0))
 
 
 def test_standard_error_is_that_of_repeated_runs() -> None:
