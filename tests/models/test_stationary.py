@@ -44,6 +44,32 @@ def test_the_level_is_that_of_a_long_run_with_fine_steps(part: Part, dphi_deg: f
         assert off < 0.03 * line + 4.0 * level.harmonics_se[k - 1] + level.rms_error * level.rms
 
 
+@pytest.mark.parametrize(
+    ("name", "scene", "duration"),
+    [
+        ("light, with clearance", Scene(40.0, 50.0, clearance=10e-6, defect=Defect(0.2, 1e-5, part="inner")), 4.0),
+        ("fast", Scene(400.0, 4000.0, defect=Defect(0.2, 1e-5, part="inner")), 0.2),
+        (
+            "light masses",
+            Scene(40.0, 4000.0, rig=Rig(m_i=0.12, m_o=0.19, m_r=0.1), defect=Defect(0.2, 1e-5, part="inner")),
+            3.0,
+        ),
+        ("rough, on a ball", Scene(40.0, 4000.0, defect=Defect(0.2, 1e-5, Floor("rough"), part="ball")), 4.0),
+        (
+            "another bearing",
+            Scene(25.0, 1000.0, bearing=from_catalogue("6205"), defect=Defect(0.3, 1e-5, part="ball")),
+            6.0,
+        ),
+    ],
+)
+def test_other_rigs_are_as_good(name: str, scene: Scene, duration: float) -> None:
+    level = level_of(scene)
+    long = simulate_time(scene, duration, 10000.0, step=4e-5 / scene.speed**0.5)
+    allowed = 4.0 * math.hypot(level.rms_se, long.rms_se) + (level.rms_error + 1e-3) * level.rms
+    assert abs(level.rms - long.rms) < allowed, name
+    assert level.status == "not_periodic", name
+
+
 @pytest.mark.parametrize("part", ["inner", "ball"])
 def test_the_standard_error_is_the_scatter_of_independent_records(part: Part) -> None:
     """Over several scenes: the scatter between records in other phases, and the errors that they state."""

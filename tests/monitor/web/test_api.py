@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sqlite3
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +19,8 @@ from monitor.config.load import load_config
 from monitor.records.events import EventLog
 from monitor.records.spectra import read_spectra
 from monitor.records.store import Store
+from monitor.web.machines import Machine, Status
+from monitor.web.map_view import map_of
 from tests.faults.daemons import status
 from tests.fleet import add_machine
 from tests.monitor.service.test_daemon import running
@@ -259,6 +262,26 @@ def test_the_map_of_a_channel_and_why_there_is_none(watched: Watched, tmp_path: 
     assert found["track"] == {"time_s": [], "dphi_deg": [], "h_d_um": [], "v_eq_mm2": []}
     assert broken["map"] is None
     assert str(tmp_path) not in broken["reason"]
+
+
+def test_the_map_is_that_of_the_part_that_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = MapPlan(load=(4000.0,), speed=(40.0,), h_d=(10e-6, 20e-6), dphi_d=(0.1, 0.2))
+    save_map(build_map(plan), tmp_path / "outer.nc")
+    save_map(build_map(replace(plan, part="inner")), tmp_path / "inner.nc")
+    config = alarmed_machine(tmp_path)
+    maps = 'track = true\nmap = ["outer.nc", "inner.nc"]'
+    config.write_text(config.read_text().replace('bearing = "b"\nband_hz', f'bearing = "b"\n{maps}\nband_hz'))
+    put_blocks(config, 1)
+    with running(config):
+        wait_until(lambda: status(config)["blocks"] == 2)
+    machine = Machine(load_config(config))
+    for fault, shown in (("inner", "inner"), (None, "outer"), ("inner|ball", "inner")):
+        monkeypatch.setattr(machine, "status", lambda fault=fault: Status(0, {"channels": {"x0": {"fault": fault}}}))
+        found = map_of(machine, "x0")
+        assert found["fault"] == shown
+        assert found["v_eq"].startswith(f"r_{shown[0]} * dphi_d")
+    monkeypatch.setattr(machine, "status", lambda: Status(0, {"channels": {"x0": {"fault": "ball"}}}))
+    assert map_of(machine, "x0") == {"map": None, "reason": "the channel has no RMS map of the part that is named"}
 
 
 def test_a_machine_that_never_ran_has_nothing_and_says_so(tmp_path: Path) -> None:
