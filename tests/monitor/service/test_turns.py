@@ -48,6 +48,23 @@ def test_sources_that_are_behind_get_a_turn_in_five_beside_a_busy_one() -> None:
     assert served[1] == pytest.approx(served[2], abs=1)
 
 
+def test_a_prompt_source_that_fell_behind_for_a_moment_catches_up_before_those_far_behind() -> None:
+    turns, waiting = Turns(6), [0, *[10_000] * 5]
+    for _ in range(200):
+        serve(turns, waiting)
+    # The machine was busy for a moment; then the source needs half of all turns, not a sixth.
+    waiting[0] = 10
+    longest = []
+    for _ in range(500):
+        waiting[0] += 1
+        serve(turns, waiting)
+        serve(turns, waiting)
+        longest.append(waiting[0])
+    assert max(longest) <= 11
+    assert max(longest[100:]) <= 3
+    assert all(10_000 - left > 60 for left in waiting[1:])
+
+
 def test_sources_that_are_all_behind_share_the_turns() -> None:
     turns, waiting = Turns(4), [1000] * 4
     served = Counter(serve(turns, waiting) for _ in range(400))
