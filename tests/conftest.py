@@ -26,6 +26,9 @@ _REPOSITORY = Path(__file__).resolve().parents[1]
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# There are more workers than cores: the threads of BLAS would wait for each other in loops, which triples its time.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # No failure depends on the time that an example takes. Quick effort draws the same examples every time.
 settings.register_profile(
     "any machine",
