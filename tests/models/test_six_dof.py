@@ -234,11 +234,11 @@ def test_both_rows_are_staggered_by_half_a_spacing() -> None:
         ({"clearance": -1e-6}, "clearance"),
         ({"speed": 0.0}, "speed"),
         ({"bearing": from_catalogue("NU 202 ECP")}, "roller"),
-        ({"bearing": replace(from_catalogue("6205"), rotating_ring="outer")}, "rotating_ring"),
+        ({"bearing": replace(from_catalogue("6205"), rotating_ring="outer")}, "outer_ring_turns"),
         ({"rig": Rig(element="roller")}, "roller"),
         ({"defect": Defect(0.1, 1e-5, rows=3)}, "defect.rows"),
         ({"defect": Defect(0.1, 1e-5, first_row=2)}, "defect.first_row"),
-        ({"unbalance": 1e-3}, "unbalance"),
+        ({"unbalance": -1e-3}, "unbalance"),
         ({"model": "none"}, "model"),
     ],
 )
