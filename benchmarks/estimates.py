@@ -186,7 +186,7 @@ def cost_rows(rounds: int) -> list[Row]:
 def main() -> None:
     """Print the tables."""
     options = arguments(__doc__ or "")
-    scenes: Sequence[int] = (24, 8) if options.quick else (300, 100)
+    scenes: Sequence[int] = (24, 8) if options.quick else (120, 40)
     bounds = bound_rows("periodic", periodic_errors, scenes[0], 7)
     bounds += bound_rows("time_domain", turning_errors, scenes[1], 8)
     costs = cost_rows(3 if options.quick else 15)
