@@ -146,9 +146,9 @@ def choose(scene: Scene, request: Request) -> tuple[Solver, str | None]:
 
 
 def _reason(best: Solver, scene: Scene, models: int) -> str:
-    named = ", ".join(words(scene.effects)) or "no effect"
+    named = " with " + ", ".join(words(scene.effects)) if scene.effects else ""
     rank = "the only model" if models == 1 else f"the cheapest of {models} models"
-    return f"{best.model} is {rank} with {named}; {best.reason}"
+    return f"{best.model} is {rank}{named}; {best.reason}"
 
 
 def words(effects: tuple[str, ...]) -> list[str]:

@@ -226,6 +226,12 @@ def test_what_no_model_has_is_refused_and_else_the_cheapest_is_taken(effect: str
     assert (named, silent) == (chosen, None)
 
 
+def test_a_scene_without_effects_has_a_reason_too() -> None:
+    solver, why = choose(HEALTHY, REQUEST)
+    models = "the only model" if len(MODULES) == 1 else f"the cheapest of {len(MODULES)} models"
+    assert why == f"{solver.model} is {models}; {solver.reason}"
+
+
 def test_a_named_model_is_the_one_that_answers_or_refuses() -> None:
     for model in MODULES:
         found = simulate(replace(SCENE, model=model), **SHORT)
