@@ -40,7 +40,8 @@ class MapPlan:
             its own draws, so that a smooth floor can have several.
         rows, position: of the defect, as in ``models.scene.Defect``.
         rms_band: band in which RMS is taken, Hz, or None for the full bandwidth.
-        steps_per_period: steps of the integration per ball period, or None for the model's choice.
+        steps_per_period: steps of the integration per ball period, or None for the model's choice, which is the only
+            one where the part is not the outer race.
         rig_draws: number of rigs drawn around ``rig`` for the spread over its uncertain parameters, or 0.
         rig_spread: relative standard deviation of m_r, k_c, c_i, c_r, alpha_c and beta_c between draws.
         rig_spread_k_r: relative standard deviation of k_r, which a resonance peak determines best.
@@ -98,6 +99,8 @@ class MapPlan:
         widest = math.pi if self.part == "ball" else 2.0 * math.pi
         if self.dphi_d[-1] > widest:
             raise MapError(f"map axis dphi_d of the {self.part} ends at {widest:.4g} rad, got {self.dphi_d[-1]!r}")
+        if self.part != "outer" and self.steps_per_period is not None:
+            raise MapError(f"steps_per_period belongs to maps of the outer race, got {self.steps_per_period!r}")
         if self.part == "outer" or self.slip is None or self.slip.phi_slip == 0.0:
             return
         if self.part == "ball":

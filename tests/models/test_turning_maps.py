@@ -149,6 +149,7 @@ def test_an_uncertain_rig_spreads_the_level() -> None:
         ({"part": "ball", "dphi_d": (0.1, 3.2)}, "dphi_d of the ball"),
         ({"part": "ball", "slip": Slip(0.01), "floors": 2}, "slip moves a ball"),
         ({"part": "inner", "slip": Slip(0.01, "mean_force")}, "mean_force"),
+        ({"part": "inner", "steps_per_period": 300}, "steps_per_period"),
     ],
 )
 def test_plans_outside_the_model_are_refused(change: dict[str, object], word: str) -> None:
