@@ -54,6 +54,7 @@ class NoFiles:
     def __init__(self, root: Path) -> None:
         """Take the name."""
         self.root = root
+        self.closed: list[str] = []
 
     def __iter__(self):
         """Iterate over nothing."""
