@@ -267,6 +267,17 @@ def take_lock(path: Path) -> int | None:
         return descriptor
 
 
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold a lock file, which is made where it is not there; another process that holds it is waited for."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
 def release_lock(descriptor: int | None) -> None:
     """Release a lock; None is ignored."""
     if descriptor is not None:

@@ -6,19 +6,17 @@ lost store can name it. It is written before a file is removed.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
-import os
 import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
 
 from models.errors import WrongInputError
-from monitor.records.database import replacing, sync_file, sync_folder
+from monitor.records.database import locked, replacing, sync_file, sync_folder
 from monitor.records.filing import published_files
 
 _LOCK = "days.lock"
@@ -64,15 +62,9 @@ def moved_days(records_dir: Path, machine: str) -> list[MovedDay]:
         raise MovedDaysError(f"{path}: is not a register of moved days: {error}") from error
 
 
-@contextmanager
-def moving_days(store: Path) -> Iterator[None]:
+def moving_days(store: Path) -> AbstractContextManager[None]:
     """Keep others from writing or moving published files of the store's machine."""
-    descriptor = os.open(store.with_name(_LOCK), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)
+    return locked(store.with_name(_LOCK))
 
 
 def days_before(records_dir: Path, machine: str, before: date) -> list[Path]:

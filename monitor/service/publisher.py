@@ -5,18 +5,17 @@ Only the child loads xarray and netCDF. It answers each line of its input with o
 
 from __future__ import annotations
 
-import fcntl
 import json
 import logging
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from monitor.records.database import StoreError
+from monitor.records.database import StoreError, locked
 from monitor.records.events import EventLog
 from monitor.records.store import Published, Store
 from monitor.service.child_process import Child
@@ -216,15 +215,9 @@ def child() -> None:
     os._exit(0)
 
 
-@contextmanager
-def _alone(store: Path) -> Iterator[None]:
+def _alone(store: Path) -> AbstractContextManager[None]:
     """Wait for any other publisher: that of a killed daemon may still be writing, under the same temporary names."""
-    lock = os.open(store.with_name(_LOCK), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(lock)
+    return locked(store.with_name(_LOCK))
 
 
 def publish_now(store: Store, records_dir: Path) -> str | None:
