@@ -248,6 +248,20 @@ def check_band(band: tuple[float, float]) -> tuple[float, float]:
     return low, high
 
 
+def band_lines(fundamental: float, band: tuple[float, float]) -> tuple[int, int]:
+    """Return the first and the last multiple of a frequency, Hz, within a band; the mean value is left out."""
+    return max(1, math.ceil(band[0] / fundamental)), math.floor(band[1] / fundamental)
+
+
+def levels_of_lines(
+    coefficients: NDArray[np.complex128], fundamental: float, band: tuple[float, float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return RMS and peak of each sensor, (sensors,), from the lines within a band at multiples of a frequency, Hz."""
+    low, high = band_lines(fundamental, band)
+    rms = np.sqrt(2.0 * np.sum(np.abs(coefficients[:, low : high + 1]) ** 2, axis=1))
+    return rms, np.array([peak_in_band(row, low, high) for row in coefficients])
+
+
 def peak_in_band(coefficients: NDArray[np.complex128], low: int, high: int) -> float:
     """Return the largest absolute value of the lines low..high (multiples of the fundamental) over one period."""
     size = 1 << max(6, (_PEAK_OVERSAMPLING * (high + 1) - 1).bit_length())

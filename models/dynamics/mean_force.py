@@ -19,7 +19,7 @@ from models.dynamics.lanes import LaneOptions, shared_grid
 from models.dynamics.six_dof import LANE_EFFECTS, MODEL, check_scene
 from models.kernels.lanes import LANES
 from models.registry import Request, Solver
-from models.response import HARMONICS, Response, Status, peak_in_band
+from models.response import HARMONICS, Response, Status, levels_of_lines
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,6 +34,8 @@ _SILENCE = 1e-9
 _RESOLVED = 0.4
 # Relative change of the RMS from block to block that counts as none, as a share of the accuracy.
 _SETTLING_SHARE = 0.1
+# A smaller one is rounding.
+_LEAST_TOLERANCE = 1e-9
 # Error of the RMS over the change of the waveform by a halving of the steps, as in models.kernels.settled.
 _OF_WAVE = 0.125
 _SECONDS_A_STEP = 2.5e-3
@@ -100,11 +102,16 @@ def _first_steps(scene: Scene, request: Request) -> tuple[int, bool]:
     return math.ceil(0.5 * steps), request.steps_per_period is not None
 
 
+def _tolerance(request: Request) -> float:
+    """Return the relative change of the RMS from block to block that counts as none."""
+    return request.tolerance or max(_SETTLING_SHARE * request.accuracy, _LEAST_TOLERANCE)
+
+
 def _settle(scene: Scene, request: Request, steps: int, workspace: Workspace) -> _Motion:
     """Simulate until the RMS of a block no longer changes."""
     grid = shared_grid([scene], LaneOptions(steps_per_period=steps))
     group = Group(grid, [scene] * LANES, scene.slip, workspace)
-    tolerance = request.tolerance or max(_SETTLING_SHARE * request.accuracy, 1e-9)
+    tolerance = _tolerance(request)
     levels: list[float] = []
     change, wave = math.inf, np.empty((grid.steps, 2))
     for _ in range(max(3, math.ceil(request.max_periods / PERIODS))):
@@ -137,16 +144,13 @@ def _response(
     scene: Scene, request: Request, motion: _Motion, periods: int, error: float, wave_error: float
 ) -> Response:
     bpfo, wave = kinematics(scene.bearing, scene.speed).bpfo, motion.wave
-    tolerance = request.tolerance or max(_SETTLING_SHARE * request.accuracy, 1e-9)
-    settled, finite = motion.change < tolerance, math.isfinite(motion.level)
+    settled, finite = motion.change < _tolerance(request), math.isfinite(motion.level)
     rms = np.sqrt(np.mean(wave * wave, axis=0))
     # The block is a whole number of periods, with points at PERIODS places within each step.
     peak = np.max(np.abs(wave), axis=0)
     coefficients = motion.coefficients
     if request.band is not None:
-        low, high = max(1, math.ceil(request.band[0] / bpfo)), math.floor(request.band[1] / bpfo)
-        rms = np.sqrt(2.0 * np.sum(np.abs(coefficients[:, low : high + 1]) ** 2, axis=1))
-        peak = np.array([peak_in_band(row, low, high) for row in coefficients])
+        rms, peak = levels_of_lines(coefficients, bpfo, request.band)
     spread = 0.0 if settled else float(np.std(motion.levels))
     status: Status = "converged" if error <= request.accuracy else "inaccurate"
     if not settled:

@@ -35,7 +35,7 @@ from models.kernels.period_setup import set_up
 from models.kernels.settled import Effort
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, P_U_1
 from models.registry import Request, Solver
-from models.response import HARMONICS, Response, Status, peak_in_band
+from models.response import HARMONICS, Response, Status, band_lines, levels_of_lines
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -126,7 +126,7 @@ def effort_for(scene: Scene, request: Request, harmonics: int = HARMONICS) -> Ef
     resolved = min(_RESOLVED * most, MOST_LINES) * bpfo
     highest = request.highest(resolved, f"{MOST_LINES} lines of {bpfo:.4g} Hz and {most} steps resolve up to")
     if request.band is not None:
-        low, high = max(1, math.ceil(request.band[0] / bpfo)), math.floor(request.band[1] / bpfo)
+        low, high = band_lines(bpfo, request.band)
     steps = max(steps, math.ceil(0.5 * steps_to_resolve(highest, 1.0 / bpfo)))
     return Effort(
         steps=steps,
@@ -271,7 +271,7 @@ def _response(
     if request.band is not None:
         # The error of the waveform is known over full bandwidth.
         whole = float(rms[0])
-        rms, peak = _levels_in_band(coefficients, bpfo, request.band)
+        rms, peak = levels_of_lines(coefficients, bpfo, request.band)
         peak_error *= whole / max(float(rms[0]), _SMALL)
     return Response(
         rms=float(rms[0]),
@@ -295,15 +295,6 @@ def _response(
         rms_band=request.band,
         coefficients=coefficients,
     )
-
-
-def _levels_in_band(
-    coefficients: NDArray[np.complex128], bpfo: float, band: tuple[float, float]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return RMS and peak of both sensors from the lines within a band, each of shape (2,)."""
-    low, high = max(1, math.ceil(band[0] / bpfo)), math.floor(band[1] / bpfo)
-    rms = np.sqrt(2.0 * np.sum(np.abs(coefficients[:, low : high + 1]) ** 2, axis=1))
-    return rms, np.array([peak_in_band(row, low, high) for row in coefficients])
 
 
 @lru_cache(maxsize=512)

@@ -63,7 +63,10 @@ MOST_STEPS = 2_000_000
 
 
 def check_scene(scene: Scene, effects: frozenset[str] = PERIODIC_EFFECTS) -> None:
-    """Raise a ValueError that names the effects of a scene which are not among those given, or another model."""
+    """Raise a ValueError that names the effects of a scene which are not among those given, or another model.
+
+    Slip does not go together with a defect of a ball.
+    """
     if scene.model not in ("auto", MODEL):
         raise ValueError(f"model {scene.model!r}: this solves {MODEL}")
     missing = [name for name in scene.effects if name not in effects]
@@ -71,6 +74,8 @@ def check_scene(scene: Scene, effects: frozenset[str] = PERIODIC_EFFECTS) -> Non
         raise ValueError(
             f"{', '.join(missing)}: not modelled here; models.simulate.simulate takes the solver that has it"
         )
+    if {"slip", "ball_defect"} <= set(scene.effects):
+        raise ValueError("slip moves a ball to or from a defect of a race; the defect is of a ball")
 
 
 @lru_cache(maxsize=512)

@@ -159,8 +159,6 @@ def _check(scene: Scene, accuracy: float, standard_error: float, band: tuple[flo
     if defect is None or defect.part == "outer" or not defect.moves_balls:
         raise ValueError("a stationary level needs a defect of the inner race or of a ball, with extent and depth")
     check_scene(scene, _EFFECTS)
-    if {"slip", "ball_defect"} <= set(scene.effects):
-        raise ValueError("slip moves a ball to or from a defect of a race; the defect is of a ball")
     for name, value in (("accuracy", accuracy), ("standard_error", standard_error)):
         if not (math.isfinite(value) and value > 0.0):
             raise ValueError(f"{name} must be positive and finite, got {value!r}")

@@ -15,7 +15,7 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.dynamics.six_dof import steps_for
-from models.dynamics.time_domain import SETTLE_PERIODS, SETTLE_SECONDS
+from models.dynamics.time_domain import default_settling
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.kernels.step import STATUS_OK
@@ -71,7 +71,7 @@ def cage_turns_of(scene: Scene, lines: Kinematics) -> int:
 
 def settling_turns(lines: Kinematics) -> int:
     """Return the length of the dropped beginning in turns of the cage."""
-    return math.ceil(max(SETTLE_SECONDS, SETTLE_PERIODS / lines.bpfo) * lines.ftf)
+    return math.ceil(default_settling(lines) * lines.ftf)
 
 
 def steps_in_turn(scene: Scene, lines: Kinematics, band: tuple[float, float] | None) -> int:

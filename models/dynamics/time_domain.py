@@ -42,8 +42,8 @@ DEFAULT_STEP = 10e-6
 # Steps of a run at most: 320 MB.
 MOST_STEPS = 20_000_000
 # Dropped at the beginning: ball periods, and the minimum in seconds.
-SETTLE_PERIODS = 40
-SETTLE_SECONDS = 0.2
+_SETTLE_PERIODS = 40
+_SETTLE_SECONDS = 0.2
 _LEAST_BLOCKS = 4.0
 _STOPBAND_DB = 80.0
 # Span of the run, and blocks of it at least, in which the error of the steps is looked at.
@@ -111,11 +111,11 @@ def _simulate(
     scene: Scene, request: Request, settle: float | None, direction: tuple[float, float], step: float | None
 ) -> Response:
     """Return the response with a given step, or one that meets the accuracy."""
-    _check(scene)
+    check_scene(scene, TIME_EFFECTS)
     request.highest(PASSBAND * 0.5 * request.rate, "the signal is flat up to")
     lines = kinematics(scene.bearing, scene.speed)
     run = _Run(scene, request, _settling(settle, lines), direction)
-    wished = min(DEFAULT_STEP, 1.0 / (lines.bpfo * steps_for(scene))) if step is None else step
+    wished = _longest_step(scene, lines) if step is None else step
     oversampling = max(2, math.ceil(1.0 / (request.rate * wished) - 1e-9))
     run.check_length(oversampling)
     oversampling, error = run.look(oversampling, None if step is not None else request.accuracy)
@@ -230,9 +230,13 @@ def _step_error(
 def _cost(scene: Scene, request: Request) -> float:
     """Return the expected processor time, s."""
     lines = kinematics(scene.bearing, scene.speed)
-    step = min(DEFAULT_STEP, 1.0 / (lines.bpfo * steps_for(scene)))
     looked_at = 1.0 + 3.0 * _LOOKED_AT
-    return _SECONDS_A_STEP * looked_at * (request.duration + _settling(None, lines)) / step
+    return _SECONDS_A_STEP * looked_at * (request.duration + default_settling(lines)) / _longest_step(scene, lines)
+
+
+def _longest_step(scene: Scene, lines: Kinematics) -> float:
+    """Return the step to begin with, s."""
+    return min(DEFAULT_STEP, 1.0 / (lines.bpfo * steps_for(scene)))
 
 
 def _block_rate(scene: Scene, lines: Kinematics) -> float:
@@ -242,10 +246,15 @@ def _block_rate(scene: Scene, lines: Kinematics) -> float:
     return lines.ftf if "ball_defect" in scene.effects else lines.speed
 
 
+def default_settling(lines: Kinematics) -> float:
+    """Return the time to drop at the beginning, s: the longer of 40 ball periods and 0.2 s."""
+    return max(_SETTLE_SECONDS, _SETTLE_PERIODS / lines.bpfo)
+
+
 def _settling(settle: float | None, lines: Kinematics) -> float:
-    """Return the time to drop, s: the given one, or the longer of 40 ball periods and 0.2 s."""
+    """Return the time to drop, s: the given one, or the default."""
     if settle is None:
-        return max(SETTLE_SECONDS, SETTLE_PERIODS / lines.bpfo)
+        return default_settling(lines)
     if not (math.isfinite(settle) and settle >= 0.0):
         raise ValueError(f"settle must be finite and not negative, got {settle!r}")
     return settle
@@ -374,13 +383,6 @@ def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:
     cutoff = 0.5 * (1.0 + PASSBAND) / oversampling
     taps = cutoff * np.sinc(cutoff * np.arange(-half, half + 1)) * np.kaiser(2 * half + 1, beta)
     return taps / taps.sum()
-
-
-def _check(scene: Scene) -> None:
-    """Raise a ValueError that names a field which the model does not describe, its value and the expected one."""
-    check_scene(scene, TIME_EFFECTS)
-    if {"slip", "ball_defect"} <= set(scene.effects):
-        raise ValueError("slip moves a ball to or from a defect of a race; the defect is of a ball")
 
 
 SOLVER = Solver(
