@@ -18,7 +18,7 @@ from monitor.health.waterfall import SpectrumRow
 from monitor.records.store import Store
 from monitor.report.data_quality import gaps, gaps_of, offered, statuses, timeline
 from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
-from monitor.report.figures.drawing import Picture, new_figure, sparkline, time_axis, to_svg
+from monitor.report.figures.drawing import Picture, new_figure, sparkline, thin, time_axis, to_svg, with_breaks
 from monitor.report.figures.spectrum import SpectrumView, spectra, views_of, waterfall
 from monitor.report.figures.trends import final_stage, trends
 from monitor.report.runs import Channel, Run, read_runs
@@ -331,3 +331,25 @@ def test_spans_of_any_length_get_a_date_axis(hours: float) -> None:
     axis.settle(axes, time[0], time[-1])
     assert 3 <= len(axes.get_xticks()) <= 10
     assert "<svg" in to_svg(made, "dates", numbers())
+
+
+@given(st.lists(st.none() | st.floats(-1e6, 1e6), min_size=2, max_size=400), st.integers(4, 30))
+@settings(max_examples=effort_count(quick=24, full=60))
+def test_thinning_keeps_the_extremes_and_the_breaks(values: list[float | None], bins: int) -> None:
+    y = np.array(values, dtype=float)
+    x = np.arange(y.size, dtype=float)
+    kept_x, kept_y = thin(x, y, bins)
+    assert kept_x.size <= max(3 * bins, 2 * bins)
+    assert np.all(np.diff(kept_x) > 0)
+    np.testing.assert_array_equal(kept_y, y[kept_x.astype(int)])
+    assert np.isnan(kept_y).any() == np.isnan(y).any()
+    if np.isfinite(y).any():
+        assert np.nanmin(kept_y) == np.nanmin(y)
+        assert np.nanmax(kept_y) == np.nanmax(y)
+
+
+def test_gaps_break_the_line() -> None:
+    time = np.array([0.0, 1.0, 2.0, 9.0, 10.0, 11.0])
+    x, y = with_breaks(time, np.ones(6))
+    assert x.tolist() == [0.0, 1.0, 2.0, 5.5, 9.0, 10.0, 11.0]
+    assert np.flatnonzero(np.isnan(y)).tolist() == [3]

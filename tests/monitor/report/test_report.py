@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import itertools
 import math
 import re
 from collections.abc import Iterator
@@ -14,17 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.record import Record
-from monitor.health.schema import EDV_STATUSES, FAULTS, STATUSES, TT_STATUSES
+from monitor.health.schema import EDV_STATUSES, TT_STATUSES
 from monitor.records.publish import day_dataset, publish
 from monitor.records.store import Store
-from monitor.report.figures.drawing import thin, with_breaks
 from monitor.report.figures.spectrum import SpectrumView
 from monitor.report.options import Options
 from monitor.report.report import build_report
 from monitor.report.runs import ReportError, read_runs
 from monitor.report.verdict import judge, named_fault
-from monitor.words.numbers import duration, moment, volume
-from monitor.words.statuses import EDV_REFUSALS, STATUS_MEANINGS, TT_REFUSALS, fault_words
+from monitor.words.statuses import EDV_REFUSALS, TT_REFUSALS
 from tests.effort import effort_count
 from tests.oracles.lives import life
 from tests.oracles.page import Page
@@ -338,47 +335,6 @@ def test_long_lives_make_no_long_pages(tmp_path: Path) -> None:
     ]
     page_of_records(tmp_path, made)
     assert (tmp_path / "report.html").stat().st_size < 400_000
-
-
-@given(st.lists(st.none() | st.floats(-1e6, 1e6), min_size=2, max_size=400), st.integers(4, 30))
-@settings(max_examples=effort_count(quick=24, full=60))
-def test_thinning_keeps_the_extremes_and_the_breaks(values: list[float | None], bins: int) -> None:
-    y = np.array(values, dtype=float)
-    x = np.arange(y.size, dtype=float)
-    kept_x, kept_y = thin(x, y, bins)
-    assert kept_x.size <= max(3 * bins, 2 * bins)
-    assert np.all(np.diff(kept_x) > 0)
-    np.testing.assert_array_equal(kept_y, y[kept_x.astype(int)])
-    assert np.isnan(kept_y).any() == np.isnan(y).any()
-    if np.isfinite(y).any():
-        assert np.nanmin(kept_y) == np.nanmin(y)
-        assert np.nanmax(kept_y) == np.nanmax(y)
-
-
-def test_gaps_break_the_line() -> None:
-    time = np.array([0.0, 1.0, 2.0, 9.0, 10.0, 11.0])
-    x, y = with_breaks(time, np.ones(6))
-    assert x.tolist() == [0.0, 1.0, 2.0, 5.5, 9.0, 10.0, 11.0]
-    assert np.flatnonzero(np.isnan(y)).tolist() == [3]
-
-
-def test_every_status_has_words() -> None:
-    assert set(STATUS_MEANINGS) == set(STATUSES)
-    assert set(EDV_REFUSALS) == set(EDV_STATUSES) - {"ok", "widened"}
-    assert set(TT_REFUSALS) == set(TT_STATUSES) - {"ok", "already_crossed"}
-    for first, second in itertools.combinations(FAULTS, 2):
-        assert " or " in fault_words(f"{first}|{second}")
-
-
-def test_durations_and_units_for_people() -> None:
-    assert [
-        duration(seconds) for seconds in (0.0, 89.0, 95.0, 5399.0, 5400.0, 7980.0, 86400.0 * 3 + 3600.0, -60.0)
-    ] == [
-        *("0 s", "89 s", "2 min", "1 h 30 min", "1 h 30 min", "2 h 13 min", "3 d 1 h", "−60 s"),
-    ]
-    assert volume(5e-8) == "0.05 mm³/mm"
-    assert moment(0.0, dated=True) == "1970-01-01 00:00:00 UTC"
-    assert moment(math.nan, dated=True) == "at an unknown time"
 
 
 def test_an_empty_store_is_said_to_be_empty(tmp_path: Path) -> None:

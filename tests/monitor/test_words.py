@@ -1,0 +1,29 @@
+"""The words and numbers for people, which all surfaces share."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+from monitor.health.schema import EDV_STATUSES, FAULTS, STATUSES, TT_STATUSES
+from monitor.words.numbers import duration, moment, volume
+from monitor.words.statuses import EDV_REFUSALS, STATUS_MEANINGS, TT_REFUSALS, fault_words
+
+
+def test_every_status_has_words() -> None:
+    assert set(STATUS_MEANINGS) == set(STATUSES)
+    assert set(EDV_REFUSALS) == set(EDV_STATUSES) - {"ok", "widened"}
+    assert set(TT_REFUSALS) == set(TT_STATUSES) - {"ok", "already_crossed"}
+    for first, second in itertools.combinations(FAULTS, 2):
+        assert " or " in fault_words(f"{first}|{second}")
+
+
+def test_durations_and_units_for_people() -> None:
+    assert [
+        duration(seconds) for seconds in (0.0, 89.0, 95.0, 5399.0, 5400.0, 7980.0, 86400.0 * 3 + 3600.0, -60.0)
+    ] == [
+        *("0 s", "89 s", "2 min", "1 h 30 min", "1 h 30 min", "2 h 13 min", "3 d 1 h", "−60 s"),
+    ]
+    assert volume(5e-8) == "0.05 mm³/mm"
+    assert moment(0.0, dated=True) == "1970-01-01 00:00:00 UTC"
+    assert moment(math.nan, dated=True) == "at an unknown time"
