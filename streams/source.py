@@ -252,6 +252,10 @@ class LiveSource(Protocol):
         """Record that a delivery is committed; only now may a sender discard it."""
         ...
 
+    def queued_blocks(self) -> float | None:
+        """Return about how many blocks wait to be delivered; None where there are more than the source knows of."""
+        ...
+
     def assumes_interval(self) -> bool:
         """Return whether nothing states the interval of its blocks: they are counted by the length of a file."""
         return False

@@ -52,11 +52,13 @@ class Ingest(Closing):
         settings: Mapping[str, SourceSettings],
         clock: Callable[[], float] = time.time,
         idle: Callable[[], object] = lambda: None,
+        timer: Callable[[], float] = time.monotonic,
     ) -> None:
         """Continue with the states at which the store ends; own the ledger and the sources, opened with it.
 
         ``settings`` are by the name of the source in blocks, ``clock`` gives UTC seconds since 1970, ``idle`` is called
-        after each failed attempt to use the store, which is open for writing in this thread.
+        after each failed attempt to use the store, which is open for writing in this thread. ``timer`` measures, in s,
+        what a block takes, by which the sources get their turns.
 
         Raises:
             StoreError: the store cannot be read, or its states are of another version.
@@ -66,6 +68,7 @@ class Ingest(Closing):
         self._states = {name: stored_state(store, found) for name, found in self.settings.items()}
         self._acknowledgements: dict[str, tuple[AlarmAcknowledgement, ...]] = {}
         self._store, self._ledger, self._clock, self._idle = store, ledger, clock, idle
+        self._timer = timer
         self._store_error: str | None = None
         self._analysis_errors: dict[str, str] = {}
         self._source_errors: dict[str, str] = {}
@@ -133,12 +136,15 @@ class Ingest(Closing):
         """Wait a moment for a delivery and commit it; return its record, None without one or for a refused block."""
         # First a round without waiting: a quiet source does not slow down a busy one.
         for timeout in (0.0, _POLL_S / len(self.sources)):
-            for number in self._turns.order():
-                source = self.sources[number]
+            for number in self._turns.order([source.queued_blocks() for source in self.sources]):
+                source, began = self.sources[number], self._timer()
                 delivery = self._next_delivery(source, timeout, stop)
-                self._turns.asked(number, delivered=delivery is not None)
-                if delivery is not None:
-                    return self._take(source, delivery, stop)
+                if delivery is None:
+                    self._turns.missed(number, max(0.0, self._timer() - began - timeout))
+                    continue
+                record = self._take(source, delivery, stop)
+                self._turns.served(number, self._timer() - began)
+                return record
         return None
 
     def _next_delivery(self, source: LiveSource, timeout: float, stop: threading.Event) -> Delivery | None:

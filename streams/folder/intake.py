@@ -13,9 +13,10 @@ from streams.datasets import FileFacts
 from streams.dater import UndatedError
 from streams.files import unpacked_name
 from streams.folder.copies import Copies
-from streams.folder.raw import Raw, UnfinishedError, is_more_of
+from streams.folder.copying import Order
+from streams.folder.raw import Raw, UnfinishedError, count_block, is_more_of
 from streams.folder.reading import Background, Result, Task, read_file
-from streams.folder.register import MAX_INCOMPLETE_S, Entry, Order, Register
+from streams.folder.register import MAX_INCOMPLETE_S, Entry, Register
 from streams.given import copy_error, taken_error
 from streams.load import Loader, renamed
 from streams.reblock import Cut, Numbering, Reblocker
@@ -68,6 +69,12 @@ class Intake:
         self._reading: tuple[Entry, FileFacts, Task] | None = None
         self._emission: Iterator[None] = iter(())
         self._latest_order: Order | None = None
+        self._files = self._delivered = self._emitting = 0
+
+    def queued_blocks(self) -> float:
+        """Return about how many blocks wait: a file counts as many as the files so far gave on average."""
+        files = self._register.queued + len(self._batch) + self._emitting + (self._reading is not None)
+        return len(self.ready) + files * max(self._delivered, 1) / max(self._files, 1)
 
     def advance(self, now: float) -> bool:
         """Take the next files; return whether there was any.
@@ -111,8 +118,10 @@ class Intake:
         batch, self._batch = self._batch, []
         if all(loaded[3].start is not None and loaded[3].joins for loaded in batch):
             batch.sort(key=lambda loaded: loaded[3].start or 0.0)
+        self._emitting = len(batch)
         for loaded in batch:
             yield from self._emit(*loaded)
+            self._emitting -= 1
 
     def acknowledge(self, delivery: Delivery) -> None:
         """Record that a delivery is committed."""
@@ -146,6 +155,7 @@ class Intake:
             self._reject(entry, None, facts, ReaderError(POISONED, reason))
             return None
         entry.read_at, entry.phase = now, "reading"
+        self._files += 1
         last = entry.read or entry.base
         done = entry.base is not None and entry.base.verdict != PENDING
         known = last.content_hash if last is not None and done else None
@@ -231,8 +241,7 @@ class Intake:
         entry.changed, entry.closed = now, False
         if error.stat is None:
             entry.absent = now
-        else:
-            entry.stat = error.stat
+        entry.stat = error.stat or entry.stat
         self._register.queue(entry)
 
     def _reject(self, entry: Entry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
@@ -372,26 +381,17 @@ class Intake:
 
     def _deliver_cuts(self, cuts: Iterable[Cut]) -> Iterator[None]:
         for cut in cuts:
-            pairs = list(self._progress_of(cut))
+            pairs = list(count_block(cut))
             self._deliver(self._numbers.cut(cut), pairs)
             for entry, _ in pairs:
                 self._mark_delivered(entry)
             yield
 
-    def _progress_of(self, cut: Cut) -> Iterator[tuple[Entry, FileProgress]]:
-        for entry, end in cut.used:
-            if not isinstance(entry, Entry) or entry.read is None:
-                continue
-            entry.blocks += not cut.missing
-            verdict = PENDING
-            if end >= entry.total and not entry.read.is_part:
-                verdict = ACCEPTED if entry.blocks or (entry.base and entry.base.samples) else "short"
-            yield entry, replace(entry.read, path=entry.key, samples=end, verdict=verdict)
-
     def _deliver(self, item: Block | Rejected, pairs: list[tuple[Entry, FileProgress]]) -> None:
         if not (isinstance(item, Rejected) and item.is_repetition):
             self._uncommitted[item.sequence] = item.content_hash
             self._numbers.note(item)
+        self._delivered += 1
         for entry, _ in pairs:
             entry.outstanding += 1
             if entry.phase != "held":

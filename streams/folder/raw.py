@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from models.errors import SpallwatchError
@@ -11,8 +12,9 @@ from streams.folder.register import Entry
 from streams.listing import Stat, stat_file
 from streams.load import content_hash
 from streams.readers.complete import whole_part
+from streams.reblock import Cut
 from streams.samples import ReaderError
-from streams.source import HEAD_BYTES, FileProgress
+from streams.source import ACCEPTED, HEAD_BYTES, PENDING, FileProgress
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,3 +66,15 @@ def is_more_of(raw: Raw, known: FileProgress) -> bool:
         return True
     longer = 0 < known.read_bytes < len(raw.data)
     return longer and content_hash(raw.data[: known.read_bytes]) == known.content_hash
+
+
+def count_block(cut: Cut) -> Iterator[tuple[Entry, FileProgress]]:
+    """Count a block under the files of which it has samples; give each with its progress once it is committed."""
+    for entry, end in cut.used:
+        if not isinstance(entry, Entry) or entry.read is None:
+            continue
+        entry.blocks += not cut.missing
+        verdict = PENDING
+        if end >= entry.total and not entry.read.is_part:
+            verdict = ACCEPTED if entry.blocks or (entry.base and entry.base.samples) else "short"
+        yield entry, replace(entry.read, path=entry.key, samples=end, verdict=verdict)

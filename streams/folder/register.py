@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from streams.files import natural_key
+from streams.folder.copying import HOLD, CopyDetector, Order
 from streams.listing import Stat, shown, unshown
 from streams.readers.sidecar import is_sidecar
 from streams.samples import Origin
@@ -22,12 +23,6 @@ MAX_INCOMPLETE_S = 600.0
 ARCHIVED = "\n"
 """Separates path and digest of the former content in the key of a file that was replaced."""
 
-_MIN_BULK_FILES = 8
-"""More waiting files than this may be a copy in progress."""
-_HOLD = 10.0
-"""Longest wait for other files or the end of a line, in settling times."""
-
-Order = tuple[object, ...]
 Phase = Literal["queued", "deferred", "reading", "held", "delivered"]
 
 
@@ -94,7 +89,7 @@ class Register:
         self._deferred: dict[str, Entry] = {}
         self._tie = itertools.count()
         self._lock = threading.Lock()
-        self._latest = now
+        self._copying = CopyDetector(settle_s, now)
         self._taken: Order | None = None
         counts = ledger.file_counts(source)
         self._accepted = counts.pop(ACCEPTED, 0)
@@ -175,6 +170,7 @@ class Register:
     def reorder(self) -> None:
         """Sort and filter again, once the kind of the files is recognised."""
         self._heap.clear()
+        self._copying.forget_order()
         self._taken = None
         for path, entry in list(self.waiting.items()):
             order = self._order_of(path)
@@ -197,6 +193,11 @@ class Register:
             self._ignored = sorted(ignored, key=natural_key)
 
     @property
+    def queued(self) -> int:
+        """About how many files are not taken yet and not deferred."""
+        return len(self._heap)
+
+    @property
     def ignored(self) -> list[str]:
         """The paths of the files that are ignored, as of the latest listing, in natural order."""
         return self._ignored
@@ -209,7 +210,8 @@ class Register:
         with self._lock:
             self._count(entry.counted, -1)
             self.waiting[path] = entry
-        self._latest = now
+        if order:
+            self._copying.note(order, now)
         self.queue(entry)
         return entry
 
@@ -276,11 +278,11 @@ class Register:
         if not self.is_settled(entry, now):
             return False
         later = bool(self._heap) and self._heap[0][0] > entry.order
-        return entry.closed or later or now - entry.changed >= _HOLD * self._settle
+        return entry.closed or later or now - entry.changed >= HOLD * self._settle
 
     def await_end(self, entry: Entry) -> None:
         """Defer a file that is read before its end until it counts as whole."""
-        self.defer(entry, entry.changed + _HOLD * self._settle, awaits_end=True)
+        self.defer(entry, entry.changed + HOLD * self._settle, awaits_end=True)
 
     def take(self, now: float, period: float | None) -> Entry | None:
         """Return the next file in order, or None where all have to wait.
@@ -311,7 +313,7 @@ class Register:
                 break
             else:
                 passed.append(item)
-                if now - entry.seen < _HOLD * self._settle:
+                if now - entry.seen < HOLD * self._settle:
                     break
         for item in passed:
             heapq.heappush(self._heap, item)
@@ -329,10 +331,8 @@ class Register:
                 self.queue(entry)
 
     def _is_copying(self, now: float) -> bool:
-        if len(self._heap) <= _MIN_BULK_FILES or now - self._latest >= self._settle:
-            return False
         first = next(iter(self.waiting.values()), None)
-        return first is not None and now - first.seen < _HOLD * self._settle
+        return first is not None and self._copying.is_copying(len(self._heap), first.seen, now)
 
     def finish(self, entry: Entry, progress: FileProgress) -> None:
         """Count a file under its verdict; a later change enters it again."""

@@ -15,9 +15,10 @@ from streams.datasets import DataSet
 from streams.dater import Dater
 from streams.dating import Dating, kept_dating
 from streams.files import Folder, check_readable, natural_key
+from streams.folder.copying import Order
 from streams.folder.intake import Intake
 from streams.folder.reading import Background, Task
-from streams.folder.register import MAX_INCOMPLETE_S, Order, Register
+from streams.folder.register import MAX_INCOMPLETE_S, Register
 from streams.folder.watch import Watch
 from streams.listing import CLOSED, Stat, is_skipped, list_files, shown, stat_file
 from streams.load import Loader, is_cut, is_dated_by_choice
@@ -148,6 +149,10 @@ class FolderSource(LiveSource):
         """Record that a delivery is committed."""
         if self._intake is not None:
             self._intake.acknowledge(delivery)
+
+    def queued_blocks(self) -> float:
+        """Return about how many blocks wait to be delivered: a file counts as many as the files before gave."""
+        return self._register.queued if self._intake is None else self._intake.queued_blocks()
 
     def backlog(self) -> Backlog:
         """Return the counts of files."""

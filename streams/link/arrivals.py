@@ -198,6 +198,10 @@ class Arrivals:
                 self._rejected += 1
         return ticket
 
+    def queued_blocks(self) -> int | None:
+        """Return how many deliveries wait; None where the limit is reached, and senders hold back more."""
+        return None if self.full else len(self._queue)
+
     def backlog(self) -> Backlog:
         """Return the counts since :meth:`open`."""
         with self._lock:
@@ -317,6 +321,10 @@ class Receiver(LiveSource):
     def acknowledge(self, delivery: Delivery) -> None:
         """Record a commit and acknowledge it to the sender."""
         self._confirm(self._arrivals.acknowledge(delivery))
+
+    def queued_blocks(self) -> int | None:
+        """Return how many blocks wait to be delivered; None where senders hold back more."""
+        return self._arrivals.queued_blocks()
 
     def backlog(self) -> Backlog:
         """Return the counts of frames."""

@@ -285,6 +285,35 @@ def test_a_crowd_that_is_copied_in_any_order_comes_in_order(rig: Rig) -> None:
     assert [item.name for item in rig.items] == [f"f{number}.csv" for number in range(1, 61)]
 
 
+def test_files_that_come_in_order_are_not_held_back_after_a_pause_of_the_reader(rig: Rig) -> None:
+    pending = []
+    for number in range(1, 121):
+        put(rig, f"f{number}.csv", number)
+        rig.watch.closed.add(f"f{number}.csv")
+        if 60 <= number < 80:
+            # The process is busy with another source.
+            rig.clock.now += 0.5
+            continue
+        rig.run(0.5)
+        pending.append(rig.source.backlog().pending)
+    assert max(pending[45:]) <= 1
+    assert [item.name for item in rig.items] == [f"f{number}.csv" for number in range(1, 121)]
+
+
+def test_a_folder_that_is_copied_backwards_while_a_logger_writes_comes_in_order(rig: Rig) -> None:
+    for number in range(100, 160):
+        put(rig, f"f{number}.csv", number)
+        rig.watch.closed.add(f"f{number}.csv")
+        rig.run(0.5)
+    first = len(rig.items)
+    for number in range(159, 100, -2):
+        put(rig, f"e{number}.csv", number)
+        put(rig, f"e{number - 1}.csv", number - 1)
+        rig.run(0.5)
+    rig.run(30.0)
+    assert [item.name for item in rig.items[first:]] == [f"e{number}.csv" for number in range(100, 160)]
+
+
 def test_a_file_in_the_place_of_the_folder_is_a_configuration_error(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(b"1\n")
     source = FolderSource(SourceSpec(name="s", url="folder:x"), str(tmp_path / "a.csv"))

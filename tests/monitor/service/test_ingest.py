@@ -60,6 +60,9 @@ class Queue:
     def assumes_interval(self) -> bool:
         return False
 
+    def queued_blocks(self) -> int:
+        return len(self.waiting)
+
     def backlog(self) -> Backlog:
         return Backlog(0, 0, 0, len(self.waiting), 0.0)
 
@@ -95,7 +98,9 @@ def settings_of(name: str = "s") -> SourceSettings:
 
 def ingest_of(store: Store, *sources: Queue) -> Ingest:
     names = {source.name for source in sources}
-    return Ingest(store, StoreLedger(store), sources, {name: settings_of(name) for name in names}, clock=lambda: 1.7e9)
+    settings = {name: settings_of(name) for name in names}
+    # No block costs more time than another.
+    return Ingest(store, StoreLedger(store), sources, settings, clock=lambda: 1.7e9, timer=lambda: 0.0)
 
 
 def steps(ingest: Ingest, count: int) -> None:
@@ -117,6 +122,46 @@ def test_blocks_are_committed_with_their_progress_and_then_acknowledged(store: S
     with StoreLedger(store) as ledger:
         assert ledger.file_counts("s") == {"accepted": 3}
     assert "channel:s:x" in store.load_states()
+
+
+def test_a_block_waits_for_two_verdicts_on_the_files_of_others_at_most(store: Store) -> None:
+    """Five sources with many damaged files, and one that needs most of the time of the process that commits."""
+    costs_s, period_s, time_s = {"good": 0.03, "bad": 0.02}, 0.05, [0.0]
+
+    class Slow(Queue):
+        def next(self, timeout: float) -> Delivery | None:
+            found = super().next(timeout)
+            time_s[0] += 0.001 if found is None else costs_s[self.name.rstrip("12345")]
+            return found
+
+    many = {
+        f"bad{n}": [Rejected(f"bad{n}", k, f"{k}", "unreadable", "words") for k in range(1, 400)] for n in range(1, 6)
+    }
+    damaged = [Slow(store, list(items), name) for name, items in many.items()]
+    good = Slow(store, [], "good")
+    sources = [good, *damaged]
+    settings = {source.name: settings_of(source.name) for source in sources}
+    verdicts = arrived = committed = 0
+    longest: list[int] = []
+    came: deque[int] = deque()
+    with Ingest(store, StoreLedger(store), sources, settings, timer=lambda: time_s[0]) as ingest:
+        while committed < 200:
+            while time_s[0] >= arrived * period_s:
+                arrived += 1
+                item = block(arrived, source="good")
+                good.waiting.append(Delivery(item, progress=good.progress(item)))
+                came.append(verdicts)
+            record = ingest.step(threading.Event())
+            assert record is not None
+            if record.source == "good":
+                committed += 1
+                longest.append(verdicts - came.popleft())
+            else:
+                verdicts += 1
+    # At the start nothing is known of what the blocks of each source take.
+    assert max(longest[:20]) <= 20
+    assert max(longest[20:]) <= 2
+    assert verdicts >= 0.2 * time_s[0] / costs_s["bad"] - 2
 
 
 def test_what_the_ledger_has_is_counted_and_never_judged_again(store: Store) -> None:
