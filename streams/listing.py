@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import stat
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,22 +54,25 @@ def list_files(root: str, closed: list[str] | None = None) -> dict[str, Stat]:
 
     ``closed`` is extended by the folders below it that may not be read; OSError where the folder itself may not.
     """
-    found: dict[str, Stat] = {}
+    return dict(walk_files(root, closed))
+
+
+def walk_files(root: str, closed: list[str] | None = None) -> Iterator[tuple[str, Stat]]:
+    """Yield what :func:`list_files` returns, file by file."""
     folders = [""]
     while folders:
         folder = folders.pop()
         try:
-            _list_one(root, folder, folders, found)
+            yield from _walk_one(root, folder, folders)
         except OSError as error:
             if not folder:
                 raise
             if closed is not None and isinstance(error, PermissionError):
                 closed.append(folder)
-    return found
 
 
-def _list_one(root: str, folder: str, folders: list[str], found: dict[str, Stat]) -> None:
-    """Add the files of one folder to ``found``, and its folders to ``folders``."""
+def _walk_one(root: str, folder: str, folders: list[str]) -> Iterator[tuple[str, Stat]]:
+    """Yield the files of one folder, and add its folders to ``folders``."""
     with os.scandir(f"{root}/{folder}") as entries:
         for entry in entries:
             if is_skipped(entry.name):
@@ -86,7 +90,7 @@ def _list_one(root: str, folder: str, folders: list[str], found: dict[str, Stat]
                 # Removed meanwhile.
                 continue
             if status is not None:
-                found[path] = status
+                yield path, status
 
 
 def is_skipped(name: str) -> bool:

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 _PROMPT_S = 0.1
 """A source whose waiting blocks take less time than this keeps up; beyond, a source is of the next level with each
 doubling."""
+_UNKNOWN_S = 0.01
+"""Time that a block of a source takes of which none was served yet."""
 _SHARE = 0.2
 """Share of the time, at least, of the sources that are behind, while others are served before them."""
 _WEIGHT = 0.25
@@ -28,7 +30,7 @@ class Turns:
         """Begin with ``count`` sources of which nothing is known."""
         self._queue = list(range(count))
         self._in_succession = [0] * count
-        self._block_s = [0.0] * count
+        self._block_s: list[float | None] = [None] * count
         self._levels: list[int | None] = [None] * count
         self._owed_s = 0.0
 
@@ -40,7 +42,7 @@ class Turns:
         self._levels = [self._level(number, blocks) for number, blocks in enumerate(waiting)]
         ordered = sorted(self._queue, key=lambda number: self._levels[number] or 0)
         behind = [number for number in self._queue if self._is_behind(number)]
-        if not behind or self._owed_s < self._block_s[behind[0]]:
+        if not behind or self._owed_s < (self._block_s[behind[0]] or _UNKNOWN_S):
             return ordered
         return [*behind, *(number for number in ordered if number not in behind)]
 
@@ -53,8 +55,9 @@ class Turns:
 
     def served(self, number: int, seconds: float) -> None:
         """Note that a block of a source was served, and how long that took."""
-        mean = self._block_s[number]
-        seconds = min(seconds, _MAX_FACTOR * mean) if mean else seconds
+        known = self._block_s[number]
+        mean = seconds if known is None else known
+        seconds = min(seconds, _MAX_FACTOR * mean)
         self._levels[number] = self._levels[number] or 0
         if self._is_behind(number):
             self._owed_s -= seconds
@@ -62,7 +65,7 @@ class Turns:
             self._owed_s += seconds * _SHARE / (1.0 - _SHARE)
         else:
             self._owed_s = 0.0
-        self._block_s[number] += (_WEIGHT if mean else 1.0) * (seconds - mean)
+        self._block_s[number] = mean + _WEIGHT * (seconds - mean)
         self._in_succession[number] += 1
         self._queue.remove(number)
         self._queue.append(number)
@@ -72,7 +75,7 @@ class Turns:
         blocks = self._in_succession[number] if waiting is None else waiting
         if not blocks and not self._in_succession[number]:
             return None
-        work = blocks * self._block_s[number] / _PROMPT_S
+        work = blocks * (self._block_s[number] or _UNKNOWN_S) / _PROMPT_S
         return math.ceil(math.log2(work)) if work > 1.0 else 0
 
     def _is_behind(self, number: int) -> bool:

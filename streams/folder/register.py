@@ -6,7 +6,7 @@ import heapq
 import itertools
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -19,7 +19,6 @@ from streams.source import ACCEPTED, PENDING, POISONED, RELEASED, Backlog, FileP
 
 MAX_INCOMPLETE_S = 600.0
 """Time without a change after which an incomplete file is rejected."""
-
 ARCHIVED = "\n"
 """Separates path and digest of the former content in the key of a file that was replaced."""
 
@@ -101,8 +100,8 @@ class Register:
             entry = self._enter(unshown(progress.path), Stat(-1, 0, 0), now, progress)
             entry.absent = now
 
-    def update(self, listing: Mapping[str, Stat], now: float) -> None:
-        """Compare a listing of the whole folder with the files known."""
+    def update(self, listing: Mapping[str, Stat], now: float) -> Iterator[None]:
+        """Compare a listing of the whole folder with the files known; yield after each file of it."""
         gone = [path for path in self._done if path not in listing]
         here = {path: stat.inode for path, stat in listing.items()}
         moved = {known.inode: path for path, known in self._done.items() if here.get(path) != known.inode}
@@ -113,6 +112,7 @@ class Register:
                     self._renamed(moved[stat.inode], path, stat)
         for path, stat in listing.items():
             self.observe(path, stat, now)
+            yield
         for path in gone:
             self._done.pop(path, None)
         self._others &= listing.keys()

@@ -9,6 +9,7 @@ import logging
 import stat
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 from streams.datasets import DataSet
@@ -20,7 +21,7 @@ from streams.folder.intake import Intake
 from streams.folder.reading import Background, Task
 from streams.folder.register import MAX_INCOMPLETE_S, Register
 from streams.folder.watch import Watch
-from streams.listing import CLOSED, Stat, is_skipped, list_files, shown, stat_file
+from streams.listing import CLOSED, Stat, is_skipped, shown, stat_file, walk_files
 from streams.load import Loader, is_cut, is_dated_by_choice
 from streams.recognise import data_set_of
 from streams.source import MAX_DEATHS, MAX_IGNORED_NAMES, Backlog, Delivery, Ledger, LiveSource
@@ -78,6 +79,9 @@ class FolderSource(LiveSource):
         self._tried: dict[str, Stat] = {}
         self._retry = 0.0
         self._next_scan = 0.0
+        self._scanning: Iterator[None] | None = None
+        self._scan_began = self._scan_s = 0.0
+        self._unscanned = 0
         self._overflows = 0
         self._overflowed: float | None = None
         self._ledger: Ledger | None = None
@@ -137,6 +141,11 @@ class FolderSource(LiveSource):
                 return self._intake.ready.popleft()
             self._wake.clear()
             self._poll(now)
+            if self._scanning is not None:
+                # The order of the files is known at the end of the scan.
+                if now < deadline:
+                    continue
+                return None
             # Files that wait for a date give nothing, however many there are: other sources must have their turn.
             if self._advance(now) and (now < deadline or (self._intake is not None and self._intake.ready)):
                 continue
@@ -151,8 +160,12 @@ class FolderSource(LiveSource):
             self._intake.acknowledge(delivery)
 
     def queued_blocks(self) -> float:
-        """Return about how many blocks wait to be delivered: a file counts as many as the files before gave."""
-        return self._register.queued if self._intake is None else self._intake.queued_blocks()
+        """Return about how many blocks wait to be delivered: a file counts as many as the files before gave.
+
+        All files of a scan that takes long count, until they are compared with the ledger.
+        """
+        waiting = self._register.queued if self._intake is None else self._intake.queued_blocks()
+        return waiting + self._unscanned
 
     def backlog(self) -> Backlog:
         """Return the counts of files."""
@@ -173,8 +186,8 @@ class FolderSource(LiveSource):
         self._watch.stop()
         self._background.close()
         self._background = Background(self._wake.set, self._note)
-        self._intake = self._recognition = None
-        self._identity = None
+        self._intake = self._recognition = self._scanning = None
+        self._identity, self._unscanned = None, 0
 
     @property
     def _open_ledger(self) -> Ledger:
@@ -189,7 +202,30 @@ class FolderSource(LiveSource):
         return self._files
 
     def _poll(self, now: float) -> None:
-        """Observe the files that events name; scan where due, or where events were lost."""
+        """Go on with the scan, for a short time; begin one where due, or where events were lost.
+
+        Files that events name are observed between two scans: a scan has an older status of them.
+        """
+        if self._scanning is None:
+            self._take_events(now)
+            if now < self._next_scan:
+                return
+            self._scanning, self._scan_began, self._scan_s = self._scan(now), now, 0.0
+        began = self._clock.monotonic()
+        try:
+            for _ in self._scanning:
+                if (took := self._clock.monotonic() - began) >= self._clock.patience_s:
+                    self._scan_s += took
+                    return
+        except BaseException:
+            self._scanning, self._unscanned = None, 0
+            raise
+        self._scanning, self._unscanned = None, 0
+        self._scan_s += self._clock.monotonic() - began
+        self._next_scan = self._scan_began + max(self._spec.settle_s / 2, _MIN_PAUSE_SCANS * self._scan_s, 0.1)
+
+    def _take_events(self, now: float) -> None:
+        """Observe the files that events name; have a scan where events were lost."""
         if self._watch.overflows != self._overflows:
             self._overflows, self._overflowed = self._watch.overflows, now
             self._next_scan = now
@@ -198,14 +234,9 @@ class FolderSource(LiveSource):
             found = stat_file(str(self._real), path)
             if found is not None and not any(map(is_skipped, path.split("/"))):
                 self._register.observe(path, found, now, closed=True)
-        if now < self._next_scan:
-            return
-        self._scan(now)
-        took = self._clock.monotonic() - now
-        self._next_scan = now + max(self._spec.settle_s / 2, _MIN_PAUSE_SCANS * took, 0.1)
 
-    def _scan(self, now: float) -> None:
-        """Watch the folder where it is new, then compare it with the ledger."""
+    def _scan(self, now: float) -> Iterator[None]:
+        """Watch the folder where it is new, then compare it with the ledger; yield after each file."""
         try:
             status = self._root.stat()
             if (status.st_dev, status.st_ino) != self._identity or not self._watch.alive():
@@ -219,7 +250,11 @@ class FolderSource(LiveSource):
                 self._watch.start(self._real)
                 self._identity = (status.st_dev, status.st_ino)
             closed: list[str] = []
-            listing = list_files(str(self._real), closed)
+            listing: dict[str, Stat] = {}
+            for path, found in walk_files(str(self._real), closed):
+                listing[path] = found
+                self._unscanned += 1
+                yield
         except OSError as error:
             self._set_problem(f"{self._root}: cannot be read ({error.strerror})")
             self._identity = None
@@ -228,7 +263,9 @@ class FolderSource(LiveSource):
         if self._ledger is not None:
             for key in self._ledger.released(self.name):
                 self._register.release(key)
-        self._register.update(listing, now)
+        for _ in self._register.update(listing, now):
+            self._unscanned -= 1
+            yield
 
     def _note(self, keys: tuple[str, ...]) -> None:
         """Note the files that the background handles."""

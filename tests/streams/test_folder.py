@@ -13,7 +13,7 @@ from streams.block import Block, Rejected
 from streams.folder.source import FolderSource
 from streams.listing import is_skipped, shown, unshown
 from streams.spec import SourceError, SourceSpec
-from tests.streams.folders import Rig, csv_bytes, noise, verdicts
+from tests.streams.folders import Rig, SetClock, csv_bytes, noise, verdicts
 from tests.waiting import PATIENCE_S
 
 
@@ -283,6 +283,32 @@ def test_a_crowd_that_is_copied_in_any_order_comes_in_order(rig: Rig) -> None:
             rig.run(0.3)
     rig.run()
     assert [item.name for item in rig.items] == [f"f{number}.csv" for number in range(1, 61)]
+
+
+def test_a_folder_with_very_many_files_is_scanned_in_short_turns_and_then_delivered_in_order(tmp_path: Path) -> None:
+    class Busy(SetClock):
+        patience_s = 0.02
+
+        def monotonic(self) -> float:
+            self.now += 0.001
+            return self.now
+
+    rig = Rig(tmp_path)
+    for number in range(1, 301):
+        put(rig, f"f{number}.csv", number, count=20)
+    rig.clock = Busy()
+    rig.restart()
+    pending = [rig.source.backlog().pending]
+    while pending[-1] < 300:
+        assert rig.source.next(0.0) is None
+        assert rig.source.queued_blocks() >= pending[-1]
+        pending.append(rig.source.backlog().pending)
+        rig.check()
+    assert max(np.diff(pending)) <= 25
+    rig.clock.now += 10.0
+    while not rig.run(1.0, most=1):
+        pass
+    assert [item.name for item in rig.items] == ["f1.csv"]
 
 
 def test_files_that_come_in_order_are_not_held_back_after_a_pause_of_the_reader(rig: Rig) -> None:

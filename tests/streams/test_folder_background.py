@@ -44,7 +44,7 @@ def source(root: Path, kind: str, name: str, ledger: MemoryLedger) -> FolderSour
 
 
 def test_a_slow_file_does_not_hold_up_another_source(tmp_path: Path) -> None:
-    ledger, order = MemoryLedger(), []
+    ledger, order, seen = MemoryLedger(), [], False
     for name in ("slow", "quick"):
         (tmp_path / name).mkdir()
     (tmp_path / "slow" / "1.slow").write_text(str(tmp_path / "go"))
@@ -65,7 +65,8 @@ def test_a_slow_file_does_not_hold_up_another_source(tmp_path: Path) -> None:
                     order.append(delivery.item.source)
             if order.count("b") == 5 and ledger.handled:
                 (tmp_path / "go").touch()
-            assert slow.backlog().pending == 1 - order.count("a")
+            seen = seen or slow.backlog().pending == 1
+            assert slow.backlog().pending == (seen and "a" not in order)
     assert order == ["b"] * 5 + ["a"]
     # It took long, so it was noted as being handled, and then not any more.
     assert ledger.handled == [("a", ("1.slow",)), ("a", ())]
