@@ -37,6 +37,7 @@ from monitor.health.quality import (
     with_flags,
 )
 from monitor.health.record import Record, storable
+from monitor.health.spectrum.transform import MIN_SAMPLES
 from monitor.health.state import ChannelSettings, ChannelState, SourceSettings, SourceState
 from monitor.health.waterfall import SpectrumChange, WaterfallState
 from monitor.health.waterfall import step as waterfall_step
@@ -87,6 +88,9 @@ def step(
     misfit: str | None = None
     if isinstance(item, Block) and (unfit := _misfit(item, settings)) is not None:
         item, misfit = rejection_of(item, unfit.status, unfit.reason), unfit.reason
+    elif isinstance(item, Block) and 0 < (length := item.samples.shape[1]) < MIN_SAMPLES:
+        reason = f"{item.name}: {length} samples, the analysis needs at least {MIN_SAMPLES}"
+        item = rejection_of(item, "short", reason)
     if isinstance(item, Rejected):
         order, _ = check_order(state.order, item.sequence, None, dated=False)
         state, output = replace(state, order=order), SourceOutput(rejected_record(item), misfit=misfit)

@@ -192,6 +192,28 @@ def test_a_block_that_does_not_fit_bears_the_status_that_fits(store: Store) -> N
     assert "Nyquist" in found[3].reason
 
 
+def test_a_block_too_short_for_the_analysis_is_short_and_the_log_has_no_traceback(
+    store: Store, caplog: pytest.LogCaptureFixture
+) -> None:
+    lengths = [256, 1, 63, 64, 256]
+    items: list[Block | Rejected] = [
+        replace(block(number), samples=block(number).samples[:, :length], name=f"{number}.npy")
+        for number, length in enumerate(lengths, 1)
+    ]
+    source, machine = Queue(store, items), config("nowhere")
+    settings = {"s": source_settings(machine, machine.source[0].model_copy(update={"block_s": "file"}))}
+    with Ingest(store, StoreLedger(store), [source], settings, clock=lambda: 1.7e9) as ingest:
+        steps(ingest, len(items))
+        assert ingest.problems() == {"s": "dry"}
+    found = kept(store)
+    assert [record.status for record in found] == ["ok", "short", "short", "ok", "ok"]
+    assert [record.reason for record in found][1:3] == [
+        "2.npy: 1 samples, the analysis needs at least 64",
+        "3.npy: 63 samples, the analysis needs at least 64",
+    ]
+    assert caplog.records == []
+
+
 def test_a_source_that_fails_is_shown_and_takes_no_other_with_it(
     store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
