@@ -9,8 +9,8 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
@@ -114,6 +114,21 @@ def delete_day(path: Path, machine: str, store: Path, utc: float) -> MovedDay:
     except OSError as error:
         raise MovedDaysError(f"{path}: cannot be deleted: {error.strerror or error}") from error
     return deleted
+
+
+def reached_days(records_dir: Path, machine: str, beat: Callable[[], object] = lambda: None) -> list[Path]:
+    """Return the moved days that are where they were moved to, as they were moved; ``beat`` is called for each.
+
+    A register that cannot be read names none.
+    """
+    found: list[Path] = []
+    with suppress(MovedDaysError):
+        for entry in moved_days(records_dir, machine):
+            beat()
+            with suppress(OSError):
+                if entry.to is not None and _digest(path := Path(entry.to) / entry.file) == entry.blake2b:
+                    found.append(path)
+    return found
 
 
 def absence_text(moved: Sequence[MovedDay]) -> str | None:

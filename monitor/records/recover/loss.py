@@ -12,6 +12,7 @@ from typing import Any
 from monitor.records.condense import has_condensed, identity_of
 from monitor.records.database import MAGIC, StoreError
 from monitor.records.filing import published_files
+from monitor.records.moved_days import reached_days
 from monitor.records.recover.published import Beat, gather, remove_database
 from monitor.records.recover.rows import has_header, opened
 from monitor.records.recover.settle import first_change
@@ -29,7 +30,10 @@ _TABLES = {"meta", "runs", "blocks", "records", "layouts", "stage_states", "fore
 
 @dataclass(frozen=True)
 class Loss:
-    """Why a store has to be made again, and the published files that hold what it lacks."""
+    """Why a store has to be made again, and the published files that hold what it lacks, moved days among them.
+
+    Of two files of a day, the one in the folder of the published files comes last.
+    """
 
     reason: str
     files: tuple[Path, ...]
@@ -40,13 +44,19 @@ def find_loss(path: Path, machine: str, records_dir: Path | None, beat: Beat) ->
     if path.is_dir():
         return None
     files = () if records_dir is None else tuple(published_files(records_dir, machine))
+
+    def all_days() -> tuple[Path, ...]:
+        moved = [] if records_dir is None else reached_days(records_dir, machine, beat)
+        return tuple(sorted([*moved, *files], key=lambda file: file.name))
+
     if not path.exists() or not path.stat().st_size:
-        if not files and not _is_logged(path):
+        found = all_days()
+        if not found and not _is_logged(path):
             return None
-        return Loss("it is missing" if not path.exists() else "the file is empty", files)
+        return Loss("it is missing" if not path.exists() else "the file is empty", found)
     reason = damage_of(path, machine, records_dir)
     if reason is not None:
-        return Loss(f"it was damaged ({reason})", files)
+        return Loss(f"it was damaged ({reason})", all_days())
     if records_dir is None or not has_header(path):
         return None
     return _find_older(path, machine, records_dir, files, beat)

@@ -50,12 +50,12 @@ Beat = Callable[[], object]
 
 
 class Gathered(NamedTuple):
-    """Result of reading published files: by name the rows that are as they were committed and the others.
+    """Result of reading published files: by path the rows that are as they were committed and the others.
 
-    ``unreadable`` are the files that cannot be read.
+    ``unreadable`` are the names of the files that cannot be read.
     """
 
-    rows: Mapping[str, tuple[int, int]]
+    rows: Mapping[Path, tuple[int, int]]
     unreadable: tuple[str, ...] = ()
 
     @property
@@ -70,10 +70,10 @@ def gather(files: Sequence[Path], machine: str, scratch: Path, beat: Beat) -> Ga
     with Store.open(scratch, machine=machine) as store, StoreLedger(store):
         pass
     rows = _in_child(scratch, files, beat) if files else {}
-    return Gathered(rows, tuple(file.name for file in files if file.name not in rows))
+    return Gathered(rows, tuple(file.name for file in files if file not in rows))
 
 
-def _in_child(scratch: Path, files: Sequence[Path], beat: Beat) -> dict[str, tuple[int, int]]:
+def _in_child(scratch: Path, files: Sequence[Path], beat: Beat) -> dict[Path, tuple[int, int]]:
     command = [sys.executable, "-c", _START, str(scratch), *map(str, files), json.dumps(sys.path)]
     # The child ends when the other end of its standard input is closed, by this process or by its death.
     theirs, ours = os.pipe()
@@ -92,7 +92,7 @@ def _in_child(scratch: Path, files: Sequence[Path], beat: Beat) -> dict[str, tup
     if child.returncode != 0:
         _LOG.error("the published files cannot be read: %s", said.strip() or child.returncode)
         return {}
-    return {name: (taken, damaged) for name, (taken, damaged) in json.loads(answer).items()}
+    return {Path(file): (taken, damaged) for file, (taken, damaged) in json.loads(answer).items()}
 
 
 def remove_database(path: Path) -> None:
@@ -104,18 +104,18 @@ def remove_database(path: Path) -> None:
 def main() -> None:
     """Take the rows of files, all arguments but the first, into a scratch store; print the result as JSON."""
     scratch, *files = map(Path, sys.argv[1:])
-    print(json.dumps(take_files(scratch, files)))
+    print(json.dumps({str(file): rows for file, rows in take_files(scratch, files).items()}))
 
 
-def take_files(scratch: Path, files: Sequence[Path]) -> dict[str, tuple[int, int]]:
-    """Insert the rows of files; return by name of those that can be read the rows taken and the damaged ones."""
-    found: dict[str, tuple[int, int]] = {}
+def take_files(scratch: Path, files: Sequence[Path]) -> dict[Path, tuple[int, int]]:
+    """Insert the rows of files; return by path of those that can be read the rows taken and the damaged ones."""
+    found: dict[Path, tuple[int, int]] = {}
     with closing(sqlite3.connect(scratch, isolation_level=None)) as connection:
         connection.execute("PRAGMA synchronous = OFF")
         for file in files:
             connection.execute("BEGIN")
             try:
-                found[file.name] = _File(file, connection).take()
+                found[file] = _File(file, connection).take()
             except (OSError, RuntimeError, ValueError, TypeError, LookupError) as error:
                 sys.stderr.write(f"{file}: {error}\n")
                 connection.execute("ROLLBACK")

@@ -113,7 +113,6 @@ def _fill(path: Path, fresh: Path, machine: str, loss: Loss, records_dir: Path |
     with Store.open(fresh, machine=machine) as store, StoreLedger(store), EventLog(fresh), Deliveries(fresh):
         pass
     scratch = path.with_name(f"{path.name}.published")
-    path_of = {file.name: file for file in loss.files}
     try:
         gathered = gather(loss.files, machine, scratch, beat)
         with closing(sqlite3.connect(fresh, isolation_level=None)) as connection:
@@ -124,8 +123,8 @@ def _fill(path: Path, fresh: Path, machine: str, loss: Loss, records_dir: Path |
             states = carry_over(path, connection)
             nothing_read = not connection.execute("SELECT 1 FROM blocks LIMIT 1").fetchone()
             account = settle(connection, states, None if records_dir is None else read_snapshot(records_dir, machine))
-            for name, (rows, _) in gathered.rows.items():
-                _note_published(connection, machine, path_of[name], rows)
+            for file, (rows, _) in gathered.rows.items():
+                _note_published(connection, machine, file, rows)
             # The progress of files may be lost: blocks up to here may be offered again.
             connection.execute(f"INSERT INTO meta SELECT '{SALVAGED_UP_TO}', coalesce(max(id), 0) FROM blocks")
     finally:
@@ -162,9 +161,11 @@ def _remarks(gathered: Gathered, machine: str, records_dir: Path | None, *, noth
     if gathered.damaged:
         yield f"{gathered.damaged} published rows are not as they were committed"
     with suppress(MovedDaysError):
-        moved = absence_text(moved_days(records_dir, machine) if records_dir is not None else [])
-        if moved:
-            yield moved
+        read = {file.name for file in gathered.rows}
+        moved = [] if records_dir is None else moved_days(records_dir, machine)
+        absent = absence_text([entry for entry in moved if entry.file not in read])
+        if absent:
+            yield f"{absent}; they were not read"
 
 
 def _close_for_good(fresh: Path) -> None:

@@ -45,15 +45,51 @@ def test_a_lost_store_with_condensed_blocks_comes_back_from_the_files_with_each_
 
 
 @pytest.mark.process
-def test_a_lost_store_says_which_days_were_moved(filled: Store, tmp_path: Path) -> None:
+def test_a_lost_store_comes_back_with_the_moved_days_that_are_reached_and_names_the_others(
+    filled: Store, tmp_path: Path
+) -> None:
     condense_all(filled)
     filled.close()
-    move_day(tmp_path / "records" / "m-20231115.nc", "m", tmp_path / "away", filled.path, 0.0)
+    for day in (15, 16, 17):
+        move_day(tmp_path / "records" / f"m-202311{day}.nc", "m", tmp_path / "away", filled.path, 0.0)
+    filled.path.unlink()
+    (tmp_path / "away" / "m-20231115.nc").unlink()
+    with (tmp_path / "away" / "m-20231116.nc").open("ab") as file:
+        file.write(b"changed since")
+    store, text = recovered(filled, tmp_path)
+    with store:
+        assert everything(store) == list(range(2 * PER_DAY + 1, 4 * PER_DAY + 1))
+        # The moved day that was read is not published again.
+        assert publish(store, tmp_path / "records") == []
+    said = "2 published days (m-20231115 to m-20231116) are not in this folder: 2 were moved to away"
+    assert f"{said}; they were not read" in text
+
+
+@pytest.mark.process
+def test_a_store_of_which_all_days_were_moved_comes_back_whole(filled: Store, tmp_path: Path) -> None:
+    condense_all(filled)
+    filled.close()
+    for path in sorted((tmp_path / "records").glob("m-2*.nc")):
+        move_day(path, "m", tmp_path / "away", filled.path, 0.0)
     filled.path.unlink()
     store, text = recovered(filled, tmp_path)
     with store:
-        assert everything(store) == list(range(PER_DAY + 1, 4 * PER_DAY + 1))
-    assert "1 published days (m-20231115) are not in this folder: 1 were moved to away" in text
+        assert everything(store) == list(range(1, 4 * PER_DAY + 1))
+        assert publish(store, tmp_path / "records") == []
+    assert "not in this folder" not in text
+
+
+@pytest.mark.process
+def test_a_damaged_store_takes_the_blocks_that_it_lacks_from_moved_days(filled: Store, tmp_path: Path) -> None:
+    filled.close()
+    move_day(tmp_path / "records" / "m-20231115.nc", "m", tmp_path / "away", filled.path, 0.0)
+    size = filled.path.stat().st_size
+    with filled.path.open("r+b") as file:
+        file.truncate(size // 2)
+    store, text = recovered(filled, tmp_path)
+    with store:
+        assert everything(store) == list(range(1, 4 * PER_DAY + 1)), text
+        assert len(list(store.records())) == 4 * PER_DAY
 
 
 @pytest.mark.process
