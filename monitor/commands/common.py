@@ -9,13 +9,17 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from models.bearing import Bearing, CatalogueEntry, catalogue_entry
 from models.errors import WrongInputError
 from monitor.config.load import Config, ConfigError, load_config, validate
+from monitor.config.source import SourceSection
+
+if TYPE_CHECKING:
+    from monitor.records.store import Store
 
 PROGRESS_AFTER_S = 2.0
 """Time after which progress is shown, s."""
@@ -59,6 +63,23 @@ def read_machine(path: Path | None) -> Config:
         },
         Path("defaults"),
     )
+
+
+def find_source(config: Config, name: str) -> SourceSection:
+    """Return a source by its name; InputError if there is none of that name."""
+    found = {section.name: section for section in config.source}
+    if name not in found:
+        raise InputError(f"{name!r} is not a [[source]] of the configuration; expected one of {', '.join(found)}")
+    return found[name]
+
+
+def publish_change(store: Store, records_dir: Path) -> None:
+    """Publish a change of a store that was made by a command; say so where that fails, as the change is kept."""
+    from monitor.service.publisher import publish_now
+
+    problem = publish_now(store, records_dir)
+    if problem is not None:
+        click.echo(f"the change is in the store, but not published: {problem}", err=True)
 
 
 def find_bearing(config: Config, name: str | None) -> tuple[Bearing, float]:

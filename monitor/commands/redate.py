@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from monitor.commands import option
-from monitor.commands.common import InputError, emit, read_config
+from monitor.commands.common import InputError, emit, find_source, publish_change, read_config
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import SourceSection
 
@@ -34,20 +34,15 @@ def command(source: str, config_path: Path | None, as_json: bool, quiet: bool) -
     """
     from monitor.records.ledger import keep_dating, read_dating
     from monitor.records.store import Store
-    from monitor.service.publisher import publish_now
     from streams.dating import Dating
 
     config = read_config(config_path)
-    names = [section.name for section in config.source]
-    if source not in names:
-        raise InputError(f"SOURCE {source!r} is not configured; expected one of {', '.join(names)}")
+    find_source(config, source)
     with Store.open(config.machine.state_dir / "state.db", create=False) as store:
         values = read_dating(store, source)
         before = None if values is None else Dating.from_dict(values)
         keep_dating(store, source, Dating().to_dict())
-        problem = publish_now(store, config.machine.records_dir)
-    if problem is not None:
-        click.echo(f"the change is in the store, but not published: {problem}", err=True)
+        publish_change(store, config.machine.records_dir)
     was = "not dated by a choice" if before is None else f"dated {before.describe()}"
     lines = [f"source {source}: was {was}", "its next file decides, by the configuration (spallwatch check shows how)"]
     emit({"source": source, "before": values, "after": None}, lines, as_json=as_json)

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from monitor.commands import option
-from monitor.commands.common import InputError, emit, read_config
+from monitor.commands.common import InputError, emit, find_source, publish_change, read_config
 from monitor.config.load import Config
 
 
@@ -35,7 +35,6 @@ def reset(source: str, first: int, config_path: Path | None, as_json: bool, quie
     from monitor.records.events import EventLog, write_notice
     from monitor.records.ledger import StoreLedger
     from monitor.records.store import Store
-    from monitor.service.publisher import publish_now
     from streams.source import StreamCount
 
     values: dict[str, Any] = {}
@@ -55,9 +54,7 @@ def reset(source: str, first: int, config_path: Path | None, as_json: bool, quie
             write_notice(connection, time.time(), {"kind": "stream_reset", **values, "text": text})
 
         ledger.reset_stream(source, first, note)
-        problem = publish_now(store, config.machine.records_dir)
-    if problem is not None:
-        click.echo(f"the reset is in the store, but not published: {problem}", err=True)
+        publish_change(store, config.machine.records_dir)
     lines = [
         f"the stream of {source} begins anew: its next frame has number {first} and becomes block {values['block']}; "
         f"the last was frame {values['last']}"
@@ -69,9 +66,7 @@ def _check(config: Config, source: str) -> None:
     """Raise InputError where there is no such stream, or its daemon runs."""
     from monitor.service.status_file import read_status
 
-    section = next((found for found in config.source if found.name == source), None)
-    if section is None:
-        raise InputError(f"{source!r} is not a [[source]] of the configuration")
+    section = find_source(config, source)
     if not (section.url or "").startswith(("tcp://", "mqtt://")):
         raise InputError(f"[[source]] {source}: url {section.url!r} is not a stream; expected tcp:// or mqtt://")
     if read_status(config.machine.state_dir)["running"]:

@@ -230,7 +230,7 @@ def test_a_reset_that_cannot_be_published_is_done_and_said(machine: Path) -> Non
         pass
     done = run_command("stream", "reset", "s", "--config", str(machine))
     assert done.returncode == 0
-    assert "the reset is in the store, but not published" in done.stderr
+    assert "the change is in the store, but not published" in done.stderr
     with Store.open(database(config), read_only=True) as store, StoreLedger(store) as ledger:
         assert ledger.stream("s").resets == 1
 
