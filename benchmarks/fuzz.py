@@ -8,11 +8,14 @@ cost much, go through the readers as in a recording, and 2,000 (200) mutated fra
   this process so far, which commits in the daemon;
 - the costly files one by one;
 - delays: a source gets a block every 250 or 50 ms, from its arrival to its commit, while other sources have nothing,
-  and while they have all costly files and many mutated ones.
+  and while they have all costly files and 11,000 (quick: 100) mutated ones. ``others`` counts verdicts on their files;
+  ``block_cpu_ms`` and ``other_cpu_ms`` are processor time of the thread that commits, for each; ``busy`` is its
+  processor time over the time, ``load`` that of the machine (1 min) at the end.
 """
 
 from __future__ import annotations
 
+import os
 import resource
 import subprocess
 import sys
@@ -53,6 +56,7 @@ _COUNTED = (
     "reader_crashed",
 )
 _PERIODS_S = (0.25, 0.05)
+_DAMAGED = ("x.csv", "x.npy", "x.mat", "x.h5", "x.wav")
 _WRITE = """
 import sys
 from pathlib import Path
@@ -176,7 +180,7 @@ def delays(share: float, count: int, seconds: float, period: float, *, damaged: 
         if damaged:
             for name, (kind, _, _) in ATTACKS.items():
                 write_attack(root / kind / name, share)
-            for name in ("x.csv", "x.npy", "x.mat", "x.h5", "x.wav"):
+            for name in _DAMAGED:
                 kind = {"h5": "hdf5"}.get(name[2:], name[2:])
                 for number, data in enumerate(mutated(name, count)):
                     (root / kind / f"{number:05d}_{name}").write_bytes(data)
@@ -184,20 +188,26 @@ def delays(share: float, count: int, seconds: float, period: float, *, damaged: 
         stop = threading.Event()
         writer = threading.Thread(target=_write_good, args=(root / "good", arrived, stop, seconds, period))
         found: list[float] = []
-        others = 0
+        spent: dict[bool, list[float]] = {True: [], False: []}
         with Store.open(root / "state.db", machine="fuzz") as store, Ingest.open(config, store) as ingest:
             writer.start()
+            began, cpu_began = time.monotonic(), time.thread_time()
             while writer.is_alive() or len(found) < len(arrived):
+                cpu = time.thread_time()
                 record = ingest.step(stop)
+                if record is not None:
+                    spent[record.source == "good"].append(time.thread_time() - cpu)
                 if record is not None and record.source == "good":
                     found.append(time.monotonic() - arrived[record.name])
-                elif record is not None:
-                    others += 1
+            busy = (time.thread_time() - cpu_began) / (time.monotonic() - began)
         writer.join()
     found.sort()
-    named: Row = {"period_s": period, "other sources": "damaged files" if damaged else "nothing", "their files": others}
+    files = len(_DAMAGED) * count + len(ATTACKS) if damaged else 0
+    named: Row = {"period_s": period, "other files": files, "others": len(spent[False]), "blocks": len(found)}
     spread: Row = {"median_s": found[len(found) // 2], "p99_s": found[int(0.99 * len(found))], "longest_s": found[-1]}
-    return {**named, "blocks": len(found), **spread, "parent_mb": parent_mb()}
+    cpu_ms = {which: 1e3 * sum(each) / max(len(each), 1) for which, each in spent.items()}
+    costs: Row = {"block_cpu_ms": cpu_ms[True], "other_cpu_ms": cpu_ms[False], "busy": busy}
+    return {**named, **spread, **costs, "load": os.getloadavg()[0], "parent_mb": parent_mb()}
 
 
 def _write_good(folder: Path, arrived: dict[str, float], stop: threading.Event, seconds: float, period: float) -> None:
@@ -221,9 +231,9 @@ def main() -> None:
     print_table("costly files", costly)
     decoded = [frames(200 if options.quick else 2000)]
     print_table("mutated frames", decoded)
-    seconds = 5.0 if options.quick else 60.0
+    seconds, beside = (5.0, 20) if options.quick else (60.0, 11_000 // len(_DAMAGED))
     felt = [
-        delays(share, count, seconds, period, damaged=damaged) for period in _PERIODS_S for damaged in (False, True)
+        delays(share, beside, seconds, period, damaged=damaged) for period in _PERIODS_S for damaged in (False, True)
     ]
     print_table("delays of another source", felt)
     write_json(options.json, {"fuzz": rows, "attacks": costly, "frames": decoded, "delays": felt})
