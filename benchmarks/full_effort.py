@@ -24,11 +24,13 @@ Row = dict[str, float | str]
 
 
 def commit() -> str:
-    """Return the commit of the tree, with a mark where files differ from it."""
-    found = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    return found.stdout.strip()
+    """Return the commit of the tree, with a mark where files other than results differ from it."""
+
+    def git(*command: str) -> str:
+        return subprocess.run(["git", *command], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+
+    changed = git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!benchmarks/results")
+    return git("describe", "--always") + ("-dirty" if changed else "")
 
 
 def run(file: str) -> Row:

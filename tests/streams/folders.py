@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import weakref
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -71,14 +72,17 @@ class Rig:
         self.watch = DeafWatch()
         base = SourceSpec(name="s", url=f"folder:{root}", rate=RATE, channels=CHANNELS, block_s="file")
         self.spec = replace(base, **spec)
+        self._opened_sources: list[FolderSource] = []
         self.items: list[Block | Rejected] = []
         self.outcomes: list[str] = []
         self.source = self._opened()
+        weakref.finalize(self, _close, self._opened_sources)
 
     def _opened(self) -> FolderSource:
         source = FolderSource(self.spec, str(self.root), self.clock)
         vars(source)["_watch"] = self.watch
         source.open(self.ledger)
+        self._opened_sources.append(source)
         return source
 
     def restart(self) -> None:
@@ -108,6 +112,12 @@ class Rig:
     def samples(self) -> NDArray[np.floating]:
         """Return all samples of all blocks, one after the other."""
         return np.concatenate([item.samples[0] for item in self.items if isinstance(item, Block)])
+
+
+def _close(sources: list[FolderSource]) -> None:
+    """End the threads and child processes of sources that a test has left open."""
+    for source in sources:
+        source.close()
 
 
 def noise(count: int, seed: int = 0) -> NDArray[np.float64]:
