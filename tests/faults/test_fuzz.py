@@ -12,6 +12,7 @@ from google_crc32c import value as crc32c
 
 from streams.block import Block, Rejected
 from streams.link.wire import WireError, block_frame, decode_frame, encode_frame
+from streams.load import content_hash
 from streams.open import open_source
 from streams.readers.child import shared_process
 from streams.spec import ChannelSpec, SourceSpec
@@ -76,8 +77,12 @@ def test_mutated_files_end_in_a_verdict(name: str, tmp_path_factory: pytest.Temp
     folder = tmp_path_factory.mktemp("fuzz")
     whole = MAKERS[name](signal(2, 600))
     rng = np.random.default_rng([*BINARY, "x.csv"].index(name))
-    for number in range(count):
-        (folder / f"{number:04d}_{name}").write_bytes(mutate(whole, rng))
+    # Some damage gives the same bytes twice, or none; these copies would be duplicates.
+    damaged: set[bytes] = set()
+    while len(damaged) < count:
+        damaged |= {mutate(whole, rng)} - {whole}
+    for number, data in enumerate(sorted(damaged, key=content_hash)):
+        (folder / f"{number:04d}_{name}").write_bytes(data)
     (folder / f"9999_{name}").write_bytes(whole)
     channel = ChannelSpec("a", column=COLUMN_OF.get(name, "acc_2"), unit="g", scale=1.0)
     items = list(open_source(SourceSpec("s", f"folder:{folder}", block_s="file", rate=RATE, channels=(channel,))))
