@@ -139,6 +139,7 @@ class _Places:
         spacing: (family,) distance of the nominal lines, bins.
         nominal: (family, harmonic) nominal places, bins; 0 where the spectrum cannot show the line.
         resolved: (family, harmonic) whether it can: the line is inside it, and apart from its neighbours.
+        counts: how many lines of each family are resolved.
         halves: (family,) bins on either side of a line that count to it.
         counted: (family, harmonic, bin) which of the five bins about each line count.
     """
@@ -146,22 +147,9 @@ class _Places:
     spacing: NDArray[np.float64]
     nominal: NDArray[np.float64]
     resolved: NDArray[np.bool_]
+    counts: list[int]
     halves: NDArray[np.intp]
     counted: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, queries: Sequence[CombQuery], resolution: float, n_bins: int, n_harmonics: int) -> _Places:
-        """Return the places in a spectrum of so many bins; ValueError if ``n_harmonics`` is below 1."""
-        if n_harmonics < 1:
-            raise ValueError(f"n_harmonics must be at least 1, got {n_harmonics}")
-        spacing = np.array([query.fundamental for query in queries]) / resolution
-        nominal = spacing[:, None] * np.arange(1.0, n_harmonics + 1.0)
-        widest = np.array([query.widest for query in queries])
-        resolved = (nominal * widest[:, None] + 3.0 <= n_bins - 1) & (spacing >= 4.0)[:, None]
-        nominal *= resolved
-        halves = np.where(spacing >= 8.0, 2, 1)
-        counted = resolved[:, :, None] & (np.abs(_NEAR) <= halves[:, None])[:, None, :]
-        return cls(spacing, nominal, resolved, halves, counted)
 
     def bins(self, factors: Sequence[float]) -> NDArray[np.intp]:
         """Return the nearest bin of each line at the speed factors of the families, shape (family, harmonic)."""
@@ -170,6 +158,24 @@ class _Places:
     def line_power(self, power: NDArray[np.float64], bins: NDArray[np.intp]) -> NDArray[np.float64]:
         """Return the power of lines at such bins, shape (family, harmonic), 0 where unresolved."""
         return (power.take(bins[:, :, None] + _NEAR) * self.counted).sum(axis=2) / HANN_POWER
+
+
+@lru_cache(maxsize=64)
+def _places_of(queries: tuple[CombQuery, ...], resolution: float, n_bins: int, n_harmonics: int) -> _Places:
+    """Return the places in a spectrum of so many bins; ValueError if ``n_harmonics`` is below 1.
+
+    They are kept: while a speed stands still, each block asks for the same ones.
+    """
+    if n_harmonics < 1:
+        raise ValueError(f"n_harmonics must be at least 1, got {n_harmonics}")
+    spacing = np.array([query.fundamental for query in queries]) / resolution
+    nominal = spacing[:, None] * np.arange(1.0, n_harmonics + 1.0)
+    widest = np.array([query.widest for query in queries])
+    resolved = (nominal * widest[:, None] + 3.0 <= n_bins - 1) & (spacing >= 4.0)[:, None]
+    nominal *= resolved
+    halves = np.where(spacing >= 8.0, 2, 1)
+    counted = resolved[:, :, None] & (np.abs(_NEAR) <= halves[:, None])[:, None, :]
+    return _Places(spacing, nominal, resolved, resolved.sum(axis=1).tolist(), halves, counted)
 
 
 def line_amplitudes(
@@ -191,7 +197,7 @@ def line_amplitudes(
         ValueError: as :class:`CombQuery`.
     """
     query = CombQuery(fundamental, speed_factor=speed_factor)
-    places = _Places.of([query], resolution, amplitude.size, n_harmonics)
+    places = _places_of((query,), resolution, amplitude.size, n_harmonics)
     power = places.line_power(np.square(amplitude, dtype=np.float64), places.bins([speed_factor]))
     return np.sqrt(power[0]), places.resolved[0]
 
@@ -222,15 +228,16 @@ def find_lines(spectrum: LineSpectrum, queries: Sequence[CombQuery], n_harmonics
     Raises:
         ValueError: if ``n_harmonics`` is below 1.
     """
-    places = _Places.of(queries, spectrum.resolution, spectrum.power.size, n_harmonics)
-    counts: list[int] = places.resolved.sum(axis=1).tolist()
-    found = _search(spectrum, queries, places.nominal, counts)
+    places = _places_of(tuple(queries), spectrum.resolution, spectrum.power.size, n_harmonics)
+    found = _search(spectrum, queries, places)
     bins = places.bins([factor for factor, _, _ in found])
     line_power, floor_power = places.line_power(spectrum.power, bins), places.line_power(spectrum.floor, bins)
     amplitude, floor = np.sqrt(line_power), np.sqrt(floor_power)
     ratio = np.divide(line_power, floor_power, out=np.zeros_like(floor), where=places.resolved).sum(axis=1).tolist()
     lines: list[FaultLines] = []
-    for row, (query, count, (factor, at_edge, comb_score)) in enumerate(zip(queries, counts, found, strict=True)):
+    for row, (query, count, (factor, at_edge, comb_score)) in enumerate(
+        zip(queries, places.counts, found, strict=True)
+    ):
         if count == 0:
             lines.append(FaultLines(amplitude[row], floor[row], places.resolved[row], query.fundamental))
             continue
@@ -282,22 +289,19 @@ def noise_threshold(
     return math.sqrt(f_quantile(freedom_lines, freedom_floor, quantile))
 
 
-def _search(
-    spectrum: LineSpectrum, queries: Sequence[CombQuery], places: NDArray[np.float64], counts: Sequence[int]
-) -> list[tuple[float, bool, float]]:
+def _search(spectrum: LineSpectrum, queries: Sequence[CombQuery], places: _Places) -> list[tuple[float, bool, float]]:
     """Return the speed factor of the highest comb score of each family, whether it is at an edge, and that score.
 
     Args:
         spectrum: prepared.
         queries: one for each family.
-        places: (family, harmonic) nominal places of the lines, bins; 0 where unresolved.
-        counts: resolved lines of each family.
+        places: of their lines.
     """
     found: list[tuple[float, bool, float]] = []
     refined: list[int] = []
-    for row, (query, count) in enumerate(zip(queries, counts, strict=True)):
+    for row, (query, count) in enumerate(zip(queries, places.counts, strict=True)):
         if query.speed_factor is not None:
-            there = np.rint(places[row, :count] * query.speed_factor).astype(np.intp)
+            there = np.rint(places.nominal[row, :count] * query.speed_factor).astype(np.intp)
             found.append((query.speed_factor, False, float(spectrum.sought[there].sum())))
         elif count == 0:
             found.append((1.0, False, 0.0))
@@ -316,8 +320,8 @@ def _search(
     if refined:
         width = np.array([queries[row].search for row in refined])
         coarse = np.array([found[row][0] for row in refined])
-        count = np.array([counts[row] for row in refined])
-        factors, edges = _refined(spectrum, places[refined], count, coarse, width)
+        count = np.array([places.counts[row] for row in refined])
+        factors, edges = _refined(spectrum, places.nominal[refined], count, coarse, width)
         for row, factor, edge in zip(refined, factors.tolist(), edges.tolist(), strict=True):
             found[row] = (factor, edge, found[row][2])
     return found
