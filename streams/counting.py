@@ -52,10 +52,11 @@ def place_in_names(path: str, names: list[str]) -> tuple[int, int, int] | None:
     own = numbers_of(path)
     if not own or any(folder_of(name) != folder_of(path) for name in names):
         return None
-    alike = sorted({path, *(name for name in names if len(numbers_of(name)) == len(own))}, key=natural_key)
+    numbers = {name: numbers_of(name) for name in {path, *names}}
+    alike = sorted((name for name, found in numbers.items() if len(found) == len(own)), key=natural_key)
     if 2 * len(alike) < len(set(names)):
         return None
-    table = [numbers_of(name) for name in alike]
+    table = [numbers[name] for name in alike]
     possible = [i for i in range(len(own)) if len({row[i].value for row in table}) >= _MIN_DISTINCT * len(table)]
     if not possible:
         return None

@@ -74,7 +74,7 @@ class DataSet:
 
 def _file_name(path: str) -> str:
     """Return the name of a file without its folder and the suffix of its compression."""
-    return unpacked_name(PurePosixPath(path).name)
+    return unpacked_name(path.rpartition("/")[2])
 
 
 def _number_in(pattern: str, path: str) -> int | None:

@@ -14,6 +14,7 @@ import tarfile
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Literal, Protocol
 
@@ -36,8 +37,12 @@ _OPENERS = {".xz": lzma.open, ".bz2": bz2.open, ".gz": gzip.open}
 _DAMAGED = (tarfile.TarError, OSError, EOFError, lzma.LZMAError, zlib.error)
 
 
+@lru_cache(maxsize=4096)
 def natural_key(path: str) -> tuple[tuple[int, int, str], ...]:
-    """Return a key that sorts numbers in names by value: ``file9`` before ``file10``."""
+    """Return a key that sorts numbers in names by value: ``file9`` before ``file10``.
+
+    Keys are kept: to open and read a recording lists its files several times.
+    """
     parts = re.split(r"(\d+)", path)
     return tuple((0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts if part)
 
@@ -214,7 +219,7 @@ def read_guarded(root: Path, path: str, *, may_grow: bool = False, max_bytes: in
         allowed = MAX_BYTES if max_bytes is None else max_bytes
         if before.st_size > allowed:
             raise ReaderError("refused", f"{path}: {before.st_size} bytes, {allowed} are allowed")
-        with open(handle, "rb", closefd=False) as stream:
+        with open(handle, "rb", buffering=0, closefd=False) as stream:
             data = stream.read(before.st_size) if may_grow else stream.read()
         after = os.fstat(handle)
     except OSError as error:

@@ -6,6 +6,7 @@ import io
 import re
 import struct
 from dataclasses import dataclass
+from functools import lru_cache
 from math import prod
 from typing import Any
 
@@ -94,7 +95,13 @@ def plain_npy_header(data: bytes) -> NpyHeader | None:
         return None
     begin = 10 if data[6] == 1 else 12
     end = begin + int.from_bytes(data[8:begin], "little")
-    match = _NPY_HEADER.fullmatch(data[begin:end]) if end - begin <= _MAX_NPY_HEADER_BYTES else None
+    return _plain_npy_header(data[begin:end], end) if end - begin <= _MAX_NPY_HEADER_BYTES else None
+
+
+@lru_cache(maxsize=64)
+def _plain_npy_header(text: bytes, end: int) -> NpyHeader | None:
+    """Return what a header of ``end`` bytes states, None for another than a plain one; equal files share it."""
+    match = _NPY_HEADER.fullmatch(text)
     if match is None:
         return None
     try:
