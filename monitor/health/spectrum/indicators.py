@@ -14,8 +14,11 @@ MAX_SAMPLE = 1e30
 MIN_RANGE = 1e-30
 """A block whose samples differ by less is flat."""
 
-_CHUNK = 16384
+_CHUNK = 65536
 """Samples processed at a time, so that their powers stay in the cache."""
+
+_SUMMED, _MULTIPLIED = 16384, 1024
+"""Samples, and products of them, that are summed in their own type; these sums are added as float64."""
 
 
 @dataclass(frozen=True)
@@ -119,17 +122,30 @@ def _sums(
         u, u2, v = scaled[: part.size], square[: part.size], other[: part.size]
         np.multiply(part, factor, out=u, casting="same_kind")
         np.abs(u, out=v)
-        absolute += float(v.sum())
         np.sqrt(v, out=v)
-        root += float(v.sum())
+        absolute += _sum_of_squares(v)
+        root += _sum(v)
         u -= coarse
         u *= work(1.0 / spread)
         u -= rest
         np.multiply(u, u, out=u2)
-        second += float(u2.sum())
+        second += _sum(u2)
         np.multiply(u2, u, out=v)
-        third += float(v.sum())
-        np.multiply(u2, u2, out=v)
-        fourth += float(v.sum())
+        third += _sum(v)
+        fourth += _sum_of_squares(u2)
     n = x.size
     return (second / n, third / n, fourth / n), absolute / n, root / n
+
+
+def _sum(values: NDArray[np.floating]) -> float:
+    """Return the sum of values, shape (n,)."""
+    whole = values.size - values.size % _SUMMED
+    total = float(values[whole:].sum()) if whole < values.size else 0.0
+    return sum(values[:whole].reshape(-1, _SUMMED).sum(axis=1).tolist(), total) if whole else total
+
+
+def _sum_of_squares(values: NDArray[np.floating]) -> float:
+    """Return the sum of the squares of values, shape (n,)."""
+    whole = values.size - values.size % _MULTIPLIED
+    rows, rest = values[:whole].reshape(-1, _MULTIPLIED), values[whole:]
+    return float(np.vecdot(rows, rows).sum(dtype=np.float64)) + float(np.vecdot(rest, rest))
