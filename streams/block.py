@@ -105,6 +105,8 @@ def to_si(
         target = "unknown"
     elif unit != "m/s2":
         raise ValueError(f"unit must be g, m/s2, V or unknown, got {unit!r}")
+    if factor == 1.0:
+        return samples, target
     # A float32 sample near the top of its range becomes inf here, which the quality stage names.
     with np.errstate(over="ignore", invalid="ignore"):
-        return (samples if factor == 1.0 else samples * factor), target
+        return samples * factor, target

@@ -98,7 +98,7 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
     state = replace(state, detect=detector)
     if verdict.for_baseline and band_source == "provisional":
         state = _vote(state, block, lines)
-    resolved = bool(np.all(features.bpfo_resolved))
+    resolved = bool(features.bpfo_resolved.all())
     harmonics = tuple(float(value) for value in features.bpfo_amplitude) if resolved else None
     if naming is not None:
         state = latch_name(state, _named(naming, block.sequence))

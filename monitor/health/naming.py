@@ -99,7 +99,7 @@ def name_fault(
     """
     threshold = score_threshold(spectrum.n_averages)
     shown = {name: lines for name, lines in families.items() if lines.resolved.all()}
-    if spectrum.power.size < _MIN_BINS or not np.any(spectrum.power) or not shown:
+    if spectrum.power.size < _MIN_BINS or not spectrum.power.any() or not shown:
         return Naming(None, None, math.nan, threshold)
     best = max(shown, key=lambda name: shown[name].comb_score)
     found = shown[best]

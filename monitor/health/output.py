@@ -261,4 +261,4 @@ def spectrum_row(block: Block, channel: str, bearing: Bearing, output: ChannelOu
             for fault, line in nominal.items()
         },
     )
-    return row if bool(np.all(np.isfinite(row.amplitude))) and math.isfinite(row.mean) else None
+    return row if bool(np.isfinite(row.amplitude).all()) and math.isfinite(row.mean) else None

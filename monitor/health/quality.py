@@ -42,7 +42,7 @@ _STOPPED_SHARE = 0.05
 _STOPPED_RMS = 0.03
 """The same before a level is learned, m/s2 (3 mg, above the noise of the electronics)."""
 _CLIP_SHARE = 1e-3
-_PROVING_SHARE = 16
+_PROVING_SHARE = 32
 _RAIL = 0.995
 _MIN_TIME = 315532800.0
 """1980-01-01 UTC, s: earlier times are of a clock that was never set."""

@@ -172,8 +172,8 @@ def _nested(variable: Variable, value: Any, dims: tuple[str, ...], where: str) -
     if size is not None and len(value) != size:
         raise RecordError(f"{where}: expected {size} values over {dims[0]}, got {len(value)}")
     if len(dims) == 1 and variable.kind == "float":
-        return tuple(_number(item, where) for item in value)
-    return tuple(_nested(variable, item, dims[1:], where) for item in value)
+        return tuple([_number(item, where) for item in value])
+    return tuple([_nested(variable, item, dims[1:], where) for item in value])
 
 
 def _is_absent(value: object) -> bool:
@@ -186,7 +186,7 @@ def _depth(value: object) -> int:
     if not isinstance(value, list | tuple):
         return 0
     items = cast("Sequence[object]", value)
-    return 1 + max((_depth(cast("object", item)) for item in items if isinstance(item, list | tuple)), default=0)
+    return 1 + max([_depth(cast("object", item)) for item in items if isinstance(item, list | tuple)], default=0)
 
 
 def _scalar(variable: Variable, value: Any, where: str) -> float | int | str | None:

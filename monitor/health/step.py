@@ -158,17 +158,9 @@ def _analyse(
     truth: Mapping[str, Any] | None,
 ) -> tuple[SourceState, SourceOutput]:
     """Take a block through all stages but the alarms."""
-    record = Record(
-        source=block.source,
-        sequence=block.sequence,
-        name=block.name,
-        content_hash=block.content_hash,
-        time=block.start,
-        elapsed=block.elapsed,
-    )
     verdict = check_rate(block.rate, settings.rate)
     if not verdict.accepted:
-        return state, SourceOutput(replace(record, status=verdict.status, reason=verdict.reason))
+        return state, SourceOutput(_record(block, verdict))
     states: dict[str, ChannelState] = {}
     outputs: dict[str, ChannelOutput] = {}
     for name, channel in settings.channels.items():
@@ -181,17 +173,31 @@ def _analyse(
         damage = settings.channels[name].damage
         forecasts += issued_forecasts(name, output, "thesis" if damage is None else damage.forecast_method)
         events += stage_events(name, states[name].detect, output)
-    record = replace(
-        record,
-        status=verdict.status,
-        flags=verdict.flags,
-        reason=verdict.reason,
+    record = _record(
+        block,
+        verdict,
         channels={name: record_values(states[name].detect, output, truth) for name, output in outputs.items()},
         forecasts=tuple(forecasts),
         events=tuple(events),
     )
     waterfalls, spectra = _spectra(state.waterfalls, block, states, outputs, settings)
     return replace(state, channels=states, waterfalls=waterfalls), SourceOutput(record, spectra, outputs)
+
+
+def _record(block: Block, verdict: Verdict, **results: Any) -> Record:
+    """Return the record of a block: its identity, the verdict on it, and results by attribute."""
+    return Record(
+        source=block.source,
+        sequence=block.sequence,
+        name=block.name,
+        content_hash=block.content_hash,
+        status=verdict.status,
+        flags=verdict.flags,
+        reason=verdict.reason,
+        time=block.start,
+        elapsed=block.elapsed,
+        **results,
+    )
 
 
 def _channel_block(

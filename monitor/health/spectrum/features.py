@@ -142,7 +142,7 @@ def _total(fault: str) -> FeatureFunction:
     """Return the function that sums the lines of a family: a number, or a tuple over several bands."""
 
     def total(x: NDArray[np.number], found: BlockFeatures) -> Value:
-        sums = [band[fault].total if bool(np.any(band[fault].resolved)) else None for band in found.lines]
+        sums = [band[fault].total if band[fault].resolved.any() else None for band in found.lines]
         return tuple(sums) if len(sums) > 1 else sums[0]
 
     return total
