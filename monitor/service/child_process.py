@@ -8,6 +8,7 @@ import os
 import select
 import subprocess
 import sys
+import threading
 
 _END_S = 0.5
 _MAX_BYTES = 1 << 16
@@ -64,12 +65,15 @@ class Child:
     def end(self) -> None:
         """Close its pipes and kill it if it does not end, within a second.
 
-        A child that hangs in an unreachable network share cannot be killed; it is left behind.
+        A child that hangs in an unreachable network share cannot be killed yet; it is left behind, and waited for
+        beside.
         """
         self.close_pipes()
         try:
             self._process.wait(_END_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
-            with contextlib.suppress(subprocess.TimeoutExpired):
+            try:
                 self._process.wait(_END_S)
+            except subprocess.TimeoutExpired:
+                threading.Thread(target=self._process.wait, daemon=True).start()

@@ -68,7 +68,8 @@ def last(config: Path, source: str = "s0") -> int:
 
 
 @pytest.mark.process
-def test_it_says_what_it_does_until_it_stops(tmp_path: Path) -> None:
+def test_it_says_what_it_does_until_it_stops(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.service.companions._LAST_PUBLICATION_S", 600.0)
     config = make_machine(tmp_path, sources=2)
     put(config, 1)
     (tmp_path / "in0" / "notes.md").touch()
