@@ -73,8 +73,8 @@ class Intake:
 
     def queued_blocks(self) -> float:
         """Return about how many blocks wait: a file counts as many as the files so far gave on average."""
-        files = self._register.queued + len(self._batch) + self._emitting + (self._reading is not None)
-        return len(self.ready) + files * max(self._delivered, 1) / max(self._files, 1)
+        begun = len(self._batch) + self._emitting + (self._reading is not None)
+        return len(self.ready) + (self._register.queued + begun) * max(self._delivered, 1) / max(self._files - begun, 1)
 
     def advance(self, now: float) -> bool:
         """Take the next files; return whether there was any.

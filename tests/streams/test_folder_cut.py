@@ -47,6 +47,20 @@ def check_blocks(rig: Rig, samples: NDArray[np.float64]) -> None:
         assert block.content_hash == samples_hash(block.samples, block.rate, block.channels)
 
 
+def test_files_count_as_as_many_waiting_blocks_as_those_before_gave(tmp_path: Path) -> None:
+    for number in range(1, 9):
+        (tmp_path / f"{number}.csv").write_bytes(csv_bytes(noise(10 * LENGTH, number)))
+    rig = Rig(tmp_path, block_s=BLOCK_S, format="csv")
+    found: list[float] = []
+    while len(rig.items) < 80:
+        found += [rig.source.queued_blocks()] * len(rig.run(30.0, most=1))
+    # Nothing is known before the end of the first file; then the blocks of one in part count for those before it.
+    for left, estimate in zip(range(69, -1, -1), found[10:], strict=True):
+        assert left / 2.0 <= estimate <= 2.5 * left + 12.0
+    assert rig.run(5.0) == []
+    assert rig.source.queued_blocks() == 0
+
+
 def test_a_log_that_grows_is_taken_up_where_the_last_block_ended(rig: Rig) -> None:
     samples = noise(1000, 1)
     data = csv_bytes(samples)

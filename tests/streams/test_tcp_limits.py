@@ -90,9 +90,12 @@ def test_reading_stops_while_too_much_waits() -> None:
         wait_until(lambda: receiver.backlog().pending >= 3)
         time.sleep(0.3)
         assert receiver.backlog().pending == 3
+        # The sender holds more.
+        assert receiver.queued_blocks() is None
         assert "faster than they are committed" in (receiver.problem() or "")
         with committing(receiver, ledger):
             join(thread)
+        wait_until(lambda: receiver.queued_blocks() == 0)
     assert sorted(ledger.blocks("press")) == list(range(1, 61))
 
 
