@@ -8,7 +8,9 @@ cost much, go through the readers as in a recording, and 2,000 (200) mutated fra
   this process so far, which commits in the daemon;
 - the costly files one by one;
 - delays: a source gets a block every 250 or 50 ms, from its arrival to its commit, while other sources have nothing,
-  and while they have all costly files and 11,000 (quick: 100) mutated ones. ``others`` counts verdicts on their files;
+  and while they have all costly files and 11,000 (quick: 100) mutated ones. ``start_s`` is the longest delay of the
+  first five seconds, in which the child processes start, ``longest_s`` that of the rest. ``others`` counts verdicts on
+  the files of the others;
   ``block_cpu_ms`` and ``other_cpu_ms`` are processor time of the thread that commits, for each; ``busy`` is its
   processor time over the time, ``load`` that of the machine (1 min) at the end.
 """
@@ -56,6 +58,7 @@ _COUNTED = (
     "reader_crashed",
 )
 _PERIODS_S = (0.25, 0.05)
+_START_S = 5.0
 _DAMAGED = ("x.csv", "x.npy", "x.mat", "x.h5", "x.wav")
 _WRITE = """
 import sys
@@ -187,24 +190,27 @@ def delays(share: float, count: int, seconds: float, period: float, *, damaged: 
         arrived: dict[str, float] = {}
         stop = threading.Event()
         writer = threading.Thread(target=_write_good, args=(root / "good", arrived, stop, seconds, period))
-        found: list[float] = []
+        felt: list[tuple[float, float]] = []
         spent: dict[bool, list[float]] = {True: [], False: []}
         with Store.open(root / "state.db", machine="fuzz") as store, Ingest.open(config, store) as ingest:
             writer.start()
             began, cpu_began = time.monotonic(), time.thread_time()
-            while writer.is_alive() or len(found) < len(arrived):
+            while writer.is_alive() or len(felt) < len(arrived):
                 cpu = time.thread_time()
                 record = ingest.step(stop)
                 if record is not None:
                     spent[record.source == "good"].append(time.thread_time() - cpu)
                 if record is not None and record.source == "good":
-                    found.append(time.monotonic() - arrived[record.name])
+                    came = arrived[record.name]
+                    felt.append((came - began, time.monotonic() - came))
             busy = (time.thread_time() - cpu_began) / (time.monotonic() - began)
         writer.join()
-    found.sort()
+    found, first = sorted(delay for _, delay in felt), [delay for came, delay in felt if came < _START_S]
+    later = [delay for came, delay in felt if came >= _START_S]
     files = len(_DAMAGED) * count + len(ATTACKS) if damaged else 0
     named: Row = {"period_s": period, "other files": files, "others": len(spent[False]), "blocks": len(found)}
-    spread: Row = {"median_s": found[len(found) // 2], "p99_s": found[int(0.99 * len(found))], "longest_s": found[-1]}
+    spread: Row = {"median_s": found[len(found) // 2], "p99_s": found[int(0.99 * len(found))]}
+    spread |= {"start_s": max(first, default=None), "longest_s": max(later, default=None)}
     cpu_ms = {which: 1e3 * sum(each) / max(len(each), 1) for which, each in spent.items()}
     costs: Row = {"block_cpu_ms": cpu_ms[True], "other_cpu_ms": cpu_ms[False], "busy": busy}
     return {**named, **spread, **costs, "load": os.getloadavg()[0], "parent_mb": parent_mb()}
