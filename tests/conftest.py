@@ -152,6 +152,18 @@ def points_of_maps() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(autouse=True, scope="session")
+def kept_readers() -> Iterator[None]:
+    """Quick effort hands the child process of a folder that is closed to the next one."""
+    from tests.kept_reader import KeptReader
+
+    with pytest.MonkeyPatch.context() as patch:
+        if effort_count(quick=1, full=0):
+            patch.setattr("streams.folder.reading.ReaderProcess", KeptReader)
+        yield
+    KeptReader.end()
+
+
 @pytest.fixture
 def data_dir() -> Path:
     """The folder of recordings, for tests marked ``real``."""
