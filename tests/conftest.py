@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import functools
 import gc
+import hashlib
 import multiprocessing.process
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+from numpy.typing import NDArray
 
 from tests.broker import broker_program
 from tests.effort import effort_count
+from tests.once import share_in
 
 _REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -33,7 +36,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile(
     "any machine",
     deadline=None,
-    max_examples=effort_count(quick=16, full=100),
+    max_examples=effort_count(quick=10, full=100),
     derandomize=effort_count(quick=1, full=0) == 1,
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
@@ -68,15 +71,19 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """Return twice as many workers as there are cores: almost half of the time of a test of processes is waiting.
 
     Without those tests half as many more than cores; each further worker costs seconds of collection and of imports.
+    Workers keep runs of neighbouring tests, unless asked otherwise: what a module shares is made by one of them.
     """
+    if config.option.dist == "no":
+        config.option.dist = "worksteal"
     cores = len(os.sched_getaffinity(0))
     return cores + (cores + 1) // 2 if config.option.markexpr == "not process" else 2 * cores
 
 
 def pytest_collection_finish() -> None:
-    """Exempt the thousands of tests and modules from garbage collection, which would visit them again and again."""
+    """Exempt the thousands of tests and modules from garbage collection, and collect what tests leave less often."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(10_000, 10, 10)
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
@@ -153,6 +160,13 @@ def points_of_maps() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True, scope="session")
+def folder_of_the_run(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Let the workers of a run share results that take seconds."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        share_in(tmp_path_factory.getbasetemp().parent)
+
+
+@pytest.fixture(autouse=True, scope="session")
 def kept_readers() -> Iterator[None]:
     """Quick effort hands the child process of a folder that is closed to the next one."""
     from tests.kept_reader import KeptReader
@@ -162,6 +176,28 @@ def kept_readers() -> Iterator[None]:
             patch.setattr("streams.folder.reading.ReaderProcess", KeptReader)
         yield
     KeptReader.end()
+
+
+@pytest.fixture(scope="module")
+def kept_band_choices() -> Iterator[None]:
+    """Find the band of a block once, for tests that analyse the same recording several times.
+
+    The choice depends on its arguments alone; it takes half of the time of a block that votes for a band.
+    """
+    from monitor.health.spectrum import bands
+
+    find_band, choices = bands.find_band, dict[object, Any]()
+
+    def kept(blocks: Sequence[NDArray[Any]], rate: float, fundamentals: Mapping[str, float]) -> Any:
+        digests = tuple((block.dtype.str, hashlib.sha256(block).hexdigest()) for block in blocks)
+        key = (digests, rate, tuple(fundamentals.items()))
+        if key not in choices:
+            choices[key] = find_band(blocks, rate, fundamentals)
+        return choices[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bands, "find_band", kept)
+        yield
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from typing import ClassVar
 
 from streams.readers.child import ReaderProcess
 
@@ -14,7 +15,7 @@ class KeptReader(ReaderProcess):
     has died ends as always.
     """
 
-    _spare: list[KeptReader] = []
+    _spare: ClassVar[list[KeptReader]] = []
 
     def close(self) -> None:
         """Close it; an idle child is kept."""

@@ -16,10 +16,12 @@ from models.bearing import from_catalogue
 from models.dynamics.time_domain import simulate_time
 from models.scene import Defect, Floor, Scene, Waviness
 from models.simulate import simulate
+from tests.effort import effort_count
 
 SPALL = Defect(math.radians(20.0), 20e-6)
 SCENE = Scene(40.0, 4000.0, defect=SPALL)
 QUARTER = 0.5 * math.pi
+STEPS = (5e-6, 2.5e-6) if effort_count(quick=1, full=0) else (2.5e-6, 1.25e-6)
 
 SCENES: dict[str, tuple[Scene, float]] = {
     "gravity along the load": (replace(SCENE, gravity=9.81), 0.0),
@@ -54,8 +56,7 @@ def test_it_is_what_the_time_domain_comes_to(name: str) -> None:
     assert found.status == "converged"
     unit = (math.cos(direction), math.sin(direction))
     coarse, fine = (
-        simulate_time(scene, 40.0 / found.bpfo, 51200.0, settle=0.25, direction=unit, step=step)
-        for step in (2.5e-6, 1.25e-6)
+        simulate_time(scene, 40.0 / found.bpfo, 51200.0, settle=0.25, direction=unit, step=step) for step in STEPS
     )
     for ours, rough, truth in (
         (found.rms, coarse.rms, fine.rms),

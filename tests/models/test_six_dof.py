@@ -55,7 +55,7 @@ def oracle_of(scene: Scene) -> OracleResponse:
 
     rough = roughness if path.profile is not None else None
     case = Case(scene.speed, scene.load, defect.dphi_d, defect.h_d, scene.clearance, defect.rows, rough)
-    settled = effort_count(quick=16, full=24)
+    settled = effort_count(quick=12, full=24)
     rtol = 10.0 ** -effort_count(quick=6, full=9)
     return simulate_oracle(case, periods=settled if scene.clearance == 0.0 else 40, rtol=rtol)
 

@@ -13,9 +13,12 @@ from models.dynamics.stationary import StationaryLevel, stationary_level
 from models.dynamics.stationary_record import line_frequency, steps_in_turn, take_record
 from models.dynamics.time_domain import simulate_time
 from models.scene import Defect, Floor, Part, Rig, Scene, Slip, Waviness
+from tests.effort import effort_count
 from tests.signals import record_of
 
 ACCURACY = 2e-3
+LONG_S = effort_count(quick=3, full=10)
+"""Duration of a long run."""
 
 
 def scene_of(part: Part, dphi_deg: float, h_d_um: float) -> Scene:
@@ -32,7 +35,7 @@ def level_of(scene: Scene, number: int = 0) -> StationaryLevel:
 )
 def test_the_level_is_that_of_a_long_run_with_fine_steps(part: Part, dphi_deg: float, h_d_um: float) -> None:
     scene = scene_of(part, dphi_deg, h_d_um)
-    level, long = level_of(scene), simulate_time(scene, 10.0, 10000.0, step=5e-6)
+    level, long = level_of(scene), simulate_time(scene, LONG_S, 10000.0, step=5e-6)
     assert level.status == "not_periodic"
     assert level.rms_error <= ACCURACY
     assert level.rms_se <= 5e-3 * level.rms
@@ -134,7 +137,7 @@ def test_rough_floors_and_slip_are_drawn() -> None:
         level, again = level_of(other), level_of(replace(other, load=4000.5))
         assert abs(level.rms - smooth.rms) > 5.0 * level.rms_se
         assert level.rms == pytest.approx(again.rms, rel=0.02)
-    long = simulate_time(slipping, 10.0, 10000.0)
+    long = simulate_time(slipping, LONG_S, 10000.0)
     level = level_of(slipping)
     assert abs(level.rms - long.rms) < 4.0 * math.hypot(level.rms_se, long.rms_se) + ACCURACY * level.rms
 
@@ -145,7 +148,7 @@ def test_phases_near_a_simple_fraction_are_filled_by_more_records() -> None:
     assert bearing.element == "roller"
     rig = Rig(k_c=5e8, element="roller")
     scene = Scene(40.0, 4000.0, bearing=bearing, rig=rig, defect=Defect(0.3, 10e-6, part="ball"))
-    level, long = level_of(scene), simulate_time(scene, 6.0, 10000.0, step=5e-6)
+    level, long = level_of(scene), simulate_time(scene, 0.6 * LONG_S, 10000.0, step=5e-6)
     lines = kinematics(bearing, 40.0)
     one = len(take_record(scene, steps_in_turn(scene, lines, None), 12, None).turns)
     assert level.turns >= 2 * one

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from monitor.health.damage.library.fit import FitSettings, fit_library
 from monitor.health.damage.library.model import Library
 from tests.effort import effort_count
+from tests.once import made_once
 
 THRESHOLD = 5e-8
 RADIUS = 22.91e-3
@@ -90,12 +91,16 @@ def toy_lives(count: int, *, seed: int = 0, interval: float = INTERVAL, varying:
 
 @cache
 def toy_library(count: int = 150, *, interval: float = INTERVAL, varying: bool = False) -> Library:
-    """Return a library of so many lives, for two thresholds; it is fitted once a process, as it takes seconds."""
-    return fit_library(
-        toy_lives(count, interval=interval, varying=varying),
-        thresholds=[0.6 * THRESHOLD, THRESHOLD],
-        interval=interval,
-        prior="toy lives",
-        made_of={"lives": "in closed form"},
-        settings=FitSettings(columns=effort_count(quick=60, full=100), moments=12),
-    )
+    """Return a library of so many lives, for two thresholds; it is fitted once a run, as it takes seconds."""
+
+    def fit() -> Library:
+        return fit_library(
+            toy_lives(count, interval=interval, varying=varying),
+            thresholds=[0.6 * THRESHOLD, THRESHOLD],
+            interval=interval,
+            prior="toy lives",
+            made_of={"lives": "in closed form"},
+            settings=FitSettings(columns=effort_count(quick=60, full=100), moments=12),
+        )
+
+    return made_once(f"toy-{count}-{interval:g}-{varying}", fit)

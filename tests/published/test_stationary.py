@@ -51,7 +51,7 @@ def test_the_mean_force_limit_does_what_the_text_says_of_slip(
     found: list[Condition], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Section 4.4.5 on Fig. 51; one sigma for each passage does not lower the RMS."""
-    monkeypatch.setattr("benchmarks.stationary_slip.BLOCKS", effort_count(quick=10, full=60))
+    monkeypatch.setattr("benchmarks.stationary_slip.BLOCKS", effort_count(quick=5, full=60))
     scenes = {(c.defect, c.load, c.speed): scene(c.defect, c.load, c.speed) for c in found}
     levels = slip_levels(scenes, BAND, (0.005, 0.02))
     for c in found:

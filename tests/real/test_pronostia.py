@@ -25,7 +25,7 @@ from tests.effort import effort_count
 from tests.recordings import RUNS, Run, example
 from tests.steps import Steps
 
-pytestmark = pytest.mark.real
+pytestmark = [pytest.mark.real, pytest.mark.usefixtures("kept_band_choices")]
 
 FAULTS: dict[str, dict[str, set[str | None]]] = {
     "Bearing2_4": {"horizontal": {"outer"}, "vertical": {"outer"}},
@@ -98,7 +98,7 @@ def items_of(file: Path, config: str) -> tuple[Block | Rejected, ...]:
 def test_a_run_in_pieces_gives_the_same_records(data_dir: Path, seed: int) -> None:
     """At random blocks the state is read back from the JSON of its parts."""
     run = next(run for run in RUNS if run.name == "Bearing2_7")
-    items = items_of(data_dir / run.file, run.config)[: effort_count(quick=120, full=230)]
+    items = items_of(data_dir / run.file, run.config)[: effort_count(quick=72, full=230)]
     config, section = example(run.config)
     settings = source_settings(config, section)
     whole = Steps(settings)
@@ -118,7 +118,7 @@ def test_a_replay_that_is_resumed_gives_the_same_store(data_dir: Path, tmp_path:
     run = next(run for run in RUNS if run.name == "Bearing2_7")
     config, _ = example(run.config)
     path = str(data_dir / run.file)
-    count, limit = effort_count(quick=66, full=230), effort_count(quick=22, full=83)
+    count, limit = effort_count(quick=48, full=230), effort_count(quick=16, full=83)
     whole = replay(config, path, tmp_path / "whole", limit=count).summary
     pieces = [replay(config, path, tmp_path / "pieces", limit=limit, resume=i > 0).summary for i in range(3)]
     assert pieces[-1]["channels"] == whole["channels"]

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,9 @@ from models.line_contact import LINE_CONTACTS
 from tests.commands import run_command
 
 
+@cache
 def call(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command, once for the same arguments: a configuration in a test's own folder is never the same."""
     return run_command("bearing", *arguments)
 
 

@@ -18,6 +18,7 @@ from monitor.health.damage.library.forecaster import LibraryState, step
 from monitor.records.histories import History
 from monitor.records.library_file import load_library
 from monitor.service.libraries import build_library, prior_words
+from tests.effort import effort_count
 
 
 def build(*arguments: str) -> dict[str, Any]:
@@ -82,6 +83,10 @@ def test_the_prior_is_said_in_words() -> None:
     assert "3000 to 5000 N" in words
 
 
+DURATION_S = 100.0 * effort_count(quick=30, full=60)
+DURATIONS_MIN = "60:120" if effort_count(quick=0, full=1) else "30:60"
+
+
 def as_recorded(life: LifeHistory) -> History:
     """A life as published records would have it, from the onset to where V_eq reaches 0.05 mm2."""
     known = life.t <= life.crossing(5e-8)
@@ -90,10 +95,10 @@ def as_recorded(life: LifeHistory) -> History:
 
 
 def test_recorded_runs_calibrate_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    population = Population(load=(4000.0, 4000.0), speed=(40.0, 40.0), durations=(6000.0, 6000.0), seed=9)
+    population = Population(load=(4000.0, 4000.0), speed=(40.0, 40.0), durations=(DURATION_S, DURATION_S), seed=9)
     lives = {f"run{number}.nc": simulate_life(population, number) for number in range(3)}
     monkeypatch.setattr("monitor.records.histories.read_history", lambda path, channel: as_recorded(lives[path.name]))
-    options = ("--runs", "20", "--duration-min", "60:120", "--out", str(tmp_path / "lives.npz"))
+    options = ("--runs", "20", "--duration-min", DURATIONS_MIN, "--out", str(tmp_path / "lives.npz"))
     records = [option for name in lives for option in ("--calibrate", name)]
     found = build(*options, *records)
     assert found["prior"].endswith("calibrated on 3 recorded runs")

@@ -38,6 +38,8 @@ from streams.block import Block
 from streams.rig import CHANNELS, SimulatedRig, open_rig
 from tests.effort import effort_count
 
+pytestmark = pytest.mark.usefixtures("kept_band_choices")
+
 TESTED, *SUPPORTS = CHANNELS
 LEARN = 12
 """Blocks of the run-in, and of the learning window behind it, of a quick life."""

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from tests.effort import effort_count
+
+_ARRANGE = ConstrainedLayoutEngine.execute
 
 
 @pytest.fixture(scope="module")
@@ -17,5 +20,11 @@ def plain_layout() -> Iterator[None]:
     """
     with pytest.MonkeyPatch.context() as patch:
         if effort_count(quick=1, full=0):
-            patch.setattr("matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda engine, figure: None)
+            patch.setattr(ConstrainedLayoutEngine, "execute", lambda engine, figure: None)
         yield
+
+
+@pytest.fixture
+def arranged_layout(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Arrange axes and labels in one test of a module with ``plain_layout``."""
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", _ARRANGE)

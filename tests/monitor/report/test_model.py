@@ -34,6 +34,8 @@ from streams.block import STANDARD_GRAVITY
 from tests.effort import effort_count
 from tests.periods import period_of
 
+pytestmark = pytest.mark.usefixtures("plain_layout")
+
 BEARING = from_catalogue("1205 ETN9")
 
 
@@ -154,7 +156,8 @@ def test_names_with_html_in_them_do_no_harm(tmp_path: Path) -> None:
     assert "&lt;script&gt;alert(1)&lt;/script&gt;&amp;" in text
 
 
-@pytest.mark.parametrize("ending", [".PNG", ".svg", ".html", ".png"][: effort_count(quick=3, full=4)])
+@pytest.mark.usefixtures("arranged_layout")
+@pytest.mark.parametrize("ending", [".PNG", ".html", ".svg", ".png"][: effort_count(quick=2, full=4)])
 def test_a_map_is_shown_as_picture_or_page(tmp_path: Path, rms_map: RmsMap, ending: str) -> None:
     save_map(rms_map, tmp_path / "map.nc")
     out = tmp_path / f"map{ending}"
@@ -304,6 +307,7 @@ def test_a_motion_that_does_not_repeat_is_drawn(tmp_path: Path, options: list[st
     assert "Hann window" in text
 
 
+@pytest.mark.usefixtures("arranged_layout")
 def test_a_sensor_across_the_load_is_drawn_over_a_ball_period(tmp_path: Path) -> None:
     out = tmp_path / "scene.svg"
     arguments = ["--dphi-deg", "4", "--h-d-um", "500", "--gravity", "--direction-deg", "90", "--plot", str(out)]

@@ -65,11 +65,15 @@ def run(
     return made
 
 
-def stored(folder: Path, records: Sequence[Record], machine: str = "m", **attributes: Any) -> Path:
+def stored(
+    folder: Path, records: Sequence[Record], machine: str = "m", *, published: bool = False, **attributes: Any
+) -> Path:
+    """Put records into a store; without ``published`` there is nothing but its archive to read."""
     with Store.open(folder / "state.db", machine=machine) as store:
         store.describe(attributes)
         store.commit_many([(record, {}) for record in records])
-        publish(store, folder / "records")
+        if published:
+            publish(store, folder / "records")
     return folder
 
 
@@ -136,7 +140,7 @@ def intervals(tail: dict[str, float] | None = None) -> list[Record]:
 
 
 def test_intervals_are_read_from_records_as_from_the_archive(tmp_path: Path) -> None:
-    folder = stored(tmp_path, intervals(), interval_level=0.8, forecast_method="library")
+    folder = stored(tmp_path, intervals(), published=True, interval_level=0.8, forecast_method="library")
     archive, records = only(folder), only(folder / "records")
     assert (archive.source, records.source) == ("archive", "records")
     assert (archive.method, records.method) == ("library", "library")
@@ -150,7 +154,7 @@ def test_intervals_are_read_from_records_as_from_the_archive(tmp_path: Path) -> 
 
 
 def test_the_archive_holds_more_of_a_distribution_than_the_records(tmp_path: Path) -> None:
-    folder = stored(tmp_path, intervals({"0.02": 0.1, "0.98": 6.0}), interval_level=0.8)
+    folder = stored(tmp_path, intervals({"0.02": 0.1, "0.98": 6.0}), published=True, interval_level=0.8)
     archive, records = only(folder), only(folder / "records")
     assert (archive.levels.size, records.levels.size) == (5, 3)
     one, other = (score_run(issued, End(1000.0, "given")) for issued in (archive, records))
@@ -160,7 +164,7 @@ def test_the_archive_holds_more_of_a_distribution_than_the_records(tmp_path: Pat
 
 
 def test_intervals_of_unsaid_level_are_refused(tmp_path: Path) -> None:
-    folder = stored(tmp_path, intervals())
+    folder = stored(tmp_path, intervals(), published=True)
     with pytest.raises(ScoreError, match="attribute interval_level must be"):
         read_issued(folder / "records")
 
@@ -291,7 +295,7 @@ def test_records_without_forecasts_and_with_several_thresholds_are_refused(tmp_p
         for n in range(1, 12)
     }
     several[KNOWN - 1] = both | {"tt_status": ("not_final_stage", "not_final_stage")}
-    folder = stored(tmp_path / "b", run(more=several)) / "records"
+    folder = stored(tmp_path / "b", run(more=several), published=True) / "records"
     with pytest.raises(ScoreError, match=r"forecast for 0.03, 0.05 mm3/mm; say which: --threshold-mm2"):
         read_issued(folder)
     assert only(folder, 5e-8).quantiles[:, 0].tolist() == [20.0] * 6

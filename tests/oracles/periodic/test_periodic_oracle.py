@@ -161,9 +161,13 @@ def test_half_the_tolerance_changes_nothing(scene: OracleScene) -> None:
     assert simulate_oracle(scene, tolerance=1e-5, estimate=False).rms == pytest.approx(fine.rms, rel=1e-3)
 
 
+NOT_REPEATING = effort_count(quick=200, full=400)
+"""Periods over which a motion that does not repeat is averaged."""
+
+
 def test_a_motion_that_does_not_repeat_gets_a_mean_and_a_standard_error() -> None:
-    result = simulate_oracle(BOUNCING, caps=Caps(periods=400), estimate=False)
-    other = simulate_oracle(BOUNCING, caps=Caps(periods=400), tolerance=1e-8, estimate=False)
+    result = simulate_oracle(BOUNCING, caps=Caps(periods=NOT_REPEATING), estimate=False)
+    other = simulate_oracle(BOUNCING, caps=Caps(periods=NOT_REPEATING), tolerance=1e-8, estimate=False)
     assert (result.status, result.repeats, result.multiple) == ("not_periodic", False, 0)
     assert result.spread > 0.01 * result.rms
     assert other.rms == pytest.approx(result.rms, abs=5.0 * math.hypot(result.standard_error, other.standard_error))
