@@ -7,6 +7,7 @@ each can be moved is in ``benchmarks/detection.py``.
 from __future__ import annotations
 
 import json
+import tarfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -114,11 +115,20 @@ def test_a_run_in_pieces_gives_the_same_records(data_dir: Path, seed: int) -> No
     assert steps.stored() == whole.stored()
 
 
+def first_files(archive: Path, count: int, folder: Path) -> Path:
+    """Return an archive of the first so many files of one, which takes less time to decompress again and again."""
+    with tarfile.open(archive) as whole, tarfile.open(folder / f"{archive.name.split('.')[0]}.tar", "w") as short:
+        members = sorted((member for member in whole if member.isfile()), key=lambda member: member.name)[:count]
+        for member in members:
+            short.addfile(member, whole.extractfile(member))
+    return Path(str(short.name))
+
+
 def test_a_replay_that_is_resumed_gives_the_same_store(data_dir: Path, tmp_path: Path) -> None:
     run = next(run for run in RUNS if run.name == "Bearing2_7")
     config, _ = example(run.config)
-    path = str(data_dir / run.file)
     count, limit = effort_count(quick=48, full=230), effort_count(quick=16, full=83)
+    path = str(first_files(data_dir / run.file, count, tmp_path))
     whole = replay(config, path, tmp_path / "whole", limit=count).summary
     pieces = [replay(config, path, tmp_path / "pieces", limit=limit, resume=i > 0).summary for i in range(3)]
     assert pieces[-1]["channels"] == whole["channels"]
