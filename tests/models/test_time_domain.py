@@ -226,13 +226,14 @@ def test_levels_and_lines_are_those_of_the_signal() -> None:
 
 
 @pytest.mark.parametrize("part", ["inner", "ball"])
-@pytest.mark.parametrize("step", [10e-6, 5e-6])
-def test_the_error_of_a_recorded_waveform_is_stated(part: Part, step: float) -> None:
+def test_the_error_of_a_recorded_waveform_is_stated(part: Part) -> None:
     scene = replace(SCENE, defect=replace(SPALL, part=part))
-    found, fine = (simulate_time(scene, 0.3, 51200.0, step=s) for s in (step, 0.625e-6))
-    difference = np.linalg.norm(recorded(found)[0] - recorded(fine)[0]) / np.linalg.norm(recorded(fine)[0])
-    assert difference <= found.waveform_error <= 6.0 * difference
-    assert abs(found.rms / fine.rms - 1.0) <= found.rms_error + fine.rms_error
+    fine = simulate_time(scene, 0.3, 51200.0, step=0.625e-6)
+    for step in (10e-6, 5e-6):
+        found = simulate_time(scene, 0.3, 51200.0, step=step)
+        difference = np.linalg.norm(recorded(found)[0] - recorded(fine)[0]) / np.linalg.norm(recorded(fine)[0])
+        assert difference <= found.waveform_error <= 6.0 * difference
+        assert abs(found.rms / fine.rms - 1.0) <= found.rms_error + fine.rms_error
 
 
 def test_the_error_of_a_band_is_that_of_the_recorded_signal() -> None:

@@ -158,7 +158,7 @@ LINE = st.builds(
 )
 
 
-@settings(max_examples=effort_count(quick=60, full=5000))
+@settings(max_examples=effort_count(quick=30, full=5000))
 @given(lines=st.lists(LINE, max_size=12), end=st.sampled_from(["\n", "\r\n", "\r"]))
 def test_any_text_is_read_or_refused(lines: list[str], end: str) -> None:
     data = end.join(lines).encode()

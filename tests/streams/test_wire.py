@@ -80,7 +80,7 @@ def test_checksum_of_published_messages(data: bytes, value: int) -> None:
 
 
 @given(st.binary(max_size=200), st.integers(0, 300))
-@settings(max_examples=effort_count(quick=40, full=2000))
+@settings(max_examples=effort_count(quick=20, full=2000))
 def test_checksum_is_that_of_the_definition(data: bytes, more: int) -> None:
     data = data + bytes(range(256)) * (more // 4)
     assert crc32c(data) == crc32c_bitwise(data)
@@ -150,7 +150,7 @@ def test_scale_that_overflows_is_no_error() -> None:
 
 
 @given(st.binary(max_size=120))
-@settings(max_examples=effort_count(quick=120, full=20000))
+@settings(max_examples=effort_count(quick=60, full=20000))
 def test_nonsense_is_refused(data: bytes) -> None:
     with pytest.raises(WireError):
         decode_frame(data)
@@ -159,7 +159,7 @@ def test_nonsense_is_refused(data: bytes) -> None:
 
 
 @given(st.data())
-@settings(max_examples=effort_count(quick=80, full=5000))
+@settings(max_examples=effort_count(quick=40, full=5000))
 def test_any_damage_is_refused(data: st.DataObject) -> None:
     whole = bytearray(encode_frame(make()))
     for _ in range(data.draw(st.integers(1, 4))):
@@ -187,7 +187,7 @@ JSON = st.recursive(
         optional=dict.fromkeys(("channels", "units", "scale", "speed_hz", "load_newton", "elapsed_s", "after"), JSON),
     )
 )
-@settings(max_examples=effort_count(quick=120, full=10000))
+@settings(max_examples=effort_count(quick=60, full=10000))
 def test_any_header_is_taken_or_refused(header: dict[str, Any]) -> None:
     data = with_header({"channels": ["x"], "units": ["g"], **header})
     sequence = None

@@ -14,7 +14,7 @@ from monitor.health.spectrum.lines import fault_lines, noise_threshold
 from tests.effort import effort_count
 from tests.oracles import features_oracle as oracle
 
-CASES = effort_count(quick=50, full=500)
+CASES = effort_count(quick=25, full=500)
 
 
 def comb(n: int, f: float, amplitudes: tuple[float, ...], noise: float = 0.0, seed: int = 0) -> NDArray[np.float64]:

@@ -90,7 +90,7 @@ shares = st.one_of(st.floats(0, 1), st.sampled_from([0.0, 1 / 3, 0.5, 2 / 3, 1.0
 corners = st.one_of(st.just((0.0, 0.0)), st.tuples(st.floats(0, 1), st.floats(0, 1)))
 
 
-@settings(max_examples=effort_count(quick=60, full=3000))
+@settings(max_examples=effort_count(quick=30, full=3000))
 @given(maps(monotone=False), shares, corners)
 def test_least_volume_is_that_of_the_scan_on_any_map(
     map_slice: LevelMap, share: float, corner: tuple[float, float]
@@ -98,7 +98,7 @@ def test_least_volume_is_that_of_the_scan_on_any_map(
     check_against_scan(map_slice, share, corner)
 
 
-@settings(max_examples=effort_count(quick=40, full=2000))
+@settings(max_examples=effort_count(quick=20, full=2000))
 @given(maps(monotone=True), shares, corners)
 def test_least_volume_is_that_of_the_scan_on_monotone_maps(
     map_slice: LevelMap, share: float, corner: tuple[float, float]
@@ -106,7 +106,7 @@ def test_least_volume_is_that_of_the_scan_on_monotone_maps(
     check_against_scan(map_slice, share, corner)
 
 
-@settings(max_examples=effort_count(quick=40, full=2000))
+@settings(max_examples=effort_count(quick=20, full=2000))
 @given(maps(monotone=False, holes=True), shares, corners)
 def test_least_volume_is_that_of_the_scan_on_maps_with_holes(
     map_slice: LevelMap, share: float, corner: tuple[float, float]
@@ -151,7 +151,7 @@ def widen_slowly(map_slice: LevelMap, level: float, dphi_from: float, h_from: fl
     return 0, math.nan
 
 
-@settings(max_examples=effort_count(quick=60, full=2000))
+@settings(max_examples=effort_count(quick=30, full=2000))
 @given(maps(monotone=False), shares, corners)
 def test_widening_goes_back_one_grid_step_at_a_time_and_no_further(
     map_slice: LevelMap, share: float, corner: tuple[float, float]
@@ -170,7 +170,7 @@ def test_widening_goes_back_one_grid_step_at_a_time_and_no_further(
     assert (after.dphi_d, after.h_d) == (result.dphi_d, result.h_d)
 
 
-@settings(max_examples=effort_count(quick=40, full=1000))
+@settings(max_examples=effort_count(quick=20, full=1000))
 @given(st.floats(0.05, 5), st.floats(0.05, 5), st.floats(0.01, 0.98))
 def test_a_minimum_inside_the_cell_is_the_one_of_calculus(x0: float, y0: float, level: float) -> None:
     """X = u v on a cell from (x0, y0): the volume (x0 + u)(y0 + X/u) is least at u = sqrt(x0 X / y0)."""

@@ -80,7 +80,7 @@ def check_curve(fit: QuadraticFit | None, exact: tuple[float, float, float], spa
     assert fit.r_squared == pytest.approx(r_squared, abs=1e-9)
 
 
-@settings(max_examples=effort_count(quick=32, full=1500))
+@settings(max_examples=effort_count(quick=16, full=1500))
 @given(histories())
 def test_running_and_batch_fit_are_the_exact_one(history: tuple[Floats, Floats]) -> None:
     times, values = history
@@ -240,7 +240,7 @@ def test_restarting_from_the_stored_state_changes_nothing(history: tuple[Floats,
     assert restarted == straight
 
 
-@settings(max_examples=effort_count(quick=32, full=800))
+@settings(max_examples=effort_count(quick=16, full=800))
 @given(
     st.floats(-1e-3, 1e-3),
     st.floats(-1, 1),

@@ -11,7 +11,7 @@ from monitor.health.spectrum.indicators import TimeIndicators, time_indicators
 from tests.effort import effort_count
 from tests.oracles import features_oracle as oracle
 
-CASES = effort_count(quick=30, full=300)
+CASES = effort_count(quick=15, full=300)
 RATIOS = ("kurtosis", "skewness", "crest_factor", "shape_factor", "impulse_factor", "clearance_factor")
 LEVELS = ("mean", "rms", "peak", "peak_half_range")
 

@@ -18,7 +18,7 @@ from monitor.words.features import GABRIELLI
 from tests.effort import effort_count
 from tests.oracles.records_oracle import records
 
-EXAMPLES = effort_count(quick=60, full=2000)
+EXAMPLES = effort_count(quick=30, full=2000)
 
 
 def make(**values: Any) -> Record:

@@ -20,7 +20,7 @@ from tests.effort import effort_count
 from tests.oracles import features_oracle as oracle
 
 RATE = 25_600.0
-CASES = effort_count(quick=30, full=300)
+CASES = effort_count(quick=15, full=300)
 
 
 def noise(n: int, seed: int = 0) -> NDArray[np.float64]:

@@ -333,7 +333,7 @@ def test_a_pin_is_not_thinned_and_the_last_before_it_is_found() -> None:
     values=st.lists(st.floats(0.0, 1e30), min_size=1, max_size=50),
     scale=st.sampled_from((1e-12, 1.0, 1e6)),
 )
-@settings(max_examples=effort_count(quick=80, full=5000))
+@settings(max_examples=effort_count(quick=40, full=5000))
 def test_what_is_lost_by_halving_the_digits_is_as_stated(values: list[float], scale: float) -> None:
     amplitude = np.array(values) * scale
     packed, unit = pack_amplitude(amplitude)

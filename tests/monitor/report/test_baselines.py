@@ -65,7 +65,7 @@ def test_lifetimes_that_are_none_are_refused(lives: list[float]) -> None:
 
 
 @given(st.lists(st.tuples(st.floats(0.5, 50.0), st.floats(0.0, 0.9)), min_size=1, max_size=12), st.floats(0.0, 1.7e9))
-@settings(max_examples=effort_count(quick=40, full=2000))
+@settings(max_examples=effort_count(quick=20, full=2000))
 def test_the_running_line_is_the_fit_to_what_was_known(pairs: list[tuple[float, float]], origin: float) -> None:
     t = origin + np.cumsum([step for step, _ in pairs])
     v = np.array([value for _, value in pairs])

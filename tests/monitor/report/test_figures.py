@@ -302,7 +302,7 @@ def test_moments_are_written_in_the_zone_that_was_asked() -> None:
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False, width=32))
-@settings(max_examples=effort_count(quick=40, full=2000))
+@settings(max_examples=effort_count(quick=20, full=2000))
 def test_numbers_keep_three_figures(value: float) -> None:
     said = figure(value).replace("−", "-").replace(",", "")
     assert float(said) == pytest.approx(value, rel=5.1e-3)

@@ -42,7 +42,7 @@ def test_cumulative_relative_accuracy_does_not_depend_on_where_the_clock_begins(
 
 
 @given(ROWS, TIMES, TIMES)
-@settings(max_examples=effort_count(quick=40, full=2000))
+@settings(max_examples=effort_count(quick=20, full=2000))
 def test_probability_within_is_a_difference_of_the_distribution(row: list[float], one: float, other: float) -> None:
     low, high = sorted((one, other))
     found = metrics.probability_within(LEVELS, [row], low, high)[0]
@@ -70,7 +70,7 @@ def test_crps_of_a_point_is_its_absolute_error(r: float, true: float) -> None:
 
 
 @given(st.lists(st.tuples(TIMES, st.floats(0.01, 5.0)), min_size=1, max_size=8), TIMES)
-@settings(max_examples=effort_count(quick=40, full=2000))
+@settings(max_examples=effort_count(quick=20, full=2000))
 def test_crps_from_a_sample_is_the_double_sum(pairs: list[tuple[float, float]], true: float) -> None:
     sample, weights = [x for x, _ in pairs], [w for _, w in pairs]
     found = crps_from_sample(sample, true, weights)
@@ -121,7 +121,7 @@ def test_the_horizon_must_persist() -> None:
 
 
 @given(st.lists(st.floats(0.0, 200.0), min_size=1, max_size=9), st.floats(0.0, 1e9))
-@settings(max_examples=effort_count(quick=40, full=2000))
+@settings(max_examples=effort_count(quick=20, full=2000))
 def test_the_horizon_is_the_first_that_holds(predicted: list[float], origin: float) -> None:
     t = np.linspace(0.0, 90.0, len(predicted))
     good = [abs(r - (100.0 - moment)) <= 20.0 for r, moment in zip(predicted, t.tolist(), strict=True)]
