@@ -189,7 +189,7 @@ def kept_band_choices() -> Iterator[None]:
     find_band, choices = bands.find_band, dict[object, Any]()
 
     def kept(blocks: Sequence[NDArray[Any]], rate: float, fundamentals: Mapping[str, float]) -> Any:
-        digests = tuple((block.dtype.str, hashlib.sha256(block).hexdigest()) for block in blocks)
+        digests = tuple((block.dtype.str, hashlib.sha256(block.tobytes()).hexdigest()) for block in blocks)
         key = (digests, rate, tuple(fundamentals.items()))
         if key not in choices:
             choices[key] = find_band(blocks, rate, fundamentals)
