@@ -92,6 +92,7 @@ def timed_stages() -> Iterator[dict[str, float]]:
 
     iterate = Recording.__iter__
     places: list[tuple[Any, str, str]] = [
+        (monitor.health.step, "span_of", "check"),
         (monitor.health.step, "check_channel", "check"),
         (monitor.health.channel, "block_features", "features"),
         (monitor.health.channel, "name_fault", "name"),

@@ -111,7 +111,7 @@ def _has_sidecars(root: Path, files: Files) -> bool:
     if any((root / name).exists() for name in FOLDER_NAMES):
         return True
     if files.several:
-        names = {PurePosixPath(item.path).name for item in files}
+        names = {item.path.rpartition("/")[2] for item in files}
     else:
         names = {path.name for path in root.iterdir()}
     return any(name in names for name in FOLDER_NAMES) or any(

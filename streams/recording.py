@@ -183,14 +183,15 @@ class Recording:
 
     def _count_files(self) -> int:
         """Count one block a file, without parsing."""
+        if not self._files.sequential:
+            return len(self._met_files().known)
         count = 0
         try:
             for _, item in self._known():
                 count += 1
-                if self._files.sequential:
-                    # An archive that is damaged ends at the member that cannot be read.
-                    with contextlib.suppress(ReaderError):
-                        item.read()
+                # An archive that is damaged ends at the member that cannot be read.
+                with contextlib.suppress(ReaderError):
+                    item.read()
         except ReaderError:
             count += 1
         return count

@@ -38,6 +38,7 @@ class ChannelBlock:
         verdict: of quality, the flags of the block included.
         speed: of the shaft, Hz; known wherever the block is accepted.
         load: N.
+        span: least and largest sample, where known.
     """
 
     samples: NDArray[np.floating]
@@ -47,9 +48,15 @@ class ChannelBlock:
     verdict: Verdict
     speed: Quantity = field(default_factory=Quantity)
     load: Quantity = field(default_factory=Quantity)
+    span: tuple[float, float] | None = None
 
 
-def check_channel(samples: NDArray[np.floating], state: ChannelState, settings: ChannelSettings) -> Verdict:
+def check_channel(
+    samples: NDArray[np.floating],
+    state: ChannelState,
+    settings: ChannelSettings,
+    span: tuple[float, float] | None = None,
+) -> Verdict:
     """Check the samples of one channel, shape (sample,), against its settings and its learned level."""
     return check_samples(
         samples,
@@ -57,6 +64,7 @@ def check_channel(samples: NDArray[np.floating], state: ChannelState, settings: 
         signal_range=settings.signal_range,
         reference_rms=state.detect.reference_rms,
         absolute=settings.absolute,
+        span=span,
     )
 
 
@@ -86,6 +94,7 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
             searches=family_searches(settings.uncertainty),
         ),
         state.spectra if verdict.for_baseline else None,
+        block.span,
     )
     state = run_clock(state, block)
     naming: Naming | None = None

@@ -96,6 +96,7 @@ def check_samples(
     signal_range: float | None = None,
     reference_rms: float | None = None,
     absolute: bool = True,
+    span: tuple[float, float] | None = None,
 ) -> Verdict:
     """Check the samples of one channel.
 
@@ -105,13 +106,14 @@ def check_samples(
         signal_range: full scale of the sensor in the unit of the samples, or None.
         reference_rms: RMS of the baseline, or None.
         absolute: the unit is known, so absolute limits apply.
+        span: what ``span_of`` gives for them, where that is known.
     """
     n = samples.size
     if n == 0:
         return rejected("empty", "no samples")
     if expected is not None and n < _MIN_LENGTH_SHARE * expected:
         return rejected("short", f"{n} samples, expected {expected}")
-    low, high = float(samples.min()), float(samples.max())
+    low, high = span or span_of(samples)
     if not (math.isfinite(low) and math.isfinite(high)):
         bad = int(n - np.count_nonzero(np.isfinite(samples)))
         return rejected("nan", f"{bad} of {n} samples are not finite")
@@ -128,6 +130,11 @@ def check_samples(
     if _clipped(samples, low, high, signal_range):
         return Verdict("clipped", ("clipped",), f"clipped at {max(-low, high):.4g}")
     return Verdict()
+
+
+def span_of(samples: NDArray[np.floating]) -> tuple[float, float]:
+    """Return the least and the largest sample, NaN where any is; ValueError where there is none."""
+    return float(samples.min()), float(samples.max())
 
 
 def _stuck(samples: NDArray[np.floating]) -> bool:

@@ -34,6 +34,7 @@ from monitor.health.quality import (
     check_order,
     check_rate,
     rejected,
+    span_of,
     with_flags,
 )
 from monitor.health.record import Record, storable
@@ -207,10 +208,11 @@ def _channel_block(
     row = block.channels.index(settings.name)
     unit = block.units[row]
     samples, si_unit = to_si(block.samples[row], unit, settings.scale, settings.sensitivity_mv_per_g)
+    span = span_of(samples) if samples.size else None
     if (si_unit == "m/s2") != settings.absolute:
         verdict = rejected("wrong_unit", f"unit {unit!r}, configured is {settings.unit!r}")
     else:
-        verdict = check_channel(samples, state, settings)
+        verdict = check_channel(samples, state, settings, span)
     condition = settings.condition
     others = {name: block.samples[block.channels.index(name)] for name in condition.channels if name in block.channels}
     usable = samples if verdict.accepted else None
@@ -225,6 +227,7 @@ def _channel_block(
         verdict=with_flags(verdict, flags),
         speed=speed,
         load=load_of(block.load, others, condition),
+        span=span,
     )
 
 

@@ -178,7 +178,11 @@ def fundamentals(kinematics: Kinematics) -> dict[str, float]:
 
 
 def block_features(
-    x: NDArray[np.number], rate: float, settings: FeatureSettings, recent: RecentSpectra | None = None
+    x: NDArray[np.number],
+    rate: float,
+    settings: FeatureSettings,
+    recent: RecentSpectra | None = None,
+    span: tuple[float, float] | None = None,
 ) -> BlockFeatures:
     """Return the features of one block of one channel.
 
@@ -187,6 +191,7 @@ def block_features(
         rate: its sampling rate, Hz.
         settings: of the channel.
         recent: spectra of the neighbouring blocks to average with, or None.
+        span: least and largest sample, where they are known to be finite.
 
     Raises:
         ValueError: if the rate is not the one of the settings, the block is too short for its bands, or a sample is not
@@ -206,7 +211,7 @@ def block_features(
         envelope_limit=_rounded_up(_envelope_limit(settings, rate / x.size)),
         effort=settings.effort,
     )
-    span = sample_range(x)
+    span = span or sample_range(x)
     indicators = time_indicators(x, span)
     spectra = transform(x, span)
     relative = tuple(_relative(envelope, settings) for envelope in spectra.envelopes)
