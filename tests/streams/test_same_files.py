@@ -186,7 +186,9 @@ def met(items: list[Block | Rejected], ignored: Any, counts: Backlog) -> Met:
 def live(folder: Path, **spec: Any) -> Met:
     rig = Rig(folder, **spec)
     items = rig.run(WAITS_S)
-    return met(items, rig.source.ignored(), rig.source.backlog())
+    found = met(items, rig.source.ignored(), rig.source.backlog())
+    rig.source.close()
+    return found
 
 
 def replayed(folder: Path, **spec: Any) -> Met:
