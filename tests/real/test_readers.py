@@ -21,7 +21,7 @@ from tests.oracles.text_oracle import parse_slowly
 
 pytestmark = pytest.mark.real
 
-FULL_ONLY = pytest.mark.skipif(effort_count(quick=1, full=0) == 1, reason="751 and 2803 files: SPALLWATCH_EFFORT=full")
+FULL_ONLY = pytest.mark.skipif(effort_count(quick=1, full=0) == 1, reason="515 files and more: SPALLWATCH_EFFORT=full")
 
 
 def blocks(path: Path, **settings: Any) -> list[Block]:
@@ -46,9 +46,9 @@ def slow_members(path: Path, wanted: set[str]) -> dict[str, bytes]:
     ("name", "count", "speed", "load"),
     [
         pytest.param("Bearing1_1.tar.bz2", 2803, 30.0, 4000.0, marks=FULL_ONLY),
-        # In quick effort this archive is read by test_pronostia.
+        # In quick effort test_bands reads the first of these archives, and test_pronostia the second.
         pytest.param("Bearing2_4.tar.bz2", 751, 27.5, 4200.0, marks=FULL_ONLY),
-        ("Bearing3_1.tar.xz", 515, 25.0, 5000.0),
+        pytest.param("Bearing3_1.tar.xz", 515, 25.0, 5000.0, marks=FULL_ONLY),
         ("Bearing2_7.tar.xz", 230, 27.5, 4200.0),
     ],
 )

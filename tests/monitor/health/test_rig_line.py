@@ -37,6 +37,7 @@ from monitor.service.replay import Replay, replay
 from streams.block import Block
 from streams.rig import CHANNELS, SimulatedRig, open_rig
 from tests.effort import effort_count
+from tests.once import made_once
 
 pytestmark = pytest.mark.usefixtures("kept_band_choices")
 
@@ -222,7 +223,8 @@ def quick_to_learn(track: str, forecast: str) -> Config:
 def library() -> Library:
     """A few lives at the demo's load and speed: enough for answers, not for good ones."""
     population = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0), durations=(14000.0, 24000.0), seed=3)
-    return build_library(population, runs=20, thresholds=(0.05e-6,), settings=FitSettings(columns=60, seed=3))
+    settings = FitSettings(columns=60, seed=3)
+    return made_once("rig", lambda: build_library(population, runs=20, thresholds=(0.05e-6,), settings=settings))
 
 
 @pytest.mark.parametrize(("track", "forecast"), [("thesis", "thesis"), ("filter", "library")])

@@ -14,7 +14,7 @@ from monitor.health.damage.library.fit import FitSettings
 from monitor.service import libraries
 from monitor.service.libraries import cached_library, library_path
 
-POPULATION = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0), durations=(3600.0, 7200.0))
+POPULATION = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0), durations=(2400.0, 4800.0))
 THRESHOLDS = (0.05e-6,)
 
 

@@ -153,7 +153,7 @@ def test_a_map_that_is_not_there_says_how_to_make_one(tmp_path, small_map):
 
 @pytest.fixture(scope="module")
 def library():
-    population = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0), durations=(3600.0, 7200.0))
+    population = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0), durations=(2400.0, 4800.0))
     return build_library(population, runs=20, thresholds=(0.05e-6,), settings=FitSettings(columns=60))
 
 
