@@ -24,6 +24,8 @@ DEPTH = 5
 RESIDUAL_FLOOR = 1e-9
 # A vibration below this is none (m/s2); relative changes of it mean nothing.
 SILENCE = 1e-9
+# Where the distance to the orbit falls below this share in one period, what is left is as small a share of the change.
+_FAST = 0.1
 # Differences of residuals that differ from those of later ones by less than this share add nothing but rounding.
 _DEPENDENT = 1e-8
 # A pivot below this makes a matrix singular.
@@ -88,18 +90,19 @@ def settle(
 ) -> tuple[int, float, float, bool]:
     """Iterate from ``begin`` until the RMS has settled or ``cap`` periods have been simulated.
 
-    It has settled where its relative change was below ``tolerance`` so many periods running as ``calm_periods`` says.
+    It has settled where its relative change was below ``tolerance`` so many periods running as ``calm_periods`` says,
+    or where the distance to the orbit, which steered residuals estimate, fell so fast that the next change would be.
     ``state`` (2, 6) is written: the state at the start of the last period, whose accelerations ``trace`` holds.
     ``steering`` (12, 12) is what residuals are multiplied by, in scaled coordinates; the first ``plain`` periods follow
-    each other without it. Return the periods simulated, relative change and value of the RMS of the last, and whether
-    it has settled.
+    each other without it. Return the periods simulated, the relative change of the RMS by the last or expected by the
+    next, the RMS of the last, and whether it has settled.
     """
     x, after = np.zeros(12), np.empty((2, 6))
     xs, fs = np.empty((DEPTH + 1, 12)), np.empty((DEPTH + 1, 12))
     for i in range(12):
         x[i] = begin[i // 6, i % 6] / STATE_SCALE[i % 6]
     known, calm = 0, 0
-    change, rms = math.inf, math.nan
+    change, rms, distance = math.inf, math.nan, math.nan
     for number in range(1, cap + 1):
         for i in range(12):
             state[i // 6, i % 6] = x[i] * STATE_SCALE[i % 6]
@@ -108,7 +111,7 @@ def settle(
             # The extrapolation left the basin: begin again at rest, plainly.
             for i in range(12):
                 x[i] = 0.0
-            known, calm, change, rms = 0, 0, math.inf, math.nan
+            known, calm, change, rms, distance = 0, 0, math.inf, math.nan, math.nan
             continue
         level = math.sqrt(mean_square(trace, 0))
         change = _change(level, rms)
@@ -117,6 +120,11 @@ def settle(
         if calm >= calm_periods:
             return number, change, rms, True
         known = _remember(xs, fs, known, x, after, steering)
+        before, distance = distance, math.sqrt(_dot(fs[known - 1], fs[known - 1]))
+        if distance < _FAST * before:
+            expected = change * distance / (before - distance)
+            if expected < tolerance:
+                return number, expected, rms, True
         if number <= plain or _only_rounding(x, after):
             for i in range(12):
                 x[i] = after[i // 6, i % 6] / STATE_SCALE[i % 6]

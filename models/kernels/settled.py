@@ -50,6 +50,8 @@ _DIFFERENCE = 1e-3
 _OF_APPROACH = 1e-3
 # A larger error than this means that a grid is too coarse for any statement, on itself or on the next.
 _TELLING = 0.05
+# The coarsest grid is settled to this share of the accuracy: the next begins from there, and is settled whole.
+_FIRST_TOLERANCE = 0.1
 
 
 class Effort(NamedTuple):
@@ -89,7 +91,7 @@ def error_estimate(delta: float, wave: float, wave_before: float, before: float)
     small by chance: so no estimate falls by more than a factor of four. benchmarks/engine_oracle.py measures how often
     it bounds the error.
     """
-    found = max(abs(delta) / 2.0, wave / 8.0)
+    found = max(0.7 * abs(delta), wave / 4.0)
     if not math.isfinite(before):
         return found
     before = min(before, _TELLING)
@@ -159,8 +161,9 @@ def solve(
         if grid > 0:
             period = set_up(path, profile, point, damaged_rows, effort.steps, effort.least, 1 << grid)
             trace = blank_trace(period)
+        tolerance = effort.tolerance if grid > 0 else max(effort.tolerance, _FIRST_TOLERANCE * effort.accuracy)
         number, found[R_CHANGE], rms, settled = settle(
-            begin, state, trace, period, steering, plain, calm, effort.tolerance, effort.cap
+            begin, state, trace, period, steering, plain, calm, tolerance, effort.cap
         )
         periods += number
         found[R_PERIODS], found[R_STEPS] = periods, period.nodes.turn.shape[0]
