@@ -18,14 +18,16 @@ if TYPE_CHECKING:
 
 # Sizes of the state that count as one: displacements, velocities, and for the stiff resonator a smaller displacement.
 STATE_SCALE = np.array([1e-6, 1e-2, 1e-6, 1e-2, 2e-7, 1e-2])
-PLAIN_FIRST = 2
+PLAIN_FIRST = 0
 CALM_PERIODS = 2
 DEPTH = 5
 RESIDUAL_FLOOR = 1e-9
 # A vibration below this is none (m/s2); relative changes of it mean nothing.
 SILENCE = 1e-9
-# Where the distance to the orbit falls below this share in one period, what is left is as small a share of the change.
+# Where the distance to the orbit falls below this share in one period, what is left of the waveform's change is about as
+# small a share of it: within a factor of 3 in 97 of 100 scenes, where that of the RMS would be in 80.
 _FAST = 0.1
+_SAFETY = 3.0
 # Differences of residuals that differ from those of later ones by less than this share add nothing but rounding.
 _DEPENDENT = 1e-8
 # A pivot below this makes a matrix singular.
@@ -91,7 +93,7 @@ def settle(
     """Iterate from ``begin`` until the RMS has settled or ``cap`` periods have been simulated.
 
     It has settled where its relative change was below ``tolerance`` so many periods running as ``calm_periods`` says,
-    or where the distance to the orbit, which steered residuals estimate, fell so fast that the next change would be.
+    or where the distance to the orbit, which steered residuals estimate, fell so fast that the next change will be.
     ``state`` (2, 6) is written: the state at the start of the last period, whose accelerations ``trace`` holds.
     ``steering`` (12, 12) is what residuals are multiplied by, in scaled coordinates; the first ``plain`` periods follow
     each other without it. Return the periods simulated, the relative change of the RMS by the last or expected by the
@@ -102,7 +104,7 @@ def settle(
     for i in range(12):
         x[i] = begin[i // 6, i % 6] / STATE_SCALE[i % 6]
     known, calm = 0, 0
-    change, rms, distance = math.inf, math.nan, math.nan
+    change, rms, distance, earlier = math.inf, math.nan, math.nan, np.zeros(trace.wave.shape[0])
     for number in range(1, cap + 1):
         for i in range(12):
             state[i // 6, i % 6] = x[i] * STATE_SCALE[i % 6]
@@ -121,8 +123,9 @@ def settle(
             return number, change, rms, True
         known = _remember(xs, fs, known, x, after, steering)
         before, distance = distance, math.sqrt(_dot(fs[known - 1], fs[known - 1]))
+        moved = _wave_moved(trace, earlier) / max(level, SILENCE)
         if distance < _FAST * before:
-            expected = change * distance / (before - distance)
+            expected = _SAFETY * moved * distance / (before - distance)
             if expected < tolerance:
                 return number, expected, rms, True
         if number <= plain or _only_rounding(x, after):
@@ -131,6 +134,17 @@ def settle(
         else:
             anderson(xs, fs, known, x)
     return cap, change, rms, False
+
+
+@kernel
+def _wave_moved(trace: Trace, earlier: NDArray[np.float64]) -> float:
+    """Return the RMS of the change of the casing's wave since the one in ``earlier``, m/s2, and write it there."""
+    total = 0.0
+    for i in range(earlier.shape[0]):
+        difference = trace.wave[i, 0] - earlier[i]
+        total += trace.weight[i] * difference * difference
+        earlier[i] = trace.wave[i, 0]
+    return math.sqrt(max(total, 0.0))
 
 
 @kernel

@@ -51,7 +51,7 @@ _OF_APPROACH = 1e-3
 # A larger error than this means that a grid is too coarse for any statement, on itself or on the next.
 _TELLING = 0.05
 # The coarsest grid is settled to this share of the accuracy: the next begins from there, and is settled whole.
-_FIRST_TOLERANCE = 0.1
+_FIRST_TOLERANCE = 0.5
 
 
 class Effort(NamedTuple):
@@ -168,7 +168,7 @@ def solve(
         periods += number
         found[R_PERIODS], found[R_STEPS] = periods, period.nodes.turn.shape[0]
         found[R_SETTLED] = 1.0 if settled else 0.0
-        spectrum = lines(trace, period.time, period.first, count)
+        spectrum = lines(trace, period.time, period.first, count, 1)
         level = _band_rms(spectrum, effort.low, effort.high) if effort.high >= effort.low else rms
         found[R_RMS] = level
         for k in range(effort.harmonics):

@@ -142,7 +142,7 @@ def coefficients_of(
     time, weight, first = two_segments(duration)
     steps = int(first[-1])
     trace = Trace(wave, weight, np.zeros((steps, 4)), np.zeros(steps, dtype=np.bool_))
-    parts = lines(trace, time, first, count)
+    parts = lines(trace, time, first, count, 2)
     return parts[:, 0] + 1j * parts[:, 1], time, weight
 
 
