@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 # Sizes of the state that count as one: displacements, velocities, and for the stiff resonator a smaller displacement.
 STATE_SCALE = np.array([1e-6, 1e-2, 1e-6, 1e-2, 2e-7, 1e-2])
-PLAIN_FIRST = 0
+PLAIN_FIRST = 1
 CALM_PERIODS = 2
 DEPTH = 5
 RESIDUAL_FLOOR = 1e-9

@@ -14,7 +14,7 @@ from models.errors import WrongInputError
 from models.scene import PARTS, Floor, Part, Rig, Slip
 
 # Increment when the results of the model change: older maps are then rebuilt.
-MODEL_VERSION = 4
+MODEL_VERSION = 5
 SCHEMA_VERSION = 3
 # By the damaged part: its name, the radius of V_eq (Eq. 90 of the thesis, and its like) and the frequency of the lines.
 DAMAGED: dict[Part, str] = {"outer": "outer race", "inner": "inner race", "ball": "ball"}
