@@ -24,8 +24,8 @@ DEPTH = 5
 RESIDUAL_FLOOR = 1e-9
 # A vibration below this is none (m/s2); relative changes of it mean nothing.
 SILENCE = 1e-9
-# Where the distance to the orbit falls below this share in one period, what is left of the waveform's change is about as
-# small a share of it: within a factor of 3 in 97 of 100 scenes, where that of the RMS would be in 80.
+# Where the distance to the orbit falls below this share in one period, what is left of the waveform's change is about
+# as small a share of it, within the factor below. (The change of the RMS can be small by chance.)
 _FAST = 0.1
 _SAFETY = 3.0
 # Differences of residuals that differ from those of later ones by less than this share add nothing but rounding.
