@@ -66,5 +66,5 @@ def lines(
 
 def fourier_coefficients(trace: Trace, period: Period, count: int) -> NDArray[np.complex128]:
     """Return the Fourier coefficients 0..count of the accelerations of a period, shape (sensors, count + 1)."""
-    parts = lines(trace, period.time, period.first, count, np.int64(2))
+    parts = lines(trace, period.time, period.first, count, 2)
     return parts[:, 0] + 1j * parts[:, 1]
