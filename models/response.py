@@ -89,8 +89,8 @@ class Response:
         harmonics: single-sided amplitudes of the first six lines k * bpfo of a_o, m/s2, shape (6,).
         harmonics_error: their estimated errors, m/s2, NaN where the motion does not repeat.
         periods: ball periods that were simulated.
-        period_change: relative change of the full-bandwidth RMS between the last two of them; NaN where the motion was
-            simulated over time.
+        period_change: relative change of the full-bandwidth RMS by the last of them, or expected by the next; NaN where
+            the motion was simulated over time.
         spread: standard deviation of that RMS from period to period (over time: from block to block, a block being the
             slowest of turn of the shaft, turn of the cage and ball period that drives the motion), m/s2; zero if the
             motion repeats, NaN if it diverged (then the status is "not_converged").

@@ -2,9 +2,11 @@
 
 Plain iteration (simulating on) settles with the slowest mode of the contact, slowly with clearance and a light load.
 Anderson acceleration of depth 5, with the residual preconditioned by the Jacobian of the healthy bearing, needs several
-times fewer periods. It also finds fixed points that repel: a motion near them does not stay there. The Jacobian of the
-period map at the fixed point tells them apart (Floquet multipliers); where one is beyond the unit circle, or nothing
-was found, the motion is simulated on plainly, from rest or from where the search ended.
+times fewer periods. The steered residual estimates the distance to the orbit: where it falls fast, the search knows
+what is left and ends without a period that shows it. It also finds fixed points that repel: a motion near them does not
+stay there. The Jacobian of the period map at the fixed point tells them apart (Floquet multipliers); where one is
+beyond the unit circle, or nothing was found, the motion is simulated on plainly, from rest or from where the search
+ended.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ class Row:
     Attributes:
         rms: RMS in the band, m/s2, shape (extents,).
         rms_error: its relative error due to the steps, estimated, shape (extents,).
-        change: relative change of the full-bandwidth RMS between the last two periods, shape (extents,).
+        change: relative change of the full-bandwidth RMS by the last period, or expected by the next, shape (extents,).
         settled: where a stable motion was found that repeats; elsewhere the other fields mean nothing.
         multiplier: largest absolute Floquet multiplier, shape (extents,).
         harmonics: single-sided amplitudes of the first six lines k * bpfo, m/s2, shape (extents, 6).

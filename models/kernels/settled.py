@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 # Places in a row of ``found``.
 R_RMS = 0  # in the band, m/s2
-R_CHANGE = 1  # relative change of the full-bandwidth RMS between the last two periods
+R_CHANGE = 1  # relative change of the full-bandwidth RMS by the last period, or expected by the next
 R_SETTLED = 2  # 1 where the search ended
 R_PERIODS = 3  # simulated, of all grids of steps
 R_ERROR = 4  # relative error of the RMS due to the steps, estimated
