@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.spectrum.indicators import span_of
+
 REJECTIONS = (
     "empty",
     "short",
@@ -113,7 +115,7 @@ def check_samples(
         return rejected("empty", "no samples")
     if expected is not None and n < _MIN_LENGTH_SHARE * expected:
         return rejected("short", f"{n} samples, expected {expected}")
-    low, high = span or span_of(samples)
+    low, high = span_of(samples) if span is None else span
     if not (math.isfinite(low) and math.isfinite(high)):
         bad = int(n - np.count_nonzero(np.isfinite(samples)))
         return rejected("nan", f"{bad} of {n} samples are not finite")
@@ -130,11 +132,6 @@ def check_samples(
     if _clipped(samples, low, high, signal_range):
         return Verdict("clipped", ("clipped",), f"clipped at {max(-low, high):.4g}")
     return Verdict()
-
-
-def span_of(samples: NDArray[np.floating]) -> tuple[float, float]:
-    """Return the least and the largest sample, NaN where any is; ValueError where there is none."""
-    return float(samples.min()), float(samples.max())
 
 
 def _stuck(samples: NDArray[np.floating]) -> bool:

@@ -34,10 +34,10 @@ from monitor.health.quality import (
     check_order,
     check_rate,
     rejected,
-    span_of,
     with_flags,
 )
 from monitor.health.record import Record, storable
+from monitor.health.spectrum.indicators import span_of
 from monitor.health.spectrum.transform import MIN_SAMPLES
 from monitor.health.state import ChannelSettings, ChannelState, SourceSettings, SourceState
 from monitor.health.waterfall import SpectrumChange, WaterfallState

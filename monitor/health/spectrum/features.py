@@ -191,7 +191,7 @@ def block_features(
         rate: its sampling rate, Hz.
         settings: of the channel.
         recent: spectra of the neighbouring blocks to average with, or None.
-        span: least and largest sample, where they are known to be finite.
+        span: least and largest sample, where they are known.
 
     Raises:
         ValueError: if the rate is not the one of the settings, the block is too short for its bands, or a sample is not
@@ -211,7 +211,7 @@ def block_features(
         envelope_limit=_rounded_up(_envelope_limit(settings, rate / x.size)),
         effort=settings.effort,
     )
-    span = span or sample_range(x)
+    span = sample_range(x, span)
     indicators = time_indicators(x, span)
     spectra = transform(x, span)
     relative = tuple(_relative(envelope, settings) for envelope in spectra.envelopes)

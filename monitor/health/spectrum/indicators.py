@@ -94,13 +94,18 @@ def time_indicators(x: NDArray[np.number], span: tuple[float, float] | None = No
     )
 
 
-def sample_range(x: NDArray[np.number]) -> tuple[float, float]:
-    """Return the least and the largest sample.
+def span_of(x: NDArray[np.number]) -> tuple[float, float]:
+    """Return the least and the largest sample, NaN where any is; ValueError where there is none."""
+    return float(x.min()), float(x.max())
+
+
+def sample_range(x: NDArray[np.number], span: tuple[float, float] | None = None) -> tuple[float, float]:
+    """Return the least and the largest sample; ``span`` is what :func:`span_of` gives, where that is known.
 
     Raises:
         ValueError: a sample is not finite or beyond ``MAX_SAMPLE``.
     """
-    low, high = float(x.min()), float(x.max())
+    low, high = span_of(x) if span is None else span
     if not (low > -MAX_SAMPLE and high < MAX_SAMPLE):
         raise ValueError(f"samples must be finite and below {MAX_SAMPLE:g}, the block has {low:g} to {high:g}")
     return low, high

@@ -164,7 +164,7 @@ class _Places:
 def _places_of(queries: tuple[CombQuery, ...], resolution: float, n_bins: int, n_harmonics: int) -> _Places:
     """Return the places in a spectrum of so many bins; ValueError if ``n_harmonics`` is below 1.
 
-    They are kept: while a speed stands still, each block asks for the same ones.
+    They are kept, and cannot be written to: while a speed stands still, each block asks for the same ones.
     """
     if n_harmonics < 1:
         raise ValueError(f"n_harmonics must be at least 1, got {n_harmonics}")
@@ -175,6 +175,8 @@ def _places_of(queries: tuple[CombQuery, ...], resolution: float, n_bins: int, n
     nominal *= resolved
     halves = np.where(spacing >= 8.0, 2, 1)
     counted = resolved[:, :, None] & (np.abs(_NEAR) <= halves[:, None])[:, None, :]
+    for shared in (spacing, nominal, resolved, halves, counted):
+        shared.flags.writeable = False
     return _Places(spacing, nominal, resolved, resolved.sum(axis=1).tolist(), halves, counted)
 
 
