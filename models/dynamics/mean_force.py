@@ -16,7 +16,7 @@ import numpy as np
 from models.bearing import kinematics
 from models.dynamics.lane_group import DEFAULT_STEP, MIN_STEPS, PERIODS, Group, Workspace
 from models.dynamics.lanes import LaneOptions, shared_grid
-from models.dynamics.six_dof import LANE_EFFECTS, MODEL, check_scene
+from models.dynamics.six_dof import ERROR_OF_WAVE, LANE_EFFECTS, MODEL, check_scene
 from models.kernels.lanes import LANES
 from models.registry import Request, Solver
 from models.response import HARMONICS, Response, Status, levels_of_lines
@@ -36,8 +36,6 @@ _RESOLVED = 0.4
 _SETTLING_SHARE = 0.1
 # A smaller one is rounding.
 _LEAST_TOLERANCE = 1e-9
-# Error of the RMS over the change of the waveform by a halving of the steps, as in models.kernels.settled.
-_OF_WAVE = 0.125
 _SECONDS_A_STEP = 2.5e-3
 _LEAST_ERROR = 1e-5
 
@@ -78,7 +76,7 @@ def solve(scene: Scene, request: Request) -> Response:
         finer = _settle(scene, request, 2 * steps, workspace)
         delta, wave = _changes(motion, finer)
         periods, motion, steps = periods + finer.blocks, finer, 2 * steps
-        error = max(delta, _OF_WAVE * wave)
+        error = max(delta, ERROR_OF_WAVE * wave)
         if fixed or error <= request.accuracy or 2 * steps > MOST_STEPS:
             break
     return _response(scene, request, motion, PERIODS * periods, error, wave)

@@ -60,6 +60,9 @@ LEAST_IN_SEGMENT = 2
 _FLOOR_SAMPLES = 2.0
 # Steps in a period of the finest grid: less than half a gigabyte of tables, half a minute.
 MOST_STEPS = 2_000_000
+# Error of the RMS over the RMS of the change of the waveform by halving the steps, where no single period is solved:
+# what steps leave is mostly noise.
+ERROR_OF_WAVE = 0.125
 
 
 def check_scene(scene: Scene, effects: frozenset[str] = PERIODIC_EFFECTS) -> None:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
-from models.dynamics.six_dof import MODEL, TIME_EFFECTS, check_scene, steps_for
+from models.dynamics.six_dof import ERROR_OF_WAVE, MODEL, TIME_EFFECTS, check_scene, steps_for
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
@@ -49,8 +49,6 @@ _STOPBAND_DB = 80.0
 # Span of the run, and blocks of it at least, in which the error of the steps is looked at.
 _LOOKED_AT = 0.1
 _BLOCKS_LOOKED_AT = 2.0
-# Error of the RMS over the RMS of the change of the waveform by halving the steps: what steps leave is mostly noise.
-_OF_WAVE = 0.125
 # Error of a sampled signal over its change by halving the steps: first order, where the force jumps between steps.
 _HALVED = 2.0
 # A halving that leaves more than this share of the waveform's error does not help.
@@ -210,7 +208,7 @@ def _step_error(
     if level <= SILENCE:
         return _StepError(0.0, 0.0, 0.0)
     change = _rms(coarse - fine) / level
-    error = max(abs(_rms(coarse) - level) / level, _OF_WAVE * change)
+    error = max(abs(_rms(coarse) - level) / level, ERROR_OF_WAVE * change)
     peak, peak_fine = _peaks(wave)[0], _peaks(finer)[0]
     margin, samples = _margin(oversampling), len(wave) // oversampling
     sampled = change
@@ -223,7 +221,7 @@ def _step_error(
         if request.band is not None:
             ours, better = (band_passed(signal, request.rate, request.band) for signal in (ours, better))
             inside = max(_rms(better), SILENCE)
-            error = _HALVED * max(abs(_rms(ours) - inside), _OF_WAVE * _rms(ours - better)) / inside
+            error = _HALVED * max(abs(_rms(ours) - inside), ERROR_OF_WAVE * _rms(ours - better)) / inside
     return _StepError(error, sampled, abs(peak - peak_fine) / peak_fine + change)
 
 

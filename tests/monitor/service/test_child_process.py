@@ -25,7 +25,7 @@ def test_a_child_that_is_left_behind_is_waited_for_beside(monkeypatch: pytest.Mo
         unkillable.setattr(child._process, "kill", lambda: None)
         child.end()
     pid = child.pid
-    # Nothing refers to it any more: a process that nobody waits for would be warned of here, and stay a zombie.
+    # No reference is left. Without a thread that waits for it, the process would stay a zombie, and Popen warn of it.
     del child
     gc.collect()
     os.kill(pid, signal.SIGKILL)
