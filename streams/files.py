@@ -219,7 +219,8 @@ def read_guarded(root: Path, path: str, *, may_grow: bool = False, max_bytes: in
         allowed = MAX_BYTES if max_bytes is None else max_bytes
         if before.st_size > allowed:
             raise ReaderError("refused", f"{path}: {before.st_size} bytes, {allowed} are allowed")
-        with open(handle, "rb", buffering=0, closefd=False) as stream:
+        # A raw read to the end reads on until there is no more; one of so many bytes may give fewer.
+        with open(handle, "rb", buffering=-1 if may_grow else 0, closefd=False) as stream:
             data = stream.read(before.st_size) if may_grow else stream.read()
         after = os.fstat(handle)
     except OSError as error:
