@@ -37,7 +37,7 @@ def simulate(
             a hundredth of the accuracy.
         steps_per_period: least steps in a ball period, instead of those that the accuracy asks for.
         max_periods: ball periods to simulate where the motion does not settle, at least 20; up to four times as many
-            where its level still drifts.
+            where its level still drifts, and up to 4000 beside an orbit in which the rings part.
         band: frequencies (lo, hi), Hz, in which RMS and peak are taken; None is the full bandwidth.
         lines_to: frequency up to which the lines of the spectrum are computed, Hz, raised to the end of the band; by
             default 30 kHz and at most 10,000 lines, or as far as the steps or the signal resolve.

@@ -6,7 +6,8 @@ times fewer periods. The steered residual estimates the distance to the orbit: w
 what is left and ends without a period that shows it. It also finds fixed points that repel: a motion near them does not
 stay there. The Jacobian of the period map at the fixed point tells them apart (Floquet multipliers); where one is
 beyond the unit circle, or nothing was found, the motion is simulated on plainly, from rest or from where the search
-ended.
+ended. So it is where the rings part for a moment in the orbit that was found: other motions, some of which never
+repeat, can exist beside it, and then the one that begins at rest is reported.
 """
 
 from __future__ import annotations
@@ -98,6 +99,11 @@ class Motion:
             if abs(float(np.mean(side) - np.mean(other))) > max(_SAME * error, 1e-3 * float(np.mean(squares))):
                 return False
         return True
+
+    def near(self, level: float, distance: float) -> bool:
+        """Whether the levels of the last quarter are all within a relative distance of one, m/s2."""
+        last = self.levels[-max(1, len(self.levels) // 4) :]
+        return len(last) > 0 and bool(np.all(np.abs(last - level) <= distance * level))
 
 
 def simulate_on(period: Period, state: NDArray[np.float64], periods: int, tolerance: float, count: int) -> Motion:

@@ -51,6 +51,12 @@ _LEAST_TOLERANCE = 1e-11
 SEARCHED = 60
 # Times that a motion is simulated on before its level is taken as one that drifts.
 _ROUNDS = 4
+# Beside a stable orbit in which the rings part, a motion from rest is given this many times the decay time of the
+# slowest disturbance, and this many periods at most (transients can last for thousands: docs/evidence/engine.md).
+_DECAY_TIMES = 2.0
+_MOST_PERIODS = 4000
+# Relative distance of all its last levels from that of an orbit within which it has come to it.
+_NEAR = 1e-2
 # Lines are computed up to here, Hz, and up to this number; the model is meant for recorders of up to 20 kHz.
 LINES_TO = 30e3
 LINES = 10_000
@@ -83,11 +89,14 @@ def solve(scene: Scene, request: Request) -> Response:
     effort = effort_for(scene, request)
     search = _Search(scene, effort, request.direction)
     orbit = search.settle(np.zeros((2, 6)))
-    if orbit.stable:
+    if orbit.stable and not orbit.parted:
         return _repeating(scene, orbit, effort, request)
-    # A motion near an unstable orbit does not stay there: it is simulated on from rest.
+    # A motion near an unstable orbit does not stay there, and beside a stable one in which the rings part there may be
+    # others: it is simulated on from rest.
     begin, earlier = np.zeros((2, 6)) if orbit.settled else orbit.state, orbit.periods
     tolerance, count, periods = effort.tolerance, _line_count(scene, orbit.period, request), request.max_periods
+    if orbit.stable:
+        periods = max(periods, min(math.ceil(_DECAY_TIMES / (1.0 - orbit.multiplier)), _MOST_PERIODS))
     motion, rounds = simulate_on(orbit.period, begin, periods, tolerance, count), 1
     while True:
         earlier += motion.periods
@@ -99,6 +108,8 @@ def solve(scene: Scene, request: Request) -> Response:
         if motion.stationary or not np.all(np.isfinite(motion.state)) or rounds == _ROUNDS:
             break
         motion, rounds = simulate_on(orbit.period, motion.state, periods, tolerance, count), rounds + 1
+    if orbit.stable and motion.near(math.sqrt(mean_square(orbit.trace, 0)), _NEAR):
+        return _repeating(scene, orbit, effort, request, earlier)
     return _not_repeating(scene, motion, orbit, request, earlier)
 
 
@@ -163,7 +174,16 @@ class _Orbit:
     @property
     def stable(self) -> bool:
         """Whether it repeats, and attracts what is near."""
-        return self.settled and self.found[kernels.R_RADIUS] < 1.0
+        return self.settled and self.multiplier < 1.0
+
+    @property
+    def multiplier(self) -> float:
+        return float(self.found[kernels.R_RADIUS])
+
+    @property
+    def parted(self) -> bool:
+        """Whether the rings part for a moment, so that no ball is in contact."""
+        return self.found[kernels.R_PARTED] > 0.0
 
     @property
     def periods(self) -> int:
@@ -225,7 +245,7 @@ def _repeating(scene: Scene, orbit: _Orbit, effort: Effort, request: Request, ea
         # What lies between the points, as seen at every other one, and the change of the points by the last halving.
         peak_error=abs(float(peak[0]) - coarse) / max(float(peak[0]), _SMALL) + wave_error,
         waveform_error=wave_error,
-        multiplier=float(found[kernels.R_RADIUS]),
+        multiplier=orbit.multiplier,
         harmonics_error=np.abs(lines[1]) * CHANGE_TO_ERROR,
         status=status,
     )
@@ -242,7 +262,7 @@ def _not_repeating(scene: Scene, motion: Motion, orbit: _Orbit, request: Request
         standard_error=motion.standard_error,
         peak_error=motion.peak_spread,
         waveform_error=math.nan,
-        multiplier=float(orbit.found[kernels.R_RADIUS]),
+        multiplier=orbit.multiplier,
         harmonics_error=np.full(HARMONICS, math.nan),
         status="not_periodic" if motion.stationary else "not_converged",
     )

@@ -39,7 +39,8 @@ class Row:
         rms: RMS in the band, m/s2, shape (extents,).
         rms_error: its relative error due to the steps, estimated, shape (extents,).
         change: relative change of the full-bandwidth RMS by the last period, or expected by the next, shape (extents,).
-        settled: where a stable motion was found that repeats; elsewhere the other fields mean nothing.
+        settled: where a stable motion was found that repeats, and in which the rings never part; elsewhere it has to be
+            simulated on (models.simulate), and the other fields mean nothing.
         multiplier: largest absolute Floquet multiplier, shape (extents,).
         harmonics: single-sided amplitudes of the first six lines k * bpfo, m/s2, shape (extents, 6).
         harmonics_error: their estimated errors, m/s2, shape (extents, 6).
@@ -110,7 +111,7 @@ def _as_row(found: NDArray[np.float64]) -> Row:
         rms=found[:, kernels.R_RMS],
         rms_error=found[:, kernels.R_ERROR],
         change=found[:, kernels.R_CHANGE],
-        settled=(found[:, kernels.R_SETTLED] > 0.0) & (radius < 1.0),
+        settled=(found[:, kernels.R_SETTLED] > 0.0) & (radius < 1.0) & (found[:, kernels.R_PARTED] == 0.0),
         multiplier=radius,
         periods=found[:, kernels.R_PERIODS].astype(np.int64),
         harmonics=lines[:, :HARMONICS],

@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
-from models.hertz import contact_exponent, element_angles, static_equilibrium
+from models.hertz import contact_exponent, contact_forces, element_angles, static_equilibrium
 from models.kernels import path as kernel_path
 from models.kernels import step as kernels
 from models.kernels.period_setup import Point, arc_distance
 from models.path.defect import ball_path
+from models.scene import natural_frequencies
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -60,6 +61,8 @@ LEAST_IN_SEGMENT = 2
 _FLOOR_SAMPLES = 2.0
 # Steps in a period of the finest grid: less than half a gigabyte of tables, half a minute.
 MOST_STEPS = 2_000_000
+# Highest resonance over the ball rate: the error estimate has been held against an oracle up to here.
+HIGHEST_RESONANCE = 1e5
 # Error of the RMS over the RMS of the change of the waveform by halving the steps, where no single period is solved:
 # what steps leave is mostly noise.
 ERROR_OF_WAVE = 0.125
@@ -86,10 +89,12 @@ def steps_for(scene: Scene) -> int:
     """Return the least steps in a ball period of the coarsest grid of a scene, from its stiffest rates and its floor.
 
     Raises:
-        ValueError: if they are more than MOST_STEPS / 2: the ball rate is too low for such a stiff rig.
+        ValueError: if they are more than MOST_STEPS / 2, or the rig has a resonance above HIGHEST_RESONANCE ball rates:
+            the speed is too low for such a stiff rig.
     """
     duration = 1.0 / kinematics(scene.bearing, scene.speed).bpfo
     point = operating_point(scene.healthy)
+    _check_resonance(scene, point, duration)
     parameter = point.parameter
     inverse_mass = float(parameter[kernels.P_INV_M_I] + parameter[kernels.P_INV_M_O])
     resonance = math.sqrt(float(parameter[kernels.P_SQUARE_R]))
@@ -113,6 +118,26 @@ def steps_for(scene: Scene) -> int:
             f"at most {MOST_STEPS // 2} are taken: the speed, {scene.speed!r} Hz, is too low for it"
         )
     return steps
+
+
+def _check_resonance(scene: Scene, point: Point, duration: float) -> None:
+    """Raise a ValueError where the highest resonance at rest is above HIGHEST_RESONANCE times the ball rate."""
+    rig, parameter = scene.rig, point.parameter
+    u = np.array([parameter[kernels.P_U_1], parameter[kernels.P_U_2]])
+    angles, exponent = element_angles(scene.bearing), contact_exponent(scene.bearing)
+    stiffness = contact_forces(u, angles, rig.k_c, scene.clearance, exponent)[1]
+    k_b = float(np.trace(stiffness))
+    # The sum of all squares is at least the highest: most scenes need no more.
+    bound = (k_b + rig.k_i) / rig.m_i + (k_b + rig.k_r) / rig.m_o + rig.k_r / rig.m_r
+    if math.sqrt(bound) * duration <= 2.0 * math.pi * HIGHEST_RESONANCE:
+        return
+    highest = float(natural_frequencies(rig, float(stiffness[1, 1]), float(stiffness[0, 0]))[-1])
+    if highest * duration > HIGHEST_RESONANCE:
+        raise ValueError(
+            f"the highest resonance of the rig, {highest:.4g} Hz, is {highest * duration:.3g} times the ball rate of "
+            f"{1.0 / duration:.4g} Hz, at most {HIGHEST_RESONANCE:.0e} times it are resolved: "
+            f"the speed, {scene.speed!r} Hz, is too low for it"
+        )
 
 
 @lru_cache(maxsize=512)

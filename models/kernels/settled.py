@@ -40,7 +40,8 @@ R_RADIUS = 5  # largest absolute Floquet multiplier
 R_STEPS = 6  # of the last grid
 R_WAVE = 7  # relative change of the waveform by the last halving of the steps (RMS)
 R_DELTA = 8  # relative change of the RMS by it
-R_LINES = 9  # amplitudes of the first lines, m/s2, and then their changes by the last halving
+R_PARTED = 9  # 1 where the rings part for a moment, so that no ball is in contact
+R_LINES = 10  # amplitudes of the first lines, m/s2, and then their changes by the last halving
 
 # Multipliers beyond this are looked at again, by differences and with finer steps.
 _DOUBTFUL = 0.9
@@ -122,16 +123,18 @@ def _wave_change(
 
 
 @kernel
-def _stability(state: NDArray[np.float64], period: Period) -> tuple[float, NDArray[np.float64]]:
-    """Return the largest absolute Floquet multiplier of an orbit, and the steering of Newton's method about it."""
-    matrix = tangent_jacobian(state, period)
+def _stability(state: NDArray[np.float64], period: Period) -> tuple[float, NDArray[np.float64], bool]:
+    """Return the largest absolute Floquet multiplier of an orbit, the steering of Newton's method about it, and whether
+    the rings part in it.
+    """
+    matrix, parted = tangent_jacobian(state, period)
     radius = spectral_radius(matrix)
     if not radius <= _DOUBTFUL:
         approach = (abs(period.parameter[P_U_1]) - period.parameter[P_CLEARANCE]) / STATE_SCALE[0]
         size = min(_DIFFERENCE, _OF_APPROACH * approach) if approach > 0.0 else _DIFFERENCE
         matrix = jacobian(state, period, size)
         radius = spectral_radius(matrix)
-    return radius, newton_steering(matrix)
+    return radius, newton_steering(matrix), parted
 
 
 @kernel
@@ -187,7 +190,8 @@ def solve(
                 break
         if settled:
             if grid == 0 or found[R_RADIUS] > _DOUBTFUL:
-                found[R_RADIUS], steering = _stability(state, period)
+                found[R_RADIUS], steering, parted = _stability(state, period)
+                found[R_PARTED] = 1.0 if parted and rms > SILENCE else 0.0
                 if rms <= SILENCE:
                     # Unloaded rings are free, with multipliers of one; at rest nothing leaves it.
                     found[R_RADIUS] = 0.0

@@ -137,19 +137,24 @@ def _linear_forces(
 
 
 @kernel
-def tangent_jacobian(state: NDArray[np.float64], period: Period) -> NDArray[np.float64]:
-    """Return the Jacobian of the scaled period map at a state, shape (12, 12)."""
+def tangent_jacobian(state: NDArray[np.float64], period: Period) -> tuple[NDArray[np.float64], bool]:
+    """Return the Jacobian of the scaled period map at a state, shape (12, 12), and whether the rings part.
+
+    They part where no ball is in contact at a stage of a step.
+    """
     p, context = period.parameter, (period.balls, period.nodes, np.empty((4, _SLOPES)))
     slopes = context[2]
     x1 = (state[0, 0], state[0, 1], state[0, 2], state[0, 3], state[0, 4], state[0, 5])
     x2 = (state[1, 0], state[1, 1], state[1, 2], state[1, 3], state[1, 4], state[1, 5])
-    t, moved = np.zeros((12, 12)), np.empty((12, 12))
+    t, moved, parted = np.zeros((12, 12)), np.empty((12, 12)), False
     for i in range(12):
         t[i, i] = STATE_SCALE[i % 6]
     for segment in range(period.first.shape[0] - 1):
         h, e = period.flow[segment, 0], flow_row(period.flow, segment, 1)
         for n in range(period.first[segment], period.first[segment + 1]):
             x1, x2, _, _, _ = step(x1, x2, h, e, p, _noted_forces, context, n)
+            for stage in range(4):
+                parted = parted or slopes[stage, 4] + slopes[stage, 7] == 0.0
             for k in range(12):
                 t1 = (t[0, k], t[1, k], t[2, k], t[3, k], t[4, k], t[5, k])
                 t2 = (t[6, k], t[7, k], t[8, k], t[9, k], t[10, k], t[11, k])
@@ -162,4 +167,4 @@ def tangent_jacobian(state: NDArray[np.float64], period: Period) -> NDArray[np.f
     for i in range(12):
         for k in range(12):
             t[i, k] /= STATE_SCALE[i % 6]
-    return t
+    return t, parted

@@ -12,13 +12,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from models.bearing import from_catalogue
+from models.bearing import from_catalogue, kinematics
 from models.dynamics.rows import simulate_row
-from models.dynamics.six_dof import MOST_STEPS
-from models.hertz import contact_stiffness
+from models.dynamics.six_dof import MOST_STEPS, steps_for
+from models.hertz import bearing_stiffness, contact_stiffness
 from models.registry import Request
 from models.response import Response
-from models.scene import Defect, Floor, Rig, Scene
+from models.scene import Defect, Floor, Rig, Scene, natural_frequencies
 from models.simulate import simulate
 from tests.effort import effort_count
 
@@ -127,5 +127,16 @@ def test_slow_shafts_end_in_bounded_time_or_are_refused() -> None:
     """The steps of a period grow as the speed falls; the grids end at the most that is taken."""
     slow = simulate(replace(SCENE, speed=0.5))
     assert slow.status == "converged"
-    with pytest.raises(ValueError, match=rf"at most {MOST_STEPS // 2} are taken: the speed, 0\.001 Hz, is too low"):
-        simulate(replace(SCENE, speed=1e-3))
+    damped = replace(SCENE, speed=0.5, rig=replace(RIG, beta_c=1.0))
+    with pytest.raises(ValueError, match=rf"at most {MOST_STEPS // 2} are taken: the speed, 0\.5 Hz, is too low"):
+        simulate(damped)
+
+
+def test_a_resonance_beyond_the_range_of_the_estimate_is_refused() -> None:
+    """The error estimate is held against an oracle for resonances of up to 1e5 ball rates."""
+    stiffness = bearing_stiffness(SCENE.bearing, SCENE.load, RIG.k_c)
+    highest = float(natural_frequencies(RIG, float(stiffness[1, 1]), float(stiffness[0, 0]))[-1])
+    limit = highest / (1e5 * kinematics(SCENE.bearing, 1.0).bpfo)
+    with pytest.raises(ValueError, match=rf"the highest resonance of the rig, {highest:.4g} Hz, is .* too low for it"):
+        simulate(replace(SCENE, speed=0.99 * limit))
+    assert steps_for(replace(SCENE, speed=1.01 * limit)) > 64

@@ -49,6 +49,29 @@ def test_an_unstable_orbit_is_not_called_settled() -> None:
         assert 0.05 < spread < 0.25
 
 
+def test_a_stable_orbit_beside_another_motion_is_not_called_settled() -> None:
+    """The rings part in it, it attracts what is near, and a motion from rest comes to a third of its level."""
+    scene = light_scene(9)
+    period, state = orbit_of(scene)
+    assert tangent_jacobian(state, period)[1]
+    near = simulate_plainly(period, 100, 50, state * (1.0 + 1e-4))
+    away = simulate_plainly(period, 400, 200)
+    assert near.mean > 2.0 * away.mean
+    response = simulate(scene)
+    assert abs(response.rms - away.mean) < 0.1 * away.mean
+    assert response.status == ("converged" if away.spread < 1e-3 * away.mean else "not_periodic")
+    assert not simulate_row(scene, np.array([scene.defects[0].dphi_d])).settled[0]
+
+
+def test_an_orbit_in_which_the_rings_part_is_converged_where_motions_from_rest_come_to_it() -> None:
+    scene = light_scene(251)
+    period, state = orbit_of(scene)
+    assert tangent_jacobian(state, period)[1]
+    response = simulate(scene)
+    assert response.status == "converged"
+    assert response.rms == pytest.approx(simulate_plainly(period, 2000, 1900).mean, rel=3e-3)
+
+
 def test_what_is_near_the_unstable_orbit_leaves_it() -> None:
     period, state = orbit_of(UNSTABLE)
     level = simulate_plainly(period, 1, 0, state).mean
@@ -93,7 +116,7 @@ def test_what_is_called_converged_is_where_simulating_on_ends(group: int) -> Non
             push = 1.0 + 1e-2 * np.random.default_rng(seed).standard_normal((2, 6))
             near = simulate_plainly(period_of(scene), 300, 240, start * push)
             assert agrees(response, near.mean, near.spread), seed
-    assert second <= max(1, 0.02 * count)
+    assert second <= 0.01 * count
     assert statuses.count("converged") >= 0.7 * count
     assert statuses.count("not_converged") <= 0.05 * count
 
@@ -137,7 +160,8 @@ def test_multipliers_are_those_of_numpy(name: str) -> None:
     period, state = orbit_of(SMOOTH[name], 400)
     exact = numerical_jacobian(state, period, 1e-4)
     size = float(np.abs(exact).max())
-    tangents = tangent_jacobian(state, period)
+    tangents, parted = tangent_jacobian(state, period)
+    assert not parted
     differences = jacobian(state, period, 1e-4)
     assert np.abs(tangents - exact).max() < 1e-2 * size
     assert np.abs(differences - exact).max() < 1e-2 * size
