@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import resource
 import time
@@ -10,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 from models.bearing import Bearing
@@ -153,19 +155,40 @@ _NO_LEVEL = ("refused", "timeout", "crashed", "not_converged")
 
 
 def judge(
-    drawn: Sequence[OracleScene], known: dict[str, dict[str, Any]], accuracy: float | None, seconds: float
+    drawn: Sequence[OracleScene],
+    known: dict[str, dict[str, Any]],
+    accuracy: float | None,
+    seconds: float,
+    store: Path | None = None,
 ) -> dict[str, Any]:
-    """Return the comparison of all drawn scenes that the oracle knows, with a summary, and print it."""
-    chosen = [s for s in drawn if s.beyond or s.key() in known]
+    """Return the comparison of all drawn scenes that the oracle knows, with a summary, and print it.
+
+    Each row is appended to ``store``, if that is given; a comparison that was ended goes on from there.
+    """
+    rows = read_rows(store) if store is not None and store.exists() else []
+    done = {row["key"] for row in rows}
+    chosen = [s for s in drawn if (s.beyond or s.key() in known) and s.key() not in done]
     asked = DEFAULT_ACCURACY if accuracy is None else accuracy
-    rows = []
     for scene, got in zip(chosen, answers(chosen, accuracy, seconds), strict=True):
         truth = known[scene.key()]["result"] if scene.key() in known and not scene.beyond else None
         row = {"key": scene.key(), **verdict(scene, truth, got, asked)}
         if row.get("wrong"):
             forgive_other_motion(row, scene, got["rms"], asked)
         rows.append(row)
+        if store is not None:
+            with store.open("a") as out:
+                out.write(json.dumps(row) + "\n")
         print(_line(row), flush=True)
+    return summary_of(rows, asked) | {"rows": rows}
+
+
+def read_rows(store: Path) -> list[dict[str, Any]]:
+    """Return the rows of a file; a last line that was cut off is an error of the JSON reader."""
+    return [json.loads(line) for line in store.read_text().splitlines()]
+
+
+def summary_of(rows: Sequence[dict[str, Any]], asked: float) -> dict[str, Any]:
+    """Return the counts of a comparison."""
     compared = [row for row in rows if "error" in row]
     estimated = [row for row in compared if "bounded" in row]
     converged = [row for row in compared if row["engine"] == "converged"]
@@ -182,7 +205,6 @@ def judge(
         "estimates": len(estimated),
         "bounded_share": sum(row["bounded"] for row in estimated) / len(estimated) if estimated else None,
         "largest_error_converged": max((row["error"] for row in converged), default=math.nan),
-        "rows": rows,
     }
 
 

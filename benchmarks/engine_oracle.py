@@ -106,6 +106,7 @@ def main() -> None:
     parser.add_argument("--judge", action="store_true", help="compare models.simulate with the stored results")
     parser.add_argument("--accuracy", type=float, help="accuracy to ask the engine for; its own default without it")
     parser.add_argument("--seconds", type=float, default=60.0, help="time that the engine may take for one scene")
+    parser.add_argument("--rows", type=Path, metavar="FILE", help="append each comparison, and go on from those in it")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary, or the comparison, to this file")
     args = parser.parse_args()
     path = RESULTS / f"engine_oracle_{args.set}.jsonl"
@@ -122,7 +123,7 @@ def main() -> None:
     }
     print(json.dumps(report, indent=1))
     if args.judge:
-        comparison = judge(drawn, known, args.accuracy, args.seconds)
+        comparison = judge(drawn, known, args.accuracy, args.seconds, args.rows)
         print(json.dumps({name: value for name, value in comparison.items() if name != "rows"}, indent=1))
         report |= comparison
     if args.json:
