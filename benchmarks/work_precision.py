@@ -81,7 +81,7 @@ class Problem:
         self.state, trace, steer = np.empty((2, 6)), blank_trace(self.fine), steering(replace(scene, defect=None))
         found = settle(
             *(np.zeros((2, 6)), self.state, trace, self.fine),
-            *(np.eye(12) if steer is None else steer, PLAIN_FIRST, CALM_PERIODS, 1e-10, 200),
+            *(np.eye(12) if steer is None else steer, PLAIN_FIRST, CALM_PERIODS, 1e-11, 200, math.inf),
         )
         self.settled = found[3]
         self.wave = np.ascontiguousarray(trace.wave[:, 0])

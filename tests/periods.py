@@ -96,7 +96,7 @@ def orbit_of(scene: Scene, steps: int | None = None) -> tuple[Period, NDArray[np
     period, steer, state = period_of(scene, steps), steering(scene.healthy), np.empty((2, 6))
     found = settle(
         *(np.zeros((2, 6)), state, blank_trace(period), period),
-        *(np.eye(12) if steer is None else steer, PLAIN_FIRST, CALM_PERIODS, 1e-9, 400),
+        *(np.eye(12) if steer is None else steer, PLAIN_FIRST, CALM_PERIODS, 1e-10, 400, math.inf),
     )
     assert found[3]
     return period, state

@@ -37,7 +37,7 @@ class Row:
 
     Attributes:
         rms: RMS in the band, m/s2, shape (extents,).
-        rms_error: its relative error due to the steps, estimated, shape (extents,).
+        rms_error: its relative error due to the steps and what is left to settle, estimated, shape (extents,).
         change: relative change of the full-bandwidth RMS by the last period, or expected by the next, shape (extents,).
         settled: where a stable motion was found that repeats, and in which the rings never part; elsewhere it has to be
             simulated on (models.simulate), and the other fields mean nothing.

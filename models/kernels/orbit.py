@@ -28,6 +28,8 @@ SILENCE = 1e-9
 # as small a share of it, within the factor below. (The change of the RMS can be small by chance.)
 _FAST = 0.1
 _SAFETY = 3.0
+# What is left to settle may be so many times what a period may still change: it is known, and not one of many changes.
+LEFT = 20.0
 # Differences of residuals that differ from those of later ones by less than this share add nothing but rounding.
 _DEPENDENT = 1e-8
 # A pivot below this makes a matrix singular.
@@ -89,11 +91,14 @@ def settle(
     calm_periods: int,
     tolerance: float,
     cap: int,
-) -> tuple[int, float, float, bool]:
+    felt: float,
+) -> tuple[int, float, float, bool, float]:
     """Iterate from ``begin`` until the RMS has settled or ``cap`` periods have been simulated.
 
     It has settled where its relative change was below ``tolerance`` so many periods running as ``calm_periods`` says,
-    or where the distance to the orbit, which steered residuals estimate, fell so fast that the next change will be.
+    or where the distance to the orbit, which steered residuals estimate, fell so fast that little is left: what is
+    expected, LEFT times the tolerance at most. ``felt`` is the relative change of the waveform by a distance of one,
+    infinite where it is not known; what becomes known of it is returned last.
     ``state`` (2, 6) is written: the state at the start of the last period, whose accelerations ``trace`` holds.
     ``steering`` (12, 12) is what residuals are multiplied by, in scaled coordinates; the first ``plain`` periods follow
     each other without it. Return the periods simulated, the relative change of the RMS by the last or expected by the
@@ -120,20 +125,22 @@ def settle(
         calm = calm + 1 if change < tolerance else 0
         rms = level
         if calm >= calm_periods:
-            return number, change, rms, True
+            return number, change, rms, True, felt
         known = _remember(xs, fs, known, x, after, steering)
         before, distance = distance, math.sqrt(_dot(fs[known - 1], fs[known - 1]))
         moved = _wave_moved(trace, earlier) / max(level, SILENCE)
         if distance < _FAST * before:
-            expected = _SAFETY * moved * distance / (before - distance)
-            if expected < tolerance:
-                return number, expected, rms, True
+            felt = _SAFETY * moved / (before - distance)
+        # In another direction than those of the search a distance can be felt more.
+        expected = felt * distance if number > 1 else _SAFETY * felt * distance
+        if expected < LEFT * tolerance:
+            return number, expected, rms, True, felt
         if number <= plain or _only_rounding(x, after):
             for i in range(12):
                 x[i] = after[i // 6, i % 6] / STATE_SCALE[i % 6]
         else:
             anderson(xs, fs, known, x)
-    return cap, change, rms, False
+    return cap, change, rms, False, felt
 
 
 @kernel

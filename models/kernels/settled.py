@@ -35,7 +35,7 @@ R_RMS = 0  # in the band, m/s2
 R_CHANGE = 1  # relative change of the full-bandwidth RMS by the last period, or expected by the next
 R_SETTLED = 2  # 1 where the search ended
 R_PERIODS = 3  # simulated, of all grids of steps
-R_ERROR = 4  # relative error of the RMS due to the steps, estimated
+R_ERROR = 4  # relative error of the RMS due to the steps and what is left to settle, estimated
 R_RADIUS = 5  # largest absolute Floquet multiplier
 R_STEPS = 6  # of the last grid
 R_WAVE = 7  # relative change of the waveform by the last halving of the steps (RMS)
@@ -52,7 +52,7 @@ _OF_APPROACH = 1e-3
 # A larger error than this means that a grid is too coarse for any statement, on itself or on the next.
 _TELLING = 0.05
 # The coarsest grid is settled to this share of the accuracy: the next begins from there, and is settled whole.
-_FIRST_TOLERANCE = 0.5
+_FIRST_TOLERANCE = 0.25
 
 
 class Effort(NamedTuple):
@@ -158,6 +158,7 @@ def solve(
     trace = blank_trace(period)
     found[:] = 0.0
     found[R_ERROR] = found[R_RADIUS] = found[R_WAVE] = found[R_DELTA] = math.nan
+    felt, estimate = math.inf, math.nan
     periods, plain, calm, rms_before, settled_before = 0, PLAIN_FIRST, CALM_PERIODS, math.nan, False
     for grid in range(effort.grids):
         before, trace_before = period, trace
@@ -165,8 +166,8 @@ def solve(
             period = set_up(path, profile, point, damaged_rows, effort.steps, effort.least, 1 << grid)
             trace = blank_trace(period)
         tolerance = effort.tolerance if grid > 0 else max(effort.tolerance, _FIRST_TOLERANCE * effort.accuracy)
-        number, found[R_CHANGE], rms, settled = settle(
-            begin, state, trace, period, steering, plain, calm, tolerance, effort.cap
+        number, found[R_CHANGE], rms, settled, felt = settle(
+            begin, state, trace, period, steering, plain, calm, tolerance, effort.cap, felt
         )
         periods += number
         found[R_PERIODS], found[R_STEPS] = periods, period.nodes.turn.shape[0]
@@ -185,7 +186,8 @@ def solve(
             change = _wave_change(trace.wave, trace_before.wave, before.first, before.weight)
             found[R_WAVE] = change / rms if rms > SILENCE else 0.0
             found[R_DELTA] = (level - rms_before) / level if level > SILENCE else 0.0
-            found[R_ERROR] = error_estimate(found[R_DELTA], found[R_WAVE], change_before, found[R_ERROR])
+            estimate = error_estimate(found[R_DELTA], found[R_WAVE], change_before, estimate)
+            found[R_ERROR] = estimate + found[R_CHANGE]
             if found[R_ERROR] <= effort.accuracy:
                 break
         if settled:

@@ -154,7 +154,7 @@ def _periodic_row(
     found = NodeRow(
         rms=row.rms.copy(),
         harmonics=row.harmonics.copy(),
-        error=row.rms_error + row.change,
+        error=row.rms_error.copy(),
         harmonics_error=row.harmonics_error.copy(),
         spread=np.zeros(len(extents)),
         se=np.zeros(len(extents)),

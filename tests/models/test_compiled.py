@@ -17,7 +17,7 @@ from models.dynamics.periodic import steering
 from models.dynamics.rows import simulate_row
 from models.dynamics.six_dof import defect_arrays, operating_point
 from models.hertz import element_angles, static_equilibrium
-from models.kernels.orbit import CALM_PERIODS, PLAIN_FIRST, STATE_SCALE, settle
+from models.kernels.orbit import CALM_PERIODS, LEFT, PLAIN_FIRST, STATE_SCALE, settle
 from models.kernels.path import NUDGE, edge, floor_at, path_kinks, touch_angle
 from models.kernels.period import Period, ball_period, blank_trace, mean_square
 from models.kernels.period_setup import arc_distance
@@ -151,21 +151,29 @@ def test_the_compiled_search_is_the_interpreted_one(seed: int) -> None:
     period, steer = period_of(scene), steering(replace(scene, defect=None))
     assert steer is not None
     rest, trace, state, plain = np.zeros((2, 6)), blank_trace(period), np.empty((2, 6)), (PLAIN_FIRST, 0)[seed % 2]
-    number, change, rms, settled = settle(rest, state, trace, period, steer, plain, CALM_PERIODS, 1e-7, 300)
-    slow = orbit_oracle.settle(Interpreted(period), rest, SCALE, steer, plain, 1e-7, 300)
+    number, change, rms, settled, felt = settle(
+        rest, state, trace, period, steer, plain, CALM_PERIODS, 1e-8, 300, math.inf
+    )
+    slow = orbit_oracle.settle(Interpreted(period), rest, SCALE, steer, plain, 1e-8, 300)
     assert settled
     assert slow[4]
-    assert max(change, slow[2]) < 1e-7
-    # The compiled search ends as soon as it knows that the next change is small.
+    assert change < LEFT * 1e-8
+    assert slow[2] < 1e-8
+    # The compiled search ends as soon as it knows that little is left.
     assert number <= slow[1] + 1
     assert state.ravel() / SCALE == pytest.approx(slow[0].ravel() / SCALE, rel=1e-5, abs=1e-4)
     assert rms == pytest.approx(slow[3], rel=1e-5)
     assert rms == pytest.approx(math.sqrt(mean_square(trace, 0)), rel=1e-12)
     for tolerance in (1e-3, 1e-5):
-        sooner = settle(rest, state, trace, period, steer, plain, CALM_PERIODS, tolerance, 300)
+        sooner = settle(rest, state, trace, period, steer, plain, CALM_PERIODS, tolerance, 300, math.inf)
         assert sooner[0] <= number
-        assert sooner[1] < tolerance
-        assert sooner[2] == pytest.approx(rms, rel=tolerance)
+        assert sooner[1] < LEFT * tolerance
+        assert sooner[2] == pytest.approx(rms, rel=max(sooner[1], tolerance))
+    # From close by, one period shows how little is left. (Steps that a contact divides are others there.)
+    push = 1e-4 * rng.standard_normal((2, 6)) * STATE_SCALE
+    near = settle(state + push, np.empty((2, 6)), trace, period, steer, 0, CALM_PERIODS, 1e-3, 300, felt)
+    assert near[0] == 1
+    assert near[2] == pytest.approx(rms, rel=near[1] + 2e-5)
 
 
 @pytest.mark.parametrize("floor", [Floor(), Floor("rough", seed=2)])

@@ -121,8 +121,9 @@ def test_the_kernel_starts_again_at_rest_where_the_state_is_no_number() -> None:
     period = period_of(SCENE)
     trace, state, steer = blank_trace(period), np.empty((2, 6)), steering(replace(SCENE, defect=None))
     assert steer is not None
-    number, _, rms, settled = settle(np.zeros((2, 6)), state, trace, period, steer, PLAIN_FIRST, CALM_PERIODS, 1e-6, 60)
-    again = settle(np.full((2, 6), math.nan), state, trace, period, steer, PLAIN_FIRST, CALM_PERIODS, 1e-6, 60)
+    how = (PLAIN_FIRST, CALM_PERIODS, 1e-7, 60, math.inf)
+    number, _, rms, settled, _ = settle(np.zeros((2, 6)), state, trace, period, steer, *how)
+    again = settle(np.full((2, 6), math.nan), state, trace, period, steer, *how)
     assert settled
     assert again[3]
     # The first period was lost, and one of those that follow each other plainly with it.
