@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from models.bearing import from_catalogue
-from models.dynamics.six_dof import MOST_STEPS, steps_for
+from models.dynamics.six_dof import HIGHEST_RESONANCE, MOST_STEPS, steps_for
 from models.scene import Defect, Floor, Rig, Scene, Slip, Waviness
 from models.simulate import simulate
 
@@ -120,7 +120,7 @@ def test_the_stiffness_of_a_ball_is_not_taken_for_that_of_a_roller() -> None:
         Scene(40.0, 4000.0, rig=Rig(element="roller"))
 
 
-@pytest.mark.parametrize(("rig", "speed"), [(Rig(k_r=4.25e12), 0.05), (Rig(beta_c=0.1), 0.5), (Rig(m_o=1e-6), 0.05)])
+@pytest.mark.parametrize(("rig", "speed"), [(Rig(beta_c=0.1), 0.5), (Rig(alpha_c=1e9), 0.5)])
 def test_a_speed_too_low_for_the_rig_is_refused_with_steps_and_limit(rig: Rig, speed: float) -> None:
     scene = Scene(speed, 4000.0, rig=rig)
     with pytest.raises(
@@ -132,3 +132,12 @@ def test_a_speed_too_low_for_the_rig_is_refused_with_steps_and_limit(rig: Rig, s
     # The number that it needs falls with the speed, and where it is within the limit the scene is taken.
     faster = replace(scene, speed=speed * 1.01 * named / (MOST_STEPS // 2))
     assert steps_for(faster) <= MOST_STEPS // 2
+
+
+@pytest.mark.parametrize("rig", [Rig(k_r=4.25e12), Rig(m_o=1e-6)])
+def test_a_speed_too_low_for_the_highest_resonance_is_refused_with_it(rig: Rig) -> None:
+    scene = Scene(0.05, 4000.0, rig=rig)
+    with pytest.raises(ValueError, match=r"resonance of the rig, .* times the ball rate .* speed, 0\.05 Hz") as caught:
+        simulate(scene)
+    times = float(str(caught.value).split("Hz, is ")[1].split()[0])
+    assert steps_for(replace(scene, speed=scene.speed * 1.02 * times / HIGHEST_RESONANCE)) > 0
