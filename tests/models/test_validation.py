@@ -134,7 +134,7 @@ def test_a_speed_too_low_for_the_rig_is_refused_with_steps_and_limit(rig: Rig, s
     assert steps_for(faster) <= MOST_STEPS // 2
 
 
-@pytest.mark.parametrize("rig", [Rig(k_r=4.25e12), Rig(m_o=1e-6)])
+@pytest.mark.parametrize("rig", [Rig(k_r=4.25e12), Rig(m_r=1e-6)])
 def test_a_speed_too_low_for_the_highest_resonance_is_refused_with_it(rig: Rig) -> None:
     scene = Scene(0.05, 4000.0, rig=rig)
     with pytest.raises(ValueError, match=r"resonance of the rig, .* times the ball rate .* speed, 0\.05 Hz") as caught:
