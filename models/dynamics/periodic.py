@@ -20,6 +20,7 @@ from models.dynamics.six_dof import (
     MODEL,
     MOST_STEPS,
     PERIODIC_EFFECTS,
+    check_resonance,
     check_scene,
     damaged_rows,
     defect_arrays,
@@ -123,9 +124,10 @@ def effort_for(scene: Scene, request: Request, harmonics: int = HARMONICS) -> Ef
     """Return how a scene is settled for a request.
 
     Raises:
-        ValueError: if the scene needs too many steps, or the steps do not resolve the band or the lines; the message
-            names it.
+        ValueError: if the scene needs too many steps or its rig is too stiff for its speed, or the steps do not resolve
+            the band or the lines; the message names it.
     """
+    check_resonance(scene.healthy)
     tolerance = request.tolerance
     if tolerance is None:
         tolerance = max(SETTLING_SHARE * request.accuracy, _LEAST_TOLERANCE)

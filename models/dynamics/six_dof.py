@@ -89,12 +89,10 @@ def steps_for(scene: Scene) -> int:
     """Return the least steps in a ball period of the coarsest grid of a scene, from its stiffest rates and its floor.
 
     Raises:
-        ValueError: if they are more than MOST_STEPS / 2, or the rig has a resonance above HIGHEST_RESONANCE ball rates:
-            the speed is too low for such a stiff rig.
+        ValueError: if they are more than MOST_STEPS / 2: the ball rate is too low for such a stiff rig.
     """
     duration = 1.0 / kinematics(scene.bearing, scene.speed).bpfo
     point = operating_point(scene.healthy)
-    _check_resonance(scene, point, duration)
     parameter = point.parameter
     inverse_mass = float(parameter[kernels.P_INV_M_I] + parameter[kernels.P_INV_M_O])
     resonance = math.sqrt(float(parameter[kernels.P_SQUARE_R]))
@@ -120,16 +118,18 @@ def steps_for(scene: Scene) -> int:
     return steps
 
 
-def _check_resonance(scene: Scene, point: Point, duration: float) -> None:
-    """Raise a ValueError where the highest resonance at rest is above HIGHEST_RESONANCE times the ball rate."""
-    rig, parameter = scene.rig, point.parameter
+@lru_cache(maxsize=512)
+def check_resonance(scene: Scene) -> None:
+    """Raise a ValueError where a healthy scene has a resonance, at rest, above HIGHEST_RESONANCE ball rates."""
+    rig, parameter = scene.rig, operating_point(scene).parameter
+    duration = 1.0 / kinematics(scene.bearing, scene.speed).bpfo
     u = np.array([parameter[kernels.P_U_1], parameter[kernels.P_U_2]])
     angles, exponent = element_angles(scene.bearing), contact_exponent(scene.bearing)
     stiffness = contact_forces(u, angles, rig.k_c, scene.clearance, exponent)[1]
+    # The sum of the squares of all is at least the highest: most scenes need no more.
     k_b = float(np.trace(stiffness))
-    # The sum of all squares is at least the highest: most scenes need no more.
-    bound = (k_b + rig.k_i) / rig.m_i + (k_b + rig.k_r) / rig.m_o + rig.k_r / rig.m_r
-    if math.sqrt(bound) * duration <= 2.0 * math.pi * HIGHEST_RESONANCE:
+    most = math.sqrt((k_b + rig.k_i) / rig.m_i + (k_b + rig.k_r) / rig.m_o + rig.k_r / rig.m_r)
+    if most * duration <= 2.0 * math.pi * HIGHEST_RESONANCE:
         return
     highest = float(natural_frequencies(rig, float(stiffness[1, 1]), float(stiffness[0, 0]))[-1])
     if highest * duration > HIGHEST_RESONANCE:

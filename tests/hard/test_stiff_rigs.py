@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from models.bearing import from_catalogue, kinematics
+from models.dynamics.periodic import effort_for
 from models.dynamics.rows import simulate_row
-from models.dynamics.six_dof import MOST_STEPS, steps_for
+from models.dynamics.six_dof import MOST_STEPS
 from models.hertz import bearing_stiffness, contact_stiffness
 from models.registry import Request
 from models.response import Response
@@ -139,4 +140,4 @@ def test_a_resonance_beyond_the_range_of_the_estimate_is_refused() -> None:
     limit = highest / (1e5 * kinematics(SCENE.bearing, 1.0).bpfo)
     with pytest.raises(ValueError, match=rf"the highest resonance of the rig, {highest:.4g} Hz, is .* too low for it"):
         simulate(replace(SCENE, speed=0.99 * limit))
-    assert steps_for(replace(SCENE, speed=1.01 * limit)) > 64
+    assert effort_for(replace(SCENE, speed=1.01 * limit), Request()).steps > 64
