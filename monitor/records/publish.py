@@ -26,6 +26,7 @@ from monitor.records.database import replacing
 from monitor.records.dataset import INT_FILL, from_dataset, to_dataset
 from monitor.records.filing import SECONDS_PER_DAY, published_files
 from monitor.records.moved_days import MovedDaysError, delete_day, moved_days, moving_days
+from monitor.records.netcdf import write_netcdf
 from monitor.records.second_copy import Kept, keep_larger, ledger_group, log_kept
 from monitor.records.snapshot import Snapshot, is_published, snapshot_path, take_snapshot, write_snapshot
 from monitor.records.store import Published, Store
@@ -258,16 +259,15 @@ def _write(dataset: xr.Dataset, ledger: xr.Dataset, path: Path) -> int:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
-            dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset))
             fills = {str(name): {"_FillValue": None} for name in ledger.variables}
-            ledger.to_netcdf(temporary, mode="a", group="ledger", engine="netcdf4", encoding=fills)
+            write_netcdf(temporary, {"": (dataset, encoding_of(dataset)), "ledger": (ledger, fills)})
             size = temporary.stat().st_size
     except (OSError, RuntimeError) as error:
         raise PublishError(f"{path}: cannot be written: {error}") from error
     return size
 
 
-def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
+def encoding_of(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
     """Return the fill value of each variable; flags have none."""
     kinds = {"elapsed": "float", **{name: variable.kind for name, variable in VARIABLES.items()}}
     fills = {"float": np.nan, "int": INT_FILL}

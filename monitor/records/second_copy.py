@@ -16,6 +16,7 @@ import xarray as xr
 
 from monitor.records.database import link_durably, same_file
 from monitor.records.events import EventLog
+from monitor.records.netcdf import read_variables
 from monitor.records.store import Store
 
 _LOG = logging.getLogger(__name__)
@@ -72,17 +73,16 @@ def keep_larger(path: Path, dataset: xr.Dataset) -> Kept | None:
 
 def lost_blocks(before: Path, after: Path | xr.Dataset) -> int | None:
     """Return how many blocks of a file another, or a dataset, lacks; None where one cannot be read."""
-    with suppress(*UNREADABLE), xr.open_dataset(before, decode_cf=False) as had:
-        if not isinstance(after, Path):
-            return len(_identities(had) - _identities(after))
-        with xr.open_dataset(after, decode_cf=False) as has:
-            return len(_identities(had) - _identities(has))
+    with suppress(*UNREADABLE):
+        return len(_identities(before) - _identities(after))
     return None
 
 
-def _identities(dataset: xr.Dataset) -> set[tuple[Any, ...]]:
-    """Return source, number, content and status of each block."""
-    return set(zip(*(dataset[name].values.tolist() for name in _IDENTITY), strict=True))
+def _identities(blocks: Path | xr.Dataset) -> set[tuple[Any, ...]]:
+    """Return source, number, content and status of each block of a file or dataset."""
+    if isinstance(blocks, Path):
+        return set(zip(*read_variables(blocks, _IDENTITY).values(), strict=True))
+    return set(zip(*(blocks[name].values.tolist() for name in _IDENTITY), strict=True))
 
 
 def log_kept(store: Store, kept: Kept) -> None:
