@@ -122,7 +122,7 @@ def powers_of(scene: Scene, steps: int) -> Powers:
         u = inner - s - share * r + rest
         w = v_inner - v_s - share * v_r
         phi = model.start + omega * t
-        d, slope = model.path_of_balls(phi, model.start + omega * middle)
+        d, slope = model.path_of_balls(t, middle)
         for wave in scene.waviness:
             height = wave.amplitude * math.cos(scene.bearing.contact_angle)
             d = d + height * np.cos(wave.order * phi + wave.phase)

@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from scipy.optimize import root
 
 from models.bearing import Bearing, CatalogueEntry, catalogue_entry, from_catalogue, kinematics
 from models.contact_estimates import element_mass, estimate_stiffness
@@ -35,32 +33,7 @@ CYLINDERS = from_catalogue("NU 202 ECP")
 class RollerOracle(oracle.Oracle):
     """The oracle with another contact law: force and damping with the exponents 10/9 and 1/9."""
 
-    def forces(self, t: float, x: NDArray[np.float64], v: NDArray[np.float64], middle: float) -> NDArray[np.float64]:
-        case, omega = self.case, self.case.omega_c
-        phi = self.start + omega * t
-        d, slope = self.path_of_balls(phi, self.start + omega * middle)
-        c, s = np.sin(phi), np.cos(phi)
-        ux, uy = x[0] - x[2], x[1] - x[3]
-        delta = ux * c + uy * s - d - case.clearance
-        rate = (v[0] - v[2]) * c + (v[1] - v[3]) * s + omega * (ux * s - uy * c) - omega * slope
-        on = delta > 0.0
-        pressed = np.where(on, delta, 0.0)
-        damping = oracle.ALPHA_C * oracle.M_B + oracle.BETA_C * K_C * pressed ** (EXPONENT - 1.0)
-        force = K_C * pressed**EXPONENT + np.where(on, damping * rate, 0.0)
-        return np.array([np.sum(force * c), np.sum(force * s)])
-
-    def at_rest(self) -> NDArray[np.float64]:
-        state, c, s = np.zeros(12), np.sin(self.start), np.cos(self.start)
-
-        def residual(u: NDArray[np.float64]) -> list[float]:
-            pressed = np.maximum((u[0] * c + u[1] * s) * 1e-6 - self.case.clearance, 0.0)
-            q = K_C * pressed**EXPONENT
-            return [float(np.sum(q * c)), float(np.sum(q * s) - self.case.load)]
-
-        u = root(residual, [0.0, 3.0], tol=1e-12).x * 1e-6
-        state[1] = -self.case.load / oracle.K_I
-        state[2:6] = -u[0], state[1] - u[1], -u[0], state[1] - u[1]
-        return state
+    k_c, exponent = K_C, EXPONENT
 
 
 def settled_oracle(model: RollerOracle, periods: int, rtol: float) -> float:

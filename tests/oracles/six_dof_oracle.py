@@ -2,6 +2,7 @@
 
 Shares no code with models/: own coordinates (the six displacements of Eq. 43 from zero load, y along the load), own
 path, own start, explicit sums over the balls. Integrated from kink to kink of the path, which are found by bisection.
+The two sums over the balls are compiled, because the integrator asks for them a hundred thousand times.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
@@ -23,6 +25,7 @@ M_I, M_O, M_R, M_B = 3.48, 5.79, 3.01, 1.47e-3
 K_I, K_R, K_C = 75e6, 4.25e9, 5927e6
 C_I, C_R, ALPHA_C, BETA_C = 2834.1, 186.0, 154.9, 2.5e-5
 PITCH = 2.0 * math.pi / N_BALLS
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -82,47 +85,82 @@ def bisect(function: Callable[[float], float], low: float, high: float) -> float
     return 0.5 * (low + high)
 
 
+@numba.njit(cache=True)
+def spline_values(x: Floats, piece: NDArray[np.int64], marks: Floats, cubics: Floats) -> Floats:
+    """Return value and slope at each x, (2, len(x)), of the spline between two marks that it is said to be on, or 0."""
+    out = np.zeros((2, len(x)))
+    for i in range(len(x)):
+        k = piece[i]
+        if k >= 0:
+            step = (marks[k + 1] - marks[k]) / cubics.shape[2]
+            knot = min(max(int((x[i] - marks[k]) / step), 0), cubics.shape[2] - 1)
+            u = x[i] - marks[k] - knot * step
+            c3, c2, c1, c0 = cubics[k, :, knot]
+            out[0, i] = ((c3 * u + c2) * u + c1) * u + c0
+            out[1, i] = (3.0 * c3 * u + 2.0 * c2) * u + c1
+    return out
+
+
+@numba.njit(cache=True)
+def contact_sum(
+    phi: Floats, path_: Floats, x: Floats, v: Floats, omega: float, clearance: float, k_c: float, exponent: float
+) -> Floats:
+    """Return the sum of contact and damping forces on the inner ring, N (Eqs. 35, 36, 39, 45, 46, 48)."""
+    total = np.zeros(2)
+    ux, uy, vx, vy = x[0] - x[2], x[1] - x[3], v[0] - v[2], v[1] - v[3]
+    for i in range(len(phi)):
+        c, s = np.sin(phi[i]), np.cos(phi[i])  # y lies along the load, x across it
+        delta = ux * c + uy * s - path_[0, i] - clearance
+        if delta > 0.0:
+            rate = vx * c + vy * s + omega * (ux * s - uy * c) - omega * path_[1, i]
+            damping = ALPHA_C * M_B + BETA_C * k_c * delta ** (exponent - 1.0)
+            force = k_c * delta**exponent + damping * rate
+            total[0] += force * c
+            total[1] += force * s
+    return total
+
+
 class Oracle:
     """The model of one case as an initial value problem."""
+
+    k_c, exponent = K_C, 1.5
 
     def __init__(self, case: Case) -> None:
         """Tabulate the path finely (splines between kinks), so that the right-hand side is quick enough."""
         self.case = case
         marks = sorted({round(k, 13) for k in kinks(case)})
         self.marks = marks
-        self.pieces = []
+        cubics = []
         for a, b in pairwise(marks):
             grid = np.linspace(a, b, 2001)
-            values = [path(case, float(x)) for x in grid]
-            self.pieces.append((a, b, CubicSpline(grid, values)))
+            cubics.append(CubicSpline(grid, [path(case, float(x)) for x in grid]).c)
+        self.splines = np.array(marks), np.array(cubics).reshape(-1, 4, 2000)
+        self.known: dict[float, tuple[NDArray[np.float64], NDArray[np.int64]]] = {}
         rows = np.repeat(np.arange(N_ROWS), N_BALLS)
         self.start = rows * PITCH / 2.0 + np.tile(np.arange(N_BALLS), N_ROWS) * PITCH
         self.faulty = rows < case.rows
 
-    def path_of_balls(self, phi: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return d and d' of all balls, (2, balls); ``middle`` is where each is half-way, which names its piece."""
-        out = np.zeros((2, len(phi)))
-        for i in np.flatnonzero(self.faulty):
-            there = math.remainder(middle[i], 2.0 * math.pi)
-            for a, b, spline in self.pieces:
-                if a < there < b:
-                    x = there + (phi[i] - middle[i])
-                    out[:, i] = spline(x), spline(x, 1)
-        return out
+    def places(self, middle: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return where each ball is at a time, rad from the defect's centre, and on which piece of its path, or -1."""
+        if middle not in self.known:
+            there = [math.remainder(angle, 2.0 * math.pi) for angle in self.start + self.case.omega_c * middle]
+            piece = [
+                next((k for k, (a, b) in enumerate(pairwise(self.marks)) if faulty and a < angle < b), -1)
+                for angle, faulty in zip(there, self.faulty, strict=True)
+            ]
+            self.known[middle] = np.array(there), np.array(piece)
+        return self.known[middle]
+
+    def path_of_balls(self, t: float, middle: float) -> NDArray[np.float64]:
+        """Return d and d' of all balls, (2, balls); each is on the piece on which it is at ``middle``, s."""
+        there, piece = self.places(middle)
+        return spline_values(there + self.case.omega_c * (t - middle), piece, *self.splines)
 
     def forces(self, t: float, x: NDArray[np.float64], v: NDArray[np.float64], middle: float) -> NDArray[np.float64]:
-        """Return the sum of contact and damping forces on the inner ring, N (Eqs. 35, 36, 39, 45, 46, 48)."""
-        case, omega = self.case, self.case.omega_c
-        phi = self.start + omega * t
-        d, d_slope = self.path_of_balls(phi, self.start + omega * middle)
-        c, s = np.sin(phi), np.cos(phi)  # y lies along the load, x across it
-        ux, uy = x[0] - x[2], x[1] - x[3]
-        delta = ux * c + uy * s - d - case.clearance
-        rate = (v[0] - v[2]) * c + (v[1] - v[3]) * s + omega * (ux * s - uy * c) - omega * d_slope
-        on = delta > 0.0
-        pressed = np.where(on, delta, 0.0)
-        force = K_C * pressed**1.5 + np.where(on, (ALPHA_C * M_B + BETA_C * K_C * np.sqrt(pressed)) * rate, 0.0)
-        return np.array([np.sum(force * c), np.sum(force * s)])
+        """Return the sum of contact and damping forces on the inner ring, N."""
+        case, phi = self.case, self.start + self.case.omega_c * t
+        path_ = self.path_of_balls(t, middle)
+        return contact_sum(phi, path_, x, v, case.omega_c, case.clearance, self.k_c, self.exponent)
 
     def rhs(self, t: float, state: NDArray[np.float64], middle: float) -> NDArray[np.float64]:
         """Return the time derivative of (x, v), shape (12,) (Eq. 44); the load pulls the outer ring along -y."""
@@ -140,7 +178,8 @@ class Oracle:
             c, s = np.sin(self.start), np.cos(self.start)
 
             def residual(u: NDArray[np.float64]) -> list[float]:
-                q = np.maximum(u[0] * c + u[1] * s - self.case.clearance * 1e6, 0.0) ** 1.5 * K_C * 1e-9
+                pressed = np.maximum((u[0] * c + u[1] * s) * 1e-6 - self.case.clearance, 0.0)
+                q = self.k_c * pressed**self.exponent
                 return [float(np.sum(q * c)), float(np.sum(q * s) - self.case.load)]
 
             u = root(residual, [0.0, self.case.clearance * 1e6 + 5.0], tol=1e-12).x * 1e-6
