@@ -49,6 +49,10 @@ _DOUBTFUL = 0.9
 # load a larger one would leave them.
 _DIFFERENCE = 1e-3
 _OF_APPROACH = 1e-3
+# Error of the RMS over its change and over that of the waveform by the last halving, where only one is known:
+# benchmarks/engine_families.py measures how often the larger of both bounds it.
+_OF_CHANGE = 0.7
+_OF_WAVE = 0.25
 # A larger error than this means that a grid is too coarse for any statement, on itself or on the next.
 _TELLING = 0.05
 # The coarsest grid is settled to this share of the accuracy: the next begins from there, and is settled whole.
@@ -92,7 +96,7 @@ def error_estimate(delta: float, wave: float, wave_before: float, before: float)
     small by chance: so no estimate falls by more than a factor of four. benchmarks/engine_oracle.py measures how often
     it bounds the error.
     """
-    found = max(0.7 * abs(delta), wave / 4.0)
+    found = max(_OF_CHANGE * abs(delta), _OF_WAVE * wave)
     if not math.isfinite(before):
         return found
     before = min(before, _TELLING)
