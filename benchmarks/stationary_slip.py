@@ -53,6 +53,9 @@ def slip_levels(scenes: dict[Key, Scene], band: tuple[float, float], angles: tup
     options = LaneOptions(band=band, slip_blocks=BLOCKS, tolerance=1e-4)
     for rule in RULES:
         for angle in (0.0, *angles):
+            if angle == 0.0 and found:
+                found[rule, angle] = found[RULES[0], angle]
+                continue
             levels = found.setdefault((rule, angle), {})
             for speed in sorted({speed for _, _, speed in scenes}):
                 keys = [key for key in scenes if key[2] == speed]

@@ -199,11 +199,21 @@ def contact_forces(
 
     Source: Eqs. 20, 23, 24 and, for the Jacobian, 61.
     """
-    normals = np.stack((np.cos(angles), np.sin(angles)))
+    return _forces(displacement, np.stack((np.cos(angles), np.sin(angles))), k_c, clearance, exponent)
+
+
+def _forces(
+    displacement: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    k_c: float,
+    clearance: float | NDArray[np.float64],
+    exponent: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what :func:`contact_forces` returns, for unit vectors to the elements, shape (2, elements)."""
     delta = np.maximum(displacement @ normals - clearance, 0.0)
     force = normals @ (k_c * delta**exponent)
-    tangent = np.zeros_like(delta)
-    tangent[delta > 0.0] = exponent * k_c * delta[delta > 0.0] ** (exponent - 1.0)
+    tangent, pressed = np.zeros_like(delta), delta > 0.0
+    tangent[pressed] = exponent * k_c * delta[pressed] ** (exponent - 1.0)
     return force, (normals * tangent) @ normals.T
 
 
@@ -236,31 +246,35 @@ def static_equilibrium(
             raise ValueError(f"{name} must be finite and not negative, got {value!r}")
     if load == 0.0:
         return np.zeros(2)
-    target = np.array([load, 0.0])
+    target, unit = np.array([load, 0.0]), np.eye(2)
+    cosine, sine = np.cos(angles), np.sin(angles)
+    normals = np.stack((cosine, sine))
 
     def energy(u: NDArray[np.float64]) -> float:
-        delta = np.maximum(u[0] * np.cos(angles) + u[1] * np.sin(angles) - clearance, 0.0)
+        delta = np.maximum(u[0] * cosine + u[1] * sine - clearance, 0.0)
         return float(k_c / (exponent + 1.0) * np.sum(delta ** (exponent + 1.0)) - load * u[0])
 
     # The start must touch an element: without one there is no gradient that leads to the load.
     approach = float(np.max(clearance)) + (5.0 * load / (len(angles) * k_c)) ** (1.0 / exponent)
-    u = np.array([approach / float(np.cos(angles).max()), 0.0])
+    u = np.array([approach / float(cosine.max()), 0.0])
+    level = energy(u)
     # One element in contact leaves the direction across it without stiffness, so the Newton step is damped
     # (Levenberg): less after each success, more after each failure.
     damping = 1e-3
     for _ in range(_NEWTON_STEPS):
-        force, jacobian = contact_forces(u, angles, k_c, clearance, exponent)
+        force, jacobian = _forces(u, normals, k_c, clearance, exponent)
         residual = target - force
         if float(np.abs(residual).max()) <= 1e-12 * load:
             return u
-        damped = jacobian + damping * float(np.trace(jacobian)) * np.eye(2)
+        damped = jacobian + damping * float(np.trace(jacobian)) * unit
         trial = u + np.asarray(np.linalg.solve(damped, residual), dtype=np.float64)
         # Near the solution the energy is flat to rounding; an increase within rounding is accepted.
-        if energy(trial) <= energy(u) + 1e-14 * load * float(np.abs(u).max()):
-            u, damping = trial, max(0.1 * damping, 1e-14)
+        reached = energy(trial)
+        if reached <= level + 1e-14 * load * float(np.abs(u).max()):
+            u, level, damping = trial, reached, max(0.1 * damping, 1e-14)
         else:
             damping *= 10.0
-    force, jacobian = contact_forces(u, angles, k_c, clearance, exponent)
+    force, jacobian = _forces(u, normals, k_c, clearance, exponent)
     # Beside a large clearance the displacement has no digits for a small compression.
     rounding = 4.0 * np.finfo(float).eps * float(np.trace(jacobian) * np.abs(u).max())
     if float(np.abs(target - force).max()) <= 1e-6 * load + rounding:

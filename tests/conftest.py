@@ -83,7 +83,7 @@ def pytest_collection_finish() -> None:
     """Exempt the thousands of tests and modules from garbage collection, and collect what tests leave less often."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(10_000, 10, 10)
+    gc.set_threshold(100_000, 10, 10)
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import logging
 import re
@@ -65,21 +66,30 @@ def render(template: str, *, bare: bool = False, zoomed: bool = False, **values:
     ``bare``: without scripts and data of figures, for PDF. ``zoomed``: with the script for charts that can be zoomed.
     """
     script = zoom_script() if zoomed and not bare else ""
-    environment = Environment(autoescape=True, loader=FunctionLoader(_file), trim_blocks=True, lstrip_blocks=True)
-    return environment.get_template(template).render(
-        written=Clock(True, values["options"].zone).moment(float(int(datetime.now(UTC).timestamp()))),
-        # Not from outside: escaping would break the quotes and brackets of a style sheet.
-        style=Markup(_file("report.css") + (_file("pdf.css") if bare else "") + (zoom_style() if script else "")),
-        script=Markup(script),
-        policy=Markup(policy_hash(script)),
-        zoom_json=lambda data: Markup(zoom_json(data)),
-        svg=Markup,
-        version=__version__,
-        symbols=SYMBOLS,
-        grades=GRADE_NAMES,
-        bare=bare,
-        **values,
+    return (
+        _environment()
+        .get_template(template)
+        .render(
+            written=Clock(True, values["options"].zone).moment(float(int(datetime.now(UTC).timestamp()))),
+            # Not from outside: escaping would break the quotes and brackets of a style sheet.
+            style=Markup(_file("report.css") + (_file("pdf.css") if bare else "") + (zoom_style() if script else "")),
+            script=Markup(script),
+            policy=Markup(policy_hash(script)),
+            zoom_json=lambda data: Markup(zoom_json(data)),
+            svg=Markup,
+            version=__version__,
+            symbols=SYMBOLS,
+            grades=GRADE_NAMES,
+            bare=bare,
+            **values,
+        )
     )
+
+
+@functools.cache
+def _environment() -> Environment:
+    """Return the templates of this package, each compiled once."""
+    return Environment(autoescape=True, loader=FunctionLoader(_file), trim_blocks=True, lstrip_blocks=True)
 
 
 def _file(name: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import functools
 import gzip
 import io
 import lzma
@@ -16,6 +17,7 @@ import numpy as np
 import scipy.io
 
 
+@functools.lru_cache(maxsize=200)
 def pronostia_csv(number: int, separator: str = ",", rows: int = 2560, constant: float | None = None) -> bytes:
     """A PRONOSTIA file whose horizontal samples begin with its number, and whose clock is of no use."""
     rng = np.random.default_rng(number)

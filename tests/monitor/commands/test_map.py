@@ -18,6 +18,8 @@ from monitor.health.damage.thesis.level_set import least_volume
 from monitor.service.setup import to_slice
 from tests.oracles.edv_oracle import scan_least_volume
 
+pytestmark = pytest.mark.usefixtures("plain_layout")
+
 AXES = ["--load-newton", "4000", "--speed-hz", "40", "--dphi-deg", "0:6:4", "--h-d-um", "0:10:3", "--workers", "1"]
 # The grid as it is given; of an option that is given twice, the last counts.
 SMALL = [*AXES, "--interpolation-tolerance", "0"]

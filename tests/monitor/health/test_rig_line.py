@@ -224,7 +224,7 @@ def library() -> Library:
     """A few lives at the demo's load and speed: enough for answers, not for good ones."""
     population = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0), durations=(14000.0, 24000.0), seed=3)
     settings = FitSettings(columns=60, seed=3)
-    return made_once("rig", lambda: build_library(population, runs=20, thresholds=(0.05e-6,), settings=settings))
+    return made_once("rig", lambda: build_library(population, runs=12, thresholds=(0.05e-6,), settings=settings))
 
 
 @pytest.mark.parametrize(("track", "forecast"), [("thesis", "thesis"), ("filter", "library")])

@@ -90,7 +90,9 @@ def invoke(*arguments: object) -> tuple[int, dict[str, Any]]:
 
 
 def test_a_batch_reports_what_it_can_and_lists_the_rest(fleet: Path, tmp_path: Path) -> None:
-    code, told = invoke("--batch", fleet, "--out", tmp_path, "--workers", 1)
+    include = tmp_path / "include.toml"
+    include.write_text('[report]\ninclude = ["final_stage", "events", "comparison"]\n')
+    code, told = invoke("--batch", fleet, "--out", tmp_path, "--workers", 1, "--include", include)
     assert code == 1
     assert told["failed"] == 1
     names = {run["name"]: run for run in told["runs"]}
@@ -218,8 +220,10 @@ def test_the_first_prognostic_model_looks_defects_up_under_other_loads(tmp_path:
 
     for name, load in (("a", 3000.0), ("b", 4000.0)):
         store_at(tmp_path / name, with_sizes(life(200, onset=100, learn=40), load), name)
-    out = tmp_path / "report.html"
-    code, told = invoke(tmp_path / "a", tmp_path / "b", "--out", out, "--map", map_file, "--tables")
+    out, include = tmp_path / "report.html", tmp_path / "include.toml"
+    include.write_text('[report]\ninclude = ["path", "comparison"]\n')
+    options = ("--out", out, "--map", map_file, "--include", include, "--tables")
+    code, told = invoke(tmp_path / "a", tmp_path / "b", *options)
     assert code == 0
     page = page_at(out)
     assert "The path over the RMS map" in page.text

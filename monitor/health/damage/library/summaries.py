@@ -96,7 +96,7 @@ class LevelHistory:
         Raises:
             ValueError: a time that goes back, or values of another shape or not finite.
         """
-        if values.shape != (self.channels,) or not np.all(np.isfinite(values)):
+        if values.shape != (self.channels,) or not np.isfinite(values).all():
             raise ValueError(f"values must be {self.channels} finite numbers, got {values!r}")
         t_first = t if self.count == 0 else self.t_first
         since = t - t_first
@@ -108,7 +108,7 @@ class LevelHistory:
         recent = np.concatenate((self.recent[-(RECENT - 1) :], row))
         first = self.first if len(self.first) == FIRST else np.concatenate((self.first, row))
         whole, stride = self._thinned(row)
-        smooth = recent[-_SMOOTH:, 1:].mean(axis=0)
+        smooth = _mean(recent[-_SMOOTH:, 1:])
         step = smooth - self.smooth if self.count else np.zeros(self.channels)
         heading = np.where(step == 0.0, self.heading, np.sign(step))
         return LevelHistory(
@@ -196,14 +196,14 @@ def summarise(history: LevelHistory, interval: float) -> Array:
     changes = np.diff(recent, axis=0)
     parts = [
         np.array([math.log(elapsed + 6.0)]),
-        recent[-6:].mean(axis=0),
-        recent[-3:].mean(axis=0),
-        history.first[:, 1:].mean(axis=0),
+        _mean(recent[-6:]),
+        _mean(recent[-3:]),
+        _mean(history.first[:, 1:]),
         history.most,
         history.least,
-        middle.mean(axis=0) if len(middle) else recent.mean(axis=0),
-        recent[-6:].std(axis=0),
-        changes.std(axis=0) if len(changes) else np.zeros(history.channels),
+        _mean(middle if len(middle) else recent),
+        _scatter(recent[-6:]),
+        _scatter(changes) if len(changes) else np.zeros(history.channels),
         np.log1p(history.variation),
         np.log1p(history.turns),
         *(_slope(time[-n:], recent[-n:]) for n in SLOPES),
@@ -212,22 +212,32 @@ def summarise(history: LevelHistory, interval: float) -> Array:
     return np.concatenate(parts)
 
 
+def _mean(rows: Array) -> Array:
+    """Return what ``rows.mean(axis=0)`` does, in a fifth of the time where rows are few."""
+    return np.add.reduce(rows, axis=0) / len(rows)
+
+
+def _scatter(rows: Array) -> Array:
+    """Return what ``rows.std(axis=0)`` does."""
+    centred = rows - _mean(rows)
+    return np.sqrt(_mean(centred * centred))
+
+
 def _slope(time: Array, values: Array) -> Array:
     """Return the slope of a fitted line, per interval; 0 where all times are equal."""
-    centred = time - float(time.mean())
+    centred = time - _mean(time)
     spread = float(centred @ centred)
     return centred @ values / spread if spread > 0.0 else np.zeros(int(values.shape[1]))
 
 
 def _values_at(time: Array, values: Array, wanted: list[float]) -> list[Array]:
     """Return the values at some times, linear between the points and constant beyond them."""
-    after = np.clip(np.searchsorted(time, wanted, side="right"), 1, max(len(time) - 1, 1))
-    found: list[Array] = []
-    for moment, index in zip(wanted, after, strict=True):
-        if len(time) == 1:
-            found.append(values[0])
-            continue
-        before, gap = index - 1, time[index] - time[index - 1]
-        share = min(max((moment - time[before]) / gap, 0.0), 1.0) if gap > 0.0 else 1.0
-        found.append(values[before] + share * (values[index] - values[before]))
-    return found
+    if len(time) == 1:
+        return [values[0]] * len(wanted)
+    moments = np.array(wanted)
+    after = np.clip(np.searchsorted(time, moments, side="right"), 1, len(time) - 1)
+    before = after - 1
+    gap = time[after] - time[before]
+    apart = gap > 0.0
+    share = np.where(apart, np.clip((moments - time[before]) / np.where(apart, gap, 1.0), 0.0, 1.0), 1.0)
+    return list(values[before] + share[:, None] * (values[after] - values[before]))

@@ -1,4 +1,4 @@
-"""What tests of reports share."""
+"""What tests of reports and of commands that draw share."""
 
 from __future__ import annotations
 
