@@ -6,9 +6,9 @@ All quantities are SI and radians. A field that is None or zero switches its eff
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 Part = Literal["outer", "inner", "ball"]
 PARTS: tuple[Part, ...] = ("outer", "inner", "ball")
 Race = Literal["outer", "inner"]
+Calibration = bool | Literal["declared"]
+"""Whether a rig's parameters are those of the machine: identified on it, or "declared" by a person."""
 
 # What a scene may have beyond a healthy ball bearing without clearance whose inner ring turns; words for people.
 EFFECTS: dict[str, str] = {
@@ -77,7 +79,9 @@ class Rig:
         alpha_c: mass coefficient of the contact damping, 1/s (Eq. 39).
         beta_c: stiffness coefficient of the contact damping, s (Eq. 39).
         element: the rolling element that ``k_c`` belongs to; a scene refuses a bearing with another.
-        calibrated: whether the parameters were identified on the machine itself.
+        calibrated: whether the parameters are those of the machine: true where they were identified on it, or where
+            the machine is a simulation with them; "declared" where a person vouches for them.
+        identification: hash of the identification that found them, "" for none.
     """
 
     m_i: float = 3.48
@@ -92,13 +96,39 @@ class Rig:
     alpha_c: float = 154.9
     beta_c: float = 2.5e-5
     element: Element = "ball"
-    calibrated: bool = False
+    calibrated: Calibration = False
+    identification: str = ""
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field of an unusable value."""
+        if self.calibrated not in (False, True, "declared"):
+            raise ValueError(f"rig.calibrated must be False, True or 'declared', got {self.calibrated!r}")
+        if self.identification and self.calibrated is not True:
+            raise ValueError(f"rig.identification belongs to rig.calibrated = True, got {self.calibrated!r}")
         _check_numbers(self, "rig.", "positive", "m_i", "m_o", "m_r", "k_i", "k_r", "k_c")
         _check_choice(self.element, "rig.element", ("ball", "roller"))
         _check_numbers(self, "rig.", "not negative", "m_b", "c_i", "c_r", "alpha_c", "beta_c")
+
+    @property
+    def is_default_bench(self) -> bool:
+        """Whether masses and springs are those of the default test bench (thesis, Table 18)."""
+        return all(getattr(self, name) == getattr(Rig, name) for name in _BENCH)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the parameters as plain values; ``Rig(**values)`` is the same rig."""
+        values = asdict(self)
+        if not self.identification:
+            # As before there were identifications, so that maps and populations keep their hash.
+            del values["identification"]
+        return values
+
+
+_BENCH = ("m_i", "m_o", "m_r", "k_i", "k_r")
+
+
+def weakest_calibration(*found: Calibration) -> Calibration:
+    """Return the weakest of several claims: false, then "declared", then true; true for none."""
+    return False if False in found else "declared" if "declared" in found else True
 
 
 def natural_frequencies(rig: Rig, k_xx: float, k_yy: float) -> NDArray[np.float64]:

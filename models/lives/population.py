@@ -126,9 +126,8 @@ class Population:
             )
         if not self.laws or any(law not in LAWS or not weight > 0.0 for law, weight in self.laws):
             raise ValueError(f"population laws need names of {', '.join(LAWS)} and weights above 0, got {self.laws!r}")
-        unknown = {name for name, _ in self.rig_spread} - set(vars(self.rig)) | {"calibrated"} & set(
-            dict(self.rig_spread)
-        )
+        named = {name for name, _ in self.rig_spread}
+        unknown = named - set(vars(self.rig)) | named & {"calibrated", "identification"}
         if unknown:
             raise ValueError(f"population rig_spread names {', '.join(sorted(unknown))}, which is no rig parameter")
         if not (0.0 <= self.missing < 1.0 and self.interval > 0.0 and self.depth_share[1] <= 1.0):
@@ -141,7 +140,7 @@ class Population:
 
     def as_json(self) -> str:
         """Return the population as canonical JSON; ``from_json`` reads it back exactly."""
-        return json.dumps(asdict(self), sort_keys=True)
+        return json.dumps(asdict(self) | {"rig": self.rig.as_dict()}, sort_keys=True)
 
     @classmethod
     def from_json(cls, text: str) -> Population:

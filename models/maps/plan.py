@@ -115,7 +115,7 @@ class MapPlan:
 
     def as_json(self) -> str:
         """Return the plan as canonical JSON; ``from_json`` reads it back exactly."""
-        fields = asdict(self)
+        fields = asdict(self) | {"rig": self.rig.as_dict()}
         if self.part == "outer":
             # As before there were other parts, so that maps of the outer race keep their hash.
             del fields["part"]

@@ -187,18 +187,23 @@ def _learned(config: Config, database: Path) -> dict[str, set[str]]:
 
 def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
     """Yield what a tracked channel lacks: its map, its library, or conditions that they do not cover."""
+    from monitor.service.calibration import channel_lines, uncalibrated_lines
     from monitor.service.setup import source_settings
 
     missing = list(_missing_files(config, channel))
     yield from missing
+    if missing and config.calibration_of(channel) is False:
+        yield from channel_lines(config, channel)
     if missing or (not channel.maps and channel.library is None):
         return
     source = next(source for source in config.source if source.name == channel.source)
     try:
-        damage = source_settings(config, source).channels[channel.name].damage
+        found = source_settings(config, source).channels
     except ConfigError as error:
         yield str(error)
         return
+    yield from uncalibrated_lines(config, {channel.name: found[channel.name]})
+    damage = found[channel.name].damage
     load, speed = config.operating.load_newton, config.operating.speed_hz
     for part, rms_map in {} if damage is None else damage.maps.items():
         if rms_map.map_at(load, speed)[0] is None:

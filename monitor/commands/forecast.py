@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +28,7 @@ from monitor.health.damage import tracker as damage
 from monitor.health.damage.library.forecaster import LibraryState
 from monitor.health.damage.library.forecaster import step as ask_library
 from monitor.health.damage.thesis import forecast
+from monitor.service.calibration import is_calibrated
 from monitor.words.numbers import duration
 
 Issued = list[tuple[Remaining, ...]]
@@ -41,6 +43,7 @@ Forecasts = tuple[list[float], list[float], Issued]
 @option.library
 @option.interval
 @click.option("--window-hours", type=option.POSITIVE, help="Time to the next maintenance.")
+@click.option("--uncalibrated-threshold", is_flag=True, help="Also by a library of a rig that is not calibrated.")
 @option.channel
 @option.rows
 @option.output
@@ -51,6 +54,7 @@ def command(
     library_path: Path | None,
     interval: float,
     window_hours: float | None,
+    uncalibrated_threshold: bool,
     channel: str | None,
     out: Path | None,
     as_json: bool,
@@ -59,7 +63,7 @@ def command(
     """Forecast through INPUT: one row per point and threshold, from the points up to its time only.
 
     INPUT is a CSV file with time_s,v_eq_mm2 from t_fs on, or records as replay and demo publish them. From records, the
-    thesis uses V_eq, the library the RMS and the BPFO lines.
+    thesis uses V_eq, the library the RMS and the BPFO lines. V_eq that is given is taken as it is.
     """
     if out is not None:
         check_suffix("--out", out, SUFFIXES)
@@ -69,6 +73,7 @@ def command(
     if method == "library":
         features = "rms+harmonics" if is_records(input_path) else "v_eq"
         asked = library_settings(method, library_path, features, interval, window)
+        asked["uncalibrated_threshold"] = uncalibrated_threshold
         issue = _library_on_records if is_records(input_path) else _library_on_volumes
         times, running, issued = issue(input_path, channel, thresholds, asked)
         prior = prior_of(asked["library"])
@@ -133,7 +138,11 @@ def _library_on_records(
     """Forecast from the RMS and the BPFO lines of records."""
     times, readings = read_readings(path, channel, load=None, speed=None)
     settings = damage.DamageSettings(
-        track_method="library", forecast_method="library", thresholds=tuple(thresholds), **asked
+        track_method="library",
+        forecast_method="library",
+        thresholds=tuple(thresholds),
+        calibrated=is_calibrated(asked["library"]),
+        **asked,
     )
     state, issued = damage.DamageState(), []
     for reading in readings:
@@ -164,8 +173,8 @@ def _by_threshold(threshold_mm2: Sequence[float], issued: Issued) -> list[dict[s
     """
     found = []
     for place, mm2 in enumerate(threshold_mm2):
-        answers = [results for results in issued if results[place].status == "ok"]
-        ratios = [r[place].tt / r[0].tt for r in answers if r[0].status == "ok" and r[0].tt > 0.0]
+        answers = [results for results in issued if _answers(results[place])]
+        ratios = [r[place].tt / r[0].tt for r in answers if _answers(r[0]) and r[0].tt > 0.0]
         last = issued[-1][place]
         found.append(
             {
@@ -178,6 +187,10 @@ def _by_threshold(threshold_mm2: Sequence[float], issued: Issued) -> list[dict[s
             }
         )
     return found
+
+
+def _answers(result: Remaining) -> bool:
+    return result.status in ("ok", "uncalibrated") and math.isfinite(result.tt)
 
 
 def _columns(issued: Issued) -> dict[str, Any]:

@@ -29,6 +29,7 @@ from monitor.health.damage.library.calibrate import RecordedRun, calibrate
 from monitor.health.damage.library.model import Library
 from monitor.records.library_file import save_library
 from monitor.service.libraries import build_library
+from monitor.words.calibration import rig_line
 
 _SENSED = ("rms", "rms+harmonics")
 _AROUND = 0.1
@@ -97,6 +98,7 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
         save_library(library, out)
     say(f"library: {out}", quiet=quiet)
     values = _values(library, options["runs"], time.perf_counter() - began, out)
+    values |= {"calibrated": population.rig.calibrated, "rig": rig_line(population.rig)}
     emit(values, _lines(values), as_json=as_json)
 
 
@@ -181,4 +183,5 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
             f"calibrated ({name}) on {change['runs']} recorded runs, {change['left_out']} outside: times "
             f"{math.exp(change['shift']):.2f} times as long, spread {change['stretch']:.2f} times as wide"
         )
+    yield values["rig"]
     yield f"hash {values['hash'][:16]}; prior: {values['prior']}"

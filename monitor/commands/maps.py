@@ -34,6 +34,7 @@ from monitor.commands.common import (
     read_machine,
     say,
 )
+from monitor.words.calibration import rig_line
 from monitor.words.numbers import floor_of_defect
 from streams.block import STANDARD_GRAVITY
 
@@ -101,6 +102,8 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
         "interpolation_tolerance": tolerance,
         "fault": rms_map.part,
         "v_eq": rms_map.volume_words,
+        "calibrated": plan.rig.calibrated,
+        "rig": rig_line(plan.rig),
         "hash": rms_map.hash,
     }
     say(f"map: {out}", quiet=quiet)
@@ -197,6 +200,7 @@ def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
     shape = " x ".join(str(count) for count in values["shape"])
     yield f"{values['points']} points ({shape}: loads, speeds, depths, extents) in {values['seconds']:.1f} s"
     yield f"V_eq = {values['v_eq']}"
+    yield values["rig"]
     if values["error_rms"] is not None:
         error, most = 100 * values["error_rms"], 100 * values["error_max"]
         yield f"estimated numerical error {error:.2g} % rms, {most:.2g} % at most"
@@ -244,10 +248,11 @@ def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
         "out": str(out),
         "rms_min_g": least,
         "rms_max_g": most,
+        "calibrated": rms_map.plan.rig.calibrated,
         "hash": rms_map.hash,
     }
     level = "no RMS" if least is None or most is None else f"RMS {least:.3g} to {most:.3g} g"
-    emit(values, [f"{level}; {out}"], as_json=as_json)
+    emit(values, [f"{level}; {out}", rig_line(rms_map.plan.rig)], as_json=as_json)
 
 
 @command.command("check")

@@ -13,6 +13,7 @@ import click
 from monitor.commands import option
 from monitor.commands.common import InputError, counter, emit, progress_bar, read_config, say
 from monitor.config.load import Config, validate
+from monitor.config.source import ChannelSection
 from monitor.words.numbers import duration
 from streams.listing import shown
 
@@ -128,6 +129,7 @@ def _summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     yield from (f"first {status}, {reason}" for status, reason in summary["reasons"].items())
     for name, channel in summary["channels"].items():
         yield f"{name}: {', '.join(_channel_words(channel))}"
+    yield from summary["uncalibrated"]
 
 
 def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
@@ -141,12 +143,21 @@ def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
     else:
         yield "no part named"
     if channel["edv_status"] is not None:
-        volume = "" if channel["v_eq_mm2"] is None else f"{channel['v_eq_mm2']:.3g} mm3/mm, "
-        low, high = channel["v_eq_lower_mm2"], channel["v_eq_upper_mm2"]
-        interval = "" if low is None else f"interval {low:.3g} to {high:.3g}, "
-        yield f"V_eq {volume}{interval}{channel['edv_status']}"
+        yield f"V_eq {''.join(_volume_words(channel))}{channel['edv_status']}"
     if channel["tt_status"] is not None:
         yield "TT " + "".join(_forecast_words(channel)) + channel["tt_status"]
+
+
+def _volume_words(channel: Mapping[str, Any]) -> Iterator[str]:
+    """Yield V_eq and its interval, as multiples of the first value where the rig is not calibrated."""
+    found, low, high = (channel[f"v_eq{end}_mm2"] for end in ("", "_lower", "_upper"))
+    factor, unit = 1.0, "mm3/mm"
+    if channel["calibrated"] is False and found and channel["v_eq_relative"] is not None:
+        factor, unit = channel["v_eq_relative"] / found, "times the first tracked value"
+    if found is not None:
+        yield f"{found * factor:.3g} {unit}, "
+    if low is not None:
+        yield f"interval {low * factor:.3g} to {high * factor:.3g}, "
 
 
 def _forecast_words(channel: Mapping[str, Any]) -> Iterator[str]:
@@ -168,6 +179,8 @@ def demo_config(method: str = "library") -> Config:
         {
             "machine": {"name": "demo"},
             "bearing": [{"name": "test", "designation": "1205 ETN9"}, {"name": "support", "designation": "22207"}],
+            # The simulated rig is made of these numbers, up to 2 to 5 %.
+            "rig": {"calibrated": "declared"},
             "operating": {"speed_hz": 40.0, "load_newton": 4000.0},
             "source": [{"name": "rig", "url": "rig:ferrara", "rate_hz": 25600.0, "range_g": 50.0}],
             "channel": [
@@ -210,7 +223,7 @@ def demo(out: Path, seed: int, method: str, as_json: bool, quiet: bool) -> None:
     began = time.perf_counter()
     config = demo_config(method)
     _clear(out)
-    maps = {_TESTED: _demo_map(quiet=quiet)}
+    maps = {_TESTED: _demo_map(config, quiet=quiet)}
     libraries = {_TESTED: _demo_library(config, quiet=quiet)} if method != "thesis" else {}
     say(f"simulating and monitoring the life of bearing {seed}", quiet=quiet)
     result = replay(
@@ -234,12 +247,13 @@ def demo(out: Path, seed: int, method: str, as_json: bool, quiet: bool) -> None:
     emit(summary, _demo_lines(summary), as_json=as_json)
 
 
-def _demo_map(*, quiet: bool) -> RmsMap:
+def _demo_map(config: Config, *, quiet: bool) -> RmsMap:
     """Return the RMS map of the demo, built on first use."""
     from models.maps.file import cached_map, default_map_path
     from models.maps.plan import MapPlan
 
     plan = MapPlan(
+        rig=config.rig_of(config.entry_of(_tested(config))),
         load=(4000.0,),
         speed=(40.0,),
         h_d=tuple(_DEPTHS_UM * 1e-6 * i / 32 for i in range(33)),
@@ -256,7 +270,7 @@ def _demo_library(config: Config, *, quiet: bool) -> Library:
     from models.lives.population import Population
     from monitor.service.libraries import cached_library, library_path
 
-    tested = next(channel for channel in config.channel if channel.name == _TESTED)
+    tested = _tested(config)
 
     def around(value: float | None) -> tuple[float, float]:
         return (1.0 - _AROUND) * (value or 0.0), (1.0 + _AROUND) * (value or 0.0)
@@ -274,6 +288,11 @@ def _demo_library(config: Config, *, quiet: bool) -> Library:
     words = "reading the library of" if kept else "simulating a library (kept for later runs) of"
     say(f"{words} {_LIVES} lives", quiet=quiet)
     return cached_library(population, _LIVES, thresholds, progress=counter("lives", quiet=quiet))
+
+
+def _tested(config: Config) -> ChannelSection:
+    """Return the channel on the bearing that wears out."""
+    return next(channel for channel in config.channel if channel.name == _TESTED)
 
 
 def _clear(out: Path) -> None:

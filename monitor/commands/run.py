@@ -20,7 +20,7 @@ from monitor.config.fleet import load_fleet
 from monitor.health.alarms import FAILURE, NO_DATA
 from monitor.service.status_file import present_status
 from monitor.service.systemd import set_up_log
-from monitor.words.numbers import duration
+from monitor.words.numbers import duration, times_first
 from monitor.words.statuses import STATES
 
 _COLUMNS = ("machine", "state", "daemon", "blocks", "last block", "alarms", "remark")
@@ -184,7 +184,10 @@ def _channel(channel: Mapping[str, Any]) -> Iterator[str]:
         yield f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{over}"
     if channel["fault"] is not None:
         yield f"{channel['fault'].replace('|', ' or ')} damaged"
-    if channel["v_eq_mm2"] is not None:
+    # A file that an older version wrote lacks the relative value.
+    if channel.get("calibrated") is False and channel.get("v_eq_relative") is not None:
+        yield f"V_eq {times_first(channel['v_eq_relative'])} (rig not calibrated)"
+    elif channel["v_eq_mm2"] is not None:
         yield f"V_eq {channel['v_eq_mm2']:.3g} mm3/mm"
     if channel["tt_s"] is not None:
         yield f"TT {duration(channel['tt_s'])}"

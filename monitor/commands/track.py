@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +14,28 @@ import numpy as np
 
 from models.maps.data import RmsMap
 from models.maps.file import load_map
+from models.scene import Calibration, Rig, weakest_calibration
 from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
 from monitor.commands.history_files import SUFFIXES, library_settings, prior_of, read_readings, write_out
 from monitor.config.stages import method_or_best
 from monitor.health.damage import Damage, DamageInput
 from monitor.health.damage import tracker as damage
+from monitor.health.damage.library.model import Library
 from monitor.health.damage.thesis import edv
 from monitor.health.damage.thesis.edv import rms_from_map, rms_from_model, rms_history
+from monitor.service.calibration import rig_of_library
 from monitor.service.setup import part_map
+from monitor.words.calibration import uncalibrated_sentence
 from streams.block import STANDARD_GRAVITY
+
+_Column = tuple[str, str, str]
+_COLUMNS: tuple[_Column, ...] = (
+    ("v_eq_mm2", "V_eq", "mm3/mm"),
+    ("v_eq_lower_mm2", "lower", "mm3/mm"),
+    ("v_eq_upper_mm2", "upper", "mm3/mm"),
+)
+_RELATIVE: tuple[_Column, ...] = (("v_eq_relative", "V_eq", "x first"),)
 
 
 @dataclass(frozen=True)
@@ -94,13 +107,16 @@ def command(
         raise InputError("--direct belongs to --other-load-newton or --other-speed-hz")
     times, readings = read_readings(input_path, channel, load=_only(rms_map, "load"), speed=_only(rms_map, "speed"))
     chosen = features or ("rms" if any(reading.harmonics is None for reading in readings) else "rms+harmonics")
+    given = library_settings(method, library_path, chosen, interval)
+    calibrated, rig = _calibration(rms_map, given.get("library"))
     settings = damage.DamageSettings(
         track_method=method,
         forecast_method="library" if method == "library" else "thesis",
         maps={} if rms_map is None else {rms_map.part: part_map(rms_map, chosen.split("+"), interval)},
         edv=edv.EdvSettings(smoothing_blocks=smoothing_blocks, stop_outside_map=stop_outside_map),
-        **library_settings(method, library_path, chosen, interval),
+        **given,
     )
+    settings = replace(settings, calibrated=calibrated is not False)
     found = _track(readings, settings)
     others = _others(rms_map, found, readings, other) if rms_map is not None and other.given else {}
     rows = [
@@ -109,6 +125,7 @@ def command(
             "v_eq_mm2": finite(one.v_eq * 1e6),
             "v_eq_lower_mm2": finite(one.v_eq_lower * 1e6),
             "v_eq_upper_mm2": finite(one.v_eq_upper * 1e6),
+            "v_eq_relative": finite(one.v_eq_relative),
             "dphi_deg": finite(math.degrees(one.dphi_d)),
             "h_d_um": finite(one.h_d * 1e6),
             "status": one.status,
@@ -123,12 +140,25 @@ def command(
         "fault": None if rms_map is None else rms_map.part,
         "v_eq": None if rms_map is None else rms_map.volume_words,
         "map_hash": None if rms_map is None else rms_map.hash,
-        "calibrated": rms_map is not None and rms_map.plan.rig.calibrated,
+        "calibrated": calibrated,
         "rows": rows,
     }
     if out is not None:
         write_out(out, values, {"time": times, "columns": _columns(found, others)})
-    emit(values, _lines(rows, tuple(others)), as_json=as_json)
+    lines = _lines(rows, _COLUMNS if calibrated is not False else _RELATIVE, tuple(others))
+    head = [] if calibrated is not False else [uncalibrated_sentence(rig, issued=True)]
+    emit(values, itertools.chain(head, lines), as_json=as_json)
+
+
+def _calibration(rms_map: RmsMap | None, library: Library | None) -> tuple[Calibration, Rig | str]:
+    """Return the weakest claim of map and library, and the rig that makes it, or why there is none."""
+    rigs = [None if library is None else rig_of_library(library), None if rms_map is None else rms_map.plan.rig]
+    known = [rig for rig in rigs if rig is not None]
+    if not known:
+        return False, "the library does not name its rig"
+    claims: list[Calibration] = [rig.calibrated for rig in known]
+    found = weakest_calibration(*claims)
+    return found, next(rig for rig in known if rig.calibrated == found)
 
 
 def _only(rms_map: RmsMap | None, name: str) -> float | None:
@@ -162,7 +192,7 @@ def _others(rms_map: RmsMap, found: Sequence[Damage], readings: Sequence[DamageI
 
 def _columns(found: Sequence[Damage], others: dict[str, Any]) -> dict[str, Any]:
     """Return the columns of the netCDF file, SI."""
-    named = ("v_eq", "v_eq_lower", "v_eq_upper", "dphi_d", "h_d", "rms_smoothed")
+    named = ("v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative", "dphi_d", "h_d", "rms_smoothed")
     columns: dict[str, Any] = {name: [getattr(one, name) for one in found] for name in named}
     return {
         **columns,
@@ -171,12 +201,8 @@ def _columns(found: Sequence[Damage], others: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _lines(rows: list[dict[str, Any]], others: Sequence[str]) -> Iterator[str]:
-    columns = [
-        ("v_eq_mm2", "V_eq", "mm3/mm"),
-        ("v_eq_lower_mm2", "lower", "mm3/mm"),
-        ("v_eq_upper_mm2", "upper", "mm3/mm"),
-    ]
+def _lines(rows: list[dict[str, Any]], volumes: Sequence[_Column], others: Sequence[str]) -> Iterator[str]:
+    columns = [*volumes]
     columns += [("dphi_deg", "extent", "deg"), ("h_d_um", "depth", "um")]
     columns += [(name, "other" if name == "other_rms_g" else "direct", "g") for name in others]
     shown = [column for column in columns if any(row[column[0]] is not None for row in rows)] or columns[:1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -132,7 +133,12 @@ class AlarmsSection(Section):
                     f"[[alarms.level]] {twice[0]!r} is given twice for channel {channel!r}: give it a name"
                 )
 
-    def to_settings(self, channel: str, run_in_blocks: int) -> AlarmSettings:
-        """Return the settings of one channel."""
+    def to_settings(self, channel: str, run_in_blocks: int, *, absolute_volume: bool = True) -> AlarmSettings:
+        """Return the settings of one channel.
+
+        Without an ``absolute_volume`` (the rig is not calibrated), rules that compare V_eq with one are suspended.
+        """
         rules = tuple(level.to_rule() for level in self.level if not level.channels or channel in level.channels)
+        if not absolute_volume:
+            rules = tuple(replace(rule, suspended=LEVELS[rule.feature].needs_calibration) for rule in rules)
         return AlarmSettings(rules, run_in_blocks, self.bad_data_window_blocks, self.bad_data_share)

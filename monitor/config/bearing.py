@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, StrictBool, model_validator
 
 from models.bearing import Bearing, CatalogueEntry, catalogue_entry
 from models.catalogue.series import Origin
@@ -98,6 +98,9 @@ class RigSection(Section):
 
     Contact stiffness and mass of the elements belong to one bearing, by default the first; those of any other are
     estimated from its geometry.
+
+    ``calibrated`` is true for numbers that were identified on this machine, with the hash of that identification, or
+    "declared" where a person vouches for them.
     """
 
     bearing: Name | None = None
@@ -113,7 +116,23 @@ class RigSection(Section):
     c_r_newton_s_per_m: NotNegative = Rig.c_r
     alpha_c_per_s: NotNegative = Rig.alpha_c
     beta_c_s: NotNegative = Rig.beta_c
-    calibrated: bool = False
+    calibrated: StrictBool | Literal["declared"] = False
+    identification: Annotated[str, Field(pattern=r"^(sha256:)?[0-9a-f]{16,64}$")] | None = None
+
+    @model_validator(mode="after")
+    def _vouched(self) -> Self:
+        if self.calibrated is True and self.identification is None:
+            raise ValueError(
+                "calibrated = true needs the hash of the identification that found the numbers (identification = "
+                '"..."), as spallwatch identify writes it; where you vouch for the numbers yourself, write '
+                'calibrated = "declared"'
+            )
+        if self.calibrated is not True and self.identification is not None:
+            raise ValueError(
+                "identification is the hash of calibrated = true; remove it, or write calibrated = true "
+                "if the numbers are those of the identification"
+            )
+        return self
 
     def to_rig(self, entry: CatalogueEntry, *, own: bool) -> Rig:
         """Return the parameters in SI for a bearing, which is the section's ``own`` or another.
@@ -141,5 +160,6 @@ class RigSection(Section):
             alpha_c=self.alpha_c_per_s,
             beta_c=self.beta_c_s,
             element=element,
-            calibrated=self.calibrated and own,
+            calibrated=self.calibrated if own else False,
+            identification=(self.identification or "") if own else "",
         )

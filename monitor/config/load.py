@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from models.bearing import Bearing, CatalogueEntry
 from models.errors import WrongInputError
-from models.scene import Rig
+from models.scene import Calibration, Rig
 from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import BearingSection, RigSection
 from monitor.config.fields import Section
@@ -92,6 +92,10 @@ class Config(Section):
         own = next(section for section in self.bearing if section.name == named)
         return own.to_entry().bearing == entry.bearing
 
+    def calibration_of(self, channel: ChannelSection) -> Calibration:
+        """Return whether ``[rig]`` is calibrated for the bearing of a channel; an estimated stiffness is not."""
+        return self.rig.calibrated if self.owns_rig(self.entry_of(channel)) else False
+
     @property
     def hash(self) -> str:
         """Digest of the settings on which records depend; it is stored with each record."""
@@ -149,7 +153,9 @@ def _explain(problem: Any, root: type[BaseModel]) -> str:
     for part in problem["loc"]:
         if isinstance(part, int):
             location += f"[{part}]"
-        elif "[" not in part and part not in {"float", "int", "str", "tuple"} and not part.startswith("literal"):
+        elif (
+            "[" not in part and part not in {"bool", "float", "int", "str", "tuple"} and not part.startswith("literal")
+        ):
             location += f".{part}" if location else part
     if problem["type"] == "extra_forbidden":
         known = _keys_at(problem["loc"][:-1], root)

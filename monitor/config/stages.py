@@ -78,12 +78,14 @@ class ForecastSection(Section):
     """How the history up to now becomes a time to threshold.
 
     The default method is the library where the channel has one, else the method of the thesis.
+    ``uncalibrated_threshold`` takes thresholds of V_eq on the scale of a rig that is not calibrated.
     """
 
     method: ForecastMethod | None = None
     threshold_mm2: Positive | tuple[Positive, ...] = 0.05
     interval: Annotated[float, Field(ge=0.5, le=0.98)] = 0.8
     window_hours: Positive | None = None
+    uncalibrated_threshold: bool = False
 
     @field_validator("threshold_mm2")
     @classmethod

@@ -55,6 +55,8 @@ class Rule:
         speed: range of shaft speeds, Hz, or None for all.
         load: range of loads, N, or None for all.
         drift: standard deviation of the healthy drift of the logarithm; part of ``deviations``.
+        suspended: whether its levels have no meaning on this machine's scale; it then raises nothing, and a tracked
+            V_eq puts the channel out of specification.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Rule:
     speed: Span | None = None
     load: Span | None = None
     drift: float = 0.1
+    suspended: bool = False
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,11 @@ class AlarmSettings:
     run_in_blocks: int = 0
     window: int = 20
     bad_share: float = 0.5
+
+    @property
+    def suspended(self) -> tuple[str, ...]:
+        """Names of the rules that are suspended."""
+        return tuple(rule.name for rule in self.rules if rule.suspended)
 
 
 @dataclass(frozen=True)
@@ -212,6 +220,9 @@ def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple
     rules: dict[str, RuleState] = {}
     changes: list[Change] = []
     for rule in settings.rules:
+        if rule.suspended:
+            rules[rule.name] = RuleState()
+            continue
         known = state.rules.get(rule.name, RuleState())
         value = _worst(block.values.get(rule.feature), rule.side)
         if block.usable and value is not None and _applies(rule, block.values):
@@ -222,10 +233,15 @@ def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple
             changes += changed
         rules[rule.name] = known
     # A block without a verdict of the tracker leaves its refusal in place.
-    refusing = block.values.get("edv_status") in _REFUSALS if block.usable else state.refusing
+    refusing = _refuses(block.values, settings) if block.usable else state.refusing
     after = AlarmState(seen=seen, recent_bad=recent, rules=rules, refusing=refusing)
     condition = condition_of(after, settings, block.stage)
     return replace(after, condition=condition), AlarmOutput(tuple(changes), condition, state.condition)
+
+
+def _refuses(values: Mapping[str, Any], settings: AlarmSettings) -> bool:
+    """Return whether the tracker gives no V_eq, or one that a suspended rule cannot be applied to."""
+    return values.get("edv_status") in _REFUSALS or (values.get("v_eq") is not None and bool(settings.suspended))
 
 
 def acknowledge(state: AlarmState, rule: str, sequence: int, severity: str = "danger") -> AlarmState:

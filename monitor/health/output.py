@@ -35,7 +35,7 @@ Events = list[dict[str, Any]]
 
 _REPORTED = (BAD_DATA, OUT_OF_SPECIFICATION)
 """An event says when a channel enters or leaves one of these."""
-_DAMAGE = ("rms_smoothed", "dphi_d", "h_d", "v_eq", "v_eq_lower", "v_eq_upper")
+_DAMAGE = ("rms_smoothed", "dphi_d", "h_d", "v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative")
 _REMAINING = ("tt", "tt_lower", "tt_upper", "p_threshold")
 
 

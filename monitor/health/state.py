@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 from models.bearing import Bearing
 from models.kinematic_uncertainty import KNOWN, KinematicUncertainty
+from models.scene import Calibration
 from monitor.health.alarms import AlarmSettings, AlarmState
 from monitor.health.condition import ConditionSettings
 from monitor.health.damage.filter.particle_filter import FilterState
@@ -46,6 +47,8 @@ class ChannelSettings:
         rms_band: band of RMS and A*, Hz, or None for the full bandwidth.
         average_blocks: envelope spectra averaged to name the damaged part.
         damage: how V_eq and TT are found, or None where they are not.
+        calibration: whether V_eq is that of the machine ("declared" where a person vouches), or None where it is not
+            tracked.
         map_hash: of the RMS map, or None.
     """
 
@@ -63,6 +66,7 @@ class ChannelSettings:
     condition: ConditionSettings = field(default_factory=ConditionSettings)
     detect: DetectSettings = field(default_factory=DetectSettings)
     damage: DamageSettings | None = None
+    calibration: Calibration | None = None
     map_hash: str | None = None
     alarms: AlarmSettings = field(default_factory=AlarmSettings)
     waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.report import data_quality as quality
+from monitor.report.calibration import is_calibrated
 from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
 from monitor.report.figures.drawing import Picture, sparkline
 from monitor.report.figures.map_path import hash_of, kept_map, map_path, posterior
@@ -47,7 +48,7 @@ _PROVENANCE = {
     "schema_version": "record schema",
     "config_hash": "hash of the configuration",
     "map_hash": "hash of the RMS map",
-    "calibrated": "map calibrated on this machine",
+    "calibrated": "rig calibrated on this machine",
     "rms_band_hz": "band of RMS (Hz)",
     "track_method": "method of V_eq",
     "forecast_method": "method of TT",
@@ -150,13 +151,11 @@ def _period(run: Run, clock: Clock) -> str:
 def _notes(run: Run) -> list[str]:
     channels = run.channels.values()
     notes = []
-    if (
-        any((channel.word("edv_status") != "").any() for channel in channels)
-        and run.attributes.get("calibrated") != "yes"
-    ):
+    if any((channel.word("edv_status") != "").any() and not is_calibrated(run, channel) for channel in channels):
         notes.append(
             "The model of the rig was not calibrated on this machine: V_eq and TT stand on the scale of the model. "
-            "Their trend means something, their absolute value does not."
+            "Their trend means something, their absolute value does not, so that V_eq is shown as a multiple of its "
+            "first value."
         )
     if ABSENCE in run.attributes:
         notes.append(f"Records are missing in this report: {run.attributes[ABSENCE]}.")

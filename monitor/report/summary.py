@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.report.calibration import VolumeScale
 from monitor.report.figures.damage import thresholds_of
 from monitor.report.figures.drawing import thin
 from monitor.report.figures.map_path import hash_of
@@ -39,7 +40,8 @@ class ChannelSummary:
         map_hash: of its maps, joined by "+"; "" for none.
         fault: the damaged part, "" for none named.
         law: a, b, c of the last fitted law and its R^2; empty for none.
-        final: ``rms_g`` and ``v_eq_mm2`` over the final stage, each {``time_s`` since t_fs, ``value``}.
+        final: ``rms_g`` and ``v_eq_mm2`` (of an uncalibrated rig, ``v_eq_relative``) over the final stage, each
+            {``time_s`` since t_fs, ``value``}.
         sizes: ``time_s`` since t_fs, ``dphi_d``, ``h_d`` of the tracker.
         thresholds: of V_eq.
     """
@@ -143,19 +145,20 @@ def _channel(run: Run, channel: Channel, part: ChannelPart) -> ChannelSummary:
         map_hash=hash_of(run, channel.name),
         fault=verdict.fault,
         law=_law(channel),
-        final=_final(channel, start),
+        final=_final(run, channel, start),
         sizes=_sizes(channel, start),
         thresholds=tuple(thresholds_of(channel)),
     )
 
 
-def _final(channel: Channel, start: float) -> dict[str, Any]:
+def _final(run: Run, channel: Channel, start: float) -> dict[str, Any]:
     """Return RMS and V_eq over damage time from t_fs, thinned for a figure."""
     if not math.isfinite(start) or channel.time.size < 2 or np.ptp(channel.time) == 0.0:
         return {}
     rows = channel.time >= start
     time = _since(channel, start)[rows]
-    columns = {"v_eq_mm2": channel.column("v_eq") * 1e6}
+    scale = VolumeScale.of(run, channel)
+    columns = {"v_eq_mm2" if scale.absolute else "v_eq_relative": scale.scaled(channel.column("v_eq"))}
     if channel.has_level:
         columns = {"rms_g": channel.column("rms") * (1.0 / STANDARD_GRAVITY), **columns}
     found: dict[str, Any] = {}

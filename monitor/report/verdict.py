@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from monitor.report.calibration import VolumeScale, is_calibrated, unscaled
 from monitor.report.runs import Channel, Run
 from monitor.words.numbers import Clock, acceleration, count, duration, figure, interval, volume
 from monitor.words.statuses import BAND_SOURCES, EDV_REFUSALS, TT_REFUSALS, fault_words
@@ -77,6 +78,8 @@ def judge(run: Run, channel: Channel, clock: Clock | None = None) -> ChannelVerd
     marks = {name: _mark(channel, name) for name in ("t_fs", "t_fs_known", "t_eol")}
     _, fault = named_fault(channel)
     grade, headline = _headline(stage, fault, marks, channel)
+    if channel.last_row("v_eq") is not None and not is_calibrated(run, channel):
+        headline += "; V_eq is relative, as the rig is not calibrated"
     facts = [
         ("Vibration", _vibration(channel)),
         ("Demodulation band", _band(channel)),
@@ -153,11 +156,6 @@ def interval_name(run: Run) -> str:
     """Return the name of a run's intervals: "80 % interval", or "interval" if the level is not recorded."""
     levels = [level for level in run.attributes.get("interval_level", "").split("; ") if level not in ("", "none")]
     return " or ".join(f"{100.0 * float(level):g} %" for level in levels) + " interval" if levels else "interval"
-
-
-def unscaled(run: Run) -> str:
-    """Return the caveat on V_eq and TT of a model that was not calibrated, "" for a calibrated one."""
-    return "" if run.attributes.get("calibrated") == "yes" else " On the scale of a model that is not calibrated."
 
 
 def _band(channel: Channel) -> str:
@@ -308,9 +306,10 @@ def _how_large(run: Run, channel: Channel) -> Finding:
     status = str(statuses[row])
     if known is None:
         return Finding(question, "No value.", _sentence(EDV_REFUSALS.get(status, status)), known=False)
-    value = volume(channel.column("v_eq")[known])
-    lower, upper = channel.column("v_eq_lower")[known], channel.column("v_eq_upper")[known]
-    sentences = [_ends(run, interval(float(lower), float(upper), volume))]
+    scale = VolumeScale.of(run, channel)
+    found, *ends = (float(channel.column(name)[known]) for name in ("v_eq", "v_eq_lower", "v_eq_upper"))
+    value = scale.write(found)
+    sentences = [_ends(run, interval(ends[0], ends[1], scale.write))]
     if status == "ambiguous":
         sentences.append("Several sizes of damage explain the vibration, so that the middle says little.")
     if status == "widened":
@@ -319,8 +318,12 @@ def _how_large(run: Run, channel: Channel) -> Finding:
         why = EDV_REFUSALS.get(status, status)
         sentences.insert(0, f"At block {channel.sequence[known]:,}; since then none: {why}.")
         value = f"Last {value}"
-    sentences.append("Equivalent damaged volume V_eq, in the model of this rig." + unscaled(run))
-    brief = value if known == row else f"({volume(channel.column('v_eq')[known])})"
+    if scale.absolute:
+        sentences.append("Equivalent damaged volume V_eq, in the model of this rig." + unscaled(run, channel))
+    else:
+        sentences.append(f"Equivalent damaged volume V_eq; {EDV_REFUSALS['uncalibrated'].partition(': ')[0]}.")
+    brief = scale.write_briefly(found)
+    brief = brief if known == row else f"({brief})"
     return Finding(question, f"{value}.", " ".join(sentences), brief=brief)
 
 
@@ -357,7 +360,7 @@ def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str)
         first = np.flatnonzero(channel.words["tt_status"][:, place] == status)[0]
         support = f"By block {channel.sequence[first]:,}."
         return Finding(question, f"The threshold{of} was reached.", support, brief="reached")
-    if status != "ok" or not math.isfinite(tt):
+    if status not in ("ok", "uncalibrated") or not math.isfinite(tt):
         why = f"For the threshold{of}: {TT_REFUSALS.get(status, status)}."
         return Finding(question, "No forecast.", why, known=False, brief="no forecast")
     sentences = [_ends(run, interval(lower, upper, duration))]
@@ -366,7 +369,7 @@ def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str)
     v_eq = float(channel.column("v_eq")[row])
     if math.isfinite(v_eq) and math.isfinite(threshold) and v_eq >= threshold:
         sentences.append("V_eq as tracked stands above it already: it comes from another method, and the two disagree.")
-    sentences.append("If V_eq goes on growing as it did; it is not the remaining life." + unscaled(run))
+    sentences.append("If V_eq goes on growing as it did; it is not the remaining life." + unscaled(run, channel))
     return Finding(question, f"{duration(tt)} to the threshold{of}.", " ".join(sentences), brief=duration(tt))
 
 

@@ -18,6 +18,7 @@ from monitor.records.database import StoreError, free_bytes
 from monitor.records.events import EventLog
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
+from monitor.service.calibration import uncalibrated_lines
 from monitor.service.companions import Companions
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus
@@ -191,6 +192,8 @@ class Daemon:
             settings = self._ingest.settings
             channels = {name: channel for source in settings.values() for name, channel in source.channels.items()}
             self._store.describe(run_attributes(self._config, channels))
+            for line in uncalibrated_lines(self._config, channels):
+                _LOG.warning("%s", line)
             self._status = MachineStatus(
                 *(self._config, self._store, self._ingest, self._monotonic, self._clock),
                 began=self._began,

@@ -13,6 +13,7 @@ from monitor.health.alarms import (
     FAILURE,
     MAINTENANCE,
     NO_DATA,
+    OUT_OF_SPECIFICATION,
     SEVERITIES,
     AlarmSettings,
     AlarmState,
@@ -29,7 +30,7 @@ from monitor.service.ingest import Ingest
 from monitor.service.silence import DataFlow, LatestBlock, silence_limit
 from monitor.service.summary import channel_summary
 from monitor.words.events import utc_text
-from monitor.words.statuses import STATES
+from monitor.words.statuses import STATES, suspended_words
 
 _SEVERITY_OF = {FAILURE: "danger", MAINTENANCE: "alert"}
 _STAGES = {FAILURE: ("end_of_life", "the end of life was reached"), MAINTENANCE: ("final", "the final stage has begun")}
@@ -145,12 +146,14 @@ class MachineStatus:
 
     def _channel(self, source: str, name: str, flow: DataFlow) -> dict[str, Any]:
         latest, now = self._latest[source], self._ingest.state(source)
-        rules = self._ingest.settings[source].channels[name].alarms
+        settings = self._ingest.settings[source].channels[name]
+        rules = settings.alarms
         alarms = shown_alarms(now.alarms[name], rules)
         state, reason = channel_state(
             channel_condition(now, name, rules),
             alarms,
             stage=now.channels[name].detect.stage,
+            suspended=rules.suspended,
             refused=f"block {latest.sequence} was rejected: {latest.status}" if latest.rejected else None,
             silent=f"no block for {flow.age:.0f} s" if flow.silent else None,
         )
@@ -164,7 +167,7 @@ class MachineStatus:
             "last_block_age_s": None if latest.committed is None else round(self._monotonic() - latest.committed, 3),
             "alarms": alarms,
             "levels": alarm_levels(now.alarms[name], rules),
-            **channel_summary(now, name),
+            **channel_summary(now, settings),
         }
 
 
@@ -205,13 +208,14 @@ def channel_state(
     alarms: Sequence[Mapping[str, Any]] = (),
     *,
     stage: str = "healthy",
+    suspended: Sequence[str] = (),
     silent: str | None = None,
     refused: str | None = None,
 ) -> tuple[str, str]:
     """Return the worst NAMUR NE 107 status that applies to a channel, and its reason as a sentence.
 
-    ``condition`` is the status by the alarm stage. ``silent`` says for how long no block came, ``refused`` why the
-    latest block was rejected, where that is so.
+    ``condition`` is the status by the alarm stage, ``suspended`` the rules that are not applied. ``silent`` says for
+    how long no block came, ``refused`` why the latest block was rejected, where that is so.
     """
     state = machine_state(condition, *([NO_DATA] if silent else []), *([BAD_DATA] if refused else []))
     reached, text = _STAGES.get(state, ("", ""))
@@ -221,4 +225,6 @@ def channel_state(
             waits = "" if alarm["active"] else ", which is over and waits to be acknowledged"
             reasons.append(f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{waits}")
     fallback = {NO_DATA: silent, BAD_DATA: refused}.get(state)
+    if state == OUT_OF_SPECIFICATION and suspended:
+        fallback = f"{STATES[state][1]}; {suspended_words(suspended)}"
     return state, "; ".join(reasons) or fallback or STATES[state][1]

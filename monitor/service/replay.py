@@ -30,6 +30,7 @@ from monitor.records.ledger import keep_dating, read_dating
 from monitor.records.publish import publish
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
+from monitor.service.calibration import uncalibrated_lines
 from monitor.service.resume import resumed_state
 from monitor.service.setup import open_configured, source_settings
 from monitor.service.summary import channel_summary, run_attributes
@@ -100,6 +101,7 @@ def replay(
         seconds = time.perf_counter() - began
         files = publish(store, out / "records")
         summary = run.summary(seconds, files)
+        summary["uncalibrated"] = list(uncalibrated_lines(config, settings.channels))
     spectra = {name: drawn.spectrum(settings.channels[name]) for name, drawn in run.drawn.items()}
     return Replay(summary, out / "state.db", spectra)
 
@@ -303,7 +305,9 @@ class _Run:
             "seconds": seconds,
             "blocks_per_second": self.taken / seconds if seconds > 0 else None,
             "records": [str(file) for file in files],
-            "channels": {name: channel_summary(self.state, name) for name in self.settings.channels},
+            "channels": {
+                name: channel_summary(self.state, channel) for name, channel in self.settings.channels.items()
+            },
             "reasons": self.reasons,
             "time_from": None if dating is None else dating.by,
             "dating": [*([] if dating is None else [dating.describe()]), *getattr(self.source, "remarks", ())],

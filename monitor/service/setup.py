@@ -15,7 +15,7 @@ from models.lives.population import Population
 from models.maps.data import OutsideMapError, RmsMap
 from models.maps.file import load_map
 from models.maps.plan import MapError
-from models.scene import PARTS, Part, Rig
+from models.scene import PARTS, Calibration, Part, Rig
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
@@ -28,6 +28,7 @@ from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.damage.tracker import DamageSettings, PartMap
 from monitor.health.state import ChannelSettings, SourceSettings
 from monitor.records.library_file import LibraryError, load_library
+from monitor.service.calibration import calibration_of
 from streams.block import STANDARD_GRAVITY
 from streams.dating import Dating
 from streams.open import open_source
@@ -38,7 +39,7 @@ Slice = TypeVar("Slice")
 
 _MAX_SLICES = 64
 _GEOMETRY = ("n_elements", "rows", "element_diameter", "pitch_diameter", "contact_angle", "outer_race_radius")
-_PARAMETERS = tuple(item.name for item in fields(Rig) if item.name != "calibrated")
+_PARAMETERS = tuple(item.name for item in fields(Rig) if item.name not in ("calibrated", "identification"))
 
 
 def source_spec(config: Config, source: SourceSection, path: str | None = None) -> SourceSpec:
@@ -205,6 +206,8 @@ def _channel_settings(
     samples = signal_range = None
     if source.block_s != "file" and source.rate_hz is not None:
         samples = round(source.block_s * source.rate_hz)
+    calibrated = calibration_of(config, channel, maps.values(), library)
+    absolute_volume = calibrated is not False or not channel.track or config.forecast.uncalibrated_threshold
     if source.range_g is not None and channel.unit != "unknown":
         signal_range = source.range_g * STANDARD_GRAVITY
     return ChannelSettings(
@@ -221,14 +224,17 @@ def _channel_settings(
         average_blocks=channel.average_blocks,
         condition=config.operating.to_condition(),
         detect=config.detect.to_settings(),
-        damage=_damage_settings(config, maps, library) if channel.track else None,
+        damage=_damage_settings(config, maps, library, calibrated) if channel.track else None,
+        calibration=calibrated if channel.track else None,
         map_hash="+".join(maps[part].hash for part in PARTS if part in maps) or None,
-        alarms=config.alarms.to_settings(channel.name, config.detect.run_in_blocks),
+        alarms=config.alarms.to_settings(channel.name, config.detect.run_in_blocks, absolute_volume=absolute_volume),
         waterfall=config.machine.to_waterfall(),
     )
 
 
-def _damage_settings(config: Config, maps: Mapping[Part, RmsMap], library: Library | None) -> DamageSettings:
+def _damage_settings(
+    config: Config, maps: Mapping[Part, RmsMap], library: Library | None, calibrated: Calibration
+) -> DamageSettings:
     """Return how damage is tracked; without a configured method, by the library where there is one."""
     window = config.forecast.window_hours
     return DamageSettings(
@@ -245,6 +251,8 @@ def _damage_settings(config: Config, maps: Mapping[Part, RmsMap], library: Libra
             interval=config.forecast.interval,
             window=None if window is None else window * 3600.0,
         ),
+        calibrated=calibrated is not False,
+        uncalibrated_threshold=config.forecast.uncalibrated_threshold,
     )
 
 

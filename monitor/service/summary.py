@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
+from models.scene import Calibration
 from monitor import __version__
 from monitor.config.load import Config
 from monitor.health.detect import Mark
@@ -31,7 +32,7 @@ def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> d
         "software_version": __version__,
         "config_hash": config.hash,
         "map_hash": listed(maps),
-        "calibrated": "yes" if config.rig.calibrated else "no",
+        "calibrated": _calibration_words(config, channels),
         "rms_band_hz": listed(
             {name: "full bandwidth" if band is None else f"{band[0]:g} to {band[1]:g}" for name, band in bands.items()}
         ),
@@ -47,8 +48,20 @@ def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> d
     return attributes
 
 
-def channel_summary(state: SourceState, name: str) -> dict[str, Any]:
+def _calibration_words(config: Config, channels: Mapping[str, ChannelSettings]) -> str:
+    """Return "yes", "no" or "declared", by channel where tracked channels differ."""
+    words: dict[Calibration, str] = {True: "yes", False: "no", "declared": "declared"}
+    found = {name: words[channel.calibration] for name, channel in channels.items() if channel.calibration is not None}
+    if not found:
+        return words[config.rig.calibrated]
+    if len(set(found.values())) == 1:
+        return next(iter(found.values()))
+    return "; ".join(f"{name}: {word}" for name, word in found.items())
+
+
+def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, Any]:
     """Return the results of a channel up to the latest block: the keys of the interface, units in their names."""
+    name = settings.name
     latest = state.latest
     values = {} if latest is None else latest.channels.get(name, {})
     dated = latest is not None and latest.time is not None
@@ -72,6 +85,8 @@ def channel_summary(state: SourceState, name: str) -> dict[str, Any]:
         "v_eq_mm2": in_mm2("v_eq"),
         "v_eq_lower_mm2": in_mm2("v_eq_lower"),
         "v_eq_upper_mm2": in_mm2("v_eq_upper"),
+        "v_eq_relative": values.get("v_eq_relative"),
+        "calibrated": settings.calibration,
         "edv_status": values.get("edv_status"),
         "tt_s": first(values.get("tt")),
         "tt_lower_s": first(values.get("tt_lower")),

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from monitor.words.numbers import duration, volume
+from monitor.words.numbers import duration, times_first, volume
 from streams.block import STANDARD_GRAVITY
 
 ACCELERATION, PURE = "m s-2", "1"
@@ -89,6 +89,11 @@ class Feature:
         return self.unit.level or (self.unit.ending, self.unit.si)
 
     @property
+    def needs_calibration(self) -> bool:
+        """Whether a level on it compares V_eq with a volume: such a level has no meaning on an uncalibrated rig."""
+        return self.units == "m2" or "threshold" in self.dims
+
+    @property
     def acceleration(self) -> bool:
         """Whether values are in the sensor's own unit where that is not known."""
         return self.units == ACCELERATION
@@ -119,6 +124,7 @@ _KINDS = {
     "number": Feature("", bad="above", trend=True),
     "number without trend": Feature("", bad="above"),
     "score": Feature("", bad="above", learned=False, trend=True),
+    "relative": Feature("", unit=Unit(words=times_first), bad="above", learned=False, trend=True),
     "volume": _VOLUME,
     "time": Feature("", units="s", unit=_TIME, dims=("threshold",), bad="below", learned=False, trend=True),
     "share": Feature(
@@ -174,6 +180,8 @@ fault_snr | number | | snr | signal of the fault over noise | \
 v_eq | volume | v_eq | V_eq | damaged volume V_eq | equivalent damaged volume per unit of width | {_EQ_90}
 v_eq_lower | volume | v_eq | V_eq | lower end of V_eq | lower end of the interval of v_eq | {_EQ_90}
 v_eq_upper | volume | v_eq | V_eq | upper end of V_eq | upper end of the interval of v_eq | {_EQ_90}
+v_eq_relative | relative | v_eq_relative | V_eq/V_eq,1 | relative damaged volume | \
+    v_eq over the first value tracked for the same part | monitor/health/damage/calibration.py
 tt | time | tt | TT | time to threshold | time to threshold, as issued at this block | {_EQ_92}
 tt_lower | time | tt | TT | lower end of the time to threshold | lower end of the interval of tt | {_EQ_92}
 tt_upper | time | tt | TT | upper end of the time to threshold | upper end of the interval of tt | {_EQ_92}

@@ -21,6 +21,11 @@ def volume(value: float) -> str:
     return f"{value * 1e6:.3g} mm³/mm"
 
 
+def times_first(value: float) -> str:
+    """Return V_eq as a multiple of the first value that was tracked."""
+    return f"{value:.3g} times the first tracked value"
+
+
 def floor_of_defect(kind: str, sd: float) -> str:
     """Return a defect's floor; ``sd`` is the standard deviation of a rough one, m."""
     if kind != "rough":

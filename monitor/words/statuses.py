@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from monitor.words.features import FEATURES
@@ -43,6 +44,7 @@ EDV_REFUSALS = {
     "outside_conditions": "load or speed lie outside the map",
     "outside_library": "load or speed lie outside the library",
     "no_absolute_level": "the unit of the sensor is not known, so that the level of vibration means nothing",
+    "uncalibrated": "the rig is not calibrated: V_eq can only be compared with its own first value",
 }
 TT_REFUSALS = {
     "not_final_stage": "the bearing is not in the final stage of its life",
@@ -54,6 +56,7 @@ TT_REFUSALS = {
     "no_library": "there is no library of simulated lives for this machine",
     "outside_library": "load or speed lie outside the library",
     "cannot_tell": "the forecast cannot tell",
+    "uncalibrated": "the rig is not calibrated, so that V_eq cannot be compared with the threshold",
 }
 BAND_SOURCES = {
     "configured": "as configured",
@@ -91,11 +94,18 @@ _CHARTS = {
     "kurtosis": {"title": "Kurtosis", "unit": "3 for a healthy bearing's noise"},
     "peak": {"title": "Peak"},
     "v_eq": {"title": "Damaged volume V_eq", "unit": "mm³ per mm of width"},
+    "v_eq_relative": {"title": "Damaged volume V_eq, relative", "unit": "times the first tracked value"},
     "tt": {"title": "Time to threshold"},
     "speed": {"title": "Shaft speed"},
     "load": {"title": "Load"},
 }
 """Titles of charts in their order, and units where they are not those of the features."""
+
+
+def suspended_words(rules: Sequence[str]) -> str:
+    """Return that the levels of some rules are not applied, and why."""
+    levels = ", ".join(map(repr, rules))
+    return f"{'levels' if len(rules) > 1 else 'level'} {levels} not applied: the rig is not calibrated"
 
 
 def fault_words(fault: str) -> str:

@@ -62,6 +62,7 @@ CASES = [(kind, name, value) for kind, named in BAD.items() for name, values in 
 # Fields that hold another part, a switch, or a name that is looked up when the scene is simulated.
 LEFT = {
     (Rig, "calibrated"),
+    (Rig, "identification"),
     (Defect, "floor"),
     *((Scene, n) for n in ("bearing", "rig", "defect", "more_defects", "model", "waviness", "slip")),
 }

@@ -15,7 +15,8 @@ class EdvStatus(StrEnum):
     this RMS, or the damage has grown beyond the map; ``no_map``: there is none, or none of the named part, or a hole of
     it covers the level; ``bad_block``: no usable features; ``outside_conditions``: a load or speed outside the map or
     the library, or that changes more between blocks than in the library's lives; ``outside_library``: levels, elapsed
-    time or block interval outside its lives.
+    time or block interval outside its lives. ``uncalibrated`` replaces ``ok`` where the rig is not calibrated: V_eq is
+    given, on the scale of the model.
     """
 
     OK = "ok"
@@ -30,6 +31,7 @@ class EdvStatus(StrEnum):
     OUTSIDE_CONDITIONS = "outside_conditions"
     OUTSIDE_LIBRARY = "outside_library"
     NO_ABSOLUTE_LEVEL = "no_absolute_level"
+    UNCALIBRATED = "uncalibrated"
 
 
 class TtStatus(StrEnum):
@@ -40,7 +42,8 @@ class TtStatus(StrEnum):
     and ``beyond_horizon``. Without values: ``too_few_points``: too few for a fit; ``no_crossing``: the curve is flat or
     falls in a straight line; ``concave``: it turns back below the threshold; ``crossing_in_past``: it reached the
     threshold before now, though V_eq has not; ``cannot_tell``: no usable features; ``outside_library``: load, speed,
-    levels, elapsed time or block interval outside the library's lives.
+    levels, elapsed time or block interval outside the library's lives; ``uncalibrated``: the rig is not calibrated, so
+    that V_eq is not compared with the threshold. Where that is asked for, it replaces ``ok`` alone, with values.
     """
 
     OK = "ok"
@@ -54,6 +57,7 @@ class TtStatus(StrEnum):
     NO_LIBRARY = "no_library"
     OUTSIDE_LIBRARY = "outside_library"
     CANNOT_TELL = "cannot_tell"
+    UNCALIBRATED = "uncalibrated"
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,7 @@ class Damage:
         dphi_d: extent of the equivalent defect, rad.
         h_d: its depth, m.
         rms_smoothed: trailing mean of the RMS (thesis only), m/s2.
+        v_eq_relative: ``v_eq`` over the first value that was tracked for this part.
     """
 
     status: EdvStatus
@@ -96,6 +101,7 @@ class Damage:
     dphi_d: float = math.nan
     h_d: float = math.nan
     rms_smoothed: float = math.nan
+    v_eq_relative: float = math.nan
 
 
 @dataclass(frozen=True)

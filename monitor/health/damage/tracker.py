@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from monitor.health.damage import Damage, DamageInput, EdvStatus, Remaining, TtStatus
+from monitor.health.damage.calibration import mark_forecast, mark_volume, relate
 from monitor.health.damage.filter.particle_filter import FilterSettings, FilterState
 from monitor.health.damage.filter.particle_filter import step as filter_step
 from monitor.health.damage.filter.prior import GrowthPrior
@@ -60,6 +61,8 @@ class DamageSettings:
     Attributes:
         maps: by the damaged part.
         thresholds: of V_eq, m2, ascending.
+        calibrated: whether the rig of maps and library is that of the machine.
+        uncalibrated_threshold: whether TT is issued where it is not.
     """
 
     track_method: TrackMethod = "thesis"
@@ -70,6 +73,8 @@ class DamageSettings:
     thresholds: tuple[float, ...] = (0.05e-6,)
     library: Library | None = None
     library_settings: LibrarySettings = field(default_factory=LibrarySettings)
+    calibrated: bool = True
+    uncalibrated_threshold: bool = False
 
     @property
     def uses_library(self) -> bool:
@@ -95,6 +100,7 @@ class DamageState:
     Attributes:
         pending: blocks since the detector's score first rose, while t_fs is unknown.
         part: whose map the blocks so far were tracked on, or None.
+        first_v_eq: first V_eq that was tracked for this part, m2, or None.
     """
 
     pending: tuple[DamageInput, ...] = ()
@@ -103,6 +109,7 @@ class DamageState:
     filter: FilterState = field(default_factory=FilterState)
     forecast: forecast.ForecastState = field(default_factory=forecast.ForecastState)
     library: LibraryState = field(default_factory=LibraryState)
+    first_v_eq: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the state as plain values for JSON."""
@@ -113,11 +120,17 @@ class DamageState:
             "filter": self.filter.to_dict(),
             "forecast": self.forecast.to_dict(),
             "library": self.library.to_dict(),
+            "first_v_eq": self.first_v_eq,
         }
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> DamageState:
-        """Restore a state written by :meth:`to_dict`."""
+        """Restore a state written by :meth:`to_dict`.
+
+        In an older one, the first V_eq is that of the thesis' forecast; by another method, the next value becomes it.
+        """
+        forecasts = forecast.ForecastState.from_dict(stored["forecast"])
+        earliest = None if forecasts.fit is None or forecasts.fit.v_first <= 0.0 else forecasts.fit.v_first
         return cls(
             pending=tuple(
                 DamageInput(time, rms, None if harmonics is None else tuple(harmonics), load, speed)
@@ -126,8 +139,9 @@ class DamageState:
             part=stored.get("part"),
             edv=edv.EdvState.from_dict(stored["edv"]),
             filter=FilterState.from_dict(stored["filter"]),
-            forecast=forecast.ForecastState.from_dict(stored["forecast"]),
+            forecast=forecasts,
             library=LibraryState.from_dict(stored["library"]),
+            first_v_eq=stored.get("first_v_eq", earliest),
         )
 
 
@@ -184,6 +198,9 @@ def step(
         state = replace(state, pending=())
     elif not gates.final:
         state = replace(state, pending=_pending(state, block, gates))
+    if not settings.calibrated:
+        damage = mark_volume(damage)
+        forecasts = tuple(mark_forecast(one, issued=settings.uncalibrated_threshold) for one in forecasts)
     return state, damage, forecasts
 
 
@@ -212,6 +229,8 @@ def _track_one(
         state, damage, forecasts = _track_by_library(state, block, gate, gates, settings)
     if settings.track_method != "library":
         state, damage = _track_on_map(state, block, gate, gates, settings)
+    first, damage = relate(state.first_v_eq, damage)
+    state = replace(state, first_v_eq=first)
     if settings.forecast_method == "thesis":
         after, forecasts = forecast.step(
             state.forecast,
@@ -236,6 +255,8 @@ def _track_by_library(
     if library is not None and (before.library, before.features) != (library.hash, settings.library_settings.features):
         # The configuration has changed: a history of another library or other features cannot be continued.
         before = LibraryState()
+        if settings.track_method == "library":
+            state = replace(state, first_v_eq=None)
     after, damage, forecasts = library_step(
         before,
         block,
@@ -261,7 +282,9 @@ def _track_on_map(
     if part != state.part:
         # Volumes of two parts are no one growth.
         begun = DamageState(part=part) if state.part is not None else state
-        state = replace(state, part=part, edv=begun.edv, filter=begun.filter, forecast=begun.forecast)
+        state = replace(
+            state, part=part, edv=begun.edv, filter=begun.filter, forecast=begun.forecast, first_v_eq=begun.first_v_eq
+        )
     if settings.track_method == "filter":
         return _filter_volume(state, block, settings.maps[part])
     map_slice, refused = settings.maps[part].map_at(block.load, block.speed)

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from monitor.report.calibration import VolumeScale, unscaled
 from monitor.report.figures.drawing import (
     BLUE,
     GREEN,
@@ -37,7 +38,7 @@ from monitor.report.figures.zoom import Band, Line, Panel, zoom_data
 from monitor.report.runs import Channel
 from monitor.report.score.issued import running_time
 from monitor.report.score.scoring import ALPHA
-from monitor.report.verdict import ChannelContext, interval_name, unscaled
+from monitor.report.verdict import ChannelContext, interval_name
 from monitor.words.numbers import count, figure, volume
 from monitor.words.statuses import TT_REFUSALS
 
@@ -79,24 +80,27 @@ def damaged_volume(context: ChannelContext) -> Picture | None:
     part = _final_part(channel)
     if part is None:
         return None
-    time, axis = channel.time[part], time_axis(channel.time, context.clock)
-    thresholds = [1e6 * threshold for threshold in thresholds_of(channel)]
+    time, axis, scale = channel.time[part], time_axis(channel.time, context.clock), VolumeScale.of(run, channel)
+    thresholds = [1e6 * threshold for threshold in thresholds_of(channel)] if scale.absolute else []
     made, (axes,) = new_figure(3.3)
-    ends = [1e6 * channel.column(f"v_eq_{end}")[part] for end in _ENDS]
+    ends = [scale.scaled(channel.column(f"v_eq_{end}")[part]) for end in _ENDS]
     _draw_interval(axes, axis, time, ends, interval_name(run))
-    found, truth = 1e6 * channel.column("v_eq")[part], 1e6 * channel.column("v_eq_true")[part]
+    found, truth = scale.scaled(channel.column("v_eq")[part]), 1e6 * channel.column("v_eq_true")[part]
+    if not scale.absolute:
+        truth = np.full_like(truth, np.nan)
     draw_line(axes, axis, time, found, color=BLUE, label="tracked")
     draw_line(axes, axis, time, truth, color=GREEN, linestyle="--", label="true")
     _draw_thresholds(axes, thresholds)
     draw_marks(axes, axis, context.verdict)
     axes.set_ylim(bottom=0.0)
-    axes.set_ylabel("V_eq (mm³/mm)")
+    axes.set_ylabel(f"V_eq ({scale.unit})")
     axis.settle(axes, time[0], time[-1])
     legend_above(axes)
-    data = {"time_s": time, "v_eq_mm2": found, "v_eq_true_mm2": truth, "thresholds_mm2": thresholds}
-    data |= {f"v_eq_{end}_mm2": values for end, values in zip(_ENDS, ends, strict=True)}
+    unit = "mm2" if scale.absolute else "relative"
+    data = {"time_s": time, f"v_eq_{unit}": found, "v_eq_true_mm2": truth, "thresholds_mm2": thresholds}
+    data |= {f"v_eq_{end}_{unit}": values for end, values in zip(_ENDS, ends, strict=True)}
     label = f"Equivalent damaged volume of channel {channel.name} over the final stage."
-    caption = _volume_caption(channel, part, truth) + unscaled(run)
+    caption = _volume_caption(channel, part, truth, scale) + unscaled(run, channel)
     lines = [Line("tracked", BLUE, found), Line("true", GREEN, truth, "dashed")]
     levels = [("threshold", ORANGE, threshold) for threshold in thresholds]
     chart = Panel(axes, lines, [Band(interval_name(run), SKY, *ends)], levels)
@@ -110,11 +114,12 @@ def _draw_thresholds(axes: Axes, thresholds: Sequence[float]) -> None:
         axes.axhline(threshold, color=ORANGE, linewidth=1.1, linestyle="-.", label=name)
 
 
-def _volume_caption(channel: Channel, part: slice, truth: Values) -> str:
+def _volume_caption(channel: Channel, part: slice, truth: Values, scale: VolumeScale) -> str:
     """Return the caption of V_eq; ``truth`` is in mm2."""
-    values, thresholds = channel.column("v_eq")[part], thresholds_of(channel)
+    values, thresholds = channel.column("v_eq")[part], thresholds_of(channel) if scale.absolute else []
     finite = values[np.isfinite(values)]
-    words = [f"V_eq from {volume(float(finite[0]))} to {volume(float(finite[-1]))}, block by block as recorded."]
+    first, last = (scale.write(float(value)) for value in (finite[0], finite[-1]))
+    words = [f"V_eq from {first} to {last}, block by block as recorded."]
     if np.isfinite(channel.column("v_eq_lower")[part]).any():
         words.append("The band is the interval, the line its median.")
     if thresholds:
@@ -169,7 +174,7 @@ def fitted_law(context: ChannelContext) -> Picture | None:
     label = f"V_eq of channel {channel.name} with the quadratic law fitted to it."
     data = {"time_s": time, "v_eq_mm2": v_eq, "laws": laws}
     svg = to_svg(made, label, context.numbers)
-    return Picture("The fitted law", svg, caption + unscaled(context.run), data, "law")
+    return Picture("The fitted law", svg, caption + unscaled(context.run, channel), data, "law")
 
 
 def forecasts(context: ChannelContext) -> list[Picture]:
@@ -220,7 +225,9 @@ def _forecast(context: ChannelContext, part: slice, place: int) -> Picture | Non
         axes.plot(x, against.values, color=GREEN, linestyle="--", label=against.label)
     _draw_interval(axes, axis, time, (issued.lower, issued.upper), issued.label)
     _draw_issued(axes, axis, time, tt / unit, top / unit)
-    refused = _draw_refusals(axes, axis, time, channel.words["tt_status"][part, place])
+    statuses = channel.words["tt_status"][part, place]
+    statuses = np.where((statuses == "uncalibrated") & np.isfinite(tt), "ok", statuses)
+    refused = _draw_refusals(axes, axis, time, statuses)
     draw_marks(axes, axis, context.verdict)
     axes.set_ylim(0.0, top / unit)
     axes.set_ylabel(f"time to threshold ({name})")
@@ -229,7 +236,7 @@ def _forecast(context: ChannelContext, part: slice, place: int) -> Picture | Non
     of = "".join(f" of {volume(threshold)}" for threshold in thresholds_of(channel)[place : place + 1])
     label = f"Time to the threshold{of} on channel {channel.name}, as issued."
     data = {"time_s": time, "tt_s": tt, "tt_lower_s": ends[0], "tt_upper_s": ends[1], "truth_s": truth, "truth": kind}
-    caption = _forecast_caption(tt, truth, ends, kind, refused) + unscaled(run)
+    caption = _forecast_caption(tt, truth, ends, kind, refused) + unscaled(run, channel)
     chart = Panel(axes, [against, Line("as issued", BLUE, tt / unit, "dots")], [cone, issued], top=top / unit)
     zoom = zoom_data(axis, time, [chart], marks=zoom_marks(context.verdict))
     svg = to_svg(made, label, context.numbers)

@@ -19,6 +19,7 @@ from models.scene import Part
 from monitor.health.damage.filter.particles import Particles
 from monitor.health.damage.tracker import part_of
 from monitor.records.archive import of_channel
+from monitor.report.calibration import unscaled
 from monitor.report.figures.drawing import (
     GREY,
     INK,
@@ -33,7 +34,7 @@ from monitor.report.figures.drawing import (
     to_svg,
 )
 from monitor.report.runs import Channel, Run
-from monitor.report.verdict import ChannelContext, unscaled
+from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import count, figure, volume
 from streams.block import STANDARD_GRAVITY
 
@@ -117,7 +118,7 @@ def map_path(context: ChannelContext, rms_map: RmsMap) -> Picture | None:
     data: dict[str, Any] = {"time_s": channel.time[rows], "dphi_deg": x, "h_d_um": y, "last_rms_g": level}
     data |= {"load_newton": at.load, "speed_hz": at.speed, **cloud}
     svg = to_svg(made, label, context.numbers)
-    return Picture("The path over the RMS map", svg, caption + unscaled(run), data, "path")
+    return Picture("The path over the RMS map", svg, caption + unscaled(run, channel), data, "path")
 
 
 def _condition(channel: Channel, rms_map: RmsMap) -> MapSlice | None:

@@ -19,6 +19,7 @@ from models.maps.plan import DAMAGED, MapPlan
 from models.response import STATUSES
 from monitor.report.figures.drawing import BLUE, GREEN, INK, PURPLE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet
+from monitor.words.calibration import rig_words
 from monitor.words.numbers import count, figure
 from streams.block import STANDARD_GRAVITY
 
@@ -292,9 +293,9 @@ def _errors_part(at: MapSlice) -> Part:
 def _lead(rms_map: RmsMap) -> str:
     """Return the leading sentence: the range of the RMS, and whether it is absolute."""
     low, high = (value / STANDARD_GRAVITY for value in span_of(rms_map.rms))
-    trust = "the rig's parameters were calibrated on this machine"
+    trust = f"rig {rig_words(rms_map.plan.rig)}"
     if not rms_map.plan.rig.calibrated:
-        trust = "the rig's parameters were not calibrated on this machine, so that levels and volumes are relative"
+        trust += ", so that levels and volumes are relative"
     level = f"RMS {figure(low)} to {figure(high)} g" if math.isfinite(low) else "No simulation ended well: no RMS"
     return f"{level} in {_band(rms_map.plan)}; {trust}."
 
@@ -348,7 +349,7 @@ def _floor(plan: MapPlan) -> str:
 
 def _rig(plan: MapPlan) -> str:
     drawn = "" if plan.rig_draws == 0 else f"; {plan.rig_draws} rigs drawn, {figure(100 * plan.rig_spread)} % apart"
-    return ("calibrated" if plan.rig.calibrated else "not calibrated on this machine") + drawn
+    return rig_words(plan.rig) + drawn
 
 
 def _numerical(rms_map: RmsMap) -> str:

@@ -19,6 +19,7 @@ from models.response import SENSORS, Response, Sensor, SignalRecord
 from models.scene import EFFECTS, Defect, Floor, Scene, natural_frequencies
 from monitor.report.figures.drawing import AXIS, BLUE, GREY, INK, PURPLE, SHADE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet
+from monitor.words.calibration import rig_words
 from monitor.words.numbers import figure
 from streams.block import STANDARD_GRAVITY
 
@@ -281,7 +282,7 @@ def _facts(scene: Scene, sensed: SensorSignal) -> list[tuple[str, str]]:
     return [
         ("Bearing", f"{scene.bearing.designation}, clearance {figure(1e6 * scene.clearance)} µm"),
         ("Lines", ", ".join(f"{name} {figure(value, 4)} Hz" for name, value in named)),
-        ("Rig", f"{'calibrated' if rig.calibrated else 'not calibrated on this machine'}; {masses}"),
+        ("Rig", f"{rig_words(rig)}; {masses}"),
         ("Stiffness", f"k_i {rig.k_i:.3g} N/m, k_r {rig.k_r:.3g} N/m, k_c {rig.k_c:.4g} N/m^1.5"),
         ("Damping", f"c_i {rig.c_i:g} N s/m, c_r {rig.c_r:g} N s/m, α_c {rig.alpha_c:g} 1/s, β_c {rig.beta_c:g} s"),
         ("Effects", ", ".join(EFFECTS[name] for name in scene.effects) or "none"),

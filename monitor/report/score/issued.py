@@ -128,8 +128,14 @@ def issued_of(run: Run, label: str) -> list[Issued]:
 
 def _forecast_channels(run: Run) -> list[Channel]:
     """Return the channels with a forecast or its refusal after the onset."""
-    channels = run.channels.values()
-    return [one for one in channels if not np.isin(one.words["tt_status"].astype(str), _SILENT).all()]
+    return [channel for channel in run.channels.values() if not _is_silent(channel).all()]
+
+
+def _is_silent(channel: Channel) -> NDArray[np.bool_]:
+    """Return which forecasts were not due, shape (block, threshold), or withheld as the rig is not calibrated."""
+    status = channel.words["tt_status"].astype(str)
+    withheld = (status == "uncalibrated") & ~np.isfinite(channel.numbers["tt"][:, : status.shape[1]])
+    return np.isin(status, _SILENT) | withheld
 
 
 def _archive(path: Path) -> dict[tuple[str, int, str], list[Archived]]:
@@ -169,9 +175,7 @@ def _issued(
     v_th = channel.column("v_th", place)
     threshold = float(v_th[np.isfinite(v_th)][-1])
     # Without forecasts for a threshold that was configured earlier.
-    rows = np.flatnonzero(
-        ~np.isin(status.astype(str), _SILENT) & np.isclose(v_th, threshold, rtol=_SAME_THRESHOLD, atol=0)
-    )
+    rows = np.flatnonzero(~_is_silent(channel)[:, place] & np.isclose(v_th, threshold, rtol=_SAME_THRESHOLD, atol=0))
     archived = _matching(archive, run, channel, rows, threshold)
     if archived is None:
         interval, levels, quantiles = _from_records(path, run, channel, place, rows)

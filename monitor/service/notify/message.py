@@ -12,13 +12,16 @@ from monitor.service.notify.channels import Message
 from monitor.service.record_message import first
 from monitor.words.events import badness, event_text, local_moment, utc_text
 from monitor.words.features import FEATURES
-from monitor.words.numbers import count, duration, moment, volume
+from monitor.words.numbers import count, duration, moment, times_first, volume
 from monitor.words.statuses import STAGES, fault_words
 
 MAX_LISTED = 20
 """Events that a message lists; of more, the worst are listed and all are counted."""
 _MAX_TITLE_CHARACTERS = 180
-_VALUES = ("rms", "rms_smoothed", "peak", "v_eq", "v_eq_lower", "v_eq_upper", "tt", "tt_lower", "tt_upper")
+_VALUES = (
+    *("rms", "rms_smoothed", "peak"),
+    *("v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative", "tt", "tt_lower", "tt_upper"),
+)
 
 
 @dataclass(frozen=True)
@@ -138,6 +141,10 @@ def _stage(machine: Sender, event: LoggedEvent, values: Mapping[str, Any]) -> st
 def _volume(values: Mapping[str, Any]) -> str:
     if values.get("v_eq") is None:
         return ""
+    relative = values.get("v_eq_relative")
+    # Another status of V_eq does not say that the rig is not calibrated, that of its forecast does.
+    if relative is not None and "uncalibrated" in (values.get("edv_status"), first(values.get("tt_status"))):
+        return f"{times_first(relative)} (rig not calibrated)"
     low, high = values.get("v_eq_lower"), values.get("v_eq_upper")
     return volume(values["v_eq"]) + (f" ({low * 1e6:.3g} to {high * 1e6:.3g})" if low and high else "")
 

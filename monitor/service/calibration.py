@@ -1,0 +1,65 @@
+"""Whether V_eq of a channel is that of its machine, and what is said where it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from models.maps.data import RmsMap
+from models.scene import Calibration, Rig, weakest_calibration
+from monitor.config.load import Config
+from monitor.config.source import ChannelSection
+from monitor.health.damage.library.model import Library
+from monitor.health.state import ChannelSettings
+from monitor.words.calibration import uncalibrated_sentence
+from monitor.words.statuses import suspended_words
+
+
+def rig_of_library(library: Library) -> Rig | None:
+    """Return the rig whose lives a library was made of, None for a library without simulated lives."""
+    return Rig(**library.made_of["population"]["rig"]) if "population" in library.made_of else None
+
+
+def is_calibrated(library: Library) -> bool:
+    """Return whether the rig that a library is of is calibrated; one that does not name its rig is not."""
+    rig = rig_of_library(library)
+    return rig is not None and rig.calibrated is not False
+
+
+def calibration_of(
+    config: Config, channel: ChannelSection, maps: Iterable[RmsMap], library: Library | None
+) -> Calibration:
+    """Return the weakest claim of ``[rig]``, maps and library: a map that was built uncalibrated stays so."""
+    rigs = [rms_map.plan.rig for rms_map in maps]
+    of_library = None if library is None else rig_of_library(library)
+    if of_library is not None:
+        rigs.append(of_library)
+    claims: list[Calibration] = [config.calibration_of(channel), *(rig.calibrated for rig in rigs)]
+    return weakest_calibration(*claims)
+
+
+def uncalibrated_lines(config: Config, channels: Mapping[str, ChannelSettings]) -> Iterator[str]:
+    """Yield a line for each channel of an uncalibrated rig that is tracked, and for each level that is suspended."""
+    for section in config.channel:
+        settings = channels.get(section.name)
+        if settings is not None and settings.calibration is False:
+            yield from channel_lines(config, section, settings.alarms.suspended)
+
+
+def channel_lines(config: Config, section: ChannelSection, suspended: Sequence[str] = ()) -> Iterator[str]:
+    """Yield the lines of one tracked channel of an uncalibrated rig, and of its ``suspended`` levels."""
+    issued = config.forecast.uncalibrated_threshold
+    yield f"channel {section.name!r}: {_reason(config, section, issued=issued)}"
+    if suspended:
+        yield f"channel {section.name!r}: {suspended_words(suspended)}; give a level on v_eq_relative"
+
+
+def _reason(config: Config, section: ChannelSection, *, issued: bool) -> str:
+    if config.calibration_of(section) is not False:
+        return uncalibrated_sentence("its map or library was built before [rig] was calibrated", issued=issued)
+    try:
+        rig = config.rig_of(config.entry_of(section))
+    except ValueError as error:
+        return uncalibrated_sentence(str(error), issued=issued)
+    if config.rig.calibrated is not False:
+        return uncalibrated_sentence("[rig] is that of another bearing; see bearing in [rig]", issued=issued)
+    return uncalibrated_sentence(rig, issued=issued)
