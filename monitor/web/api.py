@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from models.bearing import Bearing, kinematics
+from models.scene import Calibration
 from monitor import __version__
+from monitor.config.source import ChannelSection
 from monitor.config.stages import method_or_best
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.spectrum.features import fundamentals
@@ -66,6 +68,9 @@ def channel(machine: Machine, name: str) -> dict[str, Any]:
     marks = latest_values(machine, section.source, name)
     method = method_or_best(config.track.method, section.library)
     absolute = section.unit != "unknown"
+    calibrated = calibration(machine, section)
+    compared = calibrated is not False or config.forecast.uncalibrated_threshold
+    thresholds = config.forecast.thresholds if compared else ()
     return {
         "machine": machine.name,
         "channel": name,
@@ -75,16 +80,22 @@ def channel(machine: Machine, name: str) -> dict[str, Any]:
         "timezone": config.machine.timezone,
         "bearing": {"name": section.bearing, **_bearing(bearing)},
         "orders": fundamentals(kinematics(bearing, 1.0)),
-        "thresholds_mm2": [round(threshold * 1e6, 12) for threshold in config.forecast.thresholds],
+        "thresholds_mm2": [round(threshold * 1e6, 12) for threshold in thresholds],
         "interval": config.forecast.interval,
         "window_hours": config.forecast.window_hours,
         "tracked": section.track,
         "method": method if section.track else None,
-        "calibrated": config.rig.calibrated,
+        "calibrated": calibrated,
         "levels": [_level(level, absolute) for level in _levels(machine, name, state)],
         "marks": {f"{key}_s": marks.get(key) for key in ("t_fs", "t_fs_known", "t_eol")},
         "state": state,
     }
+
+
+def calibration(machine: Machine, section: ChannelSection) -> Calibration:
+    """Return whether the rig of a channel is calibrated, by its daemon where that has run, else by ``[rig]``."""
+    known = machine.status().values.get("channels", {}).get(section.name, {}).get("calibrated")
+    return machine.config.calibration_of(section) if known is None else known
 
 
 def _bearing(bearing: Bearing) -> dict[str, Any]:

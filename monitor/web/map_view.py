@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from models.scene import weakest_calibration
 from monitor.health.damage.tracker import part_of
 from monitor.records.packing import columns_of, numbers_of, places_of
 from monitor.web.answers import RequestError, numbers, times
-from monitor.web.api import is_dated, latest_values
+from monitor.web.api import calibration, is_dated, latest_values
 from monitor.web.machines import Machine
 from monitor.words.features import FEATURES
 
@@ -54,7 +55,7 @@ def map_of(machine: Machine, channel: str) -> dict[str, Any]:
         "speed_hz": speed,
         "fault": part,
         "v_eq": rms_map.volume_words,
-        "calibrated": machine.config.rig.calibrated,
+        "calibrated": weakest_calibration(calibration(machine, section), rms_map.plan.rig.calibrated),
         "dated": is_dated(machine, section.source),
         "track": _track(machine, section.source, channel, latest.get("t_fs_block")),
     }

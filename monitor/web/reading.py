@@ -22,7 +22,10 @@ from monitor.web.answers import without_folders
 _MAX_IDLE = 4
 _MAX_LOAN_S = 10.0
 _INSTRUCTIONS = 10_000
-NAMES = ("rms", "h_or", "v_eq", "v_eq_lower", "v_eq_upper", "tt", "tt_lower", "tt_upper", "p_threshold", "speed")
+NAMES = (
+    *("rms", "h_or", "v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative"),
+    *("tt", "tt_lower", "tt_upper", "p_threshold", "speed"),
+)
 _LATEST = """
 SELECT layout, row FROM blocks JOIN records ON block = id
 WHERE source = ? AND length(row) > 0 ORDER BY sequence DESC LIMIT 1

@@ -125,6 +125,7 @@ def page_words() -> dict[str, Any]:
         "blocks": STATUS_MEANINGS,
         "edv": EDV_REFUSALS | {"widened": "the interval is wider than usual, as the latest levels jumped"},
         "tt": TT_REFUSALS | {"already_crossed": "the threshold has been reached"},
+        "relative": _CHARTS["v_eq_relative"]["unit"],
         "charts": _CHARTS | {name: chart for name, chart in titles.items() if name not in _CHARTS},
         "features": {
             name: {

@@ -21,6 +21,15 @@ export const count = (value) => (isNumber(value) ? value.toLocaleString("en") : 
 export const counted = (value, noun) => `${count(value)} ${noun}${value === 1 ? "" : "s"}`;
 export const withUnit = (value, unit) => (isNumber(value) ? `${number(value)}${THIN}${unit}` : MISSING);
 export const volume = (value) => withUnit(value, "mm³/mm");
+
+/** V_eq and its interval in mm³/mm, or as multiples of its first value where the rig is not calibrated. */
+export function sizeOf(status, calibrated) {
+  const { v_eq_mm2: found, v_eq_lower_mm2: lower, v_eq_upper_mm2: upper, v_eq_relative: times } = status;
+  if (calibrated || !isNumber(times) || !(found > 0)) return { absolute: true, value: found, lower, upper };
+  const scaled = (value) => (isNumber(value) ? (value * times) / found : value);
+  return { absolute: false, value: times, lower: scaled(lower), upper: scaled(upper) };
+}
+
 export const hertz = (value, figures = 4) => (isNumber(value) ? `${number(value, figures)}${THIN}Hz` : MISSING);
 
 /** The unit in which levels of a channel are shown. */

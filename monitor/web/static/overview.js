@@ -38,10 +38,12 @@ class Row {
     setText(this.why, row.reason);
     const before = row.stale || row.state === "no_data" || row.state === "bad_data" ? "was " : "";
     setText(this.stage, [status.stage ? before + stageWord(status.stage) : "", faultWords(status.fault)].filter(Boolean).join(", "));
+    const size = fmt.sizeOf(status, status.calibrated !== false);
+    const shown = (value) => (size.absolute ? fmt.number(value) : `× ${fmt.number(value)}`);
     ranged(
       this.size,
-      fmt.isNumber(status.v_eq_mm2) ? fmt.number(status.v_eq_mm2) : "",
-      fmt.interval(status.v_eq_lower_mm2, status.v_eq_upper_mm2),
+      fmt.isNumber(size.value) ? shown(size.value) : "",
+      fmt.interval(size.lower, size.upper, shown),
       refusal(status.edv_status, edvSentence),
     );
     const reached = status.tt_status === "already_crossed";

@@ -169,7 +169,7 @@ export class TrackMap {
     ].filter(Boolean).join(", ");
     const every = ticks(...this.range(), LEVELS);
     const at = condition ? ` Map at ${condition}.` : "";
-    const calibrated = data.calibrated ? "" : " Not calibrated: the rig's parameters were not found on this machine.";
+    const calibrated = data.calibrated ? "" : " The rig is not calibrated: sizes are on the scale of the model.";
     const text = `${where} Contours every ${fmt.number(every[1] - every[0])} g.${at}${calibrated}`;
     setText(this.caption, text);
     this.board.canvas.setAttribute("aria-label", `RMS map over extent and depth of the damage. ${text}`);

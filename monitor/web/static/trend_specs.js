@@ -7,6 +7,7 @@ const LAYOUT = {
   rms: { height: 150, marks: true },
   lines: { height: 150 },
   v_eq: { height: 150 },
+  v_eq_relative: { height: 150 },
   tt: { height: 150, duration: true },
   speed: { height: 84 },
   load: { height: 84 },
@@ -18,11 +19,18 @@ const isBound = (name) => name.endsWith("_lower") || name.endsWith("_upper");
 
 /** Charts of a channel, given what is known of it and which columns hold anything. */
 export function trendSpecs(info, data) {
+  const left = leftOut(info);
   return Object.keys(CHARTS)
+    .filter((chart) => chart !== left)
     .map((chart) => specOf(chart, info))
     .map((spec) => ({ ...spec, series: spec.series.filter((series) => data.column(series.column) !== null) }))
     .filter((spec) => spec.series.length && !(spec.free && data.constant(spec.series[0].column) !== null))
     .map((spec) => ({ ...spec, levels: levelsOf(info, spec) }));
+}
+
+/** V_eq itself where it cannot be compared with a volume, else the relative one. */
+function leftOut(info) {
+  return info.calibrated === false && !info.thresholds_mm2?.length ? "v_eq" : "v_eq_relative";
 }
 
 /** One chart with the features that the table puts into it. */

@@ -2,7 +2,7 @@
 
 import { h, symbol } from "./dom.js";
 import * as fmt from "./fmt.js";
-import { STATES, edvSentence, faultWords, featureWord, stageWord, ttSentence } from "./words.js";
+import { RELATIVE, STATES, edvSentence, faultWords, featureWord, stageWord, ttSentence } from "./words.js";
 
 const answer = (question, value, ...more) =>
   h(
@@ -99,20 +99,21 @@ function part(status) {
 }
 
 function size(status, info) {
-  const calibrated = info?.calibrated ? null : "not calibrated: on the scale of the model, not of this machine";
+  const calibrated = (status.calibrated ?? info?.calibrated) !== false;
   if (!fmt.isNumber(status.v_eq_mm2)) {
     if (info && !info.tracked) return answer("How large?", "not tracked", "the size of damage is not asked for on this channel");
     return answer("How large?", "cannot be said", edvSentence(status.edv_status));
   }
-  const range = fmt.interval(status.v_eq_lower_mm2, status.v_eq_upper_mm2);
+  const found = fmt.sizeOf(status, calibrated);
+  const range = fmt.interval(found.lower, found.upper);
   const share = fmt.isNumber(info?.interval) ? fmt.percent(info.interval) : "";
-  const doubt = ["ok", null, undefined].includes(status.edv_status) ? null : edvSentence(status.edv_status);
+  const doubt = ["ok", "uncalibrated", null, undefined].includes(status.edv_status) ? null : edvSentence(status.edv_status);
   return answer(
     "How large?",
-    fmt.volume(status.v_eq_mm2),
+    found.absolute ? fmt.volume(found.value) : `${fmt.number(found.value)} ${RELATIVE}`,
     range ? `${share} interval ${range}` : "a single number: this method gives no interval",
     doubt,
-    calibrated,
+    calibrated ? null : edvSentence("uncalibrated"),
   );
 }
 

@@ -19,6 +19,9 @@ const NONE = "no value was computed yet";
 export const edvSentence = (status) => (status ? WORDS.edv[status] ?? status : NONE);
 export const ttSentence = (status) => (status ? WORDS.tt[status] ?? status : NONE);
 
+/** What a relative V_eq is a multiple of. */
+export const RELATIVE = WORDS.relative;
+
 export const FLAGS = ["flat", "stopped", "clipped", "gap", "clock", "late", "out_of_order"];
 export const blockSentence = (status) => WORDS.blocks[status] ?? status;
 
