@@ -184,5 +184,5 @@ def test_a_final_stage_at_a_time_that_no_calendar_has_is_shown_without_it(tmp_pa
             state = ingest.state("s")
         mark, channel = Mark(1, 1e15), state.channels["x"]
         final = replace(channel, detect=replace(channel.detect, t_fs=mark, t_fs_known=mark))
-        found = channel_summary(replace(state, channels={"x": final}), "x")
+        found = channel_summary(replace(state, channels={"x": final}), ingest.settings["s"].channels["x"])
     assert (found["t_fs_block"], found["t_fs_utc"]) == (1, None)
