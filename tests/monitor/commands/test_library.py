@@ -46,6 +46,8 @@ def test_a_small_library_is_built_said_and_usable(tmp_path: Path) -> None:
     assert "rms+harmonics" in table
     assert "climatology" in table
     assert f"hash {library.hash[:16]}; prior: 24 simulated lives" in table
+    assert found["calibrated"] is False
+    assert "rig not calibrated: masses and springs are those of the default test bench" in table
 
 
 @pytest.mark.parametrize(

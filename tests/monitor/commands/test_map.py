@@ -161,3 +161,46 @@ def test_uneven_axes_are_tracked_like_even_ones(tmp_path: Path) -> None:
             surface.dphi_d, surface.h_d, surface.rms, radius, level, (0.0, 0.0), lines=20
         )
         assert scanned - slack - 1e-15 <= point.v_eq <= scanned + 1e-15
+
+
+MACHINE = """
+[[bearing]]
+name = "b"
+designation = "6205"
+[operating]
+speed_hz = 40.0
+load_newton = 4000.0
+[[source]]
+name = "s"
+[[channel]]
+name = "x"
+source = "s"
+unit = "g"
+bearing = "b"
+"""
+
+
+@pytest.mark.parametrize(
+    ("rig", "calibrated", "line"),
+    [
+        ("", False, "rig not calibrated: masses and springs are those of the default test bench"),
+        ("m_i_kg = 2.0\n", False, "rig not calibrated on this machine; V_eq is shown as a multiple of its first value"),
+        ('calibrated = "declared"\n', "declared", "rig declared, not identified"),
+        (
+            f'calibrated = true\nidentification = "{"ab" * 32}"\n',
+            True,
+            "rig calibrated (identification abababababababab)",
+        ),
+    ],
+)
+def test_a_map_says_whose_rig_it_is_of_and_carries_it(tmp_path: Path, rig: str, calibrated: object, line: str) -> None:
+    config = tmp_path / "machine.toml"
+    config.write_text(MACHINE + (f"[rig]\n{rig}" if rig else ""))
+    values, out = build(tmp_path, "--config", str(config))
+    assert values["calibrated"] == calibrated
+    assert values["rig"].startswith(line)
+    assert load_map(out).plan.rig.calibrated == calibrated
+    arguments = ["build", *SMALL, "--config", str(config), "--out", str(out)]
+    assert line in CliRunner().invoke(command, arguments, catch_exceptions=False).stdout
+    shown = ["show", str(out), "--out", str(tmp_path / "map.svg")]
+    assert line in CliRunner().invoke(command, shown, catch_exceptions=False).stdout

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,11 @@ from models.maps.data import RmsMap
 from models.maps.file import save_map
 from models.maps.nodes import scene_at, simulate_point
 from models.maps.plan import MapPlan
+from models.scene import Rig
 from monitor.commands import forecast as forecast_command
 from monitor.commands import track as track_command
 from monitor.commands.common import InputError
+from monitor.commands.history_files import read_readings
 from monitor.health.damage import DamageInput
 from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState
 from monitor.health.damage.library.forecaster import step as ask_library
@@ -38,7 +41,8 @@ from tests.oracles.toy_lives import THRESHOLD, ToyLife, toy_library, toy_life
 def rms_map() -> RmsMap:
     extents = tuple(math.radians(3.0 * i) for i in range(11))
     depths = tuple(3e-6 * i for i in range(9))
-    return build_map(MapPlan(load=(3000.0, 4000.0), speed=(40.0,), h_d=depths, dphi_d=extents, rms_band=(0.0, 9500.0)))
+    plan = MapPlan(load=(3000.0, 4000.0), speed=(40.0,), h_d=depths, dphi_d=extents, rms_band=(0.0, 9500.0))
+    return build_map(replace(plan, rig=RIG))
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +52,8 @@ def map_file(rms_map: RmsMap, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+RIG = Rig(calibrated=True)
+"""A simulated rig counts as calibrated."""
 LEVELS_G = [0.3 + 0.03 * i for i in range(40)]
 
 
@@ -81,7 +87,7 @@ def test_track_says_what_the_tracker_says(tmp_path: Path, map_file: Path, rms_ma
         assert row["status"] == str(result.status)
         expected = None if math.isnan(result.v_eq) else pytest.approx(result.v_eq * 1e6, rel=1e-12)
         assert row["v_eq_mm2"] == expected
-    assert (told["interval"], told["prior"], told["calibrated"]) == (None, None, False)
+    assert (told["interval"], told["prior"], told["calibrated"]) == (None, None, True)
     assert told["map_hash"] == rms_map.hash
 
 
@@ -99,7 +105,7 @@ def test_track_writes_by_the_suffix(tmp_path: Path, map_file: Path, suffix: str)
     else:
         with xr.open_dataset(out, engine="netcdf4", decode_cf=False) as dataset:
             assert dataset.v_eq.attrs["units"] == "m2"
-            assert dataset.attrs["calibrated"] == "no"
+            assert dataset.attrs["calibrated"] == "yes"
             assert list(words(dataset.edv_status)) == [row["status"] for row in told["rows"]]
             found = dataset.v_eq.values * 1e6
         assert found == pytest.approx(np.array([np.nan if v is None else v for v in expected]), nan_ok=True)
@@ -216,7 +222,7 @@ def test_without_a_map_only_the_library_tracks(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def library() -> Library:
-    return toy_library(40)
+    return replace(toy_library(40), made_of={"population": {"rig": RIG.as_dict()}})
 
 
 @pytest.fixture(scope="module")
@@ -299,3 +305,58 @@ def test_a_threshold_that_the_library_does_not_know_is_refused(tmp_path: Path, l
 def test_a_file_that_is_no_library_is_refused(tmp_path: Path, map_file: Path) -> None:
     with pytest.raises(InputError, match="--library"):
         run(track_command.command, history(tmp_path), "--method", "library", "--library", map_file)
+
+
+def uncalibrated(rms_map: RmsMap, folder: Path) -> Path:
+    """Write the map as it would have been built on an uncalibrated rig."""
+    plan = replace(rms_map.plan, rig=Rig())
+    attributes = {**rms_map.attributes, "parameters": plan.as_json(), "hash": plan.hash()}
+    save_map(replace(rms_map, attributes=attributes), folder / "uncalibrated.nc")
+    return folder / "uncalibrated.nc"
+
+
+def test_track_on_an_uncalibrated_map_is_relative_and_says_so(tmp_path: Path, rms_map: RmsMap, map_file: Path) -> None:
+    path, other = history(tmp_path), uncalibrated(rms_map, tmp_path)
+    known, told = (run(track_command.command, path, "--map", file) for file in (map_file, other))
+    assert (known["calibrated"], told["calibrated"]) == (True, False)
+    first = next(row["v_eq_mm2"] for row in known["rows"] if row["v_eq_mm2"])
+    assert "ok" in {row["status"] for row in known["rows"]}
+    for row, one in zip(known["rows"], told["rows"], strict=True):
+        assert one["status"] == ("uncalibrated" if row["status"] == "ok" else row["status"])
+        assert one["v_eq_mm2"] == row["v_eq_mm2"]
+        relative = None if row["v_eq_mm2"] is None else pytest.approx(row["v_eq_mm2"] / first)
+        assert one["v_eq_relative"] == row["v_eq_relative"] == relative
+    printed = [
+        CliRunner().invoke(track_command.command, [str(path), "--map", str(file)]).stdout for file in (map_file, other)
+    ]
+    assert printed[0].split()[:2] == ["time", "V_eq"]
+    assert "mm3/mm" in printed[0]
+    assert "uncalibrated" not in printed[0]
+    head, _, table = printed[1].partition("\n")
+    assert "masses and springs are those of the default test bench" in head
+    assert "x first" in table
+    assert "mm3/mm" not in table
+
+
+def test_a_library_of_an_uncalibrated_rig_issues_no_tt_unless_asked_to(
+    tmp_path: Path, library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, _ = toy_history(tmp_path)
+    monkeypatch.setattr(forecast_command, "is_records", lambda _: True)
+    monkeypatch.setattr("monitor.commands.forecast.read_readings", lambda *_, **given: read_csv(path))
+    found = {}
+    for name, rig, flags in (("yes", RIG, ()), ("no", Rig(), ()), ("asked", Rig(), ("--uncalibrated-threshold",))):
+        file = tmp_path / f"{name}.npz"
+        save_library(replace(library, made_of={"population": {"rig": rig.as_dict()}}), file)
+        threshold = ("--threshold-mm2", THRESHOLD * 1e6)
+        found[name] = run(forecast_command.command, path, "--library", file, *threshold, *flags)["rows"]
+    assert sum(row["status"] == "ok" for row in found["yes"]) > 10
+    for known, withheld, asked in zip(found["yes"], found["no"], found["asked"], strict=True):
+        assert withheld["tt_s"] is None
+        assert withheld["status"] in ("uncalibrated", "too_few_points")
+        assert asked["tt_s"] == known["tt_s"]
+        assert asked["status"] == ("uncalibrated" if known["status"] == "ok" else known["status"])
+
+
+def read_csv(path: Path) -> tuple[list[float], list[DamageInput]]:
+    return read_readings(path, None, load=None, speed=None)

@@ -1,4 +1,4 @@
-"""An uncalibrated rig: when ``ok`` is withheld, V_eq relative to its first value, and thresholds that are not issued."""
+"""An uncalibrated rig: when ``ok`` is withheld, relative V_eq, and thresholds that are not issued."""
 
 from __future__ import annotations
 
