@@ -309,7 +309,7 @@ def _how_large(run: Run, channel: Channel) -> Finding:
     scale = VolumeScale.of(run, channel)
     found, *ends = (float(channel.column(name)[known]) for name in ("v_eq", "v_eq_lower", "v_eq_upper"))
     value = scale.write(found)
-    sentences = [_ends(run, interval(ends[0], ends[1], scale.write))]
+    sentences = [_ends(run, interval(ends[0], ends[1], scale.write_briefly))]
     if status == "ambiguous":
         sentences.append("Several sizes of damage explain the vibration, so that the middle says little.")
     if status == "widened":
@@ -321,7 +321,7 @@ def _how_large(run: Run, channel: Channel) -> Finding:
     if scale.absolute:
         sentences.append("Equivalent damaged volume V_eq, in the model of this rig." + unscaled(run, channel))
     else:
-        sentences.append(f"Equivalent damaged volume V_eq; {EDV_REFUSALS['uncalibrated'].partition(': ')[0]}.")
+        sentences.append("Equivalent damaged volume V_eq, relative because the rig is not calibrated.")
     brief = scale.write_briefly(found)
     brief = brief if known == row else f"({brief})"
     return Finding(question, f"{value}.", " ".join(sentences), brief=brief)

@@ -42,7 +42,7 @@ def run_of(tmp_path: Path, made: list[Record], **attributes: Any) -> Run:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    return run_of(tmp_path_factory.mktemp("life"), life(start=START), calibrated="no")
+    return run_of(tmp_path_factory.mktemp("life"), life(start=START), calibrated="yes")
 
 
 @pytest.fixture(scope="module")
@@ -198,6 +198,22 @@ def test_volumes_are_drawn_as_recorded_with_the_truth(run: Run, channel: Channel
     assert "v_eq_lower_mm2" not in data
     assert picture is not None
     assert "The threshold of 0.05 mm³/mm is reached." in picture.caption
+    assert "not calibrated" not in picture.caption
+
+
+def test_volumes_of_an_uncalibrated_rig_are_drawn_relative_without_thresholds(tmp_path: Path) -> None:
+    made = run_of(tmp_path, life(start=START), calibrated="no")
+    channel = made.channels["horizontal"]
+    picture = damaged_volume(context_of(made, channel))
+    data = drawn(picture)
+    recorded = channel.column("v_eq")
+    recorded = recorded[np.isfinite(recorded)]
+    known = [value for value in data["v_eq_relative"] if value is not None]
+    assert known == pytest.approx((recorded / recorded[0]).tolist(), rel=1e-5)
+    assert data["thresholds_mm2"] == []
+    assert {"v_eq_mm2", "v_eq_true_mm2"}.isdisjoint(data)
+    assert picture is not None
+    assert "threshold" not in picture.caption
     assert "On the scale of a model that is not calibrated." in picture.caption
 
 
