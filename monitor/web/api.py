@@ -69,7 +69,7 @@ def channel(machine: Machine, name: str) -> dict[str, Any]:
     method = method_or_best(config.track.method, section.library)
     absolute = section.unit != "unknown"
     calibrated = calibration(machine, section)
-    compared = calibrated is not False or config.forecast.uncalibrated_threshold
+    compared = calibrated is not False or not section.track or config.forecast.uncalibrated_threshold
     thresholds = config.forecast.thresholds if compared else ()
     return {
         "machine": machine.name,
