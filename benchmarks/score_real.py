@@ -113,7 +113,8 @@ def configuration(run: Run, threshold: float, method: Mapping[str, Any]) -> Conf
     values = tomllib.loads(path.read_text(encoding="utf-8"))
     values["channel"] = [{**channel, "track": True} for channel in values["channel"]]
     values["track"] = dict(method["track"])
-    values["forecast"] = {**method["forecast"], "threshold_mm2": threshold * 1e6}
+    # The map is uncalibrated: without being asked for, no TT would be issued.
+    values["forecast"] = {**method["forecast"], "threshold_mm2": threshold * 1e6, "uncalibrated_threshold": True}
     return validate(values, path)
 
 

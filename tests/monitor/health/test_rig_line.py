@@ -22,6 +22,7 @@ from models.maps import file as map_files
 from models.maps.data import MapSlice, RmsMap
 from models.maps.file import cached_map, save_map
 from models.maps.plan import MapPlan
+from models.scene import Rig
 from monitor.commands import forecast as forecast_command
 from monitor.commands import track as track_command
 from monitor.commands.replay import demo_config
@@ -79,6 +80,7 @@ def simulated() -> Iterator[Simulated]:
 def rms_map(tmp_path_factory: pytest.TempPathFactory) -> RmsMap:
     """A coarse smooth-floor map with the nominal parameters, from which those of the rig deviate."""
     plan = MapPlan(
+        rig=Rig(calibrated=True),
         load=(4000.0,),
         speed=(40.0,),
         h_d=tuple(2e-6 * i for i in range(13)),
@@ -222,7 +224,9 @@ def quick_to_learn(track: str, forecast: str) -> Config:
 @pytest.fixture(scope="module")
 def library() -> Library:
     """A few lives at the demo's load and speed: enough for answers, not for good ones."""
-    population = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0), durations=(14000.0, 24000.0), seed=3)
+    population = Population(
+        rig=Rig(calibrated=True), load=(3900.0, 4100.0), speed=(39.0, 41.0), durations=(14000.0, 24000.0), seed=3
+    )
     settings = FitSettings(columns=60, seed=3)
     return made_once("rig", lambda: build_library(population, runs=12, thresholds=(0.05e-6,), settings=settings))
 
