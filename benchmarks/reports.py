@@ -94,7 +94,7 @@ def make_store(path: Path, blocks: int, spectra: int, seed: int = 1) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     made = made_up(blocks, seed)
     rng = np.random.default_rng(seed)
-    attributes = {"calibrated": "no", "interval_level": 0.8, "track_method": "library", "forecast_method": "library"}
+    attributes = {"calibrated": "yes", "interval_level": 0.8, "track_method": "library", "forecast_method": "library"}
     with Store.open(path, machine=f"machine {seed}") as store:
         store.describe(attributes)
         for at in range(0, blocks, 500):

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from monitor.commands.run import present_state
+from monitor.commands.run import _channel, present_state
 from monitor.service.status_file import StatusFile
 from tests.faults.daemons import call
 from tests.fleet import add_machine
@@ -60,3 +60,18 @@ def test_without_a_daemon_no_machine_is_healthy() -> None:
     assert present_state({"running": True, "state": "normal"}) == "normal"
     assert present_state({"running": True}) == "no_data"
     assert present_state({"running": True, "state": "a state of another version"}) == "no_data"
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"calibrated": False, "v_eq_relative": 2.5}, "V_eq 2.5 times the first tracked value (rig not calibrated)"),
+        ({"calibrated": True, "v_eq_relative": 2.5}, "V_eq 0.02 mm3/mm"),
+        ({}, "V_eq 0.02 mm3/mm"),
+    ],
+    ids=["uncalibrated", "calibrated", "of an earlier version"],
+)
+def test_the_status_says_v_eq_as_it_may_be_read(values: dict[str, Any], text: str) -> None:
+    channel: dict[str, Any] = {"state": "normal", "reason": "healthy", "stage": "final", "fault": None}
+    channel |= {"v_eq_mm2": 0.02, "tt_s": None, "last_block": None}
+    assert text in list(_channel(channel | values))

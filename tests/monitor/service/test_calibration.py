@@ -122,6 +122,17 @@ def test_a_rig_of_other_masses_is_not_called_the_default_bench(small_map: RmsMap
     assert "the rig is not calibrated on this machine" in line
 
 
+def test_the_rig_of_another_bearing_is_named_as_such() -> None:
+    c = config({"calibrated": "declared"})
+    values = c.model_dump(mode="json", exclude_unset=True)
+    values["bearing"] = [*values["bearing"], {"name": "other", "designation": "6205"}]
+    values["channel"] = [{**values["channel"][0], "bearing": "other"}]
+    c = validate(values, Path("machine.toml"))
+    settings = source_settings(c, c.source[0]).channels["c"]
+    assert settings.calibration is False
+    assert "[rig] is that of another bearing" in next(uncalibrated_lines(c, {"c": settings}))
+
+
 def test_a_calibrated_rig_says_nothing(tmp_path: Path, small_map: RmsMap) -> None:
     path = tmp_path / "map.nc"
     save_map(claimed(small_map, "declared"), path)

@@ -74,6 +74,19 @@ def test_an_alarm_says_all_that_somebody_on_the_way_wants_to_know() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    "status", [{"edv_status": "uncalibrated"}, {"edv_status": "widened", "tt_status": ("uncalibrated",)}]
+)
+def test_v_eq_of_an_uncalibrated_rig_is_sent_relative(status: dict[str, Any]) -> None:
+    values = VALUES | {"v_eq_relative": 2.5} | status
+    message = compose(ROME, [item(ALARM, values)])
+    assert "V_eq     2.5 times the first tracked value (rig not calibrated)" in message.text
+    (event,) = json.loads(message.to_json())["events"]
+    assert event["state"]["v_eq_relative"] == pytest.approx(2.5)
+    calibrated = compose(ROME, [item(ALARM, VALUES | {"v_eq_relative": 2.5, "edv_status": "ok", "tt_status": ("ok",)})])
+    assert "V_eq     0.0123 mm³/mm" in calibrated.text
+
+
 def test_programs_get_the_same_with_units_in_the_keys() -> None:
     found = json.loads(compose(ROME, [item(ALARM, VALUES)]).to_json())
     assert (found["machine"], found["page"], found["left_out"]) == ("press", ROME.page, 0)
