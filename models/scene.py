@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from models.bearing import Bearing, Element, from_catalogue
+from models.checks import check_choice, check_numbers, check_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,28 +42,6 @@ EFFECTS: dict[str, str] = {
     "slip": "slip drawn per passage",
     "mean_force_slip": "slip as its mean force",
 }
-
-
-def _check_numbers(owner: object, prefix: str, rule: str, *names: str) -> None:
-    """Raise a ValueError that names a field which breaks a rule: "positive", "not negative" or "finite"."""
-    for name in names:
-        value = getattr(owner, name)
-        met = {"positive": value > 0.0, "not negative": value >= 0.0, "finite": True}[rule]
-        if not (met and math.isfinite(value)):
-            wanted = {"positive": "positive and finite", "not negative": "finite and not negative"}.get(rule, rule)
-            raise ValueError(f"{prefix}{name} must be {wanted}, got {value!r}")
-
-
-def _check_choice(value: str, field_name: str, choices: tuple[str, ...]) -> None:
-    """Raise a ValueError that names a field whose value is none of the choices."""
-    if value not in choices:
-        raise ValueError(f"{field_name} must be one of {', '.join(map(repr, choices))}, got {value!r}")
-
-
-def _check_whole(value: float, field_name: str, least: int) -> None:
-    """Raise a ValueError that names a field which is not a whole number from ``least`` on."""
-    if isinstance(value, bool) or not math.isfinite(value) or value != int(value) or value < least:
-        raise ValueError(f"{field_name} must be a whole number of at least {least}, got {value!r}")
 
 
 @dataclass(frozen=True)
@@ -105,9 +84,9 @@ class Rig:
             raise ValueError(f"rig.calibrated must be False, True or 'declared', got {self.calibrated!r}")
         if self.identification and self.calibrated is not True:
             raise ValueError(f"rig.identification belongs to rig.calibrated = True, got {self.calibrated!r}")
-        _check_numbers(self, "rig.", "positive", "m_i", "m_o", "m_r", "k_i", "k_r", "k_c")
-        _check_choice(self.element, "rig.element", ("ball", "roller"))
-        _check_numbers(self, "rig.", "not negative", "m_b", "c_i", "c_r", "alpha_c", "beta_c")
+        check_numbers(self, "rig.", "positive", "m_i", "m_o", "m_r", "k_i", "k_r", "k_c")
+        check_choice(self.element, "rig.element", ("ball", "roller"))
+        check_numbers(self, "rig.", "not negative", "m_b", "c_i", "c_r", "alpha_c", "beta_c")
 
     @property
     def is_default_bench(self) -> bool:
@@ -124,11 +103,6 @@ class Rig:
 
 
 _BENCH = ("m_i", "m_o", "m_r", "k_i", "k_r")
-
-
-def weakest_calibration(*found: Calibration) -> Calibration:
-    """Return the weakest of several claims: false, then "declared", then true; true for none."""
-    return False if False in found else "declared" if "declared" in found else True
 
 
 def natural_frequencies(rig: Rig, k_xx: float, k_yy: float) -> NDArray[np.float64]:
@@ -200,10 +174,10 @@ class Floor:
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field of an unusable value."""
-        _check_choice(self.kind, "floor.kind", ("smooth", "rough"))
-        _check_numbers(self, "floor.", "not negative", "sd")
-        _check_numbers(self, "floor.", "positive", "pitch", *(["cutoff"] if self.cutoff is not None else []))
-        _check_whole(self.seed, "floor.seed", 0)
+        check_choice(self.kind, "floor.kind", ("smooth", "rough"))
+        check_numbers(self, "floor.", "not negative", "sd")
+        check_numbers(self, "floor.", "positive", "pitch", *(["cutoff"] if self.cutoff is not None else []))
+        check_whole(self.seed, "floor.seed", 0)
 
 
 @dataclass(frozen=True)
@@ -234,10 +208,10 @@ class Defect:
             raise ValueError(f"dphi_d must lie between 0 and 2 pi rad, got {self.dphi_d!r}")
         if not self.h_d >= 0.0:
             raise ValueError(f"h_d must not be negative, got {self.h_d!r} m")
-        _check_numbers(self, "defect.", "finite", "position")
-        _check_choice(self.part, "defect.part", PARTS)
-        _check_whole(self.rows, "defect.rows", 1)
-        _check_whole(self.first_row, "defect.first_row", 0)
+        check_numbers(self, "defect.", "finite", "position")
+        check_choice(self.part, "defect.part", PARTS)
+        check_whole(self.rows, "defect.rows", 1)
+        check_whole(self.first_row, "defect.first_row", 0)
 
     @property
     def moves_balls(self) -> bool:
@@ -271,9 +245,9 @@ class Waviness:
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field of an unusable value."""
-        _check_numbers(self, "waviness.", "finite", "amplitude", "phase")
-        _check_whole(self.order, "waviness.order", 1)
-        _check_choice(self.race, "waviness.race", ("outer", "inner"))
+        check_numbers(self, "waviness.", "finite", "amplitude", "phase")
+        check_whole(self.order, "waviness.order", 1)
+        check_choice(self.race, "waviness.race", ("outer", "inner"))
 
 
 @dataclass(frozen=True)
@@ -299,8 +273,8 @@ class Slip:
         """Raise a ValueError that names the field of an unusable value."""
         if not 0.0 <= self.phi_slip < 0.5:
             raise ValueError(f"slip.phi_slip must lie between 0 and 0.5 rad, got {self.phi_slip!r}")
-        _check_choice(self.rule, "slip.rule", ("per_passage", "mean_force"))
-        _check_whole(self.seed, "slip.seed", 0)
+        check_choice(self.rule, "slip.rule", ("per_passage", "mean_force"))
+        check_whole(self.seed, "slip.seed", 0)
 
     @property
     def redraws(self) -> bool:
@@ -343,9 +317,9 @@ class Scene:
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field of an unusable value."""
-        _check_numbers(self, "", "positive", "speed")
-        _check_numbers(self, "", "not negative", "load", "clearance", "unbalance", "gravity")
-        _check_numbers(self, "", "finite", "gravity_angle")
+        check_numbers(self, "", "positive", "speed")
+        check_numbers(self, "", "not negative", "load", "clearance", "unbalance", "gravity")
+        check_numbers(self, "", "finite", "gravity_angle")
         if self.rig.element != self.bearing.element:
             raise ValueError(
                 f"rig.k_c is that of a {self.rig.element}, {self.bearing.designation} has {self.bearing.element}s"

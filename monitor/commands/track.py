@@ -14,7 +14,7 @@ import numpy as np
 
 from models.maps.data import RmsMap
 from models.maps.file import load_map
-from models.scene import Calibration, Rig, weakest_calibration
+from models.scene import Calibration, Rig
 from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
 from monitor.commands.history_files import SUFFIXES, library_settings, prior_of, read_readings, write_out
@@ -24,7 +24,7 @@ from monitor.health.damage import tracker as damage
 from monitor.health.damage.library.model import Library
 from monitor.health.damage.thesis import edv
 from monitor.health.damage.thesis.edv import rms_from_map, rms_from_model, rms_history
-from monitor.service.calibration import rig_of_library
+from monitor.service.calibration import rig_of_library, weakest_calibration
 from monitor.service.setup import part_map
 from monitor.words.calibration import uncalibrated_sentence
 from streams.block import STANDARD_GRAVITY

@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from models.maps.data import RmsMap
-from models.scene import Calibration, Rig, weakest_calibration
+from models.scene import Calibration, Rig
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection
 from monitor.health.damage.library.model import Library
 from monitor.health.state import ChannelSettings
 from monitor.words.calibration import uncalibrated_sentence
 from monitor.words.statuses import suspended_words
+
+
+def weakest_calibration(*found: Calibration) -> Calibration:
+    """Return the weakest of several claims: false, then "declared", then true; true for none."""
+    return False if False in found else "declared" if "declared" in found else True
 
 
 def rig_of_library(library: Library) -> Rig | None:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.scene import weakest_calibration
 from monitor.health.damage.tracker import part_of
 from monitor.records.packing import columns_of, numbers_of, places_of
+from monitor.service.calibration import weakest_calibration
 from monitor.web.answers import RequestError, numbers, times
 from monitor.web.api import calibration, is_dated, latest_values
 from monitor.web.machines import Machine

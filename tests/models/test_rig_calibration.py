@@ -1,4 +1,4 @@
-"""Whether a rig is calibrated: what vouches for it, what maps and lives carry of it, and which claim is the weakest."""
+"""Whether a rig is calibrated: what vouches for it, and what maps and lives carry of it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from models.lives.population import Population
 from models.maps.plan import MODEL_VERSION, MapPlan
-from models.scene import Calibration, Rig, weakest_calibration
+from models.scene import Rig
 
 PLAN = MapPlan(load=(4000.0,), speed=(40.0,), h_d=(0.0, 1e-5), dphi_d=(0.0, 0.1))
 HASH = "0123456789abcdef" * 4
@@ -49,20 +49,6 @@ def test_without_an_identification_the_hash_is_that_of_earlier_versions() -> Non
     del fields["part"], fields["rig"]["identification"]
     text = f"{PLAN.model} {MODEL_VERSION} {json.dumps(fields, sort_keys=True)}"
     assert PLAN.hash() == hashlib.sha256(text.encode()).hexdigest()
-
-
-@pytest.mark.parametrize(
-    ("claims", "expected"),
-    [
-        ((), True),
-        ((True, True), True),
-        ((True, "declared"), "declared"),
-        (("declared", False, True), False),
-        ((False,), False),
-    ],
-)
-def test_the_weakest_claim_holds(claims: tuple[Calibration, ...], expected: Calibration) -> None:
-    assert weakest_calibration(*claims) is expected
 
 
 def test_the_default_bench_is_known_by_its_masses_and_springs() -> None:

@@ -22,23 +22,17 @@ from monitor.health.damage.tracker import DamageGate, DamageSettings, DamageStat
 from monitor.words.features import LEVELS
 from tests.oracles.toy_lives import THRESHOLD, toy_library, toy_life
 
-CALIBRATED = DamageSettings(
-    maps={
-        part: PartMap(
-            lambda load, speed, radius=radius: (
-                LevelMap(
-                    np.radians(np.linspace(0.0, 50.0, 26)),
-                    np.linspace(0.0, 32e-6, 17),
-                    0.2 + 10.0 * np.linspace(0.0, 1.0, 17)[:, None] ** 0.8 * np.linspace(0.0, 1.0, 26) ** 0.4,
-                    radius,
-                ),
-                None,
-            )
-        )
-        for part, radius in (("outer", 0.0229), ("inner", 0.0166))
-    },
-    thresholds=(0.02e-6, 10.0),
-)
+RADII: dict[Part, float] = {"outer": 0.0229, "inner": 0.0166}
+
+
+def map_of(part: Part) -> PartMap:
+    """RMS that rises with extent and depth from that of a healthy bearing."""
+    rms = 0.2 + 10.0 * np.linspace(0.0, 1.0, 17)[:, None] ** 0.8 * np.linspace(0.0, 1.0, 26) ** 0.4
+    level_map = LevelMap(np.radians(np.linspace(0.0, 50.0, 26)), np.linspace(0.0, 32e-6, 17), rms, RADII[part])
+    return PartMap(lambda load, speed: (level_map, None))
+
+
+CALIBRATED = DamageSettings(maps={part: map_of(part) for part in RADII}, thresholds=(0.02e-6, 10.0))
 UNCALIBRATED = replace(CALIBRATED, calibrated=False)
 GROWING = [DamageInput(60.0 * i, 2.0 + 0.2 * i) for i in range(20)]
 Result = tuple[Damage, tuple[Remaining, ...]]

@@ -16,7 +16,8 @@ from models.maps.plan import MapPlan
 from models.scene import Calibration, Rig
 from monitor.commands.check import find_problems
 from monitor.config.load import Config, validate
-from monitor.service.calibration import is_calibrated, rig_of_library, uncalibrated_lines
+from monitor.service.calibration import is_calibrated, rig_of_library, uncalibrated_lines, weakest_calibration
+from monitor.service.machine_status import channel_state
 from monitor.service.setup import source_settings
 from monitor.service.summary import run_attributes
 from tests.oracles.toy_lives import toy_library
@@ -69,6 +70,20 @@ def test_the_weakest_claim_of_configuration_and_map_holds(
     words = {False: "no", True: "yes", "declared": "declared"}
     assert run_attributes(c, {"c": channel})["calibrated"] == words[weakest]
     assert len(list(uncalibrated_lines(c, {"c": channel}))) == (2 if weakest is False else 0)
+
+
+@pytest.mark.parametrize(
+    ("claims", "expected"),
+    [
+        ((), True),
+        ((True, True), True),
+        ((True, "declared"), "declared"),
+        (("declared", False, True), False),
+        ((False,), False),
+    ],
+)
+def test_the_weakest_claim_holds(claims: tuple[Calibration, ...], expected: Calibration) -> None:
+    assert weakest_calibration(*claims) is expected
 
 
 def test_thresholds_on_the_scale_of_the_model_are_taken_where_asked_for(small_map: RmsMap) -> None:
@@ -131,6 +146,13 @@ def test_the_rig_of_another_bearing_is_named_as_such() -> None:
     settings = source_settings(c, c.source[0]).channels["c"]
     assert settings.calibration is False
     assert "[rig] is that of another bearing" in next(uncalibrated_lines(c, {"c": settings}))
+
+
+def test_a_level_that_is_not_applied_is_the_reason_of_the_state() -> None:
+    assert channel_state("out_of_specification", suspended=("soon",))[1].endswith(
+        "; level 'soon' not applied: the rig is not calibrated"
+    )
+    assert channel_state("maintenance_required", stage="final", suspended=("soon",))[1] == ("the final stage has begun")
 
 
 def test_a_calibrated_rig_says_nothing(tmp_path: Path, small_map: RmsMap) -> None:

@@ -358,10 +358,6 @@ def test_what_is_not_known_to_be_well_is_not_called_normal() -> None:
     assert channel_state("normal", refused=refused) == ("bad_data", refused)
     assert channel_state("maintenance_required", silent=silent)[0] == "no_data"
     assert channel_state("out_of_specification", refused=refused)[0] == "bad_data"
-    assert channel_state("out_of_specification", suspended=("soon",))[1].endswith(
-        "; level 'soon' not applied: the rig is not calibrated"
-    )
-    assert channel_state("maintenance_required", stage="final", suspended=("soon",))[1] == ("the final stage has begun")
     assert channel_state("failure", silent=silent, refused=refused)[0] == "failure"
     alert = {"rule": "loud", "severity": "alert", "active": True, "since_block": 5}
     assert channel_state("maintenance_required", [alert])[1] == "alert of loud since block 5"
