@@ -82,6 +82,8 @@ def _is_recording(source: SourceSection) -> bool:
 
 def find_problems(config: Config) -> Iterator[str]:
     """Yield the problems that keep parts of the configuration from working."""
+    if config.rig.claim != config.rig.calibrated:
+        yield 'rig.calibrated = true without identification (the hash that identify writes) counts as "declared"'
     for channel in config.channel:
         name = f"channel {channel.name!r}"
         if channel.track:

@@ -11,7 +11,7 @@ from pydantic import Field, StrictBool, model_validator
 from models.bearing import Bearing, CatalogueEntry, catalogue_entry
 from models.catalogue.series import Origin
 from models.contact_estimates import element_mass, estimate_stiffness
-from models.scene import Rig
+from models.scene import Calibration, Rig
 from monitor.config.fields import Name, NotNegative, Positive, Section
 
 _NO_DIMENSIONS = ("element", "rows", "rotating_ring")
@@ -100,7 +100,7 @@ class RigSection(Section):
     estimated from its geometry.
 
     ``calibrated`` is true for numbers that were identified on this machine, with the hash of that identification, or
-    "declared" where a person vouches for them.
+    "declared" where a person vouches for them. Without the hash true is no more than that: see ``claim``.
     """
 
     bearing: Name | None = None
@@ -121,18 +121,17 @@ class RigSection(Section):
 
     @model_validator(mode="after")
     def _vouched(self) -> Self:
-        if self.calibrated is True and self.identification is None:
-            raise ValueError(
-                "calibrated = true needs the hash of the identification that found the numbers (identification = "
-                '"..."), as spallwatch identify writes it; where you vouch for the numbers yourself, write '
-                'calibrated = "declared"'
-            )
         if self.calibrated is not True and self.identification is not None:
             raise ValueError(
                 "identification is the hash of calibrated = true; remove it, or write calibrated = true "
                 "if the numbers are those of the identification"
             )
         return self
+
+    @property
+    def claim(self) -> Calibration:
+        """What vouches for the numbers; true without the hash of an identification is "declared"."""
+        return "declared" if self.calibrated is True and self.identification is None else self.calibrated
 
     def to_rig(self, entry: CatalogueEntry, *, own: bool) -> Rig:
         """Return the parameters in SI for a bearing, which is the section's ``own`` or another.
@@ -160,6 +159,6 @@ class RigSection(Section):
             alpha_c=self.alpha_c_per_s,
             beta_c=self.beta_c_s,
             element=element,
-            calibrated=self.calibrated if own else False,
+            calibrated=self.claim if own else False,
             identification=(self.identification or "") if own else "",
         )

@@ -94,7 +94,7 @@ class Config(Section):
 
     def calibration_of(self, channel: ChannelSection) -> Calibration:
         """Return whether ``[rig]`` is calibrated for the bearing of a channel; an estimated stiffness is not."""
-        return self.rig.calibrated if self.owns_rig(self.entry_of(channel)) else False
+        return self.rig.claim if self.owns_rig(self.entry_of(channel)) else False
 
     @property
     def hash(self) -> str:

@@ -65,6 +65,6 @@ def _reason(config: Config, section: ChannelSection, *, issued: bool) -> str:
         rig = config.rig_of(config.entry_of(section))
     except ValueError as error:
         return uncalibrated_sentence(str(error), issued=issued)
-    if config.rig.calibrated is not False:
+    if config.rig.claim is not False:
         return uncalibrated_sentence("[rig] is that of another bearing; see bearing in [rig]", issued=issued)
     return uncalibrated_sentence(rig, issued=issued)

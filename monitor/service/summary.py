@@ -53,7 +53,7 @@ def _calibration_words(config: Config, channels: Mapping[str, ChannelSettings]) 
     words: dict[Calibration, str] = {True: "yes", False: "no", "declared": "declared"}
     found = {name: words[channel.calibration] for name, channel in channels.items() if channel.calibration is not None}
     if not found:
-        return words[config.rig.calibrated]
+        return words[config.rig.claim]
     if len(set(found.values())) == 1:
         return next(iter(found.values()))
     return "; ".join(f"{name}: {word}" for name, word in found.items())

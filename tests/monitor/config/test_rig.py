@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from models.scene import Rig
+from monitor.commands.check import find_problems
 from monitor.config.load import Config, ConfigError, validate
 
 HASH = "ab" * 32
@@ -47,10 +48,18 @@ def test_the_contact_stiffness_of_another_bearing_is_an_estimate(rig: dict[str, 
     assert [found.calibration_of(channel) for channel in found.channel] == [rig["calibrated"], False]
 
 
+def test_true_without_the_hash_of_an_identification_is_a_declaration() -> None:
+    found = config(calibrated=True)
+    assert rigs(found)[0].calibrated == "declared"
+    assert found.calibration_of(found.channel[0]) == "declared"
+    assert any("without identification" in problem for problem in find_problems(found))
+    identified = config(calibrated=True, identification=HASH)
+    assert not any("identification" in problem for problem in find_problems(identified))
+
+
 @pytest.mark.parametrize(
     ("rig", "messages"),
     [
-        ({"calibrated": True}, ("needs the hash of the identification", "spallwatch identify", '"declared"')),
         ({"identification": HASH}, ("identification is the hash of calibrated = true",)),
         ({"identification": HASH, "calibrated": "declared"}, ("identification is the hash of calibrated = true",)),
         ({"calibrated": True, "identification": "by hand"}, ("rig.identification = 'by hand'",)),
