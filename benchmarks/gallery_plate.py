@@ -15,6 +15,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure, FigureBase
 from PIL import Image
 
@@ -137,8 +138,12 @@ def _encoded(made: Figure, number: str) -> tuple[str, bytes]:
 
 def _drawn(made: Figure, kind: str, dpi: int) -> bytes:
     buffer = io.BytesIO()
-    metadata = {"Date": None} if kind == "svg" else None
-    made.savefig(buffer, format=kind, dpi=dpi, facecolor="white", metadata=metadata)
+    made.set(dpi=dpi, facecolor="white")
+    # Figure.savefig would draw everything twice, the first time for the layout, which drawing makes anyway.
+    if kind == "svg":
+        FigureCanvasSVG(made).print_svg(buffer, metadata={"Date": None})
+    else:
+        FigureCanvasAgg(made).print_png(buffer)
     return buffer.getvalue()
 
 

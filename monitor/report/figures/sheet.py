@@ -12,6 +12,7 @@ from typing import Any
 
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure, FigureBase
 
 from monitor.report.figures.drawing import INK, SOFT, STYLE, WIDTH, Picture, to_svg
@@ -77,8 +78,13 @@ def write_sheet(sheet: Sheet, path: Path) -> None:
     # On white, as a picture has no page.
     buffer, kind = io.BytesIO(), path.suffix.lower().removeprefix(".")
     with mpl.rc_context(STYLE):
-        metadata = {"Date": None} if kind == "svg" else None
-        compose(sheet).savefig(buffer, format=kind, dpi=_DPI, facecolor="white", metadata=metadata)
+        figure = compose(sheet)
+        figure.set(dpi=_DPI, facecolor="white")
+        # Figure.savefig would draw everything twice, the first time for the layout, which drawing makes anyway.
+        if kind == "svg":
+            FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
+        else:
+            FigureCanvasAgg(figure).print_png(buffer)
     write_whole(path, buffer.getvalue(), make_folder=False)
 
 

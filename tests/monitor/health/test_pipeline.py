@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -47,6 +48,11 @@ def base(**changes: object) -> ChannelSettings:
 
 def life(count: int = 80, seed: int = 0, first_bad: int = FIRST_BAD) -> list[NDArray[np.float32]]:
     """A healthy machine whose outer race begins to fail, 0.1 s a block."""
+    return list(_life(count, seed, first_bad))
+
+
+@cache
+def _life(count: int, seed: int, first_bad: int) -> list[NDArray[np.float32]]:
     rng = np.random.default_rng(seed)
     machine = HealthyMachine.draw(rng, SPEED, LINES.bpfo)
     blocks = []
@@ -55,7 +61,9 @@ def life(count: int = 80, seed: int = 0, first_bad: int = FIRST_BAD) -> list[NDA
         if i + 1 >= first_bad:
             height = 4.0 + 1.0 * (i + 1 - first_bad)
             x += impacts(rng, "outer", LINES, rate=RATE, duration=N / RATE, height=height, noise=0.0)
-        blocks.append(x.astype(np.float32))
+        block = x.astype(np.float32)
+        block.flags.writeable = False
+        blocks.append(block)
     return blocks
 
 
@@ -91,8 +99,23 @@ DAMAGE = DamageSettings(maps={"outer": PartMap(lambda load, speed: (map_slice(),
 TRACKED = base(damage=DAMAGE)
 
 
+@cache
+def _whole() -> list[tuple[ChannelState, ChannelOutput]]:
+    """Return the states and outputs after each block of the life; states are never changed."""
+    state, found = ChannelState(), list[tuple[ChannelState, ChannelOutput]]()
+    for i, x in enumerate(life()):
+        state, output = step(state, checked(i, x, state, TRACKED), TRACKED)
+        found.append((state, output))
+    return found
+
+
+def whole_life() -> tuple[ChannelState, list[ChannelOutput]]:
+    states, outputs = zip(*_whole(), strict=True)
+    return states[-1], list(outputs)
+
+
 def test_a_life_goes_through_its_stages_and_gets_its_name() -> None:
-    state, outputs = run(life(), TRACKED)
+    state, outputs = whole_life()
     assert state.detect.t_fs is not None
     assert state.detect.t_fs_known is not None
     assert FIRST_BAD <= state.detect.t_fs.sequence <= FIRST_BAD + 4
@@ -117,21 +140,9 @@ def test_states_written_as_json_midway_change_nothing(cuts: set[int]) -> None:
         assert state.to_dict() == after.to_dict()
 
 
-_kept: list[tuple[ChannelState, ChannelOutput]] = []
-
-
-def _whole() -> list[tuple[ChannelState, ChannelOutput]]:
-    if not _kept:
-        state = ChannelState()
-        for i, x in enumerate(life()):
-            state, output = step(state, checked(i, x, state, TRACKED), TRACKED)
-            _kept.append((state, output))
-    return _kept
-
-
 def test_the_tracker_begins_at_t_fs_though_it_is_known_later() -> None:
     """Oracle: the tracker and the forecast, fed afterwards with every block from t_fs on."""
-    state, outputs = run(life(), TRACKED)
+    state, outputs = whole_life()
     assert state.detect.t_fs is not None
     assert state.detect.t_fs_known is not None
     begin, known = state.detect.t_fs.sequence, state.detect.t_fs_known.sequence
@@ -318,7 +329,7 @@ def test_a_state_of_another_version_is_refused() -> None:
 
 def test_a_state_of_version_1_is_read() -> None:
     """It kept tracker, forecast and waiting blocks side by side, the latter by time and RMS only."""
-    state, _ = run(life(), TRACKED)
+    state, _ = whole_life()
     new = state.to_dict()
     damage = new.pop("damage")
     old = {**new, "version": 1, "edv": damage["edv"], "forecast": damage["forecast"], "pending": [[5.0, 0.25]]}
