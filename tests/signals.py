@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +86,19 @@ def _ringing(train: Samples, rate: float) -> Samples:
     return np.fft.irfft(np.fft.rfft(train, length) * np.fft.rfft(ring, length), length)[: train.size]
 
 
+def _tone(n: int, frequency: float, turn: float) -> Samples:
+    """Return the cosine of ``n`` samples: cycles per sample, and turns at the first sample."""
+    along, across = _quadratures(n, frequency)
+    return math.cos(2.0 * math.pi * turn) * along - math.sin(2.0 * math.pi * turn) * across
+
+
+@lru_cache(maxsize=16)
+def _quadratures(n: int, frequency: float) -> tuple[Samples, Samples]:
+    """Return cosine and sine of a frequency, which all blocks of a machine have in common."""
+    angle = 2.0 * np.pi * frequency * np.arange(n)
+    return np.cos(angle), np.sin(angle)
+
+
 @dataclass(frozen=True)
 class HealthyMachine:
     """One healthy machine: its own levels, drawn once, and how they wander from block to block.
@@ -137,15 +151,14 @@ class HealthyMachine:
 
     def block(self, rng: np.random.Generator, level: float, rate: float, n: int) -> Samples:
         """Return the samples of one block, shape (n,)."""
-        t = np.arange(n) / rate
         noise = rng.standard_normal(n)
         passing = 1.0 + sum(
-            depth * np.cos(2.0 * np.pi * (order * self.bpfo * t + rng.uniform()))
+            depth * _tone(n, order * self.bpfo / rate, rng.uniform())
             for order, depth in zip((1, 2), self.compliance, strict=True)
         )
         x = noise * passing
         for order, amplitude in enumerate(self.harmonics, start=1):
-            x += amplitude * np.cos(2.0 * np.pi * (order * self.speed * t + rng.uniform()))
+            x += amplitude * _tone(n, order * self.speed / rate, rng.uniform())
         x *= level
         if rng.uniform() < self.burst_rate:
             x += pulses(n, rate, rng.uniform(0.0, n / rate, 1), rng.uniform(10.0, 100.0) * level)
