@@ -123,7 +123,7 @@ def _numbers(variable: Variable, array: xr.DataArray) -> NDArray[np.float64]:
     return np.where(values == (0.0 if variable.kind == "mask" else -1.0), np.nan, values)
 
 
-def words(array: xr.DataArray) -> NDArray[np.object_]:
+def words(array: xr.DataArray | xr.Variable) -> NDArray[np.object_]:
     """Decode integers with CF flag attributes to strings, "" without a value, words of a mask joined by "|"."""
     meanings = str(array.attrs["flag_meanings"]).split()
     values = np.asarray(array.values)

@@ -295,16 +295,17 @@ def _columns(
     """Join the variables of one channel over all datasets, padded where one has more bands or thresholds."""
     numbers: dict[str, NDArray[np.float64]] = {}
     texts: dict[str, NDArray[np.object_]] = {}
+    places = [np.flatnonzero(dataset.variables["channel"].values.astype(str) == channel) for dataset in datasets]
     for variable in VARIABLES.values():
         worded = variable.kind in ("flag", "mask")
         blocks: list[NDArray[Any]] = []
-        for dataset in datasets:
-            place = np.flatnonzero(dataset.channel.values.astype(str) == channel)
-            if variable.name not in dataset or not place.size:
+        for dataset, place in zip(datasets, places, strict=True):
+            # A data array for each variable would take most of the time of a report without figures.
+            if variable.name not in dataset.variables or not place.size:
                 missing: Any = "" if worded else np.nan
                 blocks.append(np.full((dataset.sizes["time"], 1), missing, dtype=object if worded else np.float64))
                 continue
-            array = xr.DataArray(dataset.variables[variable.name].isel(channel=int(place[0])))
+            array = dataset.variables[variable.name].isel(channel=int(place[0]))
             values = words(array) if worded else _seconds_or_numbers(array)
             if variable.kind == "int":
                 values = np.where(values < 0, np.nan, values)
@@ -324,7 +325,7 @@ def _columns(
     return numbers, texts
 
 
-def _seconds_or_numbers(array: xr.DataArray) -> NDArray[np.float64]:
+def _seconds_or_numbers(array: xr.DataArray | xr.Variable) -> NDArray[np.float64]:
     """Return float64, dates that xarray decoded as seconds since 1970."""
     values = array.values
     if np.issubdtype(values.dtype, np.datetime64):
