@@ -189,10 +189,33 @@ def test_whatever_was_damaged_it_opens_and_what_is_saved_is_as_it_was_committed(
     except StoreError as error:
         # Two words of the table meta say whose store it is and of which version: these are believed.
         refusals = ["belongs to machine", "was written with schema version"]
-        # What begins as no database does, without a log and without our tables, may be anybody's.
-        refusals += [] if log.exists() else ["is not a database"]
+        # What begins as no database does, without a log that begins as one and without our tables, may be anybody's;
+        # zeros are nobody's.
+        ours = is_log(log) or not any(path.read_bytes()[:16])
+        refusals += [] if ours else ["is not a database"]
         if not any(text in str(error) for text in refusals):
             raise
+
+
+def is_log(path: Path) -> bool:
+    """Return whether a file begins as a write-ahead log does (file format of SQLite, section 4.1)."""
+    return path.exists() and path.read_bytes()[:4] in (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83")
+
+
+def test_a_first_page_of_zeros_beside_a_log_without_a_header_is_a_damaged_store(
+    stores: dict[bool, Path], tmp_path: Path
+) -> None:
+    """Seen with full effort: the store was taken for a foreign file, and the monitor did not start."""
+    path = copied(stores[False], tmp_path / "state")
+    log = Path(f"{path}-wal")
+    page, header = bytearray(path.read_bytes()), bytearray(log.read_bytes())
+    zero(page, 0, 0)
+    flip(header, 0, 1)
+    path.write_bytes(page)
+    log.write_bytes(header)
+    report = check(path)
+    assert report is not None
+    assert report.aside is not None
 
 
 def damaged(stores: dict[bool, Path], folder: Path) -> Path:

@@ -97,10 +97,13 @@ def _is_logged(path: Path) -> bool:
 
 
 def _is_ours(path: Path) -> bool:
-    """Return whether a file begins as a database, cut off, or SQLite finds our tables in it once it has a header."""
+    """Return whether a file begins as a database, cut off, or with a lost page, or holds our tables behind its header.
+
+    A page of zeros is what a power cut leaves, and begins nothing of anybody's.
+    """
     with path.open("rb") as file:
         head = file.read(len(MAGIC))
-    if MAGIC.startswith(head):
+    if MAGIC.startswith(head) or not any(head):
         return True
     try:
         with opened(path) as connection:
