@@ -174,6 +174,8 @@ def _root(function: Callable[[float], float], high: float) -> float:
     low = 0.0
     for _ in range(200):
         middle = 0.5 * (low + high)
+        if middle in (low, high):
+            break
         low, high = (low, middle) if function(middle) > 0.0 else (middle, high)
     return 0.5 * (low + high)
 
