@@ -106,8 +106,8 @@ each_stage = pytest.mark.parametrize("name", sorted(STAGES))
 
 
 def text_of(value: Any) -> str:
-    """Return all of a state or an output; of an array, all numbers in full."""
-    with np.printoptions(threshold=10**6, floatmode="unique"):
+    """Return all of a state or an output; of an array, the bytes of all numbers."""
+    with np.printoptions(override_repr=lambda array: f"array({array.dtype}, {array.shape}, {array.tobytes()!r})"):
         return repr(value)
 
 
