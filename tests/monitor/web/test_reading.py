@@ -206,7 +206,7 @@ def test_a_stream_that_is_not_read_is_ended(tmp_path: Path, monkeypatch: pytest.
                 daemon.write(large | {"up_s": number[0]})
                 return _streams(page) == 0.0
 
-            wait_until(ended)
+            wait_until(ended, every=0.1)
 
 
 def _streams(page: Page) -> float:
