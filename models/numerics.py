@@ -89,3 +89,31 @@ def crests(before: NDArray[np.float64], at: NDArray[np.float64], after: NDArray[
     inside = (at * bend < 0.0) & (np.abs(slope) < np.abs(bend))
     rise = np.where(inside, 0.5 * slope * slope / np.where(inside, np.abs(bend), 1.0), 0.0)
     return np.max(np.abs(at) + rise, axis=0, initial=0.0)
+
+
+def low_discrepancy(count: int, dimensions: int, seed: int) -> NDArray[np.float64]:
+    """Return points of a scrambled Sobol sequence in the unit cube, shape (count, dimensions); count a power of two."""
+    from scipy.stats import qmc
+
+    return np.asarray(qmc.Sobol(dimensions, seed=np.random.default_rng(seed)).random(count))
+
+
+def least_squares_in_cube(
+    residuals: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    jacobian: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    begin: NDArray[np.float64],
+    *,
+    ftol: float,
+    xtol: float,
+    calls: int,
+) -> NDArray[np.float64]:
+    """Return the point of the unit cube that a trust-region method finds for the least sum of squares.
+
+    A point at which a residual is not finite is not taken. ``calls`` limits those of ``residuals``.
+    """
+    from scipy.optimize import least_squares
+
+    found = least_squares(
+        residuals, begin, jac=jacobian, bounds=(0.0, 1.0), method="trf", ftol=ftol, xtol=xtol, gtol=None, max_nfev=calls
+    )
+    return np.asarray(found.x)

@@ -1,0 +1,167 @@
+"""The features that a candidate has at the conditions of the tests, several candidates at a time, each once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.identify.trials import FEATURES, Condition, a_star
+from models.scene import Defect, Scene
+from models.workers import in_threads
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.identify.space import Space
+
+# Relative error of the RMS due to the steps (1e-3 was found); it changes smoothly with the parameters.
+ACCURACY = 5e-3
+# Ball periods that a motion is simulated for which does not repeat.
+_MAX_PERIODS = 400
+# Relative uncertainty of a level that drifts or left the finite numbers.
+_UNKNOWN = 1.0
+# A smaller level counts as this one, m/s2: logarithms are taken of levels.
+_LEAST_LEVEL = 1e-9
+
+Values = Mapping[str, float]
+Key = tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """What one candidate does at all conditions.
+
+    Attributes:
+        features: RMS and A*, m/s2, shape (conditions, features).
+        doubt: relative standard deviation of each, shape (conditions, features): zero where the motion repeats with
+            the ball passage, that from period to period where it does not, 1 where the level is unknown.
+    """
+
+    features: NDArray[np.float64]
+    doubt: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Conditions that differ in the extent of their defect only, by their numbers."""
+
+    condition: Condition
+    numbers: tuple[int, ...]
+    extents: tuple[float, ...]
+
+
+@dataclass(eq=False)
+class Evaluator:
+    """Simulates candidates; keeps what it found, so that no candidate is simulated twice.
+
+    Attributes:
+        space: of which all candidates are.
+        conditions: of the tests.
+        band: in which the RMS is taken, Hz, or None for the full bandwidth.
+        workers: threads; 0 is one per core. The results do not depend on it.
+        kept: what was found, by the values of the parameters; that of an earlier run may be given.
+        simulated: candidates simulated here.
+        notify: called after each batch.
+    """
+
+    space: Space
+    conditions: Sequence[Condition]
+    band: tuple[float, float] | None = None
+    workers: int = 1
+    kept: dict[Key, Level] = field(default_factory=dict[Key, Level])
+    simulated: int = 0
+    asked: int = 0
+    notify: Callable[[], None] | None = None
+
+    def __post_init__(self) -> None:
+        """Group the conditions into rows."""
+
+        def common(number: int) -> tuple[object, ...]:
+            c = self.conditions[number]
+            return c.part, c.speed, c.load, c.h_d
+
+        numbers = sorted(range(len(self.conditions)), key=lambda n: (*common(n), self.conditions[n].dphi_d))
+        self._rows: list[_Row] = []
+        for _, group in groupby(numbers, key=common):
+            members = tuple(group)
+            extents = tuple(self.conditions[n].dphi_d for n in members)
+            self._rows.append(_Row(self.conditions[members[0]], members, extents))
+
+    def levels(self, candidates: Sequence[Values]) -> list[Level]:
+        """Return the levels of candidates.
+
+        Raises:
+            ValueError: if one is outside Eq. 80; nothing is simulated then.
+        """
+        keys = [tuple(values.values()) for values in candidates]
+        missing = {key: values for key, values in zip(keys, candidates, strict=True) if key not in self.kept}
+        for values in missing.values():
+            if violations := self.space.violations(values):
+                raise ValueError(f"a candidate is outside the constraints: {'; '.join(violations)}")
+        tasks = [(values, row) for values in missing.values() for row in self._rows]
+        found = iter(list(in_threads(self._simulate, tasks, self.workers)))
+        shape = len(self.conditions), len(FEATURES)
+        for key in missing:
+            level = Level(np.empty(shape), np.empty(shape))
+            for row in self._rows:
+                features, doubt = next(found)
+                level.features[list(row.numbers)], level.doubt[list(row.numbers)] = features, doubt
+            self.kept[key] = level
+        self.simulated += len(missing)
+        self.asked += len(candidates)
+        if self.notify is not None and missing:
+            self.notify()
+        return [self.kept[key] for key in keys]
+
+    def scene(self, values: Values, condition: Condition) -> Scene:
+        """Return the scene of a candidate at a condition."""
+        defect = Defect(condition.dphi_d, condition.h_d, part=condition.part)
+        rig, clearance = self.space.rig_of(values), values["clearance"]
+        return Scene(condition.speed, condition.load, self.space.bearing, rig, defect, clearance)
+
+    def _simulate(self, task: tuple[Values, _Row]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return features and doubt of a row, both (extents, features)."""
+        values, row = task
+        scene = self.scene(values, row.condition)
+        if row.condition.part != "outer":
+            found = [self._turning(self.scene(values, self.conditions[n])) for n in row.numbers]
+            return np.array([f for f, _ in found]), np.array([d for _, d in found])
+        from models.dynamics.rows import simulate_row
+
+        settled = simulate_row(scene, np.array(row.extents), accuracy=ACCURACY, band=self.band)
+        features = np.column_stack([settled.rms, a_star(settled.harmonics)])
+        doubt = np.zeros_like(features)
+        for i in np.flatnonzero(~settled.settled):
+            features[i], doubt[i] = self._simulated_on(self.scene(values, self.conditions[row.numbers[i]]))
+        return np.maximum(features, _LEAST_LEVEL), doubt
+
+    def _simulated_on(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return features and doubt, both (features,), of a motion that was not found to repeat."""
+        from models.simulate import simulate
+
+        highest = 0.0 if self.band is None else self.band[1]
+        response = simulate(scene, accuracy=ACCURACY, max_periods=_MAX_PERIODS, band=self.band, lines_to=highest)
+        if response.status == "not_converged" or not math.isfinite(response.rms):
+            return np.full(len(FEATURES), _LEAST_LEVEL), np.full(len(FEATURES), _UNKNOWN)
+        features = np.array([response.rms, float(a_star(response.harmonics))])
+        doubt = min(_UNKNOWN, response.spread / max(response.rms, _LEAST_LEVEL))
+        return features, np.full(len(FEATURES), doubt)
+
+    def _turning(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return features and doubt, both (features,), of a defect that turns: means over its turns."""
+        from models.dynamics.stationary import stationary_level
+
+        level = stationary_level(scene, accuracy=ACCURACY, band=self.band)
+        if level.status == "not_converged":
+            return np.full(len(FEATURES), _LEAST_LEVEL), np.full(len(FEATURES), _UNKNOWN)
+        amplitude = max(float(a_star(level.harmonics)), _LEAST_LEVEL)
+        error = float(np.sqrt(np.sum(np.square(level.harmonics * level.harmonics_se)[:5]))) / amplitude**2
+        rms = max(level.rms, _LEAST_LEVEL)
+        return np.array([rms, amplitude]), np.array([level.rms_se / rms, error])
+
+

@@ -1,0 +1,243 @@
+"""What the tests determine: Fisher information at the best fit, and profile likelihoods.
+
+The profile of a parameter is the least cost over all others while it is held. Where it exceeds the least cost of all by
+a quantile of Fisher's F distribution times the residual variance, the value is outside the interval. The residual
+variance is that of the best fit, so it holds the error of the model too. A profile begins at the fits of the global
+search that are within the interval already, so it reaches valleys that the neighbourhood of the best fit does not show.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from models.errors import WrongInputError
+from models.identify.problem import Fit, Problem
+from models.identify.space import SpaceError
+from models.numerics import f_quantile
+
+if TYPE_CHECKING:
+    from models.identify.limits import Interval
+    from models.identify.space import Space
+
+MAX_SHARE = 0.5
+"""A parameter is undetermined whose interval is a larger share of what the limits allow it."""
+MAX_FACTOR = 4.0
+"""A parameter is undetermined, too, whose ends differ by more than this factor: a factor of two either way."""
+
+# First step of a profile over the standard deviation that the Fisher information gives, and growth of the steps.
+_FIRST_STEP, _GROWTH = 1.0, 1.8
+_MOST_STEPS = 8
+# Least and largest first step, as a share of the interval (or of its logarithm).
+_LEAST_STEP, _LARGEST_STEP = 0.002, 0.15
+_CALLS = 10
+
+Reason = Literal["", "wide", "within its limits"]
+
+
+@dataclass(frozen=True)
+class ParameterInterval:
+    """What is known of one parameter, SI.
+
+    Attributes:
+        low, high: ends of the interval.
+        sd: relative standard deviation by the Fisher information, of alpha_c and the clearance absolute; infinite where
+            the features do not change with the parameter.
+        at_limit: which ends are limits of Eq. 80, not of what the tests allow.
+        reason: why the parameter is undetermined; "" where it is determined.
+        profile: (value, cost) of the places that were visited, ascending.
+    """
+
+    low: float
+    high: float
+    sd: float
+    at_limit: tuple[bool, bool]
+    reason: Reason
+    profile: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """The cost up to which a value is within its interval: the least, and what is added to it."""
+
+    least: float
+    added: float
+    variance: float
+
+    @property
+    def cost(self) -> float:
+        """The largest cost within."""
+        return self.least + self.added
+
+
+def threshold(problem: Problem, least: float, level: float) -> Threshold:
+    """Return the threshold of profiles at a confidence level.
+
+    Raises:
+        WrongInputError: if there are no more features than unknowns, so that nothing is left to judge by.
+    """
+    free = len(problem.evaluator.space.free)
+    freedom = problem.observations - free
+    if freedom < 1:
+        raise WrongInputError(
+            f"{problem.observations} features of the tests cannot determine {free} parameters; "
+            f"at least {free + 1} are needed: more conditions, or fewer free parameters"
+        )
+    variance = max(least / freedom, 1e-12)
+    return Threshold(least, variance * f_quantile(1.0, float(freedom), level), variance)
+
+
+def fisher_deviations(problem: Problem, best: Fit, variance: float) -> dict[str, float]:
+    """Return the standard deviations of the free parameters at a fit.
+
+    They are relative, but absolute (SI) for those that are searched linearly. Infinite where the information about a
+    parameter is lost in rounding.
+    """
+    space = problem.evaluator.space
+    jacobian = problem.jacobian(space, best.point)
+    transform = _coordinate_derivatives(space, best)
+    information = jacobian.T @ jacobian / variance
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    good = values > 1e-10
+    inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T / np.outer(scale, scale)
+    covariance = transform @ inverse @ transform.T
+    lost = np.abs(vectors[:, ~good]).max(axis=1, initial=0.0) > 1e-3
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return {name: math.inf if lost[i] else float(deviation[i]) for i, name in enumerate(space.free)}
+
+
+def _coordinate_derivatives(space: Space, best: Fit) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """Return the derivatives of the parameters (their logarithms, unless linear) by the coordinates."""
+    step, count = 1e-4, len(space.free)
+    found = np.zeros((count, count))
+    base = _scaled(space, best.values)
+    for i in range(count):
+        way = step if best.point[i] + step <= 1.0 else -step
+        values = space.decode(best.point + way * np.eye(count)[i])
+        if values is not None:
+            found[:, i] = (_scaled(space, values) - base) / way
+    return found
+
+
+def _scaled(space: Space, values: dict[str, float]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    return np.array([values[name] if space.is_linear(name) else math.log(values[name]) for name in space.free])
+
+
+class _Profile:
+    """The profile of one parameter."""
+
+    def __init__(self, problem: Problem, name: str, limit: Threshold, sd: float) -> None:
+        self._problem, self._space, self._name, self._limit = problem, problem.evaluator.space, name, limit
+        self._linear = self._space.is_linear(name)
+        self._low, self._high = (self._scale(end) for end in self._space.bounds(name))
+        span = self._high - self._low
+        self._step = min(max(_FIRST_STEP * sd if math.isfinite(sd) else math.inf, _LEAST_STEP * span), span)
+        self._step = min(self._step, _LARGEST_STEP * span)
+        self.visited: dict[float, float] = {}
+
+    def _scale(self, value: float) -> float:
+        return value if self._linear else math.log(value)
+
+    def _value(self, scaled: float) -> float:
+        return scaled if self._linear else math.exp(scaled)
+
+    def end(self, start: Fit, way: int) -> tuple[float, bool]:
+        """Return the end of the interval on one side, and whether it is a limit of the space.
+
+        ``way`` is 1 upwards, -1 downwards.
+        """
+        inside, cost = self._scale(start.values[self._name]), start.cost
+        edge = self._high if way > 0 else self._low
+        begin, step = start, self._step
+        for _ in range(_MOST_STEPS):
+            if abs(edge - inside) <= 1e-9 * (self._high - self._low):
+                return self._value(edge), True
+            place = inside + way * step
+            place = min(place, edge) if way > 0 else max(place, edge)
+            found = self._least(place, begin)
+            if found is None:
+                # What is left of the space ends before the limit.
+                edge = 0.5 * (inside + place)
+                step *= 0.5
+                continue
+            if found.cost > self._limit.cost:
+                return self._value(self._crossing(inside, cost, place, found)), False
+            inside, cost, begin = place, found.cost, found
+            step *= _GROWTH
+        return self._value(edge), True
+
+    def _crossing(self, inside: float, cost: float, outside: float, found: Fit) -> float:
+        """Return where the profile meets the threshold, of which the root of the cost is about linear there."""
+        for _ in range(2):
+            low, high = self._root(cost), self._root(found.cost)
+            middle = inside + (outside - inside) * (self._root(self._limit.cost) - low) / max(high - low, 1e-12)
+            if high - low < 0.5 * self._root(self._limit.cost):
+                return middle
+            between = self._least(middle, found)
+            if between is None:
+                return middle
+            if between.cost > self._limit.cost:
+                outside, found = middle, between
+            else:
+                inside, cost = middle, between.cost
+        low, high = self._root(cost), self._root(found.cost)
+        return inside + (outside - inside) * (self._root(self._limit.cost) - low) / max(high - low, 1e-12)
+
+    def _root(self, cost: float) -> float:
+        return math.sqrt(max(cost - self._limit.least, 0.0))
+
+    def _least(self, place: float, begin: Fit) -> Fit | None:
+        """Return the least cost with the parameter held at a place, from a fit nearby."""
+        value = self._value(place)
+        space = self._space.fix(self._name, value)
+        try:
+            point = space.encode(begin.values)
+        except SpaceError:
+            return None
+        fit = self._problem.fit(space, point, calls=_CALLS, ftol=1e-2, xtol=1e-4)
+        if fit is not None:
+            self.visited[value] = min(fit.cost, self.visited.get(value, math.inf))
+        return fit
+
+
+def profile_intervals(problem: Problem, fits: list[Fit], limit: Threshold) -> dict[str, ParameterInterval]:
+    """Return the intervals of all free parameters.
+
+    Args:
+        problem: searched before.
+        fits: of the search, best first.
+        limit: of the costs within.
+    """
+    space = problem.evaluator.space
+    deviations = fisher_deviations(problem, fits[0], limit.variance)
+    within = [fit for fit in fits if fit.cost <= limit.cost]
+    found: dict[str, ParameterInterval] = {}
+    for name in space.free:
+        profile = _Profile(problem, name, limit, deviations[name])
+        lowest = min(within, key=lambda fit, name=name: fit.values[name])
+        highest = max(within, key=lambda fit, name=name: fit.values[name])
+        (low, low_limit), (high, high_limit) = profile.end(lowest, -1), profile.end(highest, 1)
+        visited = {**profile.visited, **{fit.values[name]: fit.cost for fit in within}}
+        found[name] = ParameterInterval(
+            low=low,
+            high=high,
+            sd=deviations[name],
+            at_limit=(low_limit, high_limit),
+            reason=undetermined((low, high), space.bounds(name), linear=space.is_linear(name)),
+            profile=tuple(sorted(visited.items())),
+        )
+    return found
+
+
+def undetermined(interval: Interval, bounds: Interval, *, linear: bool) -> Reason:
+    """Return why an interval determines nothing, "" where it does."""
+    (low, high), (least, most) = interval, bounds
+    if linear:
+        return "within its limits" if high - low > MAX_SHARE * (most - least) else ""
+    if math.log(high / low) > MAX_SHARE * math.log(most / least):
+        return "within its limits"
+    return "wide" if high > MAX_FACTOR * low else ""

@@ -1,0 +1,125 @@
+"""Global search: a space-filling design, least squares from its best points, and a scan along the resonance.
+
+The difference to the tests has many minima, nearly all along f_r: the lines k * BPFO pass the resonance one by one. So
+the best fit is followed along the coordinate of the resonance, all other parameters adapted at each place, and the
+valleys found there are fitted again, also with the lowest damping of the resonator, where they are narrow.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.identify.problem import Fit, Problem
+from models.identify.space import SpaceError
+from models.numerics import low_discrepancy
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.identify.space import Space
+
+# Places of the resonance that are visited, so many apart on the coordinate that neighbours share a valley.
+_PLACES = 64
+# Fits from the design, from the scan, and iterations of each.
+_STARTS, _VALLEYS = 8, 6
+_CALLS, _SCAN_CALLS = 25, 6
+# Shares of the interval of c_r from which a valley is fitted.
+_DAMPINGS = (0.05, 0.4)
+# Places on either side of a valley, and their distance, at which it is probed with low damping.
+_PROBES, _PROBE_STEP = 6, 0.002
+
+
+def design_points(free: int) -> int:
+    """Return the number of candidates of the design: a power of two that grows with the unknowns."""
+    return 2 ** min(10, 4 + free - (free > 5))
+
+
+def planned_evaluations(free: int) -> int:
+    """Return about how many candidates a search simulates."""
+    scan = _PLACES * 2 * free if free > 1 else 0
+    return design_points(free) + (_STARTS + 2 * _VALLEYS) * 10 * (free + 1) + scan
+
+
+def search(problem: Problem, seed: int) -> list[Fit]:
+    """Return the fits that were found, best first; also kept in ``problem.fits``.
+
+    Raises:
+        SpaceError: if no candidate of the design is admissible.
+    """
+    space = problem.evaluator.space
+    design = low_discrepancy(design_points(len(space.free)), len(space.free), seed)
+    candidates = [fit for fit in problem.costs(space, list(design)) if fit is not None]
+    if not candidates:
+        raise SpaceError("no candidate meets the constraints of Eq. 80; widen the limits or free other parameters")
+    candidates.sort(key=lambda fit: fit.cost)
+    for start in candidates[:_STARTS]:
+        _keep(problem, problem.fit(space, start.point, calls=_CALLS))
+    for _ in range(2):
+        before = best(problem).cost
+        resonance = _resonance(space)
+        if resonance is not None:
+            _scan(problem, space, resonance)
+        if best(problem).cost > before - 1.0:
+            break
+    return sorted(problem.fits, key=lambda fit: fit.cost)
+
+
+def best(problem: Problem) -> Fit:
+    """Return the best fit so far."""
+    return min(problem.fits, key=lambda fit: fit.cost)
+
+
+def _keep(problem: Problem, fit: Fit | None) -> None:
+    if fit is not None:
+        problem.fits.append(fit)
+
+
+def _resonance(space: Space) -> int | None:
+    """Return the number of the coordinate that moves f_r most, or None."""
+    return next((space.free.index(name) for name in ("k_r", "m_r") if name in space.free), None)
+
+
+def _scan(problem: Problem, space: Space, axis: int) -> None:
+    """Follow the best fit along a coordinate both ways, and fit the valleys that are met."""
+    start = best(problem)
+    places = np.linspace(0.0, 1.0, _PLACES)
+    above, below = places[places >= start.point[axis]], places[places < start.point[axis]][::-1]
+    met: list[Fit] = []
+    for way in (above, below):
+        point = start.point
+        for place in way.tolist():
+            fit = problem.fit(space, point, calls=_SCAN_CALLS, ftol=1e-2, xtol=1e-4, held={axis: place})
+            if fit is not None:
+                met.append(fit)
+                point = fit.point
+    problem.fits += met
+    met.sort(key=lambda fit: float(fit.point[axis]))
+    for valley in _valleys(met)[:_VALLEYS]:
+        _keep(problem, problem.fit(space, valley.point, calls=_CALLS))
+        if "c_r" in space.free:
+            for damping in _DAMPINGS:
+                _keep(problem, _narrow(problem, space, valley.point, axis, damping))
+
+
+def _valleys(fits: list[Fit]) -> list[Fit]:
+    """Return the fits of a scan, in its order, that are no worse than their neighbours, best first."""
+    costs = [np.inf, *(fit.cost for fit in fits), np.inf]
+    lowest = [fit for i, fit in enumerate(fits, 1) if costs[i] <= min(costs[i - 1], costs[i + 1])]
+    return sorted(lowest, key=lambda fit: fit.cost)
+
+
+def _narrow(problem: Problem, space: Space, point: NDArray[np.float64], axis: int, damping: float) -> Fit | None:
+    """Return the fit from the best place around a valley with a low damping of the resonator."""
+    offsets = _PROBE_STEP * np.arange(-_PROBES, _PROBES + 1)
+    probes: list[NDArray[np.float64]] = []
+    for offset in offsets.tolist():
+        probe = point.copy()
+        probe[axis] = min(max(probe[axis] + offset, 0.0), 1.0)
+        probe[space.free.index("c_r")] = damping
+        probes.append(probe)
+    found = [fit for fit in problem.costs(space, probes) if fit is not None]
+    if not found:
+        return None
+    return problem.fit(space, min(found, key=lambda fit: fit.cost).point, calls=_CALLS)
