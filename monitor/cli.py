@@ -28,6 +28,7 @@ _COMMANDS = {
     "simulate": ("simulate:command", "One scene of the bearing model."),
     "map": ("maps:command", "RMS maps: build, show, check."),
     "library": ("library:command", "Libraries of simulated lives: build."),
+    "identify": ("identify:command", "Parameters of a rig from tests with known defects."),
     "track": ("track:command", "V_eq from an RMS history and a map."),
     "warmup": ("warmup:command", "Compile the bearing model and plan transforms in advance."),
     "forecast": ("forecast:command", "Time to threshold from a V_eq history."),

@@ -163,5 +163,3 @@ class Evaluator:
         error = float(np.sqrt(np.sum(np.square(level.harmonics * level.harmonics_se)[:5]))) / amplitude**2
         rms = max(level.rms, _LEAST_LEVEL)
         return np.array([rms, amplitude]), np.array([level.rms_se / rms, error])
-
-

@@ -33,7 +33,7 @@ _FIRST_STEP, _GROWTH = 1.0, 1.8
 _MOST_STEPS = 8
 # Least and largest first step, as a share of the interval (or of its logarithm).
 _LEAST_STEP, _LARGEST_STEP = 0.002, 0.15
-_CALLS = 10
+_CALLS = 6
 
 Reason = Literal["", "wide", "within its limits"]
 

@@ -61,8 +61,8 @@ class Problem:
         if all(self.trials.freedom[c] >= _LEAST_FREEDOM and self.trials.scatter[c] > 0.0 for c in self.columns):
             scatter = self.trials.scatter
         self.known = self.trials.known[:, self.columns]
-        deviation = scatter[self.columns] / np.sqrt(np.maximum(self.trials.count[:, self.columns], 1))
-        self._deviation = deviation[self.known]
+        whole = scatter[self.columns] / np.sqrt(np.maximum(self.trials.count[:, self.columns], 1))
+        self.deviation = whole[self.known]
         self._measured = np.log(self.trials.mean[:, self.columns][self.known])
 
     @property
@@ -78,8 +78,8 @@ class Problem:
         latter: twice the logarithm of the likelihood is minus the sum of all squares.
         """
         model = np.log(level.features[:, self.columns][self.known])
-        widened = np.square(level.doubt[:, self.columns][self.known] / self._deviation)
-        difference = (model - self._measured) / self._deviation
+        widened = np.square(level.doubt[:, self.columns][self.known] / self.deviation)
+        difference = (model - self._measured) / self.deviation
         return np.concatenate([difference / np.sqrt(1.0 + widened), np.sqrt(np.log1p(widened))])
 
     def cost(self, level: Level) -> float:

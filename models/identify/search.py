@@ -7,6 +7,7 @@ valleys found there are fitted again, also with the lowest damping of the resona
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,19 +43,19 @@ def planned_evaluations(free: int) -> int:
     return design_points(free) + (_STARTS + 2 * _VALLEYS) * 10 * (free + 1) + scan
 
 
-def search(problem: Problem, seed: int) -> list[Fit]:
+def search(problem: Problem, seed: int, starts: Sequence[Fit] = ()) -> list[Fit]:
     """Return the fits that were found, best first; also kept in ``problem.fits``.
+
+    Args:
+        problem: with the space that is searched.
+        seed: of the design.
+        starts: points to begin at instead of the best of the design.
 
     Raises:
         SpaceError: if no candidate of the design is admissible.
     """
     space = problem.evaluator.space
-    design = low_discrepancy(design_points(len(space.free)), len(space.free), seed)
-    candidates = [fit for fit in problem.costs(space, list(design)) if fit is not None]
-    if not candidates:
-        raise SpaceError("no candidate meets the constraints of Eq. 80; widen the limits or free other parameters")
-    candidates.sort(key=lambda fit: fit.cost)
-    for start in candidates[:_STARTS]:
+    for start in starts or _designed(problem, seed):
         _keep(problem, problem.fit(space, start.point, calls=_CALLS))
     for _ in range(2):
         before = best(problem).cost
@@ -64,6 +65,16 @@ def search(problem: Problem, seed: int) -> list[Fit]:
         if best(problem).cost > before - 1.0:
             break
     return sorted(problem.fits, key=lambda fit: fit.cost)
+
+
+def _designed(problem: Problem, seed: int) -> list[Fit]:
+    """Return the best points of the design."""
+    space = problem.evaluator.space
+    design = low_discrepancy(design_points(len(space.free)), len(space.free), seed)
+    candidates = [fit for fit in problem.costs(space, list(design)) if fit is not None]
+    if not candidates:
+        raise SpaceError("no candidate meets the constraints of Eq. 80; widen the limits or free other parameters")
+    return sorted(candidates, key=lambda fit: fit.cost)[:_STARTS]
 
 
 def best(problem: Problem) -> Fit:

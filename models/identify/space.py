@@ -221,9 +221,7 @@ class Space:
     def _bearing(self, values: Mapping[str, float]) -> tuple[float, ...]:
         """Return k_xx and k_yy at each load, N/m."""
         return tuple(
-            k_b
-            for load in self.loads
-            for k_b in _directions(self.bearing, load, values["k_c"], values["clearance"])
+            k_b for load in self.loads for k_b in _directions(self.bearing, load, values["k_c"], values["clearance"])
         )
 
     def _constrained(self, values: Mapping[str, float]) -> list[tuple[str, float, Interval]]:
@@ -262,8 +260,6 @@ def contact_ratios(values: Mapping[str, float], limits: Limits) -> tuple[float, 
         for w in (2.0 * math.pi * limits.f_1, 2.0 * math.pi * limits.f_2)
     )
     return first, second
-
-
 
 
 @lru_cache(maxsize=256)

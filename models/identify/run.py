@@ -1,0 +1,241 @@
+"""An identification from tests to parameters, their intervals and its hash."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from models.errors import WrongInputError
+from models.identify.evaluate import Evaluator
+from models.identify.front import nsga2, simulated_front
+from models.identify.intervals import ParameterInterval, profile_intervals, threshold
+from models.identify.problem import Fit, Problem
+from models.identify.search import planned_evaluations, search
+from models.identify.state import StateFile
+from models.identify.trials import FEATURES, Trials
+
+if TYPE_CHECKING:
+    from models.identify.space import Space
+
+Method = Literal["search", "nsga2"]
+Progress = Callable[[str, int, int, float], None]
+"""Called with the stage, candidates so far, about how many in all, and the seconds that are left."""
+
+# Candidates of a profile per parameter, on average.
+_PROFILE_CANDIDATES = 25
+# Members of the front from which least squares begin.
+_FRONT_STARTS = 6
+# Significant digits of numbers in the hash.
+_DIGITS = 12
+
+
+@dataclass(frozen=True)
+class IdentifyOptions:
+    """How tests are compared with the model.
+
+    Attributes:
+        objectives: features that are compared, of ``FEATURES``.
+        band: in which the RMS is taken, Hz, or None.
+        seed: of all random draws.
+        workers: threads; 0 is one per core. The result does not depend on it.
+        level: of the intervals.
+        method: "search" (a design, least squares and a scan along the resonance) or "nsga2" (the front first, by
+            pymoo, then least squares from it and the same scan).
+        population, generations: of NSGA-II.
+    """
+
+    objectives: tuple[str, ...] = FEATURES
+    band: tuple[float, float] | None = None
+    seed: int = 0
+    workers: int = 0
+    level: float = 0.95
+    method: Method = "search"
+    population: int = 40
+    generations: int = 25
+
+    def __post_init__(self) -> None:
+        """Raise a WrongInputError that names an option of no use."""
+        wrong = [name for name in self.objectives if name not in FEATURES]
+        if wrong or not self.objectives or len(set(self.objectives)) < len(self.objectives):
+            raise WrongInputError(f"objectives: expected some of {', '.join(FEATURES)}, got {self.objectives!r}")
+        if not 0.5 <= self.level < 1.0:
+            raise WrongInputError(f"the level of the intervals must be from 0.5 to below 1, got {self.level!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """What tests say about a rig, SI.
+
+    Attributes:
+        space: that was searched.
+        best: the fit of least cost.
+        intervals: of the free parameters.
+        front: parameters and objectives (%) of the candidates that no other dominates.
+        deviations: objectives of the best fit, %.
+        features: RMS and A* of the best fit, m/s2, shape (conditions, features).
+        noise: relative standard deviation of the tests about the best fit.
+        evaluations: candidates simulated.
+        seconds: wall time.
+        resonances: highest natural frequency at each load, across and along it, Hz.
+        not_periodic: conditions in which the motion of the best fit does not repeat.
+        hash: SHA-256 of tests, space and result, hexadecimal.
+    """
+
+    space: Space
+    best: Fit
+    intervals: dict[str, ParameterInterval]
+    front: list[tuple[dict[str, float], dict[str, float]]]
+    deviations: dict[str, float]
+    features: np.ndarray[tuple[int, int], np.dtype[np.float64]]
+    noise: float
+    evaluations: int
+    seconds: float
+    resonances: tuple[float, ...]
+    not_periodic: int
+    hash: str
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Names of the parameters that the tests do not determine."""
+        return tuple(name for name, interval in self.intervals.items() if interval.reason)
+
+
+def identify(
+    trials: Trials,
+    space: Space,
+    options: IdentifyOptions | None = None,
+    *,
+    state: Path | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+) -> Identification:
+    """Return the parameters of a rig that tests tell, and how well.
+
+    Args:
+        trials: the tests.
+        space: the free parameters and their limits.
+        options: default ``IdentifyOptions()``.
+        state: file in which candidates are kept while it runs; removed at the end.
+        resume: take what the file holds.
+        progress: called after each batch of candidates.
+
+    Raises:
+        WrongInputError: the tests cannot determine so many parameters, nothing is admissible, or the file is of
+            another problem.
+    """
+    options = options or IdentifyOptions()
+    if not space.free:
+        raise WrongInputError("no parameter is free")
+    began = time.perf_counter()
+    evaluator = Evaluator(space, trials.conditions, options.band, options.workers)
+    problem = Problem(trials, evaluator, options.objectives)
+    threshold(problem, 1.0, options.level)
+    file = None if state is None else StateFile(state, _hash(_problem_facts(trials, space, options)))
+    if file is not None and resume:
+        evaluator.kept.update(file.load())
+    stage = _Stage(evaluator, file, progress, _planned(space, options))
+    evaluator.notify = stage.note
+    try:
+        stage.name = "search"
+        fits = _searched(problem, options)
+        stage.name = "intervals"
+        limit = threshold(problem, fits[0].cost, options.level)
+        intervals = profile_intervals(problem, fits, limit)
+    except BaseException:
+        # What was simulated is worth keeping, whatever ended the run.
+        if file is not None and evaluator.kept:
+            file.save(evaluator)
+        raise
+    if file is not None:
+        file.remove()
+    level = evaluator.levels([fits[0].values])[0]
+    noise = float(np.sqrt(limit.variance) * np.mean(problem.deviation))
+    found = Identification(
+        space=space,
+        best=fits[0],
+        intervals=intervals,
+        front=simulated_front(problem),
+        deviations=problem.deviations(level),
+        features=level.features,
+        noise=noise,
+        evaluations=len(evaluator.kept),
+        seconds=time.perf_counter() - began,
+        resonances=space.resonances(fits[0].values),
+        not_periodic=int(np.count_nonzero(np.any(level.doubt > 0.0, axis=1))),
+        hash="",
+    )
+    return replace(found, hash=_hash({**_problem_facts(trials, space, options), "result": _result_facts(found)}))
+
+
+def _searched(problem: Problem, options: IdentifyOptions) -> list[Fit]:
+    starts: list[Fit] = []
+    if options.method == "nsga2":
+        front = nsga2(problem, population=options.population, generations=options.generations, seed=options.seed)
+        starts = sorted(front, key=lambda fit: fit.cost)[:_FRONT_STARTS]
+    return search(problem, options.seed, starts)
+
+
+def _planned(space: Space, options: IdentifyOptions) -> int:
+    free = len(space.free)
+    front = options.population * options.generations if options.method == "nsga2" else 0
+    return front + planned_evaluations(free) + _PROFILE_CANDIDATES * free * (free + 1)
+
+
+class _Stage:
+    """Says how far a run is, and lets its file be saved."""
+
+    def __init__(self, evaluator: Evaluator, file: StateFile | None, progress: Progress | None, planned: int) -> None:
+        self.name = ""
+        self._evaluator, self._file, self._progress, self._planned = evaluator, file, progress, planned
+        self._began, self._before = time.monotonic(), len(evaluator.kept)
+
+    def note(self) -> None:
+        """Note that a batch was simulated."""
+        if self._file is not None:
+            self._file.save_sometimes(self._evaluator)
+        if self._progress is not None:
+            done = len(self._evaluator.kept)
+            rate = (time.monotonic() - self._began) / max(1, done - self._before)
+            planned = max(self._planned, done)
+            self._progress(self.name, done, planned, rate * (planned - done))
+
+
+def _problem_facts(trials: Trials, space: Space, options: IdentifyOptions) -> dict[str, object]:
+    """Return all that the result depends on, as JSON has it; the number of workers is not among it."""
+    settings = asdict(options)
+    del settings["workers"]
+    return {
+        "conditions": [asdict(condition) for condition in trials.conditions],
+        "features": [[_rounded(v) for v in row] for row in trials.mean.tolist()],
+        "count": trials.count.tolist(),
+        "rig": asdict(space.rig),
+        "clearance": space.clearance,
+        "bearing": asdict(space.bearing),
+        "loads": space.loads,
+        "free": space.free,
+        "limits": {name: str(value) for name, value in asdict(space.limits).items()},
+        "options": settings,
+    }
+
+
+def _result_facts(found: Identification) -> dict[str, object]:
+    return {
+        "best": {name: _rounded(value) for name, value in found.best.values.items()},
+        "intervals": {name: [_rounded(i.low), _rounded(i.high)] for name, i in found.intervals.items()},
+        "undetermined": found.undetermined,
+    }
+
+
+def _rounded(value: float) -> str:
+    return f"{value:.{_DIGITS}g}"
+
+
+def _hash(facts: dict[str, object]) -> str:
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,298 @@
+"""``spallwatch identify``: the unknown parameters of a rig from tests with known defects."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from models.identify.intervals import ParameterInterval
+from models.identify.limits import INTERVALS, Limits
+from models.identify.run import Identification, IdentifyOptions, identify
+from models.identify.space import DEFAULT_FREE, ORDER, Space, contact_ratios
+from models.identify.trials import FEATURES, gather
+from monitor.commands import option
+from monitor.commands.common import (
+    InputError,
+    check_suffix,
+    counter,
+    emit,
+    finite,
+    input_errors,
+    output_errors,
+    read_machine,
+    say,
+)
+from monitor.commands.trial_files import Measuring, TrialFile, read_trials, tracked_channel, with_race_radius
+from monitor.config.load import Config
+from streams.block import STANDARD_GRAVITY
+
+_MICRO = 1e6
+_KEYS = {
+    "m_i": "m_i_kg",
+    "m_o": "m_o_kg",
+    "m_r": "m_r_kg",
+    "m_b": "m_b_kg",
+    "k_i": "k_i_newton_per_m",
+    "k_r": "k_r_newton_per_m",
+    "c_i": "c_i_newton_s_per_m",
+    "c_r": "c_r_newton_s_per_m",
+    "alpha_c": "alpha_c_per_s",
+    "beta_c": "beta_c_s",
+    "clearance": "clearance_um",
+}
+_REASONS = {
+    "wide": "the ends of its interval differ by more than a factor of four",
+    "within its limits": "its interval takes more than half of what its limits allow",
+}
+_MAX_FRONT = 100
+
+
+class _Names(click.ParamType):
+    """Names separated by commas."""
+
+    name = "NAME[,NAME...]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the names."""
+        return value if isinstance(value, tuple) else tuple(part.strip() for part in str(value).split(",") if part)
+
+
+class _Limit(click.ParamType):
+    """NAME:LO:HI in SI units."""
+
+    name = "NAME:LO:HI"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return (name, (lo, hi))."""
+        if isinstance(value, tuple):
+            return value
+        name, _, rest = str(value).partition(":")
+        try:
+            low, high = (float(part) for part in rest.split(":"))
+        except ValueError:
+            self.fail(f"{value!r} is not NAME:LO:HI, such as f_r:4500:9500", param, ctx)
+        if name not in INTERVALS:
+            self.fail(f"{value!r}: {name!r} has no limits; expected one of {', '.join(INTERVALS)}", param, ctx)
+        return name, (low, high)
+
+
+@click.command("identify")
+@click.argument("tests", metavar="TESTS", type=option.FILE)
+@option.config
+@click.option("--channel", help="Channel of the recordings and of the RMS band. Default: the tracked one.")
+@click.option("--free", type=_Names(), multiple=True, help=f"Unknown parameters. Default: {', '.join(DEFAULT_FREE)}.")
+@click.option("--objectives", type=_Names(), multiple=True, help=f"Default: {', '.join(FEATURES)}.")
+@click.option(
+    "--limit", "limits", type=_Limit(), multiple=True, help="Other limits than Table 16, SI; may be repeated."
+)
+@click.option("--method", type=click.Choice(["search", "nsga2"]), default="search", help="nsga2 needs pymoo.")
+@click.option("--level", type=click.FloatRange(0.5, 0.999), default=0.95, help="Level of the intervals.")
+@click.option("--seed", type=option.WHOLE, default=0, help="Seed of all random draws.")
+@click.option("--rms-band-hz", type=option.Range(), help="Band of the RMS. Default: that of the channel.")
+@click.option(
+    "--race-radius-mm", type=option.POSITIVE, help="Of the outer race, for defect_mm. Default: the bearing's."
+)
+@option.workers("Threads")
+@click.option("--resume", is_flag=True, help="Go on with a run that was stopped (FILE.state beside --out).")
+@click.option("--out", type=option.OUT_FILE, help="Write a [rig] table (TOML) with its hash.")
+@option.output
+def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, **options: Any) -> None:
+    """Find parameters of the rig from TESTS with known defects, and say which the tests do not determine.
+
+    TESTS is a CSV file with load_newton, speed_hz, defect_deg or defect_mm, and either rms_g and a_star_g or recording
+    (a file); optionally h_d_um (default: deeper than an element reaches), fault (default: outer) and repetition.
+    """
+    out: Path | None = options["out"]
+    if out is not None:
+        check_suffix("--out", out, (".toml",))
+    if options["resume"] and out is None:
+        raise InputError("--resume needs --out FILE: the state of a run stands beside it")
+    config = read_machine(config_path)
+    channel = tracked_channel(config, options["channel"])
+    entry = config.entry_of(channel)
+    band = options["rms_band_hz"] or channel.rms_band_hz
+    radius = options["race_radius_mm"]
+    measured = with_race_radius(entry.bearing, None if radius is None else radius * 1e-3)
+    table = read_trials(tests, Measuring(config, channel, measured, band), counter("tests", quiet=quiet))
+    section = next(section for section in config.bearing if section.name == channel.bearing)
+    with input_errors("identify"):
+        trials = gather(table.trials)
+        space = Space(
+            rig=config.rig_of(entry),
+            bearing=entry.bearing,
+            loads=tuple(sorted({condition.load for condition in trials.conditions})),
+            clearance=section.clearance_um / _MICRO,
+            free=_names(options["free"]) or DEFAULT_FREE,
+            limits=Limits().with_intervals(dict(options["limits"])),
+        )
+        settings = IdentifyOptions(
+            objectives=_names(options["objectives"]) or FEATURES,
+            band=band,
+            seed=options["seed"],
+            workers=options["workers"],
+            level=options["level"],
+            method=options["method"],
+        )
+        found = identify(
+            trials,
+            space,
+            settings,
+            state=None if out is None else _state_path(out),
+            resume=options["resume"],
+            progress=_progress(quiet=quiet),
+        )
+    values = _values(found, settings, table)
+    if out is not None:
+        _write(out, _toml(found, config, channel.bearing, values))
+        say(f"rig: {out}", quiet=quiet)
+    emit({**values, "out": None if out is None else str(out)}, _lines(values), as_json=as_json)
+
+
+def _names(groups: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    """Return the names of an option that may be repeated; keys of the configuration stand for their parameters."""
+    by_key = {key: name for name, key in _KEYS.items()} | {"k_c_newton_per_m15": "k_c", "k_c_newton_per_m109": "k_c"}
+    return tuple(by_key.get(name, name) for group in groups for name in group)
+
+
+def _state_path(out: Path) -> Path:
+    return out.with_name(out.name + ".state")
+
+
+def _progress(*, quiet: bool) -> Callable[[str, int, int, float], None]:
+    """Return a callback that shows the candidates and the time that is left, on a terminal."""
+    show = counter("identify", quiet=quiet)
+    import time
+
+    last = [time.monotonic()]
+
+    def note(stage: str, done: int, planned: int, left: float) -> None:
+        if time.monotonic() - last[0] < 1.0:
+            return
+        last[0] = time.monotonic()
+        show(done, planned)
+        if not quiet and os.isatty(2):
+            click.echo(f" candidates ({stage}), about {left:.0f} s left ", nl=False, err=True)
+
+    return note
+
+
+def key_of(name: str, element: str) -> str:
+    """Return the key of the configuration of a parameter."""
+    if name == "k_c":
+        return "k_c_newton_per_m15" if element == "ball" else "k_c_newton_per_m109"
+    return _KEYS[name]
+
+
+def _values(found: Identification, settings: IdentifyOptions, table: TrialFile) -> dict[str, Any]:
+    """Return the keys of the interface, and what else is known."""
+    space = found.space
+
+    def keyed(values: Mapping[str, float]) -> dict[str, float]:
+        return {
+            key_of(name, space.rig.element): values[name] * (_MICRO if name == "clearance" else 1.0)
+            for name in space.free
+        }
+
+    zeta_1, zeta_2 = contact_ratios(found.best.values, space.limits)
+    low, high = (keyed({name: getattr(i, end) for name, i in found.intervals.items()}) for end in ("low", "high"))
+    reasons = {key_of(name, space.rig.element): i.reason for name, i in found.intervals.items()}
+    front = found.front[:: max(1, -(-len(found.front) // _MAX_FRONT))]
+    return {
+        "front": [{"parameters": keyed(values), "objectives": objectives} for values, objectives in front],
+        "best": keyed(found.best.values),
+        "intervals": {key: [low[key], high[key]] for key in low},
+        "undetermined": [key for key, reason in reasons.items() if reason],
+        "evaluations": found.evaluations,
+        "seconds": found.seconds,
+        "level": settings.level,
+        "reasons": {key: _REASONS[reason] for key, reason in reasons.items() if reason},
+        "at_limit": {
+            key_of(name, space.rig.element): list(i.at_limit) for name, i in found.intervals.items() if any(i.at_limit)
+        },
+        "sd": {key_of(name, space.rig.element): _sd(name, i) for name, i in found.intervals.items()},
+        "objectives": found.deviations,
+        "noise": found.noise,
+        "f_r_hz": list(found.resonances),
+        "zeta_1": zeta_1,
+        "zeta_2": zeta_2,
+        "conditions": len(found.features),
+        "tests": len(table.trials),
+        "recordings": table.recordings,
+        "not_periodic": found.not_periodic,
+        "features": [
+            {"rms_g": row[0] / STANDARD_GRAVITY, "a_star_g": row[1] / STANDARD_GRAVITY}
+            for row in found.features.tolist()
+        ],
+        "race_radius_mm": None if table.race_radius is None else table.race_radius * 1e3,
+        "rms_band_hz": None if settings.band is None else list(settings.band),
+        "method": settings.method,
+        "seed": settings.seed,
+        "identification": found.hash,
+    }
+
+
+def _sd(name: str, interval: ParameterInterval) -> float | None:
+    """Return the standard deviation by the Fisher information: relative, of the clearance in um, of alpha_c in 1/s."""
+    return finite(interval.sd * (_MICRO if name == "clearance" else 1.0))
+
+
+def _toml(found: Identification, config: Config, bearing: str, values: Mapping[str, Any]) -> str:
+    """Return the ``[rig]`` table of a result."""
+    element = found.space.rig.element
+    lines = [
+        f"# Identified from {values['tests']} tests at {values['conditions']} conditions; the RMS of the fit differs by "
+        f"{', '.join(f'{name} {value:.3g} %' for name, value in values['objectives'].items())} (mean, Eq. 56).",
+        "[rig]",
+        f'bearing = "{config.rig.bearing or bearing}"',
+    ]
+    for name in ORDER:
+        key = key_of(name, element)
+        value = found.best.values[name]
+        if name == "clearance":
+            if name in found.space.free:
+                lines.append(f"# clearance_um = {value * _MICRO:.6g} belongs to [[bearing]]{_remark(key, values)}")
+        elif name != "m_b" or "m_b" in found.space.free or "m_b_kg" in config.rig.model_fields_set:
+            lines.append(f"{key} = {value:.12g}{_remark(key, values)}")
+    lines += ["calibrated = true", f'identification = "{found.hash}"', ""]
+    return "\n".join(lines)
+
+
+def _remark(key: str, values: Mapping[str, Any]) -> str:
+    if key not in values["intervals"]:
+        return ""
+    low, high = values["intervals"][key]
+    words = f"  # {100 * values['level']:.3g} % interval {low:.4g} to {high:.4g}"
+    return words + (", undetermined" if key in values["undetermined"] else "")
+
+
+def _write(out: Path, text: str) -> None:
+    part = out.with_name(out.name + ".part")
+    with output_errors("--out", out):
+        part.write_text(text, encoding="utf-8")
+        part.replace(out)
+
+
+def _lines(values: Mapping[str, Any]) -> Iterator[str]:
+    yield f"{values['evaluations']} candidates in {values['seconds']:.1f} s, {values['conditions']} conditions"
+    if values["race_radius_mm"] is not None:
+        yield f"widths of defects divided by a race radius of {values['race_radius_mm']:.4g} mm"
+    yield f"{'':22}{'best':>12}{'lower':>12}{'upper':>12}"
+    for key, value in values["best"].items():
+        low, high = values["intervals"][key]
+        word = "  undetermined: " + values["reasons"][key] if key in values["undetermined"] else ""
+        ends = [name for name, at in zip(("lower", "upper"), values["at_limit"].get(key, ()), strict=False) if at]
+        limit = f"  ({' and '.join(ends)} end: a limit, not the tests)" if ends and not word else ""
+        yield f"{key:22}{value:12.5g}{low:12.5g}{high:12.5g}{word}{limit}"
+    resonances = values["f_r_hz"]
+    yield f"f_r {np.min(resonances):.0f} to {np.max(resonances):.0f} Hz over loads and directions"
+    for name, value in values["objectives"].items():
+        yield f"mean difference of {name} {value:.3g} %"
+    yield f"scatter of the tests about the model {100 * values['noise']:.2g} %; {len(values['front'])} points on the front"
+    if values["not_periodic"]:
+        yield f"{values['not_periodic']} conditions do not repeat with the ball passage; their levels are means"
+    yield f"identification {values['identification'][:16]}"

@@ -1,0 +1,262 @@
+"""Input of ``identify``: a CSV table of tests with known defects, their features given or taken from recordings."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from models.bearing import Bearing, kinematics
+from models.identify.trials import Condition, Trial, a_star_above_noise
+from models.scene import PARTS, Part
+from monitor.commands.common import InputError, find_source
+from monitor.config.load import Config
+from monitor.config.source import ChannelSection
+from monitor.health.spectrum.comb import line_spectrum
+from monitor.health.spectrum.features import N_HARMONICS, fundamentals
+from monitor.health.spectrum.lines import fault_lines
+from monitor.health.spectrum.transform import Band, get_transform
+from monitor.service.setup import open_configured
+from streams.block import STANDARD_GRAVITY, Block, Rejected
+
+_CONDITION = ("load_newton", "speed_hz")
+_FEATURES = ("rms_g", "a_star_g")
+_DEFECT = ("defect_deg", "defect_mm")
+_OPTIONAL = ("h_d_um", "fault", "repetition")
+_MAX_MIB = 16
+# Bins above the highest line that the floor under it needs.
+_MARGIN_BINS = 210
+
+
+@dataclass(frozen=True)
+class TrialFile:
+    """The tests of a table.
+
+    Attributes:
+        trials: one a row.
+        race_radius: by which widths of defects were divided, m; None where they are given as angles.
+        recordings: number of rows that name a recording.
+    """
+
+    trials: tuple[Trial, ...]
+    race_radius: float | None
+    recordings: int
+
+
+@dataclass(frozen=True)
+class Measuring:
+    """How the features of a recording are taken: machine, tracked channel, its bearing, and band of the RMS, Hz."""
+
+    config: Config
+    channel: ChannelSection
+    bearing: Bearing
+    band: Band | None
+
+
+def read_trials(path: Path, measuring: Measuring, note: Callable[[int, int], None] | None = None) -> TrialFile:
+    """Read a table of tests; the path of a recording is relative to it.
+
+    ``note`` is called with the rows done and their number.
+
+    Raises:
+        InputError: naming file, line and column, what was expected and what was found.
+    """
+    rows = list(_rows(path))
+    header = rows[0][1].keys()
+    _check_header(path, set(header))
+    radius: float | None = None
+    trials: list[Trial] = []
+    for number, (line, row) in enumerate(rows, 1):
+        cells = _Cells(path, line, row)
+        condition, used = _condition(cells, measuring.bearing)
+        radius = used if used is not None else radius
+        if "recording" in row:
+            trials.append(_recorded(cells, condition, measuring))
+        else:
+            rms, a_star = (cells.positive(name) * STANDARD_GRAVITY for name in _FEATURES)
+            trials.append(Trial(condition, rms, a_star))
+        if note is not None:
+            note(number, len(rows))
+    return TrialFile(tuple(trials), radius, len(rows) if "recording" in header else 0)
+
+
+def _rows(path: Path) -> Iterator[tuple[int, Mapping[str, str]]]:
+    """Yield line number and cells of each row."""
+    try:
+        size = path.stat().st_size
+        if size > _MAX_MIB * 2**20:
+            raise InputError(f"{path}: has {size / 2**20:.0f} MiB, a table of tests at most {_MAX_MIB}")
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is no text in UTF-8; expected a CSV table") from None
+    reader = csv.reader(io.StringIO(text))
+    header = [name.strip() for name in next(reader, [])]
+    twice = sorted({name for name in header if header.count(name) > 1})
+    if twice:
+        raise InputError(f"{path}: line 1: column {twice[0]} is given twice")
+    found = False
+    for cells in reader:
+        if not any(cell.strip() for cell in cells):
+            continue
+        if len(cells) != len(header):
+            raise InputError(f"{path}: line {reader.line_num}: expected {len(header)} cells, found {len(cells)}")
+        found = True
+        yield reader.line_num, dict(zip(header, (cell.strip() for cell in cells), strict=True))
+    if not found:
+        raise InputError(f"{path}: no rows below the header")
+
+
+def _check_header(path: Path, header: set[str]) -> None:
+    found = ", ".join(sorted(header))
+    for name in _CONDITION:
+        if name not in header:
+            raise InputError(f"{path}: column {name} is missing; found {found}")
+    if len(header & set(_DEFECT)) != 1:
+        raise InputError(f"{path}: expected one of the columns {' and '.join(_DEFECT)}; found {found}")
+    features = header & set(_FEATURES)
+    if ("recording" in header) == bool(features) or len(features) == 1:
+        raise InputError(f"{path}: expected the columns {' and '.join(_FEATURES)}, or recording; found {found}")
+    unknown = header - {*_CONDITION, *_DEFECT, *_FEATURES, *_OPTIONAL, "recording"}
+    if unknown:
+        allowed = ", ".join((*_CONDITION, *_DEFECT, "recording", *_FEATURES, *_OPTIONAL))
+        raise InputError(f"{path}: column {min(unknown)} is not known; allowed are {allowed}")
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """The cells of a row, checked as they are read."""
+
+    path: Path
+    line: int
+    row: Mapping[str, str]
+
+    def wrong(self, name: str, expected: str) -> InputError:
+        """Return the error that a cell is not what was expected."""
+        return InputError(f"{self.path}: line {self.line}: {name} is {self.row[name]!r}, expected {expected}")
+
+    def positive(self, name: str, most: float = math.inf) -> float:
+        """Return a positive number up to ``most``."""
+        expected = "a positive number" if math.isinf(most) else f"a positive number up to {most:g}"
+        try:
+            value = float(self.row[name])
+        except ValueError:
+            raise self.wrong(name, expected) from None
+        if not (0.0 < value <= most and math.isfinite(value)):
+            raise self.wrong(name, expected)
+        return value
+
+
+def _condition(cells: _Cells, bearing: Bearing) -> tuple[Condition, float | None]:
+    """Return the condition of a row, and the radius by which a width was divided, m."""
+    part = cells.row.get("fault") or "outer"
+    if part not in PARTS:
+        raise cells.wrong("fault", f"one of {', '.join(PARTS)}")
+    part = cast("Part", part)
+    # Deeper than a rolling element reaches: the localised defect of Eq. 51.
+    h_d = cells.positive("h_d_um") * 1e-6 if cells.row.get("h_d_um") else bearing.element_diameter
+    load, speed = cells.positive("load_newton"), cells.positive("speed_hz")
+    if "defect_deg" in cells.row:
+        return Condition(load, speed, math.radians(cells.positive("defect_deg", 360.0)), h_d, part), None
+    radius = race_radius(bearing, part)
+    if radius is None:
+        raise InputError(
+            f"{cells.path}: line {cells.line}: defect_mm needs {part}_race_radius_mm of the bearing; "
+            "give it in [[bearing]], or the extents as defect_deg"
+        )
+    width = cells.positive("defect_mm", 2e3 * math.pi * radius) * 1e-3
+    return Condition(load, speed, width / radius, h_d, part), radius
+
+
+def race_radius(bearing: Bearing, part: Part) -> float | None:
+    """Return the radius of the surface that a part's defects are in, m, or None where it is not known."""
+    radii = {"outer": bearing.outer_race_radius, "inner": bearing.inner_race_radius}
+    return 0.5 * bearing.element_diameter if part == "ball" else radii[part]
+
+
+def _recorded(cells: _Cells, condition: Condition, measuring: Measuring) -> Trial:
+    """Return the features of the recording that a row names."""
+    channel = measuring.channel
+    if measuring.band is None:
+        raise InputError(
+            f"{cells.path}: recordings need the band of the RMS: rms_band_hz of channel {channel.name!r}, or --rms-band-hz"
+        )
+    if not cells.row["recording"]:
+        raise cells.wrong("recording", "a file")
+    path = cells.path.parent / cells.row["recording"]
+    if not path.exists():
+        raise InputError(
+            f"{cells.path}: line {cells.line}: recording {cells.row['recording']!r}: no such file ({path})"
+        )
+    section = find_source(measuring.config, channel.source).model_copy(update={"block_s": "file"})
+    levels = [
+        _features(block, condition, measuring, measuring.band, f"{cells.path}: line {cells.line}: {path}")
+        for block in open_configured(measuring.config, section, str(path))
+    ]
+    if not levels:
+        raise InputError(f"{cells.path}: line {cells.line}: {path}: holds no block")
+    return Trial(condition, *np.sqrt(np.mean(np.square(levels), axis=0)).tolist())
+
+
+def _features(
+    block: Block | Rejected, condition: Condition, measuring: Measuring, band: Band, where: str
+) -> tuple[float, float]:
+    """Return RMS and A* of a block, m/s2; A* is NaN where it does not stand above the noise."""
+    if isinstance(block, Rejected):
+        raise InputError(f"{where}: {block.reason} ({block.status})")
+    row = block.channels.index(measuring.channel.name)
+    if block.units[row] != "m/s2":
+        raise InputError(
+            f"{where}: channel {measuring.channel.name!r} has the unit {block.units[row]}; levels are needed"
+        )
+    samples = block.samples[row]
+    if not np.all(np.isfinite(samples)):
+        raise InputError(f"{where}: holds samples that are no finite numbers")
+    fault = condition.part
+    line = fundamentals(kinematics(measuring.bearing, condition.speed))[fault]
+    limit = (N_HARMONICS + 1) * line + _MARGIN_BINS * block.rate / samples.size
+    try:
+        spectra = get_transform(samples.size, block.rate, (), precision="float64", rms_band=band, raw_limit=limit)(
+            samples
+        )
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+    spectrum = line_spectrum(spectra.raw.amplitude, spectra.raw.resolution, speed=condition.speed)
+    lines = fault_lines(spectrum, line, n_harmonics=N_HARMONICS)
+    if not lines.resolved.all():
+        raise InputError(
+            f"{where}: {samples.size / block.rate:.3g} s at {block.rate:g} Hz do not resolve five lines of {line:.4g} Hz"
+        )
+    low, high = band
+    places = lines.fundamental * np.arange(1, N_HARMONICS + 1)
+    inside = (places >= low) & (places <= high)
+    return spectra.band_rms or 0.0, a_star_above_noise(lines.amplitude * inside, lines.floor * inside)
+
+
+def tracked_channel(config: Config, name: str | None) -> ChannelSection:
+    """Return the channel of a name, else the one that is tracked, else the only one.
+
+    Raises:
+        InputError: there is none of that name, or several.
+    """
+    channels = {channel.name: channel for channel in config.channel}
+    if name is not None:
+        if name not in channels:
+            raise InputError(f"--channel {name}: expected one of {', '.join(channels)}")
+        return channels[name]
+    chosen = [channel for channel in config.channel if channel.track] or list(config.channel)
+    if len(chosen) > 1:
+        raise InputError(f"--channel is missing: {', '.join(channel.name for channel in chosen)} are to choose from")
+    return chosen[0]
+
+
+def with_race_radius(bearing: Bearing, radius: float | None) -> Bearing:
+    """Return the bearing with another radius of its outer race, m, for widths of defects alone; None: as it is."""
+    return bearing if radius is None else replace(bearing, outer_race_radius=radius)
