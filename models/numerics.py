@@ -8,6 +8,7 @@ map needs.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +96,9 @@ def low_discrepancy(count: int, dimensions: int, seed: int) -> NDArray[np.float6
     """Return points of a scrambled Sobol sequence in the unit cube, shape (count, dimensions); count a power of two."""
     from scipy.stats import qmc
 
-    return np.asarray(qmc.Sobol(dimensions, seed=np.random.default_rng(seed)).random(count))
+    # Typed stubs know only the name that this argument has from SciPy 1.15 on.
+    engine: Any = qmc.Sobol
+    return np.asarray(engine(dimensions, seed=np.random.default_rng(seed)).random(count))
 
 
 def least_squares_in_cube(
@@ -113,7 +116,8 @@ def least_squares_in_cube(
     """
     from scipy.optimize import least_squares
 
-    found = least_squares(
+    method: Any = least_squares
+    found = method(
         residuals, begin, jac=jacobian, bounds=(0.0, 1.0), method="trf", ftol=ftol, xtol=xtol, gtol=None, max_nfev=calls
     )
     return np.asarray(found.x)

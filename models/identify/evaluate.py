@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from models.bearing import kinematics
 from models.identify.trials import FEATURES, Condition, a_star
 from models.scene import Defect, Scene
 from models.workers import in_threads
@@ -62,7 +63,7 @@ class Evaluator:
     Attributes:
         space: of which all candidates are.
         conditions: of the tests.
-        band: in which the RMS is taken, Hz, or None for the full bandwidth.
+        band: in which RMS and A* are taken, Hz, or None for the full bandwidth.
         workers: threads; 0 is one per core. The results do not depend on it.
         kept: what was found, by the values of the parameters; that of an earlier run may be given.
         simulated: candidates simulated here.
@@ -134,11 +135,20 @@ class Evaluator:
         from models.dynamics.rows import simulate_row
 
         settled = simulate_row(scene, np.array(row.extents), accuracy=ACCURACY, band=self.band)
-        features = np.column_stack([settled.rms, a_star(settled.harmonics)])
+        features = np.column_stack([settled.rms, self._a_star(scene, settled.harmonics)])
         doubt = np.zeros_like(features)
         for i in np.flatnonzero(~settled.settled):
             features[i], doubt[i] = self._simulated_on(self.scene(values, self.conditions[row.numbers[i]]))
         return np.maximum(features, _LEAST_LEVEL), doubt
+
+    def _a_star(self, scene: Scene, harmonics: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return A* of amplitudes, shape (..., lines), of the lines in the band."""
+        if self.band is None or scene.defect is None:
+            return a_star(harmonics)
+        lines = kinematics(scene.bearing, scene.speed)
+        first = {"outer": lines.bpfo, "inner": lines.bpfi, "ball": 2.0 * lines.bsf}[scene.defect.part]
+        places = first * np.arange(1.0, harmonics.shape[-1] + 1.0, dtype=np.float64)
+        return a_star(harmonics * ((places >= self.band[0]) & (places <= self.band[1])))
 
     def _simulated_on(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return features and doubt, both (features,), of a motion that was not found to repeat."""
@@ -148,7 +158,7 @@ class Evaluator:
         response = simulate(scene, accuracy=ACCURACY, max_periods=_MAX_PERIODS, band=self.band, lines_to=highest)
         if response.status == "not_converged" or not math.isfinite(response.rms):
             return np.full(len(FEATURES), _LEAST_LEVEL), np.full(len(FEATURES), _UNKNOWN)
-        features = np.array([response.rms, float(a_star(response.harmonics))])
+        features = np.array([response.rms, float(self._a_star(scene, response.harmonics))])
         doubt = min(_UNKNOWN, response.spread / max(response.rms, _LEAST_LEVEL))
         return features, np.full(len(FEATURES), doubt)
 
@@ -159,7 +169,7 @@ class Evaluator:
         level = stationary_level(scene, accuracy=ACCURACY, band=self.band)
         if level.status == "not_converged":
             return np.full(len(FEATURES), _LEAST_LEVEL), np.full(len(FEATURES), _UNKNOWN)
-        amplitude = max(float(a_star(level.harmonics)), _LEAST_LEVEL)
-        error = float(np.sqrt(np.sum(np.square(level.harmonics * level.harmonics_se)[:5]))) / amplitude**2
+        amplitude = max(float(self._a_star(scene, level.harmonics)), _LEAST_LEVEL)
+        error = float(self._a_star(scene, level.harmonics * level.harmonics_se)) / amplitude**2
         rms = max(level.rms, _LEAST_LEVEL)
         return np.array([rms, amplitude]), np.array([level.rms_se / rms, error])

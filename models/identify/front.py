@@ -5,8 +5,7 @@ NSGA-II needs pymoo, the extra ``identify``; nothing else here does.
 
 from __future__ import annotations
 
-import contextlib
-import io
+import importlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,8 +44,8 @@ def simulated_front(problem: Problem) -> list[tuple[dict[str, float], dict[str, 
     if not kept:
         kept = list(evaluator.kept.items())
     objectives = [problem.deviations(level) for _, level in kept]
-    rows = np.array([list(found.values()) for found in objectives])
-    return [(dict(zip(names, kept[i][0], strict=True)), objectives[i]) for i in non_dominated(rows).tolist()]
+    rows = np.array([list(found.values()) for found in objectives], dtype=np.float64)
+    return [(dict(zip(names, kept[i][0], strict=True)), objectives[i]) for i in map(int, non_dominated(rows))]
 
 
 def nsga2(problem: Problem, *, population: int, generations: int, seed: int) -> list[Fit]:
@@ -55,34 +54,33 @@ def nsga2(problem: Problem, *, population: int, generations: int, seed: int) -> 
     Raises:
         WrongInputError: pymoo is not installed.
     """
+    pymoo = _pymoo()
+    space = problem.evaluator.space
+    cube = pymoo["core.problem"].Problem(n_var=len(space.free), n_obj=len(problem.objectives), xl=0.0, xu=1.0)
+    algorithm = pymoo["algorithms.moo.nsga2"].NSGA2(pop_size=population)
+    algorithm.setup(cube, termination=("n_gen", generations), seed=seed, verbose=False)
+    while algorithm.has_next():
+        asked = algorithm.ask()
+        objectives = _objectives(problem, np.asarray(asked.get("X"), dtype=np.float64))
+        pymoo["core.evaluator"].Evaluator().eval(pymoo["problems.static"].StaticProblem(cube, F=objectives), asked)
+        algorithm.tell(infills=asked)
+    points = np.atleast_2d(np.asarray(algorithm.result().X, dtype=np.float64))
+    return [fit for fit in problem.costs(space, list(points)) if fit is not None]
+
+
+def _pymoo() -> dict[str, Any]:
+    """Return the modules of pymoo that are needed; it has no types."""
+    names = ("core.problem", "core.evaluator", "problems.static", "algorithms.moo.nsga2")
     try:
-        from pymoo.algorithms.moo.nsga2 import NSGA2
-        from pymoo.core.problem import Problem as PymooProblem
-        from pymoo.optimize import minimize
+        return {name: importlib.import_module(f"pymoo.{name}") for name in names}
     except ImportError as error:
         raise WrongInputError(f"NSGA-II needs pymoo ({error}); install spallwatch[identify]") from None
-    space = problem.evaluator.space
-    free, objectives = len(space.free), len(problem.objectives)
 
-    class Deviations(PymooProblem):  # pyright: ignore[reportUntypedBaseClass]
-        """Delta of each objective over the unit cube."""
 
-        def __init__(self) -> None:
-            super().__init__(n_var=free, n_obj=objectives, xl=0.0, xu=1.0)
-
-        def _evaluate(self, x: NDArray[np.float64], out: dict[str, Any], *args: Any, **kwargs: Any) -> None:
-            found = problem.costs(space, list(x))
-            out["F"] = np.array(
-                [
-                    [_REFUSED] * objectives
-                    if fit is None
-                    else list(problem.deviations(problem.evaluator.levels([fit.values])[0]).values())
-                    for fit in found
-                ]
-            )
-
-    # Its banner and hints are not part of any output.
-    with contextlib.redirect_stdout(io.StringIO()):
-        result: Any = minimize(Deviations(), NSGA2(pop_size=population), ("n_gen", generations), seed=seed)
-    points = np.atleast_2d(np.asarray(result.X, dtype=np.float64))
-    return [fit for fit in problem.costs(space, list(points)) if fit is not None]
+def _objectives(problem: Problem, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the deviations, %, at points, shape (points, objectives); those outside Eq. 80 are not simulated."""
+    found = np.full((len(points), len(problem.objectives)), _REFUSED)
+    for row, fit in zip(found, problem.costs(problem.evaluator.space, list(points)), strict=True):
+        if fit is not None:
+            row[:] = list(problem.deviations(problem.evaluator.levels([fit.values])[0]).values())
+    return found

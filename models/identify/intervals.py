@@ -134,6 +134,7 @@ class _Profile:
         self._problem, self._space, self._name, self._limit = problem, problem.evaluator.space, name, limit
         self._linear = self._space.is_linear(name)
         self._low, self._high = (self._scale(end) for end in self._space.bounds(name))
+        self._bounds = self._space.bounds(name)
         span = self._high - self._low
         self._step = min(max(_FIRST_STEP * sd if math.isfinite(sd) else math.inf, _LEAST_STEP * span), span)
         self._step = min(self._step, _LARGEST_STEP * span)
@@ -151,24 +152,25 @@ class _Profile:
         ``way`` is 1 upwards, -1 downwards.
         """
         inside, cost = self._scale(start.values[self._name]), start.cost
-        edge = self._high if way > 0 else self._low
+        edge, limit = (self._high, self._bounds[1]) if way > 0 else (self._low, self._bounds[0])
         begin, step = start, self._step
         for _ in range(_MOST_STEPS):
             if abs(edge - inside) <= 1e-9 * (self._high - self._low):
-                return self._value(edge), True
+                return limit, True
             place = inside + way * step
             place = min(place, edge) if way > 0 else max(place, edge)
             found = self._least(place, begin)
             if found is None:
                 # What is left of the space ends before the limit.
                 edge = 0.5 * (inside + place)
+                limit = self._value(edge)
                 step *= 0.5
                 continue
             if found.cost > self._limit.cost:
                 return self._value(self._crossing(inside, cost, place, found)), False
             inside, cost, begin = place, found.cost, found
             step *= _GROWTH
-        return self._value(edge), True
+        return limit, True
 
     def _crossing(self, inside: float, cost: float, outside: float, found: Fit) -> float:
         """Return where the profile meets the threshold, of which the root of the cost is about linear there."""

@@ -66,7 +66,7 @@ class Limits:
         return replace(self, **intervals)
 
 
-INTERVALS: tuple[str, ...] = tuple(field.name for field in fields(Limits) if not field.name.startswith("f_")) + ("f_r",)
+INTERVALS = (*(field.name for field in fields(Limits) if not field.name.startswith("f_")), "f_r")
 """Names of the limits that are intervals."""
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.identify.evaluate import Evaluator, Level, Values
+from models.identify.evaluate import Evaluator, Level
 from models.identify.trials import FEATURES, Trials, global_deviation
 from models.numerics import least_squares_in_cube
 

@@ -9,8 +9,8 @@ free) is checked, and such points are refused before anything is simulated.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
@@ -61,7 +61,7 @@ class Space:
     loads: tuple[float, ...]
     clearance: float = 0.0
     free: tuple[str, ...] = DEFAULT_FREE
-    limits: Limits = Limits()
+    limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
         """Put the free parameters in order; raise a SpaceError for names that cannot be free."""

@@ -245,8 +245,8 @@ def _toml(found: Identification, config: Config, bearing: str, values: Mapping[s
     """Return the ``[rig]`` table of a result."""
     element = found.space.rig.element
     lines = [
-        f"# Identified from {values['tests']} tests at {values['conditions']} conditions; the RMS of the fit differs by "
-        f"{', '.join(f'{name} {value:.3g} %' for name, value in values['objectives'].items())} (mean, Eq. 56).",
+        f"# Identified from {values['tests']} tests at {values['conditions']} conditions; mean differences (Eq. 56): "
+        f"{', '.join(f'{name} {value:.3g} %' for name, value in values['objectives'].items())}.",
         "[rig]",
         f'bearing = "{config.rig.bearing or bearing}"',
     ]
@@ -292,7 +292,8 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
     yield f"f_r {np.min(resonances):.0f} to {np.max(resonances):.0f} Hz over loads and directions"
     for name, value in values["objectives"].items():
         yield f"mean difference of {name} {value:.3g} %"
-    yield f"scatter of the tests about the model {100 * values['noise']:.2g} %; {len(values['front'])} points on the front"
+    yield f"scatter of the tests about the model {100 * values['noise']:.2g} %"
+    yield f"{len(values['front'])} candidates on the front"
     if values["not_periodic"]:
         yield f"{values['not_periodic']} conditions do not repeat with the ball passage; their levels are means"
     yield f"identification {values['identification'][:16]}"

@@ -186,7 +186,8 @@ def _recorded(cells: _Cells, condition: Condition, measuring: Measuring) -> Tria
     channel = measuring.channel
     if measuring.band is None:
         raise InputError(
-            f"{cells.path}: recordings need the band of the RMS: rms_band_hz of channel {channel.name!r}, or --rms-band-hz"
+            f"{cells.path}: recordings need the band of the RMS: give rms_band_hz of channel {channel.name!r}, "
+            "or --rms-band-hz"
         )
     if not cells.row["recording"]:
         raise cells.wrong("recording", "a file")
@@ -232,7 +233,7 @@ def _features(
     lines = fault_lines(spectrum, line, n_harmonics=N_HARMONICS)
     if not lines.resolved.all():
         raise InputError(
-            f"{where}: {samples.size / block.rate:.3g} s at {block.rate:g} Hz do not resolve five lines of {line:.4g} Hz"
+            f"{where}: {samples.size} samples at {block.rate:g} Hz do not resolve {N_HARMONICS} lines of {line:.4g} Hz"
         )
     low, high = band
     places = lines.fundamental * np.arange(1, N_HARMONICS + 1)
