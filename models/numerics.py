@@ -117,7 +117,8 @@ def least_squares_in_cube(
     from scipy.optimize import least_squares
 
     method: Any = least_squares
-    found = method(
-        residuals, begin, jac=jacobian, bounds=(0.0, 1.0), method="trf", ftol=ftol, xtol=xtol, gtol=None, max_nfev=calls
-    )
+    settings = {"method": "trf", "ftol": ftol, "xtol": xtol, "gtol": None, "max_nfev": calls}
+    # Where no residual changes any more, the step is no number; its residuals are not finite, so it is not taken.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = method(residuals, begin, jac=jacobian, bounds=(0.0, 1.0), **settings)
     return np.asarray(found.x)

@@ -16,6 +16,7 @@ import numpy as np
 
 from models.errors import WrongInputError
 from models.identify.problem import Fit, Problem
+from models.identify.search import resonance_axis, shifted
 from models.identify.space import SpaceError
 from models.numerics import f_quantile
 
@@ -201,6 +202,11 @@ class _Profile:
         except SpaceError:
             return None
         fit = self._problem.fit(space, point, calls=_CALLS, ftol=1e-2, xtol=1e-4)
+        axis = resonance_axis(space)
+        if fit is not None and fit.cost > self._limit.cost and axis is not None:
+            # Another valley of the resonance may be within.
+            other = shifted(self._problem, space, fit.point, axis, calls=_CALLS)
+            fit = fit if other is None or other.cost > fit.cost else other
         if fit is not None:
             self.visited[value] = min(fit.cost, self.visited.get(value, math.inf))
         return fit

@@ -143,8 +143,9 @@ class Problem:
         if moved:
             if not np.all(np.isfinite(residuals(start[moved]))):
                 return None
-            part = least_squares_in_cube(residuals, jacobian, start[moved], ftol=ftol, xtol=xtol, calls=calls)
-            found = whole(part)
+            if np.any(jacobian(start[moved])):
+                part = least_squares_in_cube(residuals, jacobian, start[moved], ftol=ftol, xtol=xtol, calls=calls)
+                found = whole(part)
         return self.costs(space, [found])[0]
 
     def jacobian(self, space: Space, point: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -29,7 +29,7 @@ Progress = Callable[[str, int, int, float], None]
 """Called with the stage, candidates so far, about how many in all, and the seconds that are left."""
 
 # Candidates of a profile per parameter, on average.
-_PROFILE_CANDIDATES = 25
+_PROFILE_CANDIDATES = 45
 # Members of the front from which least squares begin.
 _FRONT_STARTS = 6
 # Significant digits of numbers in the hash.

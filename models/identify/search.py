@@ -28,8 +28,8 @@ _STARTS, _VALLEYS = 8, 6
 _CALLS, _SCAN_CALLS = 25, 6
 # Shares of the interval of c_r from which a valley is fitted.
 _DAMPINGS = (0.05, 0.4)
-# Places on either side of a valley, and their distance, at which it is probed with low damping.
-_PROBES, _PROBE_STEP = 6, 0.002
+# Places on either side of a point, and their distance on the coordinate of the resonance, at which it is probed.
+_PROBES, _PROBE_STEP = 12, 0.0015
 
 
 def design_points(free: int) -> int:
@@ -59,9 +59,9 @@ def search(problem: Problem, seed: int, starts: Sequence[Fit] = ()) -> list[Fit]
         _keep(problem, problem.fit(space, start.point, calls=_CALLS))
     for _ in range(2):
         before = best(problem).cost
-        resonance = _resonance(space)
-        if resonance is not None:
-            _scan(problem, space, resonance)
+        axis = resonance_axis(space)
+        if axis is not None:
+            _scan(problem, space, axis)
         if best(problem).cost > before - 1.0:
             break
     return sorted(problem.fits, key=lambda fit: fit.cost)
@@ -87,7 +87,7 @@ def _keep(problem: Problem, fit: Fit | None) -> None:
         problem.fits.append(fit)
 
 
-def _resonance(space: Space) -> int | None:
+def resonance_axis(space: Space) -> int | None:
     """Return the number of the coordinate that moves f_r most, or None."""
     return next((space.free.index(name) for name in ("k_r", "m_r") if name in space.free), None)
 
@@ -123,14 +123,22 @@ def _valleys(fits: list[Fit]) -> list[Fit]:
 
 def _narrow(problem: Problem, space: Space, point: NDArray[np.float64], axis: int, damping: float) -> Fit | None:
     """Return the fit from the best place around a valley with a low damping of the resonator."""
-    offsets = _PROBE_STEP * np.arange(-_PROBES, _PROBES + 1)
+    damped = point.copy()
+    damped[space.free.index("c_r")] = damping
+    return shifted(problem, space, damped, axis, calls=_CALLS)
+
+
+def shifted(problem: Problem, space: Space, point: NDArray[np.float64], axis: int, *, calls: int) -> Fit | None:
+    """Return the fit from the best of some places around a point along a coordinate; None where none is admissible.
+
+    Neighbouring valleys of the resonance are met, which least squares alone do not leave.
+    """
     probes: list[NDArray[np.float64]] = []
-    for offset in offsets.tolist():
+    for step in range(-_PROBES, _PROBES + 1):
         probe = point.copy()
-        probe[axis] = min(max(probe[axis] + offset, 0.0), 1.0)
-        probe[space.free.index("c_r")] = damping
+        probe[axis] = min(max(probe[axis] + step * _PROBE_STEP, 0.0), 1.0)
         probes.append(probe)
     found = [fit for fit in problem.costs(space, probes) if fit is not None]
     if not found:
         return None
-    return problem.fit(space, min(found, key=lambda fit: fit.cost).point, calls=_CALLS)
+    return problem.fit(space, min(found, key=lambda fit: fit.cost).point, calls=calls, ftol=1e-2, xtol=1e-4)

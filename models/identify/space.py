@@ -19,7 +19,7 @@ import numpy as np
 from models.errors import WrongInputError
 from models.hertz import mean_bearing_stiffness
 from models.identify.limits import Interval, Limits, alpha_c_interval, beta_c_interval, intersection
-from models.scene import Rig, natural_frequencies, resonator_stiffness
+from models.scene import Rig, resonator_stiffness
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -248,9 +248,15 @@ class Space:
         return found
 
     def resonances(self, values: Mapping[str, float]) -> tuple[float, ...]:
-        """Return the highest natural frequency at each load, across and along it, Hz."""
-        rig = self.rig_of(values)
-        return tuple(float(natural_frequencies(rig, k_b, k_b)[-1]) for k_b in self._bearing(values))
+        """Return the highest natural frequency at each load, across and along it, Hz (Eqs. 59 and 60)."""
+        roots = np.sqrt([values["m_i"], values["m_o"], values["m_r"]])
+        k_b, k_i, k_r = np.array(self._bearing(values)), values["k_i"], values["k_r"]
+        matrices = np.zeros((len(k_b), 3, 3))
+        matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = k_b + k_i, k_b + k_r, k_r
+        matrices[:, 0, 1] = matrices[:, 1, 0] = -k_b
+        matrices[:, 1, 2] = matrices[:, 2, 1] = -k_r
+        highest = np.linalg.eigvalsh(matrices / np.outer(roots, roots))[:, -1]
+        return tuple((np.sqrt(highest) / (2.0 * math.pi)).tolist())
 
 
 def contact_ratios(values: Mapping[str, float], limits: Limits) -> tuple[float, float]:
