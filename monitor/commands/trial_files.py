@@ -23,7 +23,7 @@ from monitor.health.spectrum.features import N_HARMONICS, fundamentals
 from monitor.health.spectrum.lines import fault_lines
 from monitor.health.spectrum.transform import Band, get_transform
 from monitor.service.setup import open_configured
-from streams.block import STANDARD_GRAVITY, Block, Rejected
+from streams.block import STANDARD_GRAVITY, Block, Rejected, to_si
 
 _CONDITION = ("load_newton", "speed_hz")
 _FEATURES = ("rms_g", "a_star_g")
@@ -213,11 +213,11 @@ def _features(
     if isinstance(block, Rejected):
         raise InputError(f"{where}: {block.reason} ({block.status})")
     row = block.channels.index(measuring.channel.name)
-    if block.units[row] != "m/s2":
-        raise InputError(
-            f"{where}: channel {measuring.channel.name!r} has the unit {block.units[row]}; levels are needed"
-        )
-    samples = block.samples[row]
+    channel, unit = measuring.channel, block.units[row]
+    scale = 1.0 if channel.scale is None else channel.scale
+    samples, unit = to_si(block.samples[row], unit, scale, channel.sensitivity_mv_per_g)
+    if unit != "m/s2":
+        raise InputError(f"{where}: channel {channel.name!r} has the unit {unit}; absolute levels are needed")
     if not np.all(np.isfinite(samples)):
         raise InputError(f"{where}: holds samples that are no finite numbers")
     fault = condition.part

@@ -1,0 +1,250 @@
+"""``spallwatch identify`` from end to end, and its inputs, good and bad."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from models.bearing import from_catalogue, kinematics
+from monitor.cli import spallwatch
+from monitor.commands.common import InputError
+from monitor.commands.trial_files import Measuring, read_trials, tracked_channel
+from monitor.config.load import Config, load_config, validate
+from streams.block import STANDARD_GRAVITY
+from tests.commands import run_command
+from tests.models.identify.cases import CONDITIONS, TRUTH, simulated_trials
+
+MACHINE = """
+[[bearing]]
+name = "test"
+designation = "1205 ETN9"
+[[source]]
+name = "logger"
+block_s = 1
+rate_hz = 25600
+[[channel]]
+name = "casing"
+source = "logger"
+column = 1
+unit = "g"
+bearing = "test"
+rms_band_hz = [0, 9500]
+track = true
+"""
+RATE = 25600.0
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Path:
+    path = tmp_path / "machine.toml"
+    path.write_text(MACHINE)
+    return path
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    """A CSV of simulated tests with 1 % of noise."""
+    path = tmp_path / "tests.csv"
+    rows = ["load_newton,speed_hz,defect_deg,h_d_um,fault,rms_g,a_star_g"]
+    for condition, (rms, a_star) in zip(CONDITIONS, simulated_trials(0.01).mean.tolist(), strict=True):
+        cells = (condition.load, condition.speed, math.degrees(condition.dphi_d), 500, "outer")
+        rows.append(",".join(map(str, (*cells, rms / STANDARD_GRAVITY, a_star / STANDARD_GRAVITY))))
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_tests_become_a_rig(table: Path, machine: Path, tmp_path: Path) -> None:
+    out = tmp_path / "rig.toml"
+    options = ("--config", machine, "--free", "m_r_kg", "--seed", 4, "--workers", 1, "--out", out)
+    run = run_command("identify", table, *options, "--json")
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout)
+    assert {"front", "best", "intervals", "undetermined", "evaluations", "seconds"} <= set(found)
+    assert found["best"]["m_r_kg"] == pytest.approx(TRUTH.m_r, rel=0.01)
+    low, high = found["intervals"]["m_r_kg"]
+    assert low < TRUTH.m_r < high
+    assert found["undetermined"] == []
+    assert found["rms_band_hz"] == [0.0, 9500.0]
+    assert found["front"][0]["parameters"].keys() == {"m_r_kg"}
+    assert found["front"][0]["objectives"].keys() == {"rms", "a_star"}
+    text = out.read_text()
+    rig = tomllib.loads(text)["rig"]
+    assert rig["calibrated"] is True
+    assert rig.pop("identification") == found["identification"]
+    assert len(found["identification"]) == 64
+    assert rig["m_r_kg"] == pytest.approx(found["best"]["m_r_kg"], rel=1e-9)
+    assert f"# 95 % interval {low:.4g} to {high:.4g}" in text
+    # The rest of the table is the configured rig, and a configuration takes it.
+    config = validate({**tomllib.loads(MACHINE), "rig": rig}, out)
+    assert config.rig.k_r_newton_per_m == TRUTH.k_r
+    assert config.rig.calibrated
+    assert not (tmp_path / "rig.toml.state").exists()
+    # For people, and resumed where nothing is kept.
+    words = run_command("identify", table, *options, "--resume", "--quiet").stdout
+    assert "m_r_kg" in words
+    assert f"identification {found['identification'][:16]}" in words
+
+
+@pytest.fixture
+def measuring(machine: Path) -> Measuring:
+    config = load_config(machine)
+    channel = tracked_channel(config, None)
+    return Measuring(config, channel, config.bearing_of(channel), channel.rms_band_hz)
+
+
+def test_widths_are_divided_by_the_race_radius(tmp_path: Path, measuring: Measuring) -> None:
+    path = tmp_path / "a.csv"
+    rows = ["load_newton,speed_hz,defect_mm,fault,rms_g,a_star_g,repetition"]
+    rows += ["1000,40,0.928,,0.5,0.2,1", "1000,40,0.928,inner,0.5,0.2,1", "1000,40,0.928,ball,0.5,0.2,1"]
+    path.write_text("\n".join(rows))
+    outer, inner, ball = read_trials(path, measuring).trials
+    assert outer.condition.dphi_d == pytest.approx(0.928 / 22.91)
+    assert inner.condition.dphi_d == pytest.approx(0.928 / 16.64)
+    assert ball.condition.dphi_d == pytest.approx(0.928 / 3.56)
+    assert outer.rms == pytest.approx(0.5 * STANDARD_GRAVITY)
+    # Deeper than a ball reaches.
+    assert outer.condition.h_d == pytest.approx(7.12e-3)
+    path.write_text("\n".join(rows[:2]))
+    assert read_trials(path, measuring).race_radius == pytest.approx(22.91e-3)
+
+
+def recording(fundamental: float, amplitudes: tuple[float, ...], noise: float, seed: int = 0) -> np.ndarray:
+    """Return 4 s of lines and white noise, g."""
+    t = np.arange(4 * int(RATE)) / RATE
+    lines = sum(a * np.sin(2.0 * np.pi * k * fundamental * t + k) for k, a in enumerate(amplitudes, 1))
+    return lines + noise * np.random.default_rng(seed).standard_normal(t.size)
+
+
+def write_recordings(folder: Path, noise: float) -> Path:
+    line = kinematics(from_catalogue("1205 ETN9"), 40.0).bpfo
+    np.save(folder / "one.npy", recording(0.995 * line, (0.3, 0.0, 0.4, 0.0, 0.0, 0.7), noise).astype(np.float32))
+    path = folder / "tests.csv"
+    path.write_text("recording,load_newton,speed_hz,defect_deg\none.npy,1000,40,2.362\n")
+    return path
+
+
+def test_features_of_recordings_are_those_of_their_lines(tmp_path: Path, measuring: Measuring) -> None:
+    path = write_recordings(tmp_path, noise=1e-4)
+    found = read_trials(path, measuring)
+    assert found.recordings == 1
+    (trial,) = found.trials
+    # The sixth line is in the RMS, not in A* (Eq. 57).
+    assert trial.a_star / STANDARD_GRAVITY == pytest.approx(0.5, rel=0.01)
+    assert trial.rms / STANDARD_GRAVITY == pytest.approx(math.sqrt(0.5 * (0.09 + 0.16 + 0.49)), rel=1e-3)
+
+
+def test_a_star_of_recordings_is_corrected_for_noise(tmp_path: Path, measuring: Measuring) -> None:
+    # Noise of 20 g reads 0.28 g in each of the five lines: without correction A* would be 0.8 g.
+    (found,) = read_trials(write_recordings(tmp_path, noise=20.0), measuring).trials
+    assert found.a_star / STANDARD_GRAVITY == pytest.approx(0.5, rel=0.25)
+    assert found.rms / STANDARD_GRAVITY == pytest.approx(20.0 * math.sqrt(9500.0 / 12800.0), rel=0.02)
+
+
+def test_lines_outside_the_band_do_not_count(tmp_path: Path, measuring: Measuring) -> None:
+    path = write_recordings(tmp_path, noise=1e-4)
+    narrow = Measuring(measuring.config, measuring.channel, measuring.bearing, (300.0, 9500.0))
+    assert read_trials(path, narrow).trials[0].a_star / STANDARD_GRAVITY == pytest.approx(0.4, rel=0.01)
+
+
+HEADER = "load_newton,speed_hz,defect_deg,rms_g,a_star_g\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"bad\.csv: no rows below the header"),
+        (HEADER, r"bad\.csv: no rows below the header"),
+        ("speed_hz,defect_deg,rms_g,a_star_g\n40,2,1,1\n", "column load_newton is missing; found a_star_g"),
+        (HEADER + "1000,40,2.3,high,0.2\n", r"line 2: rms_g is 'high', expected a positive number"),
+        (HEADER + "1000,40,2.3,0.5,0.2\n1000,-40,2.3,0.5,0.2\n", "line 3: speed_hz is '-40', expected a positive"),
+        (HEADER + "1000,40,2.3,nan,0.2\n", "line 2: rms_g is 'nan', expected a positive number"),
+        (HEADER + "1000,40,2.3,0.5,\n", "line 2: a_star_g is '', expected a positive number"),
+        (HEADER + "1000,40,400,0.5,0.2\n", "line 2: defect_deg is '400', expected a positive number up to 360"),
+        (HEADER + "1000,40,2.3,0.5\n", "line 2: expected 5 cells, found 4"),
+        ("load_newton,speed_hz,rms_g,a_star_g\n1,1,1,1\n", "expected one of the columns defect_deg and defect_mm"),
+        ("load_newton,speed_hz,defect_mm,defect_deg,rms_g,a_star_g\n1,1,1,1,1,1\n", "expected one of the columns"),
+        ("load_newton,speed_hz,defect_deg,rms_g\n1,1,1,1\n", "expected the columns rms_g and a_star_g, or recording"),
+        (HEADER.strip() + ",recording\n1,1,1,1,1,a\n", "expected the columns rms_g and a_star_g, or recording"),
+        (HEADER.strip() + ",colour\n1,1,1,1,1,red\n", "column colour is not known; allowed are load_newton"),
+        (HEADER.strip() + ",rms_g\n1,1,1,1,1,1\n", "line 1: column rms_g is given twice"),
+        (
+            HEADER.strip() + ",fault\n1000,40,2,1,1,cage\n",
+            "line 2: fault is 'cage', expected one of outer, inner, ball",
+        ),
+        (HEADER.strip() + ",h_d_um\n1000,40,2,1,1,0\n", "line 2: h_d_um is '0', expected a positive number"),
+        ("load_newton,speed_hz,defect_deg,recording\n1,1,1,gone.npy\n", "line 2: recording 'gone.npy': no such file"),
+        ("load_newton,speed_hz,defect_deg,recording\n1,1,1,\n", "line 2: recording is '', expected a file"),
+    ],
+)
+def test_bad_tables_name_file_line_and_column(text: str, message: str, tmp_path: Path, measuring: Measuring) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as raised:
+        read_trials(path, measuring)
+    assert str(path) in str(raised.value)
+
+
+def test_files_that_are_no_tables_are_named(tmp_path: Path, measuring: Measuring) -> None:
+    with pytest.raises(InputError, match=r"gone\.csv: cannot be read: No such file"):
+        read_trials(tmp_path / "gone.csv", measuring)
+    (tmp_path / "a.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="is no text in UTF-8"):
+        read_trials(tmp_path / "a.csv", measuring)
+
+
+def test_recordings_of_no_use_are_named(tmp_path: Path, measuring: Measuring) -> None:
+    path = write_recordings(tmp_path, noise=1e-4)
+    whole = Measuring(measuring.config, measuring.channel, measuring.bearing, None)
+    with pytest.raises(InputError, match="recordings need the band of the RMS: give rms_band_hz of channel 'casing'"):
+        read_trials(path, whole)
+    np.save(tmp_path / "one.npy", np.ones(500, dtype=np.float32))
+    with pytest.raises(InputError, match=r"line 2: .*one\.npy: 5[0-9]* samples at 25600 Hz do not resolve 5 lines"):
+        read_trials(path, measuring)
+    np.save(tmp_path / "one.npy", np.full(50_000, np.nan, dtype=np.float32))
+    with pytest.raises(InputError, match=r"line 2: .*one\.npy: holds samples that are no finite numbers"):
+        read_trials(path, measuring)
+
+
+def configured(tmp_path: Path, **changes: Any) -> Config:
+    values = tomllib.loads(MACHINE)
+    values["channel"] = [{**values["channel"][0], **changes}, {**values["channel"][0], "name": "other", **changes}]
+    return validate(values, tmp_path / "two.toml")
+
+
+def test_the_channel_is_the_tracked_one_or_named(tmp_path: Path, measuring: Measuring) -> None:
+    with pytest.raises(InputError, match="--channel is missing: casing, other are to choose from"):
+        tracked_channel(configured(tmp_path), None)
+    assert tracked_channel(configured(tmp_path, track=False), "other").name == "other"
+    with pytest.raises(InputError, match="--channel motor: expected one of casing, other"):
+        tracked_channel(configured(tmp_path), "motor")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--free", "k_q"), "spallwatch: 'k_q' cannot be free; expected names of m_i, m_o, k_i, k_c"),
+        (("--objectives", "peak"), "objectives: expected some of rms, a_star, got ('peak',)"),
+        (("--limit", "f_r:9500"), "'f_r:9500' is not NAME:LO:HI, such as f_r:4500:9500"),
+        (("--limit", "f_9:1:2"), "'f_9' has no limits; expected one of m_r, k_r"),
+        (("--limit", "f_r:9500:4500"), "identify: limits of f_r: expected 0 <= LO < HI"),
+        (("--out", "rig.nc"), "--out rig.nc: expected a name that ends in .toml"),
+        (("--resume",), "--resume needs --out FILE"),
+        (("--free", "m_r,k_r,c_i,beta_c,c_r,alpha_c"), "6 features of the tests cannot determine 6 parameters"),
+    ],
+)
+def test_wrong_options_are_named(options: tuple[str, ...], message: str, table: Path, machine: Path) -> None:
+    run = run_command("identify", table, "--config", machine, *options)
+    assert run.returncode == 2
+    assert message in run.stderr
+
+
+def test_help_names_the_default_unknowns() -> None:
+    words = CliRunner().invoke(spallwatch, ["identify", "--help"]).output
+    assert "m_r, k_r, c_i, beta_c, c_r, alpha_c" in " ".join(words.split())
