@@ -9,7 +9,7 @@ search that are within the interval already, so it reaches valleys that the neig
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -31,7 +31,9 @@ MAX_FACTOR = 4.0
 
 # First step of a profile over the standard deviation that the Fisher information gives, and growth of the steps.
 _FIRST_STEP, _GROWTH = 1.0, 1.8
-_MOST_STEPS = 8
+_MOST_STEPS = 14
+# Halvings of the last step, and the root of the cost over that of the threshold from which on it is interpolated.
+_HALVINGS, _NEAR = 4, 1.5
 # Least and largest first step, as a share of the interval (or of its logarithm).
 _LEAST_STEP, _LARGEST_STEP = 0.002, 0.15
 _CALLS = 6
@@ -152,9 +154,9 @@ class _Profile:
 
         ``way`` is 1 upwards, -1 downwards.
         """
-        inside, cost = self._scale(start.values[self._name]), start.cost
+        inside, begin = self._scale(start.values[self._name]), start
         edge, limit = (self._high, self._bounds[1]) if way > 0 else (self._low, self._bounds[0])
-        begin, step = start, self._step
+        step = self._step
         for _ in range(_MOST_STEPS):
             if abs(edge - inside) <= 1e-9 * (self._high - self._low):
                 return limit, True
@@ -168,27 +170,28 @@ class _Profile:
                 step *= 0.5
                 continue
             if found.cost > self._limit.cost:
-                return self._value(self._crossing(inside, cost, place, found)), False
-            inside, cost, begin = place, found.cost, found
+                return self._value(self._crossing(inside, begin, place, found.cost)), False
+            inside, begin = place, found
             step *= _GROWTH
         return limit, True
 
-    def _crossing(self, inside: float, cost: float, outside: float, found: Fit) -> float:
-        """Return where the profile meets the threshold, of which the root of the cost is about linear there."""
-        for _ in range(2):
-            low, high = self._root(cost), self._root(found.cost)
-            middle = inside + (outside - inside) * (self._root(self._limit.cost) - low) / max(high - low, 1e-12)
-            if high - low < 0.5 * self._root(self._limit.cost):
-                return middle
-            between = self._least(middle, found)
-            if between is None:
-                return middle
-            if between.cost > self._limit.cost:
-                outside, found = middle, between
+    def _crossing(self, inside: float, within: Fit, outside: float, cost: float) -> float:
+        """Return where the profile meets the threshold, between a place within and one of a cost outside.
+
+        Near it the root of what the cost exceeds the least by is about linear.
+        """
+        limit = self._root(self._limit.cost)
+        for _ in range(_HALVINGS):
+            if self._root(cost) < _NEAR * limit:
+                break
+            middle = 0.5 * (inside + outside)
+            found = self._least(middle, within)
+            if found is None or found.cost > self._limit.cost:
+                outside, cost = middle, self._limit.cost if found is None else found.cost
             else:
-                inside, cost = middle, between.cost
-        low, high = self._root(cost), self._root(found.cost)
-        return inside + (outside - inside) * (self._root(self._limit.cost) - low) / max(high - low, 1e-12)
+                inside, within = middle, found
+        low, high = self._root(within.cost), self._root(cost)
+        return inside + (outside - inside) * min(1.0, (limit - low) / max(high - low, 1e-12))
 
     def _root(self, cost: float) -> float:
         return math.sqrt(max(cost - self._limit.least, 0.0))
@@ -209,22 +212,23 @@ class _Profile:
             fit = fit if other is None or other.cost > fit.cost else other
         if fit is not None:
             self.visited[value] = min(fit.cost, self.visited.get(value, math.inf))
+            self._problem.fits.append(replace(fit, point=self._space.encode(fit.values)))
         return fit
 
 
-def profile_intervals(problem: Problem, fits: list[Fit], limit: Threshold) -> dict[str, ParameterInterval]:
+def profile_intervals(problem: Problem, best: Fit, limit: Threshold) -> dict[str, ParameterInterval]:
     """Return the intervals of all free parameters.
 
     Args:
-        problem: searched before.
-        fits: of the search, best first.
+        problem: searched before; what the profiles meet is added to its fits.
+        best: its best fit.
         limit: of the costs within.
     """
     space = problem.evaluator.space
-    deviations = fisher_deviations(problem, fits[0], limit.variance)
-    within = [fit for fit in fits if fit.cost <= limit.cost]
+    deviations = fisher_deviations(problem, best, limit.variance)
     found: dict[str, ParameterInterval] = {}
     for name in space.free:
+        within = [fit for fit in problem.fits if fit.cost <= limit.cost]
         profile = _Profile(problem, name, limit, deviations[name])
         lowest = min(within, key=lambda fit, name=name: fit.values[name])
         highest = max(within, key=lambda fit, name=name: fit.values[name])

@@ -15,9 +15,9 @@ import numpy as np
 from models.errors import WrongInputError
 from models.identify.evaluate import Evaluator
 from models.identify.front import nsga2, simulated_front
-from models.identify.intervals import ParameterInterval, profile_intervals, threshold
+from models.identify.intervals import ParameterInterval, Threshold, profile_intervals, threshold
 from models.identify.problem import Fit, Problem
-from models.identify.search import planned_evaluations, search
+from models.identify.search import lowest, planned_evaluations, search
 from models.identify.state import StateFile
 from models.identify.trials import FEATURES, Trials
 
@@ -32,6 +32,9 @@ Progress = Callable[[str, int, int, float], None]
 _PROFILE_CANDIDATES = 45
 # Members of the front from which least squares begin.
 _FRONT_STARTS = 6
+# Rounds of profiles, iterations of a fit between them, and the share of what is added to the threshold by which a fit
+# must be better for another round.
+_ROUNDS, _FINAL_CALLS, _SAME = 3, 25, 0.01
 # Significant digits of numbers in the hash.
 _DIGITS = 12
 
@@ -144,10 +147,9 @@ def identify(
     evaluator.notify = stage.note
     try:
         stage.name = "search"
-        fits = _searched(problem, options)
+        best = _searched(problem, options)
         stage.name = "intervals"
-        limit = threshold(problem, fits[0].cost, options.level)
-        intervals = profile_intervals(problem, fits, limit)
+        best, limit, intervals = _profiled(problem, best, options.level)
     except BaseException:
         # What was simulated is worth keeping, whatever ended the run.
         if file is not None and evaluator.kept:
@@ -155,11 +157,11 @@ def identify(
         raise
     if file is not None:
         file.remove()
-    level = evaluator.levels([fits[0].values])[0]
+    level = evaluator.levels([best.values])[0]
     noise = float(np.sqrt(limit.variance) * np.mean(problem.deviation))
     found = Identification(
         space=space,
-        best=fits[0],
+        best=best,
         intervals=intervals,
         front=simulated_front(problem),
         deviations=problem.deviations(level),
@@ -167,19 +169,33 @@ def identify(
         noise=noise,
         evaluations=len(evaluator.kept),
         seconds=time.perf_counter() - began,
-        resonances=space.resonances(fits[0].values),
+        resonances=space.resonances(best.values),
         not_periodic=int(np.count_nonzero(np.any(level.doubt > 0.0, axis=1))),
         hash="",
     )
     return replace(found, hash=_hash({**_problem_facts(trials, space, options), "result": _result_facts(found)}))
 
 
-def _searched(problem: Problem, options: IdentifyOptions) -> list[Fit]:
+def _profiled(problem: Problem, best: Fit, level: float) -> tuple[Fit, Threshold, dict[str, ParameterInterval]]:
+    """Return the best fit with its intervals; where their profiles meet a better one, once more from there."""
+    rounds = 0
+    while True:
+        limit = threshold(problem, best.cost, level)
+        intervals, rounds = profile_intervals(problem, best, limit), rounds + 1
+        better = lowest(problem)
+        if rounds == _ROUNDS or better.cost > best.cost - _SAME * limit.added:
+            return best, limit, intervals
+        fitted = problem.fit(problem.evaluator.space, better.point, calls=_FINAL_CALLS)
+        best = better if fitted is None or fitted.cost > better.cost else fitted
+        problem.fits.append(best)
+
+
+def _searched(problem: Problem, options: IdentifyOptions) -> Fit:
     starts: list[Fit] = []
     if options.method == "nsga2":
         front = nsga2(problem, population=options.population, generations=options.generations, seed=options.seed)
         starts = sorted(front, key=lambda fit: fit.cost)[:_FRONT_STARTS]
-    return search(problem, options.seed, starts)
+    return search(problem, options.seed, starts)[0]
 
 
 def _planned(space: Space, options: IdentifyOptions) -> int:

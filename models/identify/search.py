@@ -58,11 +58,11 @@ def search(problem: Problem, seed: int, starts: Sequence[Fit] = ()) -> list[Fit]
     for start in starts or _designed(problem, seed):
         _keep(problem, problem.fit(space, start.point, calls=_CALLS))
     for _ in range(2):
-        before = best(problem).cost
+        before = lowest(problem).cost
         axis = resonance_axis(space)
         if axis is not None:
             _scan(problem, space, axis)
-        if best(problem).cost > before - 1.0:
+        if lowest(problem).cost > before - 1.0:
             break
     return sorted(problem.fits, key=lambda fit: fit.cost)
 
@@ -77,7 +77,7 @@ def _designed(problem: Problem, seed: int) -> list[Fit]:
     return sorted(candidates, key=lambda fit: fit.cost)[:_STARTS]
 
 
-def best(problem: Problem) -> Fit:
+def lowest(problem: Problem) -> Fit:
     """Return the best fit so far."""
     return min(problem.fits, key=lambda fit: fit.cost)
 
@@ -94,7 +94,7 @@ def resonance_axis(space: Space) -> int | None:
 
 def _scan(problem: Problem, space: Space, axis: int) -> None:
     """Follow the best fit along a coordinate both ways, and fit the valleys that are met."""
-    start = best(problem)
+    start = lowest(problem)
     places = np.linspace(0.0, 1.0, _PLACES)
     above, below = places[places >= start.point[axis]], places[places < start.point[axis]][::-1]
     met: list[Fit] = []
