@@ -76,7 +76,6 @@ class Evaluator:
     workers: int = 1
     kept: dict[Key, Level] = field(default_factory=dict[Key, Level])
     simulated: int = 0
-    asked: int = 0
     notify: Callable[[], None] | None = None
 
     def __post_init__(self) -> None:
@@ -114,7 +113,6 @@ class Evaluator:
                 level.features[list(row.numbers)], level.doubt[list(row.numbers)] = features, doubt
             self.kept[key] = level
         self.simulated += len(missing)
-        self.asked += len(candidates)
         if self.notify is not None and missing:
             self.notify()
         return [self.kept[key] for key in keys]

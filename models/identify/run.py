@@ -139,6 +139,7 @@ def identify(
     began = time.perf_counter()
     evaluator = Evaluator(space, trials.conditions, options.band, options.workers)
     problem = Problem(trials, evaluator, options.objectives)
+    _check_known(problem)
     threshold(problem, 1.0, options.level)
     file = None if state is None else StateFile(state, _hash(_problem_facts(trials, space, options)))
     if file is not None and resume:
@@ -174,6 +175,13 @@ def identify(
         hash="",
     )
     return replace(found, hash=_hash({**_problem_facts(trials, space, options), "result": _result_facts(found)}))
+
+
+def _check_known(problem: Problem) -> None:
+    """Raise a WrongInputError that names an objective which no test has."""
+    for column, name in enumerate(problem.objectives):
+        if not np.any(problem.known[:, column]):
+            raise WrongInputError(f"no test has a usable {name}; leave it out of the objectives")
 
 
 def _profiled(problem: Problem, best: Fit, level: float) -> tuple[Fit, Threshold, dict[str, ParameterInterval]]:

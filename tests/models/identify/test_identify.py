@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models.dynamics.stationary import StationaryLevel
 from models.errors import WrongInputError
 from models.identify import state as state_module
 from models.identify.evaluate import Evaluator
@@ -19,7 +20,7 @@ from models.identify.problem import Problem
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import Space
 from models.identify.trials import Condition, Trial, Trials, gather
-from models.scene import Rig
+from models.scene import Rig, Scene
 from tests.models.identify.cases import BAND, CONDITIONS, TRUTH, simulated_trials, space_of
 from tests.models.identify.test_space import broken
 
@@ -213,6 +214,33 @@ def test_too_few_features_are_refused() -> None:
         identify(trials, space_of("m_r", "c_i"), OPTIONS)
     with pytest.raises(WrongInputError, match="no parameter is free"):
         identify(trials, space_of(), OPTIONS)
+
+
+def test_an_objective_that_no_test_has_is_named() -> None:
+    trials = gather([Trial(condition, 5.0, math.nan) for condition in CONDITIONS])
+    with pytest.raises(WrongInputError, match="no test has a usable a_star"):
+        identify(trials, space_of("m_r"), OPTIONS)
+
+
+def test_a_defect_that_turns_has_a_mean_level_with_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = np.array([3.0, 0.0, 4.0, 0.0, 0.0, 9.0])
+    level = StationaryLevel(5.0, 0.1, 1e-3, 0.4, lines, 0.1 * lines, np.array([0.5, 0, 0, 0, 0, 1.0]), "not_periodic")
+    asked: list[Scene] = []
+
+    def stationary(scene: Scene, **options: Any) -> StationaryLevel:
+        asked.append(scene)
+        return level if scene.speed < 41.0 else replace(level, status="not_converged")
+
+    monkeypatch.setattr("models.dynamics.stationary.stationary_level", stationary)
+    conditions = tuple(replace(CONDITIONS[1], part="inner", speed=speed) for speed in (40.0, 42.0))
+    evaluator = Evaluator(space_of("m_r"), conditions, BAND)
+    found = evaluator.levels([evaluator.space.known])[0]
+    assert [(scene.speed, scene.defect.part) for scene in asked if scene.defect] == [(40.0, "inner"), (42.0, "inner")]
+    assert found.features[0].tolist() == [5.0, 5.0]
+    # 0.1 / 5 of the RMS; of A*, 3 x 0.5 / 5 / 5.
+    assert found.doubt[0] == pytest.approx([0.02, 0.06])
+    # A level that is unknown says nothing: its doubt is as large as it is itself.
+    assert found.doubt[1].tolist() == [1.0, 1.0]
 
 
 def test_options_are_checked() -> None:
