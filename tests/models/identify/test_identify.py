@@ -224,7 +224,17 @@ def test_an_objective_that_no_test_has_is_named() -> None:
 
 def test_a_defect_that_turns_has_a_mean_level_with_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
     lines = np.array([3.0, 0.0, 4.0, 0.0, 0.0, 9.0])
-    level = StationaryLevel(5.0, 0.1, 1e-3, 0.4, lines, 0.1 * lines, np.array([0.5, 0, 0, 0, 0, 1.0]), "not_periodic")
+    level = StationaryLevel(
+        rms=5.0,
+        rms_se=0.1,
+        rms_error=1e-3,
+        spread=0.4,
+        harmonics=lines,
+        harmonics_std=0.1 * lines,
+        harmonics_se=np.array([0.5, 0.0, 0.0, 0.0, 0.0, 1.0]),
+        status="not_periodic",
+        turns=24,
+    )
     asked: list[Scene] = []
 
     def stationary(scene: Scene, **options: Any) -> StationaryLevel:
