@@ -77,14 +77,15 @@ def test_tests_become_a_rig(table: Path, machine: Path, tmp_path: Path) -> None:
     text = out.read_text()
     rig = tomllib.loads(text)["rig"]
     assert rig["calibrated"] is True
-    assert rig.pop("identification") == found["identification"]
+    assert rig["identification"] == found["identification"]
     assert len(found["identification"]) == 64
     assert rig["m_r_kg"] == pytest.approx(found["best"]["m_r_kg"], rel=1e-9)
     assert f"# 95 % interval {low:.4g} to {high:.4g}" in text
     # The rest of the table is the configured rig, and a configuration takes it.
     config = validate({**tomllib.loads(MACHINE), "rig": rig}, out)
     assert config.rig.k_r_newton_per_m == TRUTH.k_r
-    assert config.rig.calibrated
+    rig_of_model = config.rig_of(config.entry_of(config.channel[0]))
+    assert (rig_of_model.calibrated, rig_of_model.identification) == (True, found["identification"])
     assert not (tmp_path / "rig.toml.state").exists()
     # For people, and resumed where nothing is kept.
     words = run_command("identify", table, *options, "--resume", "--quiet").stdout
