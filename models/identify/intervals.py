@@ -37,6 +37,8 @@ _HALVINGS, _NEAR = 4, 1.5
 # Least and largest first step, as a share of the interval (or of its logarithm).
 _LEAST_STEP, _LARGEST_STEP = 0.002, 0.15
 _CALLS = 6
+# A fit that begins at a limit leaves it slowly, so those of profiles begin so far inside.
+_INSIDE = 0.03
 
 Reason = Literal["", "wide", "within its limits"]
 
@@ -201,7 +203,7 @@ class _Profile:
         value = self._value(place)
         space = self._space.fix(self._name, value)
         try:
-            point = space.encode(begin.values)
+            point = np.clip(space.encode(begin.values), _INSIDE, 1.0 - _INSIDE)
         except SpaceError:
             return None
         fit = self._problem.fit(space, point, calls=_CALLS, ftol=1e-2, xtol=1e-4)
