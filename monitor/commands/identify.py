@@ -45,11 +45,23 @@ _KEYS = {
     "beta_c": "beta_c_s",
     "clearance": "clearance_um",
 }
+_STIFFNESS_KEYS = ("k_c_newton_per_m15", "k_c_newton_per_m109")
 _REASONS = {
     "wide": "the ends of its interval differ by more than a factor of four",
     "within its limits": "its interval takes more than half of what its limits allow",
 }
 _MAX_FRONT = 100
+
+
+class _Command(click.Command):
+    """Takes names in succession, with commas, or with the option repeated."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse with the option before each name."""
+        parameters = {*ORDER, *_KEYS, *_KEYS.values(), *_STIFFNESS_KEYS}
+        return super().parse_args(
+            ctx, list(option.spread_names(args, {"--free": parameters, "--objectives": FEATURES}))
+        )
 
 
 class _Names(click.ParamType):
@@ -81,7 +93,7 @@ class _Limit(click.ParamType):
         return name, (low, high)
 
 
-@click.command("identify")
+@click.command("identify", cls=_Command)
 @click.argument("tests", metavar="TESTS", type=option.FILE)
 @option.config
 @click.option("--channel", help="Channel of the recordings and of the RMS band. Default: the tracked one.")
@@ -155,7 +167,7 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
 
 def _names(groups: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
     """Return the names of an option that may be repeated; keys of the configuration stand for their parameters."""
-    by_key = {key: name for name, key in _KEYS.items()} | {"k_c_newton_per_m15": "k_c", "k_c_newton_per_m109": "k_c"}
+    by_key = {key: name for name, key in _KEYS.items()} | dict.fromkeys(_STIFFNESS_KEYS, "k_c")
     return tuple(by_key.get(name, name) for group in groups for name in group)
 
 

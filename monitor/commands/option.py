@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -133,3 +133,21 @@ class FurtherDefect(click.ParamType):
         if len(rest) > 1 or part not in PARTS:
             self.fail(f"{value!r} is not {self.name} with outer, inner or ball first", param, ctx)
         return part, dphi, h_d, rest[0] if rest else 0.0
+
+
+def spread_names(arguments: Sequence[str], names: Mapping[str, Collection[str]]) -> Iterator[str]:
+    """Yield arguments in which an option of ``names`` is repeated before each of the names that follow it.
+
+    ``--free m_r k_r`` becomes ``--free m_r --free k_r``; what is no name of the option ends its list.
+    """
+    option, taken = "", 0
+    for argument in arguments:
+        if argument in names:
+            option, taken = argument, 0
+        elif option:
+            taken += 1
+            if taken > 1 and argument in names[option]:
+                yield option
+            elif taken > 1:
+                option = ""
+        yield argument

@@ -15,6 +15,7 @@ from click.testing import CliRunner
 from models.bearing import from_catalogue, kinematics
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
+from monitor.commands.option import spread_names
 from monitor.commands.trial_files import Measuring, read_trials, tracked_channel
 from monitor.config.load import Config, load_config, validate
 from streams.block import STANDARD_GRAVITY
@@ -58,6 +59,25 @@ def table(tmp_path: Path) -> Path:
         rows.append(",".join(map(str, (*cells, rms / STANDARD_GRAVITY, a_star / STANDARD_GRAVITY))))
     path.write_text("\n".join(rows) + "\n")
     return path
+
+
+def test_names_may_follow_an_option_in_succession() -> None:
+    names = {"--free": ("m_r", "k_r"), "--objectives": ("rms",)}
+    given = ["--free", "m_r", "k_r", "tests.csv", "k_r", "--objectives", "rms", "--json", "--free", "m_r,k_r"]
+    expected = [
+        "--free",
+        "m_r",
+        "--free",
+        "k_r",
+        "tests.csv",
+        "k_r",
+        "--objectives",
+        "rms",
+        "--json",
+        "--free",
+        "m_r,k_r",
+    ]
+    assert list(spread_names(given, names)) == expected
 
 
 def test_tests_become_a_rig(table: Path, machine: Path, tmp_path: Path) -> None:
