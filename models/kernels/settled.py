@@ -53,6 +53,8 @@ _OF_APPROACH = 1e-3
 # benchmarks/engine_families.py measures how often the larger of both bounds it.
 _OF_CHANGE = 0.7
 _OF_WAVE = 0.25
+# One halving is believed where it ends with so many steps: of fewer, both grids may miss the same impact, and agree.
+_TOLD_BY_ONE = 256
 # A larger error than this means that a grid is too coarse for any statement, on itself or on the next.
 _TELLING = 0.05
 # The coarsest grid is settled to this share of the accuracy: the next begins from there, and is settled whole.
@@ -192,7 +194,8 @@ def solve(
             found[R_DELTA] = (level - rms_before) / level if level > SILENCE else 0.0
             estimate = error_estimate(found[R_DELTA], found[R_WAVE], change_before, estimate)
             found[R_ERROR] = estimate + found[R_CHANGE]
-            if found[R_ERROR] <= effort.accuracy:
+            told = math.isfinite(change_before) or period.nodes.turn.shape[0] >= _TOLD_BY_ONE
+            if found[R_ERROR] <= effort.accuracy and told:
                 break
         if settled:
             if grid == 0 or found[R_RADIUS] > _DOUBTFUL:
