@@ -18,6 +18,7 @@ WRONG_INPUT = {
     "LibraryError",
     "MapError",
     "MovedDaysError",
+    "SpaceError",
     "OutsideMapError",
     "PageError",
     "RefusedError",
