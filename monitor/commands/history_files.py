@@ -17,6 +17,7 @@ from monitor.commands.common import InputError, output_errors
 from monitor.health.damage import DamageInput
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
+from monitor.records.database import replacing
 from monitor.records.library_file import load_library
 from streams.block import STANDARD_GRAVITY
 
@@ -187,10 +188,8 @@ def write_out(out: Path, values: Mapping[str, Any], columns: Mapping[str, Any]) 
             raise InputError(f"--out {error}") from None
         return
     text = json.dumps(values, allow_nan=False) if out.suffix.lower() == ".json" else _csv(values["rows"])
-    part = out.with_name(out.name + ".part")
-    with output_errors("--out", out):
-        part.write_text(text, encoding="utf-8")
-        part.replace(out)
+    with output_errors("--out", out), replacing(out) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -29,6 +29,7 @@ from monitor.commands.common import (
 )
 from monitor.commands.trial_files import Measuring, TrialFile, read_trials, tracked_channel, with_race_radius
 from monitor.config.load import Config
+from monitor.records.database import replacing
 from streams.block import STANDARD_GRAVITY
 
 _MICRO = 1e6
@@ -283,10 +284,8 @@ def _remark(key: str, values: Mapping[str, Any]) -> str:
 
 
 def _write(out: Path, text: str) -> None:
-    part = out.with_name(out.name + ".part")
-    with output_errors("--out", out):
-        part.write_text(text, encoding="utf-8")
-        part.replace(out)
+    with output_errors("--out", out), replacing(out) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def _lines(values: Mapping[str, Any]) -> Iterator[str]:

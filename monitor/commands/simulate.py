@@ -27,6 +27,7 @@ from monitor.commands.common import (
     output_errors,
     read_machine,
 )
+from monitor.records.database import replacing
 from monitor.words.numbers import floor_of_defect
 from streams.block import STANDARD_GRAVITY
 
@@ -232,10 +233,8 @@ def _defect(options: dict[str, Any]) -> Defect | None:
 def _write_waveform(path: Path, signal: Any) -> None:
     """Write time and acceleration, replacing the file in one step."""
     rows = np.column_stack((np.arange(signal.size) / _WAVEFORM_RATE, signal / STANDARD_GRAVITY))
-    part = path.with_name(path.name + ".part")
-    with output_errors("--waveform", path):
-        np.savetxt(part, rows, delimiter=",", header="time_s,acceleration_g", comments="", fmt="%.9g")
-        part.replace(path)
+    with output_errors("--waveform", path), replacing(path) as temporary:
+        np.savetxt(temporary, rows, delimiter=",", header="time_s,acceleration_g", comments="", fmt="%.9g")
 
 
 def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:

@@ -189,8 +189,8 @@ def test_whatever_was_damaged_it_opens_and_what_is_saved_is_as_it_was_committed(
     except StoreError as error:
         # Two words of the table meta say whose store it is and of which version: these are believed.
         refusals = ["belongs to machine", "was written with schema version"]
-        # What begins as no database does, without a log that begins as one and without our tables, may be anybody's;
-        # zeros are nobody's.
+        # What begins as no database does, without a log that begins as one and without our tables, may be another
+        # program's file; zeros are a lost page.
         ours = is_log(log) or not any(path.read_bytes()[:16])
         refusals += [] if ours else ["is not a database"]
         if not any(text in str(error) for text in refusals):

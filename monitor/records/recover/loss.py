@@ -99,7 +99,7 @@ def _is_logged(path: Path) -> bool:
 def _is_ours(path: Path) -> bool:
     """Return whether a file begins as a database, cut off, or with a lost page, or holds our tables behind its header.
 
-    A page of zeros is what a power cut leaves, and begins nothing of anybody's.
+    A page of zeros is what a power cut leaves; no other program's file begins with one.
     """
     with path.open("rb") as file:
         head = file.read(len(MAGIC))

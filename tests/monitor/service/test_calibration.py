@@ -59,7 +59,7 @@ def config(rig: dict[str, Any], forecast: dict[str, Any] | None = None, **channe
 def test_the_weakest_claim_of_configuration_and_map_holds(
     small_map: RmsMap, own: Calibration, built: Calibration
 ) -> None:
-    """A map that was built uncalibrated stays so, and so does one whose numbers nobody vouches for any more."""
+    """The weaker claim of map and configuration holds."""
     weakest = False if False in (own, built) else "declared" if "declared" in (own, built) else True
     c = config(CLAIMS[own])
     channel = source_settings(c, c.source[0], {"c": claimed(small_map, built)}).channels["c"]
