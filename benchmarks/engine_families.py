@@ -19,7 +19,8 @@ from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms
 from benchmarks.six_dof import ACCURACIES, random_scenes
 from models.bearing import catalogue_entry
 from models.contact_estimates import element_mass, estimate_stiffness
-from models.scene import Defect, Rig, Scene
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Scene
 from models.simulate import simulate
 from tests.periods import solve_scene
 

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from models.bearing import Bearing
-from models.scene import Defect, Floor, Rig, Scene
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
 from tests.oracles.periodic.rig import OracleScene
 from tests.oracles.periodic.scenes import MAX_RESONANCE

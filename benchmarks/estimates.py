@@ -24,7 +24,8 @@ from models.dynamics import periodic, time_domain
 from models.kernels.period import ball_period, blank_trace, mean_square
 from models.registry import Request, solvers
 from models.response import Response
-from models.scene import Defect, Floor, Part, Rig, Scene, Slip
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Floor, Part, Scene, Slip
 from tests.periods import solve_scene
 
 ACCURACIES = (1e-2, 1e-3, 1e-4)

@@ -16,7 +16,8 @@ from models.hertz import mean_bearing_stiffness
 from models.load_distribution import StiffnessPassage, stiffness_over_passage
 from models.path.defect import ball_path
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
-from models.scene import Defect, Floor, Rig, contact_damping, natural_frequencies
+from models.rigs.six_dof import Rig, contact_damping, natural_frequencies
+from models.scene import Defect, Floor
 from monitor.report.figures.drawing import BLUE, GREY, INK, ORANGE, SHADE, VERMILION, legend_above
 
 BEARING = "1205 ETN9"

@@ -27,7 +27,7 @@ from models.identify.search import design_points
 from models.identify.space import DEFAULT_FREE, Space
 from models.identify.trials import Condition, Trial, gather
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
-from models.scene import Rig
+from models.rigs.six_dof import Rig
 
 NOISE = 0.03
 BAND = (0.0, 9500.0)

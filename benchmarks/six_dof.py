@@ -101,7 +101,7 @@ def _error_row(scenes: list[Scene], fine: list[Response], accuracy: float, *, ro
     first = _times_ms(fresh, accuracy)
     seen = np.median([_times_ms(fresh, accuracy) for _ in range(ROUNDS)], axis=0)
     rms = np.array([a.rms / b.rms - 1.0 for a, b in zip(found, fine, strict=True)])
-    resonator = np.array([a.rms_resonator / b.rms_resonator - 1.0 for a, b in zip(found, fine, strict=True)])
+    resonator = np.array([a.levels_of("mr")[0] / b.levels_of("mr")[0] - 1.0 for a, b in zip(found, fine, strict=True)])
     lines = np.array([np.abs(a.harmonics - b.harmonics).max() / b.rms for a, b in zip(found, fine, strict=True)])
     peak = np.array([a.peak / b.peak - 1.0 for a, b in zip(found, fine, strict=True)])
     return {

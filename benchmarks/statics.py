@@ -22,7 +22,8 @@ from models.bearing import from_catalogue
 from models.hertz import bearing_stiffness, contact_exponent, contact_stiffness, static_equilibrium
 from models.load_distribution import load_distribution, load_zone, stiffness_over_passage
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
-from models.scene import Defect, Rig
+from models.rigs.six_dof import Rig
+from models.scene import Defect
 
 if TYPE_CHECKING:
     from models.bearing import Bearing

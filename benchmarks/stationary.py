@@ -107,7 +107,7 @@ def feature_rows(found: list[Condition]) -> list[Row]:
             "RMS g": c.rms,
             "peak g": c.response.peak / STANDARD_GRAVITY,
             "A* g": c.a_star,
-            "RMS m_r g": c.response.rms_resonator / STANDARD_GRAVITY,
+            "RMS m_r g": c.response.levels_of("mr")[0] / STANDARD_GRAVITY,
             "RMS error": c.rms_error,
             "peak error": c.peak_error,
             "status": c.response.status,

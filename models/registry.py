@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from models.response import check_band
+from models.rigs import AnyRig
 from models.scene import EFFECTS
 
 if TYPE_CHECKING:
@@ -88,6 +89,10 @@ class Solver:
         cost: expected processor time on one core, s; may raise a ValueError that names what would take too long.
         solve: returns the response; raises a ValueError that names what it does not describe.
         reason: why it is taken where it is the cheapest, a clause for people.
+        rig: the type of the parameters of the machine that it takes.
+        adapt: returns a scene that has the parameters of another model with its own, by the mapping that the model's
+            file states; raises a ValueError that names the assumption which the models do not share. None where
+            there is no such mapping.
     """
 
     model: str
@@ -97,6 +102,8 @@ class Solver:
     cost: Callable[[Scene, Request], float]
     solve: Callable[[Scene, Request], Response]
     reason: str
+    rig: type[AnyRig]
+    adapt: Callable[[Scene], Scene] | None = None
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names a field which the registry could not use."""
@@ -128,18 +135,20 @@ def choose(scene: Scene, request: Request) -> tuple[Solver, str | None]:
     most accurate is taken, and the status of its response says so.
 
     Raises:
-        ValueError: if no solver has all the effects; the message names those that lack, and who has them.
+        ValueError: if no solver has all the effects, or none of those that have takes the parameters of the machine;
+            the message names those that lack, and who has them.
     """
     known = solvers(scene.model)
     needed = frozenset(scene.effects)
     able = [s for s in known if needed <= s.effects]
     if not able:
         raise ValueError(_refusal(scene, known))
+    able = _of_the_rig(scene, able)
     accurate = [s for s in able if s.error <= request.accuracy]
     if not accurate:
         best = min(able, key=lambda s: s.error)
     else:
-        best = accurate[0] if len(accurate) == 1 else min(accurate, key=lambda s: s.cost(scene, request))
+        best = accurate[0] if len(accurate) == 1 else min(accurate, key=lambda s: s.cost(adapted(scene, s), request))
     if scene.model != AUTO:
         return best, None
     return best, _reason(best, scene, len({s.model for s in able}))
@@ -149,6 +158,34 @@ def _reason(best: Solver, scene: Scene, models: int) -> str:
     named = " with " + ", ".join(words(scene.effects)) if scene.effects else ""
     rank = "the only model" if models == 1 else f"the cheapest of {models} models"
     return f"{best.model} is {rank}{named}; {best.reason}"
+
+
+def _of_the_rig(scene: Scene, able: list[Solver]) -> list[Solver]:
+    """Return the solvers that take the parameters of a scene; raise the first refusal where none does."""
+    found: list[Solver] = []
+    refusals: list[ValueError] = []
+    for solver in able:
+        try:
+            adapted(scene, solver)
+        except ValueError as error:
+            refusals.append(error)
+        else:
+            found.append(solver)
+    if not found:
+        raise refusals[0]
+    return found
+
+
+def adapted(scene: Scene, solver: Solver) -> Scene:
+    """Return a scene with the parameters that a solver takes.
+
+    Raises:
+        ValueError: if they are those of another model and the solver has no mapping for it, or it does not hold.
+    """
+    if solver.adapt is not None and not isinstance(scene.rig, solver.rig):
+        scene = solver.adapt(scene)
+    scene.rig_as(solver.rig)
+    return scene
 
 
 def words(effects: tuple[str, ...]) -> list[str]:

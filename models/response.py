@@ -13,14 +13,15 @@ from models.numerics import crests
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-Sensor = Literal["mo", "mr"]
+Sensor = Literal["mo", "mr", "a", "b", "c", "ias"]
+"""Casing and resonator; the supports A and B of a rotor and its disc C; instantaneous angular speed of the shaft."""
 Status = Literal["converged", "not_periodic", "not_converged", "inaccurate"]
 STATUSES: tuple[Status, ...] = ("converged", "not_periodic", "not_converged", "inaccurate")
 
 HARMONICS = 6
 # Share of the Nyquist frequency below the transition band of a recorder's anti-alias filter.
 PASSBAND = 0.9
-SENSORS: dict[str, int] = {"mo": 0, "mr": 1}
+CASING: tuple[Sensor, ...] = ("mo", "mr")
 _CHUNK = 8192
 _PEAK_OVERSAMPLING = 8
 
@@ -31,15 +32,21 @@ class SignalRecord:
 
     Attributes:
         rate: sampling rate, Hz.
-        signal: m/s2, shape (2, samples): both sensors, passed through a linear-phase filter that ends at the Nyquist
-            frequency (flat to 0.9 of it, then 80 dB down).
+        signal: m/s2 ("ias": rad/s), shape (sensors, samples), passed through a linear-phase filter that ends at the
+            Nyquist frequency (flat to 0.9 of it, then 80 dB down).
+        sensors: of the rows of ``signal``.
     """
 
     rate: float
     signal: NDArray[np.float64]
+    sensors: tuple[Sensor, ...] = CASING
 
-    def in_band(self, low: float, high: float, sensor: Sensor = "mo") -> NDArray[np.float64]:
-        """Return the part of a signal between two frequencies, Hz, both included, m/s2, shape (samples,).
+    def of(self, sensor: Sensor | None = None) -> NDArray[np.float64]:
+        """Return the signal of a sensor, None for the first, shape (samples,)."""
+        return self.signal[row_of(self.sensors, sensor)]
+
+    def in_band(self, low: float, high: float, sensor: Sensor | None = None) -> NDArray[np.float64]:
+        """Return the part of a signal between two frequencies, Hz, both included, in its unit, shape (samples,).
 
         Raises:
             ValueError: if the band is empty or reaches beyond 0.9 of the Nyquist frequency.
@@ -48,22 +55,22 @@ class SignalRecord:
         passed = PASSBAND * 0.5 * self.rate
         if high > passed:
             raise ValueError(f"the band ends at {high!r} Hz, the signal is flat up to {passed:g} Hz")
-        return band_passed(self.signal[SENSORS[sensor]], self.rate, (low, high))
+        return band_passed(self.of(sensor), self.rate, (low, high))
 
-    def levels_in_band(self, low: float, high: float, sensor: Sensor = "mo") -> tuple[float, float]:
-        """Return RMS and peak of the sampled signal between two frequencies, Hz, in m/s2; errors as ``in_band``."""
+    def levels_in_band(self, low: float, high: float, sensor: Sensor | None = None) -> tuple[float, float]:
+        """Return RMS and peak of the sampled signal between two frequencies, Hz; errors as ``in_band``."""
         inside = self.in_band(low, high, sensor)
         peak = max(float(np.max(np.abs(inside))), float(crests(inside[:-2], inside[1:-1], inside[2:])))
         return float(np.sqrt(np.mean(inside**2))), peak
 
-    def line(self, frequency: float, sensor: Sensor = "mo") -> float:
-        """Return the single-sided amplitude at one frequency, Hz, in m/s2, through a Hann window."""
-        return float(2.0 * np.abs(self.coefficients(frequency, 1)[SENSORS[sensor], 1]))
+    def line(self, frequency: float, sensor: Sensor | None = None) -> float:
+        """Return the single-sided amplitude at one frequency, Hz, through a Hann window."""
+        return float(2.0 * np.abs(self.coefficients(frequency, 1)[row_of(self.sensors, sensor), 1]))
 
     def coefficients(self, fundamental: float, count: int) -> NDArray[np.complex128]:
         """Return the Fourier coefficients 0..count at multiples of a frequency, Hz, through a Hann window.
 
-        The amplitude of line k is 2 |c_k|, in m/s2; shape (2, count + 1). Lines closer than four over the duration of
+        The amplitude of line k is 2 |c_k|; shape (sensors, count + 1). Lines closer than four over the duration of
         the signal are not told apart.
         """
         samples = self.signal.shape[1]
@@ -73,20 +80,22 @@ class SignalRecord:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """The settled vibration of one scene. SI units; sensor "mo" is the casing, "mr" the resonator.
+    """The settled vibration of one scene, in m/s2 (sensor "ias": rad/s).
+
+    What is said of errors, harmonics and spread is that of the first sensor.
 
     Attributes:
-        rms, peak: RMS (over several periods where the motion does not repeat) and largest absolute value of a_o in
-            ``rms_band``, m/s2; ``rms_resonator`` and ``peak_resonator`` the same of a_r.
+        levels: RMS (over several periods where the motion does not repeat) and largest absolute value of each sensor
+            in ``rms_band``; ``rms`` and ``peak`` are those of the first.
         rms_error: relative error of ``rms``, estimated: that of the steps from halving them, and where the motion does
             not repeat the standard error of the mean beside it.
         rms_se: that standard error of ``rms``, m/s2; zero where the motion repeats.
         peak_error: relative error of ``peak``, estimated: that of the steps; where the motion does not repeat, the
             standard deviation over parts of the run, over ``peak``.
-        waveform_error: RMS of the error due to the steps of the waveform of a_o over its RMS, estimated: at the steps
+        waveform_error: RMS of the error due to the steps of the waveform over its RMS, estimated: at the steps
             where the motion repeats, of the record over time, NaN where it was not looked at.
         bpfo: ball-pass frequency over the outer race, Hz.
-        harmonics: single-sided amplitudes of the first six lines k * bpfo of a_o, m/s2, shape (6,).
+        harmonics: single-sided amplitudes of the first six lines k * bpfo, m/s2, shape (6,).
         harmonics_error: their estimated errors, m/s2, NaN where the motion does not repeat.
         periods: ball periods that were simulated.
         period_change: relative change of the full-bandwidth RMS by the last of them, or expected by the next; NaN where
@@ -100,21 +109,19 @@ class Response:
         status: "converged" (it repeats, is stable, and ``rms_error`` is within what was asked), "inaccurate" (it is
             not), "not_periodic" (a mean and a spread are given) or "not_converged" (unusable).
         rms_band: the band (lo, hi), Hz, to which RMS and peak refer, or None for the full bandwidth.
-        coefficients: complex Fourier coefficients c_k of exp(2 pi i k bpfo t), k = 0..K, of a_o and a_r, m/s2, shape
-            (2, K + 1). The amplitude of line k is 2 |c_k|. Where the motion does not repeat, their amplitudes are
+        coefficients: complex Fourier coefficients c_k of exp(2 pi i k bpfo t), k = 0..K, m/s2, shape
+            (sensors, K + 1). The amplitude of line k is 2 |c_k|. Where the motion does not repeat, their amplitudes are
             those of the mean power and their phases those of the last period; over time, those of ``record``.
         record: the signal where the motion was simulated over time, else None.
         why: why this model and solver answered, or None where the scene names its model.
+        sensors: of the rows of ``coefficients``.
     """
 
-    rms: float
+    levels: tuple[tuple[float, float], ...]
     rms_error: float
     rms_se: float
-    peak: float
     peak_error: float
     waveform_error: float
-    rms_resonator: float
-    peak_resonator: float
     bpfo: float
     harmonics: NDArray[np.float64]
     harmonics_error: NDArray[np.float64]
@@ -129,14 +136,29 @@ class Response:
     coefficients: NDArray[np.complex128]
     record: SignalRecord | None = None
     why: str | None = None
+    sensors: tuple[Sensor, ...] = CASING
 
-    def lines(self, sensor: Sensor = "mo") -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return frequencies, Hz, and single-sided amplitudes, m/s2, of the lines k * bpfo, k = 1..K."""
-        amplitude = 2.0 * np.abs(self.coefficients[SENSORS[sensor], 1:])
+    @property
+    def rms(self) -> float:
+        """RMS of the first sensor in ``rms_band``."""
+        return self.levels[0][0]
+
+    @property
+    def peak(self) -> float:
+        """Largest absolute value of the first sensor in ``rms_band``."""
+        return self.levels[0][1]
+
+    def levels_of(self, sensor: Sensor | None = None) -> tuple[float, float]:
+        """Return RMS and peak of a sensor in ``rms_band``; raise a ValueError where the model has no such sensor."""
+        return self.levels[row_of(self.sensors, sensor)]
+
+    def lines(self, sensor: Sensor | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return frequencies, Hz, and single-sided amplitudes of the lines k * bpfo, k = 1..K."""
+        amplitude = 2.0 * np.abs(self.coefficients[row_of(self.sensors, sensor), 1:])
         return np.arange(1.0, len(amplitude) + 1.0) * self.bpfo, amplitude
 
-    def rms_in_band(self, low: float, high: float, sensor: Sensor = "mo") -> float:
-        """Return the RMS between two frequencies, both included, Hz, in m/s2: of the lines, or of the record.
+    def rms_in_band(self, low: float, high: float, sensor: Sensor | None = None) -> float:
+        """Return the RMS between two frequencies, both included, Hz: of the lines, or of the record.
 
         Raises:
             ValueError: if the band is empty or reaches beyond the lines that were computed, or what was recorded.
@@ -156,10 +178,10 @@ class Response:
         duration: float,
         phase: float = 0.0,
         *,
-        sensor: Sensor = "mo",
+        sensor: Sensor | None = None,
         band: tuple[float, float] | None = None,
     ) -> NDArray[np.float64]:
-        """Return the signal as a recorder would sample it, m/s2, shape (round(rate * duration),).
+        """Return the signal as a recorder would sample it, shape (round(rate * duration),).
 
         Lines above 0.9 of the Nyquist frequency are left out, as by an ideal anti-alias filter; the others are exact
         at every sample. ``phase`` shifts the ball passages, rad: 2 pi is one ball period. Of a motion that was
@@ -175,7 +197,7 @@ class Response:
         if self.record is not None:
             return self._recorded(self.record, rate, duration, phase, sensor=sensor, band=band)
         low, high = (0.0, math.inf) if band is None else check_band(band)
-        coefficients = 2.0 * self.coefficients[SENSORS[sensor]]
+        coefficients = 2.0 * self.coefficients[row_of(self.sensors, sensor)]
         frequency = self.bpfo * np.arange(len(coefficients))
         keep = (frequency >= low) & (frequency <= high) & (frequency <= PASSBAND * 0.5 * rate) & (frequency > 0.0)
         coefficients = np.where(keep, coefficients, 0.0)[: int(np.flatnonzero(keep)[-1]) + 1 if keep.any() else 1]
@@ -195,7 +217,7 @@ class Response:
         duration: float,
         phase: float,
         *,
-        sensor: Sensor,
+        sensor: Sensor | None,
         band: tuple[float, float] | None,
     ) -> NDArray[np.float64]:
         """Return the beginning of a record; raise a ValueError that names what it does not have."""
@@ -206,8 +228,17 @@ class Response:
             raise ValueError(f"duration must be within the {most / rate:g} s that were simulated, got {duration!r}")
         if phase != 0.0:
             raise ValueError(f"phase must be 0 where the motion was simulated over time, got {phase!r}")
-        signal = record.signal[SENSORS[sensor]] if band is None else record.in_band(*band, sensor)
+        signal = record.of(sensor) if band is None else record.in_band(*band, sensor)
         return signal[:samples].copy()
+
+
+def row_of(sensors: tuple[Sensor, ...], sensor: Sensor | None) -> int:
+    """Return the row of a sensor, None for the first; raise a ValueError that names those that there are."""
+    if sensor is None:
+        return 0
+    if sensor not in sensors:
+        raise ValueError(f"sensor {sensor!r}: this model has {', '.join(sensors)}")
+    return sensors.index(sensor)
 
 
 def _series(coefficients: NDArray[np.complex128], unit: NDArray[np.complex128]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The description of a simulated bearing: rig and its modes, defect, floor, slip, operating point.
+"""The description of a simulated bearing: rig, defect, floor, slip, operating point.
 
 All quantities are SI and radians. A field that is None or zero switches its effect off, at no cost of arithmetic.
 """
@@ -6,23 +6,31 @@ All quantities are SI and radians. A field that is None or zero switches its eff
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal, TypeVar
 
-import numpy as np
-
-from models.bearing import Bearing, Element, from_catalogue
+from models.bearing import Bearing, from_catalogue
 from models.checks import check_choice, check_numbers, check_whole
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from models.rigs import AnyRig
+from models.rigs.six_dof import Rig
 
 Part = Literal["outer", "inner", "ball"]
 PARTS: tuple[Part, ...] = ("outer", "inner", "ball")
 Race = Literal["outer", "inner"]
-Calibration = bool | Literal["declared"]
-"""Whether a rig's parameters are those of the machine: identified on it, or "declared" by a person."""
+Support = Literal["a", "b"]
+T = TypeVar("T", bound=AnyRig)
+
+# What a model may contain although nothing in a scene shows that it matters; ``Scene.physics`` asks for it.
+PHYSICS: dict[str, str] = {
+    "casing": "the motion of the casing",
+    "ball_inertia": "the inertia of the balls",
+    "gyroscopic": "the gyroscopic moment of the rotor",
+    "elastic_shaft": "an elastic shaft",
+    "ring_modes": "the bending of the rings",
+    "centrifugal": "the centrifugal force of the balls",
+    "torsion": "the torsion of the shaft",
+}
 
 # What a scene may have beyond a healthy ball bearing without clearance whose inner ring turns; words for people.
 EFFECTS: dict[str, str] = {
@@ -41,117 +49,15 @@ EFFECTS: dict[str, str] = {
     "gravity": "gravity",
     "slip": "slip drawn per passage",
     "mean_force_slip": "slip as its mean force",
+    "defect_width": "a defect that does not take the whole width of the groove",
+    "second_bearing": "a bearing at the other support",
+    "axial_load": "an axial load",
+    "couple_unbalance": "a couple unbalance",
+    "bow": "a bowed shaft",
+    "rotating_load": "a load that turns with the shaft",
+    "changing_speed": "a speed that changes",
+    **{f"with_{name}": words for name, words in PHYSICS.items()},
 }
-
-
-@dataclass(frozen=True)
-class Rig:
-    """Lumped parameters of the six-degree-of-freedom model (thesis, Table 18 and section 4.2.1).
-
-    Attributes:
-        m_i, m_o, m_r, m_b: masses of inner ring and shaft, of outer ring and casing, of the fictitious high-frequency
-            resonator, and of one rolling element, kg.
-        k_i, c_i: stiffness, N/m, and damping, N s/m, of the shaft to ground.
-        k_r, c_r: the same between resonator and casing.
-        k_c: contact stiffness of one rolling element between both rings, N/m^1.5 of a ball, N/m^(10/9) of a roller
-            (Eq. 35).
-        alpha_c: mass coefficient of the contact damping, 1/s (Eq. 39).
-        beta_c: stiffness coefficient of the contact damping, s (Eq. 39).
-        element: the rolling element that ``k_c`` belongs to; a scene refuses a bearing with another.
-        calibrated: whether the parameters are those of the machine: true where they were identified on it, or where
-            the machine is a simulation with them; "declared" where a person vouches for them.
-        identification: hash of the identification that found them, "" for none.
-    """
-
-    m_i: float = 3.48
-    m_o: float = 5.79
-    m_r: float = 3.01
-    m_b: float = 1.47e-3
-    k_i: float = 75e6
-    k_r: float = 4.25e9
-    k_c: float = 5927e6
-    c_i: float = 2834.1
-    c_r: float = 186.0
-    alpha_c: float = 154.9
-    beta_c: float = 2.5e-5
-    element: Element = "ball"
-    calibrated: Calibration = False
-    identification: str = ""
-
-    def __post_init__(self) -> None:
-        """Raise a ValueError that names the field of an unusable value."""
-        if self.calibrated not in (False, True, "declared"):
-            raise ValueError(f"rig.calibrated must be False, True or 'declared', got {self.calibrated!r}")
-        if self.identification and self.calibrated is not True:
-            raise ValueError(f"rig.identification belongs to rig.calibrated = True, got {self.calibrated!r}")
-        check_numbers(self, "rig.", "positive", "m_i", "m_o", "m_r", "k_i", "k_r", "k_c")
-        check_choice(self.element, "rig.element", ("ball", "roller"))
-        check_numbers(self, "rig.", "not negative", "m_b", "c_i", "c_r", "alpha_c", "beta_c")
-
-    @property
-    def is_default_bench(self) -> bool:
-        """Whether masses and springs are those of the default test bench (thesis, Table 18)."""
-        return all(getattr(self, name) == getattr(Rig, name) for name in _BENCH)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the parameters as plain values; ``Rig(**values)`` is the same rig."""
-        values = asdict(self)
-        if not self.identification:
-            # As before there were identifications, so that maps and populations keep their hash.
-            del values["identification"]
-        return values
-
-
-_BENCH = ("m_i", "m_o", "m_r", "k_i", "k_r")
-
-
-def natural_frequencies(rig: Rig, k_xx: float, k_yy: float) -> NDArray[np.float64]:
-    """Return the six natural frequencies of the undamped linearised rig, Hz, ascending (Eqs. 59 and 60).
-
-    ``k_xx`` and ``k_yy`` are the stiffness of the bearing across and along the load, N/m.
-    """
-    from models.numerics import generalised_eigenvalues
-
-    mass = np.diag([rig.m_i, rig.m_o, rig.m_r])
-    values: list[NDArray[np.float64]] = []
-    for k_b in (k_xx, k_yy):
-        stiffness = np.array(
-            [[k_b + rig.k_i, -k_b, 0.0], [-k_b, k_b + rig.k_r, -rig.k_r], [0.0, -rig.k_r, rig.k_r]], dtype=float
-        )
-        values.append(generalised_eigenvalues(stiffness, mass))
-    return np.sort(np.sqrt(np.maximum(np.concatenate(values), 0.0))) / (2.0 * math.pi)
-
-
-def resonator_stiffness(rig: Rig, k_b: float, frequency: float) -> float:
-    """Return the k_r that gives the rig a natural frequency, N/m (Eq. 62).
-
-    Source: Eqs. 62-65. Eq. 63 as printed misses k_b m_i in its bracket, which is Lambda of Eq. 65.
-
-    Masses and k_i are the rig's; ``k_b`` is the bearing stiffness in the direction of the mode, N/m; frequency in Hz.
-    """
-    lam = (2.0 * math.pi * frequency) ** 2
-    constant = lam**2 * rig.m_i * rig.m_o - lam * (rig.k_i * rig.m_o + k_b * rig.m_i + k_b * rig.m_o) + rig.k_i * k_b
-    return lam * rig.m_r * constant / (lam * rig.m_r * (lam * rig.m_i - rig.k_i - k_b) + constant)
-
-
-def stiffness_damping(zeta: float, frequency: float, stiffness: float) -> float:
-    """Return the damping coefficient beta k, N s/m, that gives a damping ratio at a frequency in Hz (Eqs. 75, 76)."""
-    return zeta * stiffness / (math.pi * frequency)
-
-
-def contact_damping(zeta_1: float, zeta_2: float, f_1: float, f_2: float) -> tuple[float, float]:
-    """Return alpha_c (1/s) and beta_c (s) that give two damping ratios at two frequencies, Hz (Eqs. 70, 73 and 74).
-
-    Raises:
-        ValueError: if the frequencies are not positive and ascending.
-    """
-    if not 0.0 < f_1 < f_2:
-        raise ValueError(f"frequencies must be positive and ascending, got {f_1!r} and {f_2!r} Hz")
-    omega_1, omega_2 = 2.0 * math.pi * f_1, 2.0 * math.pi * f_2
-    span = omega_2**2 - omega_1**2
-    beta_c = 2.0 * (omega_2 * zeta_2 - omega_1 * zeta_1) / span
-    alpha_c = 2.0 * omega_1 * omega_2 * (omega_2 * zeta_1 - omega_1 * zeta_2) / span
-    return alpha_c, beta_c
 
 
 @dataclass(frozen=True)
@@ -192,6 +98,8 @@ class Defect:
         rows: number of damaged rows of the bearing, from ``first_row`` on.
         part: "outer" (stands still), "inner" (turns with the shaft) or "ball" (turns with the first ball of a row).
         first_row: the first damaged row, counted from 0.
+        width: extent across the groove, about the centre of its profile, rad; None for the whole groove.
+        support: the bearing that has it: "a", or "b", the one at the other support.
     """
 
     dphi_d: float
@@ -201,6 +109,8 @@ class Defect:
     rows: int = 1
     part: Part = "outer"
     first_row: int = 0
+    width: float | None = None
+    support: Support = "a"
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field of an unusable value."""
@@ -212,6 +122,9 @@ class Defect:
         check_choice(self.part, "defect.part", PARTS)
         check_whole(self.rows, "defect.rows", 1)
         check_whole(self.first_row, "defect.first_row", 0)
+        if self.width is not None and not 0.0 < self.width <= math.pi:
+            raise ValueError(f"defect.width must lie between 0 and pi rad, got {self.width!r}")
+        check_choice(self.support, "defect.support", ("a", "b"))
 
     @property
     def moves_balls(self) -> bool:
@@ -221,7 +134,8 @@ class Defect:
     def overlaps(self, other: Defect) -> bool:
         """Whether both damage the same place of the same part of a row."""
         rows = max(self.first_row, other.first_row) < min(self.first_row + self.rows, other.first_row + other.rows)
-        if self.part != other.part or not rows or not (self.moves_balls and other.moves_balls):
+        same = (self.support, self.part) == (other.support, other.part) and rows
+        if not (same and self.moves_balls and other.moves_balls):
             return False
         apart = abs(math.remainder(self.position - other.position, 2.0 * math.pi))
         return apart < 0.5 * (self.dphi_d + other.dphi_d)
@@ -299,12 +213,20 @@ class Scene:
         slip: deviation of balls from their place in the cage (Eq. 82), or None.
         more_defects: further defects, of any part; those of one part of one row lie apart. Where a ball meets two at
             once (one on either race, or its own), their depths add.
+        second_bearing: the bearing at the other support, or None where one bearing is all that is described.
+        axial_load: force along the shaft, N, signed; positive towards the support A.
+        couple_unbalance: of the rotor, the angle of its principal axis times the difference of its moments of inertia,
+            kg m2.
+        bow: deflection of the shaft at rest, which turns with it, m.
+        load_turns: whether the load turns with the shaft.
+        speed_slope: change of the speed, Hz/s.
+        physics: names in PHYSICS of what the answer must contain.
     """
 
     speed: float
     load: float
     bearing: Bearing = field(default_factory=lambda: from_catalogue("1205 ETN9"))
-    rig: Rig = field(default_factory=Rig)
+    rig: AnyRig = field(default_factory=Rig)
     defect: Defect | None = None
     clearance: float = 0.0
     model: str = "auto"
@@ -314,34 +236,55 @@ class Scene:
     gravity_angle: float = 0.0
     slip: Slip | None = None
     more_defects: tuple[Defect, ...] = ()
+    second_bearing: Bearing | None = None
+    axial_load: float = 0.0
+    couple_unbalance: float = 0.0
+    bow: float = 0.0
+    load_turns: bool = False
+    speed_slope: float = 0.0
+    physics: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field of an unusable value."""
         check_numbers(self, "", "positive", "speed")
-        check_numbers(self, "", "not negative", "load", "clearance", "unbalance", "gravity")
-        check_numbers(self, "", "finite", "gravity_angle")
-        if self.rig.element != self.bearing.element:
-            raise ValueError(
-                f"rig.k_c is that of a {self.rig.element}, {self.bearing.designation} has {self.bearing.element}s"
-            )
+        check_numbers(self, "", "not negative", "load", "clearance", "unbalance", "gravity", "couple_unbalance", "bow")
+        check_numbers(self, "", "finite", "gravity_angle", "axial_load", "speed_slope")
+        for name in self.physics:
+            check_choice(name, "physics", tuple(PHYSICS))
+        self.rig.check_bearing(self.bearing)
         self._check_defects()
 
     def _check_defects(self) -> None:
         if self.defect is None and self.more_defects:
             raise ValueError("more_defects must be empty where defect is None")
-        rows = self.bearing.rows
         for number, defect in enumerate(self.defects):
             name = "defect" if number == 0 else f"more_defects[{number - 1}]"
-            if defect.first_row + defect.rows > rows:
+            bearing = self.bearing if defect.support == "a" else self.second_bearing
+            if bearing is None:
+                raise ValueError(f"{name}.support is 'b', but there is no second_bearing")
+            if defect.first_row + defect.rows > bearing.rows:
                 raise ValueError(
                     f"{name}.rows {defect.rows!r} from {name}.first_row {defect.first_row!r} on "
-                    f"exceed the bearing's {rows}"
+                    f"exceed the bearing's {bearing.rows}"
                 )
             if any(defect.overlaps(other) for other in self.defects[:number]):
                 raise ValueError(
                     f"{name}.position must lie apart from the other defects of that part ({defect.part}), "
                     f"got {defect.position!r} rad, where it overlaps one"
                 )
+
+    def rig_as(self, kind: type[T]) -> T:
+        """Return the parameters of the machine, of the type that a model takes.
+
+        Raises:
+            ValueError: if they are those of another model.
+        """
+        if not isinstance(self.rig, kind):
+            raise ValueError(
+                f"rig: {kind.model} takes the parameters of {kind.__name__}, "
+                f"got {type(self.rig).__name__}, those of {self.rig.model}"
+            )
+        return self.rig
 
     @property
     def defects(self) -> tuple[Defect, ...]:
@@ -365,7 +308,8 @@ class Scene:
     def repeats(self) -> bool:
         """Whether nothing but the passages of the balls drives the motion, with which it then repeats."""
         return (
-            self.unbalance == 0.0
+            self.unbalance == self.couple_unbalance == self.bow == self.speed_slope == 0.0
+            and not self.load_turns
             and not (self._slips and self.slip is not None and self.slip.redraws)
             and all(wave.race == "outer" or wave.amplitude == 0.0 for wave in self.waviness)
             and all(defect.part == "outer" for defect in self._damage)
@@ -393,5 +337,13 @@ class Scene:
             "gravity": self.gravity != 0.0,
             "slip": rule == "per_passage",
             "mean_force_slip": rule == "mean_force",
+            "defect_width": any(defect.width is not None for defect in damage),
+            "second_bearing": self.second_bearing is not None,
+            "axial_load": self.axial_load != 0.0,
+            "couple_unbalance": self.couple_unbalance != 0.0,
+            "bow": self.bow != 0.0,
+            "rotating_load": self.load_turns,
+            "changing_speed": self.speed_slope != 0.0,
+            **{f"with_{name}": name in self.physics for name in PHYSICS},
         }
         return tuple(name for name in EFFECTS if named[name])

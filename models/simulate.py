@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from models.registry import Request, choose
+from models.registry import Request, adapted, choose
 
 if TYPE_CHECKING:
     from models.response import Response
@@ -60,5 +60,5 @@ def simulate(
         rate=rate,
     )
     solver, why = choose(scene, request)
-    response = solver.solve(scene, request)
+    response = solver.solve(adapted(scene, solver), request)
     return response if why is None else replace(response, why=why)

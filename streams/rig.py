@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from models.bearing import Bearing, from_catalogue
 from models.response import Response
-from models.scene import Defect, Floor, Rig, Scene
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Floor, Scene
 from streams.block import STANDARD_GRAVITY, Block
 from streams.spec import SourceError
 

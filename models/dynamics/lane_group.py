@@ -17,12 +17,13 @@ from models.kernels import lane_paths as paths
 from models.kernels import lanes as kernels
 from models.kernels.lanes import LANES
 from models.path.defect import RaceProfile, ball_path, floor_angle, race_radius, wrap
+from models.rigs.six_dof import Rig
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.bearing import Bearing
-    from models.scene import Rig, Scene, Slip
+    from models.scene import Scene, Slip
 
 PERIODS = 7
 # Default step, s, and least steps a period; benchmarks/lanes.py prints the error that they leave.
@@ -196,7 +197,7 @@ class Group:
         plain = np.repeat(grid.ring[self._plain_at][:, None], LANES, axis=1)
         self.plain = aligned(np.stack((np.cos(plain), np.sin(plain)), axis=1))
         self.near = _near(grid, tuple(self._plain_at.tolist()), self._slip_angle)
-        rest = [_equilibrium(s.bearing, s.load, s.rig.k_c, s.clearance) for s in scenes]
+        rest = [_equilibrium(s.bearing, s.load, s.rig_as(Rig).k_c, s.clearance) for s in scenes]
         self._lane = np.array([[s.load for s in scenes], [u[0] for u in rest], [u[1] for u in rest]])
         self.depth, self.rate, self.wave = workspace.arrays(grid.steps, len(angles))
         self._slip = np.zeros((len(grid.ring), LANES))

@@ -19,6 +19,7 @@ from models.dynamics.lane_group import PERIODS, Grid, Group, Workspace, grid_of
 from models.dynamics.six_dof import LANE_EFFECTS, check_scene
 from models.kernels.lanes import LANES, mean_squares
 from models.response import HARMONICS, check_band
+from models.rigs.six_dof import Rig
 from models.workers import in_processes
 
 if TYPE_CHECKING:
@@ -218,7 +219,7 @@ def shared_grid(scenes: Sequence[Scene], options: LaneOptions) -> Grid:
                 raise ValueError(
                     f"scenes side by side must share {name}, got {getattr(first, name)!r} and {getattr(scene, name)!r}"
                 )
-    grid = grid_of(first.bearing, first.rig, first.clearance, first.speed, options.steps_per_period)
+    grid = grid_of(first.bearing, first.rig_as(Rig), first.clearance, first.speed, options.steps_per_period)
     nyquist = 0.5 / grid.step
     if options.band is not None and options.band[1] > nyquist:
         raise ValueError(f"the band ends at {options.band[1]!r} Hz, the steps resolve up to {nyquist:.0f} Hz")

@@ -20,6 +20,7 @@ from models.dynamics.six_dof import ERROR_OF_WAVE, LANE_EFFECTS, MODEL, check_sc
 from models.kernels.lanes import LANES
 from models.registry import Request, Solver
 from models.response import HARMONICS, Response, Status, levels_of_lines
+from models.rigs.six_dof import Rig
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -154,14 +155,11 @@ def _response(
     if not settled:
         status = "not_periodic" if finite else "not_converged"
     return Response(
-        rms=float(rms[0]),
+        levels=tuple(zip(rms.tolist(), peak.tolist(), strict=True)),
         rms_error=error + motion.change,
         rms_se=0.0,
-        peak=float(peak[0]),
         peak_error=wave_error,
         waveform_error=wave_error,
-        rms_resonator=float(rms[1]),
-        peak_resonator=float(peak[1]),
         bpfo=bpfo,
         harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
         harmonics_error=np.full(HARMONICS, math.nan),
@@ -191,4 +189,5 @@ SOLVER = Solver(
     cost=_cost,
     solve=solve,
     reason="the mean force of slip repeats with the ball passage, so that blocks of periods are simulated",
+    rig=Rig,
 )

@@ -37,6 +37,7 @@ from models.kernels.settled import Effort
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, P_U_1
 from models.registry import Request, Solver
 from models.response import HARMONICS, Response, Status, band_lines, levels_of_lines
+from models.rigs.six_dof import Rig
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -296,14 +297,11 @@ def _response(
         rms, peak = levels_of_lines(coefficients, bpfo, request.band)
         peak_error *= whole / max(float(rms[0]), _SMALL)
     return Response(
-        rms=float(rms[0]),
+        levels=tuple(zip(rms.tolist(), peak.tolist(), strict=True)),
         rms_error=error,
         rms_se=standard_error * float(rms[0]),
-        peak=float(peak[0]),
         peak_error=peak_error,
         waveform_error=waveform_error,
-        rms_resonator=float(rms[1]),
-        peak_resonator=float(peak[1]),
         bpfo=bpfo,
         harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
         harmonics_error=harmonics_error,
@@ -350,4 +348,5 @@ SOLVER = Solver(
     cost=_cost,
     solve=solve,
     reason="the motion repeats with the ball passage, so that one period is solved",
+    rig=Rig,
 )

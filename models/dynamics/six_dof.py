@@ -22,13 +22,13 @@ from models.kernels import path as kernel_path
 from models.kernels import step as kernels
 from models.kernels.period_setup import Point, arc_distance
 from models.path.defect import ball_path
-from models.scene import natural_frequencies
+from models.rigs.six_dof import Rig, natural_frequencies
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.bearing import Bearing
-    from models.scene import Defect, Rig, Scene
+    from models.scene import Defect, Scene
 
 # Read-only as the profiles of rough floors are: another type of array would be another kernel.
 _NO_PROFILE = np.zeros((4, 0))
@@ -36,7 +36,7 @@ _NO_PROFILE.flags.writeable = False
 
 # The name of the model, and what its three ways of solving have (models.scene.EFFECTS).
 MODEL = "six_dof"
-_OUTER = frozenset({"outer_defect", "rough_floor", "clearance"})
+_OUTER = frozenset({"outer_defect", "rough_floor", "clearance", "with_casing"})
 PERIODIC_EFFECTS = _OUTER | {"first_row", "roller", "waviness", "gravity"}
 LANE_EFFECTS = _OUTER | {"slip", "mean_force_slip"}
 TIME_EFFECTS = PERIODIC_EFFECTS | {
@@ -99,7 +99,7 @@ def steps_for(scene: Scene) -> int:
     pressed = math.hypot(parameter[kernels.P_U_1], parameter[kernels.P_U_2]) - scene.clearance
     force = math.hypot(parameter[kernels.P_LOAD_1], parameter[kernels.P_LOAD_2])
     stiffness = _STIFFENING * contact_exponent(scene.bearing) * force / pressed if pressed > 0.0 else 0.0
-    damping = scene.rig.beta_c * stiffness + float(parameter[kernels.P_ALPHA]) * len(point.positions)
+    damping = scene.rig_as(Rig).beta_c * stiffness + float(parameter[kernels.P_ALPHA]) * len(point.positions)
     step = min(
         _RESONATOR_ANGLE / resonance,
         _CONTACT_ANGLE / math.sqrt(stiffness * inverse_mass) if stiffness > 0.0 else math.inf,
@@ -121,7 +121,7 @@ def steps_for(scene: Scene) -> int:
 @lru_cache(maxsize=512)
 def check_resonance(scene: Scene) -> None:
     """Raise a ValueError where a healthy scene has a resonance, at rest, above HIGHEST_RESONANCE ball rates."""
-    rig, parameter = scene.rig, operating_point(scene).parameter
+    rig, parameter = scene.rig_as(Rig), operating_point(scene).parameter
     duration = 1.0 / kinematics(scene.bearing, scene.speed).bpfo
     u = np.array([parameter[kernels.P_U_1], parameter[kernels.P_U_2]])
     angles, exponent = element_angles(scene.bearing), contact_exponent(scene.bearing)
@@ -203,7 +203,7 @@ def _equilibrium(scene: Scene, force: tuple[float, float]) -> tuple[float, float
     """Return the static displacement along and across the load under a force, m."""
     # It is sought in a frame whose first axis lies along the force.
     size, angle = math.hypot(*force), math.atan2(force[1], force[0])
-    k_c, exponent = scene.rig.k_c, contact_exponent(scene.bearing)
+    k_c, exponent = scene.rig_as(Rig).k_c, contact_exponent(scene.bearing)
     if scene.clearance == 0.0 and angle == 0.0:
         # All contact forces then grow with the same power of the displacement.
         u = _unit_equilibrium(scene.bearing) * (size / k_c) ** (1.0 / exponent)
@@ -216,7 +216,7 @@ def _equilibrium(scene: Scene, force: tuple[float, float]) -> tuple[float, float
 
 def scene_parameters(scene: Scene) -> NDArray[np.float64]:
     """Return the kernels' ``parameter`` array, for a sensor along the load."""
-    rig, pitch = scene.rig, 2.0 * math.pi / scene.bearing.n_elements
+    rig, pitch = scene.rig_as(Rig), 2.0 * math.pi / scene.bearing.n_elements
     parameter = rig_parameters(rig, scene.clearance, pitch * kinematics(scene.bearing, scene.speed).bpfo)
     weight = scene.gravity * (rig.m_o + rig.m_r)
     force = (scene.load + weight * math.cos(scene.gravity_angle), weight * math.sin(scene.gravity_angle))

@@ -29,7 +29,8 @@ from models.kernels import time_domain as kernels
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
 from models.numerics import filter_valid, kaiser_order
 from models.registry import Request, Solver
-from models.response import HARMONICS, PASSBAND, Response, SignalRecord, Status, band_passed
+from models.response import CASING, HARMONICS, PASSBAND, Response, SignalRecord, Status, band_passed
+from models.rigs.six_dof import Rig
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -317,7 +318,7 @@ def _response(scene: Scene, request: Request, found: _Measured, step: _StepError
     levels, bpfo = found.levels[0], kinematics(scene.bearing, scene.speed).bpfo
     rms, peaks = [level.rms for level in found.levels], list(found.peaks)
     if request.band is not None:
-        pairs = [found.record.levels_in_band(*request.band, sensor) for sensor in ("mo", "mr")]
+        pairs = [found.record.levels_in_band(*request.band, sensor) for sensor in CASING]
         rms, peaks = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
     share = rms[0] / levels.rms if levels.rms > SILENCE else 1.0
     error = (levels.error / levels.rms if levels.rms > SILENCE else 0.0) + step.rms
@@ -325,14 +326,11 @@ def _response(scene: Scene, request: Request, found: _Measured, step: _StepError
     repeats = scene.repeats and levels.spread <= _SAME_PERIOD * levels.rms
     peak_spread = 0.0 if repeats else levels.peak_spread / max(found.peaks[0], SILENCE)
     return Response(
-        rms=rms[0],
+        levels=tuple(zip(rms, peaks, strict=True)),
         rms_error=error,
         rms_se=levels.error * share,
-        peak=peaks[0],
         peak_error=peak_spread + step.peak,
         waveform_error=step.wave,
-        rms_resonator=rms[1],
-        peak_resonator=peaks[1],
         bpfo=bpfo,
         harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
         harmonics_error=np.full(HARMONICS, math.nan),
@@ -391,4 +389,5 @@ SOLVER = Solver(
     cost=_cost,
     solve=solve,
     reason="one ball period would not show all of it, so that it is simulated over time",
+    rig=Rig,
 )

@@ -19,7 +19,7 @@ import numpy as np
 from models.errors import WrongInputError
 from models.hertz import mean_bearing_stiffness
 from models.identify.limits import Interval, Limits, alpha_c_interval, beta_c_interval, intersection
-from models.scene import Rig, resonator_stiffness
+from models.rigs.six_dof import Rig, resonator_stiffness
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -20,7 +20,8 @@ from models.lives.laws import GrowthPath, draw_law, grow
 from models.lives.population import Population, Range
 from models.path.defect import race_radius
 from models.response import HARMONICS
-from models.scene import Defect, Floor, Rig, Scene, Slip
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Floor, Scene, Slip
 from models.workers import in_threads
 
 if TYPE_CHECKING:

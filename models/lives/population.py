@@ -11,7 +11,7 @@ from typing import Any
 from models.bearing import Bearing, from_catalogue
 from models.lives.laws import LAWS
 from models.maps.plan import MODEL_VERSION
-from models.scene import Rig
+from models.rigs.six_dof import Rig
 
 Range = tuple[float, float]
 

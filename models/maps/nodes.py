@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.response import HARMONICS, STATUSES
-from models.scene import Defect, Rig, Scene
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Scene
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,7 +11,8 @@ from typing import Any
 
 from models.bearing import Bearing, from_catalogue
 from models.errors import WrongInputError
-from models.scene import PARTS, Floor, Part, Rig, Slip
+from models.rigs.six_dof import Rig
+from models.scene import PARTS, Floor, Part, Slip
 
 # Increment when the results of the model change: older maps are then rebuilt.
 MODEL_VERSION = 5

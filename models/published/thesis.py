@@ -31,14 +31,8 @@ from models.load_distribution import (
     stiffness_over_passage,
 )
 from models.published.figure import Figure, group
-from models.scene import (
-    Defect,
-    Rig,
-    contact_damping,
-    natural_frequencies,
-    resonator_stiffness,
-    stiffness_damping,
-)
+from models.rigs.six_dof import Rig, contact_damping, natural_frequencies, resonator_stiffness, stiffness_damping
+from models.scene import Defect
 
 if TYPE_CHECKING:
     from models.bearing import Bearing

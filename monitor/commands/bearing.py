@@ -23,7 +23,8 @@ from models.load_distribution import (
     stiffness_over_passage,
 )
 from models.published.thesis import published_figures
-from models.scene import Defect, Rig, natural_frequencies
+from models.rigs.six_dof import Rig, natural_frequencies
+from models.scene import Defect
 from monitor.commands import option
 from monitor.commands.bearing_origins import origin_lines, origin_values
 from monitor.commands.common import InputError, emit, find_entry, read_machine

@@ -15,7 +15,8 @@ from models.bearing import Bearing, CatalogueEntry, kinematics
 from models.contact_estimates import estimate_stiffness
 from models.registry import AUTO, MODULES
 from models.response import PASSBAND, Sensor
-from models.scene import Defect, Floor, Rig, Scene, Slip, Waviness
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Floor, Scene, Slip, Waviness
 from monitor.commands import option
 from monitor.commands.common import (
     PICTURES,
@@ -123,18 +124,17 @@ def _answer(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _values(response: Response, scene: Scene, sensor: Sensor) -> dict[str, Any]:
-    """Return what is printed of one sensor; errors and spread, known for the casing, apply relatively."""
-    casing = sensor == "mo"
-    rms = response.rms if casing else response.rms_resonator
+    """Return what is printed of one sensor; errors and spread, known for the first, apply relatively."""
+    rms, peak = response.levels_of(sensor)
     share = rms / response.rms if response.rms > 0.0 else 0.0
     return {
         "rms_g": _in_g(rms),
         "rms_error": finite(response.rms_error),
         "rms_se_g": _in_g(response.rms_se * share) if response.rms_se > 0.0 else None,
-        "peak_g": _in_g(response.peak if casing else response.peak_resonator),
+        "peak_g": _in_g(peak),
         "peak_error": finite(response.peak_error),
         "waveform_error": finite(response.waveform_error),
-        "rms_resonator_g": _in_g(response.rms_resonator),
+        "rms_resonator_g": _in_g(response.levels_of("mr")[0]) if "mr" in response.sensors else None,
         **_frequencies(scene),
         "harmonics_g": [_in_g(float(line)) for line in response.lines(sensor)[1][:6]],
         "periods": response.periods,

@@ -14,7 +14,7 @@ import numpy as np
 
 from models.maps.data import RmsMap
 from models.maps.file import load_map
-from models.scene import Calibration, Rig
+from models.rigs.six_dof import Calibration, Rig
 from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
 from monitor.commands.history_files import SUFFIXES, library_settings, prior_of, read_readings, write_out

@@ -11,7 +11,7 @@ from pydantic import Field, StrictBool, model_validator
 from models.bearing import Bearing, CatalogueEntry, catalogue_entry
 from models.catalogue.series import Origin
 from models.contact_estimates import element_mass, estimate_stiffness
-from models.scene import Calibration, Rig
+from models.rigs.six_dof import Calibration, Rig
 from monitor.config.fields import Name, NotNegative, Positive, Section
 
 _NO_DIMENSIONS = ("element", "rows", "rotating_ring")

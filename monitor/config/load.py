@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from models.bearing import Bearing, CatalogueEntry
 from models.errors import WrongInputError
-from models.scene import Calibration, Rig
+from models.rigs.six_dof import Calibration, Rig
 from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import BearingSection, RigSection
 from monitor.config.fields import Section

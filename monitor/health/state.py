@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from models.bearing import Bearing
 from models.kinematic_uncertainty import KNOWN, KinematicUncertainty
-from models.scene import Calibration
+from models.rigs.six_dof import Calibration
 from monitor.health.alarms import AlarmSettings, AlarmState
 from monitor.health.condition import ConditionSettings
 from monitor.health.damage.filter.particle_filter import FilterState

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from models.maps.data import RmsMap
-from models.scene import Calibration, Rig
+from models.rigs.six_dof import Calibration, Rig
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection
 from monitor.health.damage.library.model import Library

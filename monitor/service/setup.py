@@ -15,7 +15,8 @@ from models.lives.population import Population
 from models.maps.data import OutsideMapError, RmsMap
 from models.maps.file import load_map
 from models.maps.plan import MapError
-from models.scene import PARTS, Calibration, Part, Rig
+from models.rigs.six_dof import Calibration, Rig
+from models.scene import PARTS, Part
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best

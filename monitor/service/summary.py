@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from models.scene import Calibration
+from models.rigs.six_dof import Calibration
 from monitor import __version__
 from monitor.config.load import Config
 from monitor.health.detect import Mark

@@ -25,8 +25,9 @@ from models.dynamics.lanes import simulate_lanes
 from models.dynamics.rows import simulate_row
 from models.dynamics.time_domain import simulate_time
 from models.registry import AUTO, MODULES, Request, Solver, choose, solvers
-from models.response import HARMONICS, SENSORS, STATUSES, Response, Sensor
-from models.scene import EFFECTS, Defect, Floor, Rig, Scene, Slip, Waviness
+from models.response import HARMONICS, STATUSES, Response
+from models.rigs.six_dof import Rig
+from models.scene import EFFECTS, PHYSICS, Defect, Floor, Scene, Slip, Waviness
 from models.simulate import simulate
 
 OUTER = Defect(math.radians(6.0), 10e-6)
@@ -53,6 +54,14 @@ WITH: dict[str, Scene] = {
     "gravity": replace(HEALTHY, gravity=100.0),
     "slip": replace(SCENE, slip=Slip(0.01)),
     "mean_force_slip": replace(SCENE, slip=Slip(0.01, "mean_force")),
+    "defect_width": replace(SCENE, defect=replace(OUTER, width=0.5)),
+    "second_bearing": replace(HEALTHY, second_bearing=SCENE.bearing),
+    "axial_load": replace(HEALTHY, axial_load=500.0),
+    "couple_unbalance": replace(HEALTHY, couple_unbalance=1e-4),
+    "bow": replace(HEALTHY, bow=1e-4),
+    "rotating_load": replace(HEALTHY, load_turns=True),
+    "changing_speed": replace(HEALTHY, speed_slope=1.0),
+    **{f"with_{name}": replace(HEALTHY, physics=(name,)) for name in PHYSICS},
 }
 SOLVERS = solvers()
 each_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: f"{s.model}-{s.name}")
@@ -122,8 +131,9 @@ def test_a_declared_effect_is_honoured_and_any_other_refused(solver: Solver, eff
     found = solver.solve(scene, REQUEST)
     assert found.status in ("converged", "not_periodic")
     without = replace(HEALTHY, bearing=scene.bearing, rig=scene.rig, load=scene.load)
-    if effect == "roller":
-        # What a ball with the same stiffness per approach would do is tests/models/test_rollers.py.
+    if effect == "roller" or effect.startswith("with_"):
+        # What a ball with the same stiffness per approach would do is tests/models/test_rollers.py; what a model
+        # always contains it cannot leave out.
         assert found.rms > 0.0
     else:
         assert abs(found.rms / solver.solve(without, REQUEST).rms - 1.0) > 5.0 * REQUEST.accuracy
@@ -135,10 +145,10 @@ def test_its_response_has_the_shapes_and_units(solver: Solver) -> None:
     assert (found.model, found.solver) == (solver.model, solver.name)
     assert found.status == "converged"
     assert found.harmonics.shape == found.harmonics_error.shape == (HARMONICS,)
-    assert found.coefficients.shape[0] == len(SENSORS)
+    assert found.coefficients.shape[0] == len(found.sensors) == len(found.levels)
     assert found.coefficients.shape[1] > HARMONICS
     assert found.harmonics == pytest.approx(2.0 * np.abs(found.coefficients[0, 1 : HARMONICS + 1]))
-    for value in (found.rms, found.rms_resonator, found.peak, found.peak_resonator, found.bpfo):
+    for value in (*(value for levels in found.levels for value in levels), found.bpfo):
         assert math.isfinite(value)
         assert value > 0.0
     assert found.peak > found.rms
@@ -146,8 +156,7 @@ def test_its_response_has_the_shapes_and_units(solver: Solver) -> None:
     for error in (found.rms_error, found.peak_error, found.waveform_error, found.spread, found.rms_se):
         assert math.isfinite(error)
         assert error >= 0.0
-    levels: dict[Sensor, float] = {"mo": found.rms, "mr": found.rms_resonator}
-    for sensor, rms in levels.items():
+    for sensor, (rms, _) in zip(found.sensors, found.levels, strict=True):
         signal = found.acceleration(REQUEST.rate, REQUEST.duration, sensor=sensor)
         assert signal.shape == (round(REQUEST.rate * REQUEST.duration),)
         assert np.sqrt(np.mean(signal**2)) == pytest.approx(rms, rel=0.1)

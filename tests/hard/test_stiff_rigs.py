@@ -19,7 +19,8 @@ from models.dynamics.six_dof import MOST_STEPS
 from models.hertz import bearing_stiffness, contact_stiffness
 from models.registry import Request
 from models.response import Response
-from models.scene import Defect, Floor, Rig, Scene, natural_frequencies
+from models.rigs.six_dof import Rig, natural_frequencies
+from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
 from tests.effort import effort_count
 

@@ -17,7 +17,8 @@ from models.kernels import time_domain as kernels
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
 from models.path.contour import part_paths
 from models.response import Response
-from models.scene import Defect, Part, Rig, Scene, Slip, Waviness
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Part, Scene, Slip, Waviness
 from monitor.health.naming import name_fault
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.transform import EnvelopeSpectrum

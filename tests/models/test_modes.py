@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models.scene import Rig, contact_damping, natural_frequencies, resonator_stiffness, stiffness_damping
+from models.rigs.six_dof import Rig, contact_damping, natural_frequencies, resonator_stiffness, stiffness_damping
 
 
 def test_natural_frequencies_ascend_and_solve_the_eigenproblem() -> None:

@@ -20,7 +20,8 @@ from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.kernels.period import blank_trace
 from models.kernels.step import STATUS_OK
-from models.scene import Defect, Rig, Scene, Waviness
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Scene, Waviness
 from models.simulate import simulate
 from tests.periods import period_of, run
 

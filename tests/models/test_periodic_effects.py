@@ -60,7 +60,7 @@ def test_it_is_what_the_time_domain_comes_to(name: str) -> None:
     )
     for ours, rough, truth in (
         (found.rms, coarse.rms, fine.rms),
-        (found.rms_resonator, coarse.rms_resonator, fine.rms_resonator),
+        tuple(answer.levels_of("mr")[0] for answer in (found, coarse, fine)),
     ):
         # Its own estimate (three times, as of all that is called converged), and what halving the step changes.
         assert ours == pytest.approx(truth, abs=3.0 * found.rms_error * ours + 2.0 * abs(rough - truth) + 3e-4 * truth)

@@ -23,7 +23,8 @@ from scipy.optimize import root
 
 from models.bearing import from_catalogue
 from models.kernels.period import Period, blank_trace
-from models.scene import Defect, Rig, Scene, Waviness
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Scene, Waviness
 from tests.oracles import six_dof_oracle as oracle
 from tests.periods import orbit_of, run
 

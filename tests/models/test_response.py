@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from models.kernels.lines import lines
 from models.kernels.period import Trace
-from models.response import PASSBAND, Response
+from models.response import PASSBAND, Response, Sensor
 from models.scene import Defect, Scene
 from models.simulate import simulate
 
@@ -69,10 +69,10 @@ def test_a_band_keeps_its_lines() -> None:
 
 
 @pytest.mark.parametrize("sensor", ["mo", "mr"])
-def test_lines_carry_the_power(sensor: str) -> None:
-    full = response().rms if sensor == "mo" else response().rms_resonator
+def test_lines_carry_the_power(sensor: Sensor) -> None:
+    full = response().levels_of(sensor)[0]
     lines = simulate(SCENE, band=(0.0, 30e3))
-    band = lines.rms_in_band(0.0, 30e3, "mo" if sensor == "mo" else "mr")
+    band = lines.rms_in_band(0.0, 30e3, sensor)
     assert band == pytest.approx(full, rel=2e-3)
 
 

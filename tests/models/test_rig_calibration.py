@@ -11,7 +11,7 @@ import pytest
 
 from models.lives.population import Population
 from models.maps.plan import MODEL_VERSION, MapPlan
-from models.scene import Rig
+from models.rigs.six_dof import Rig
 
 PLAN = MapPlan(load=(4000.0,), speed=(40.0,), h_d=(0.0, 1e-5), dphi_d=(0.0, 0.1))
 HASH = "0123456789abcdef" * 4

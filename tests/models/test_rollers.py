@@ -15,7 +15,8 @@ from models.dynamics.six_dof import contact_power, operating_point
 from models.dynamics.time_domain import simulate_time
 from models.hertz import contact_stiffness
 from models.kernels.step import P_U_1, P_U_2
-from models.scene import Defect, Part, Rig, Scene
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Part, Scene
 from models.simulate import simulate
 from tests.effort import effort_count
 from tests.oracles import six_dof_oracle as oracle

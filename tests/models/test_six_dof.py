@@ -18,7 +18,8 @@ from models.kernels.period import blank_trace, mean_square
 from models.kernels.period_setup import add_quadrature
 from models.kernels.step import P_OMEGA, P_PITCH, Nodes, oscillator
 from models.path.defect import ball_path, race_profile
-from models.scene import Defect, Floor, Rig, Scene
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
 from tests.effort import effort_count
 from tests.oracles.six_dof_oracle import R_O, Case, OracleResponse, simulate_oracle

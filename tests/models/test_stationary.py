@@ -12,7 +12,8 @@ from models.bearing import from_catalogue, kinematics
 from models.dynamics.stationary import StationaryLevel, stationary_level
 from models.dynamics.stationary_record import line_frequency, steps_in_turn, take_record
 from models.dynamics.time_domain import simulate_time
-from models.scene import Defect, Floor, Part, Rig, Scene, Slip, Waviness
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Floor, Part, Scene, Slip, Waviness
 from tests.effort import effort_count
 from tests.signals import record_of
 

@@ -12,7 +12,8 @@ from models.bearing import from_catalogue
 from models.dynamics.periodic import effort_for
 from models.dynamics.six_dof import HIGHEST_RESONANCE, MOST_STEPS, steps_for
 from models.registry import Request
-from models.scene import Defect, Floor, Rig, Scene, Slip, Waviness
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Floor, Scene, Slip, Waviness
 from models.simulate import simulate
 
 NAN, INF = math.nan, math.inf
@@ -49,13 +50,16 @@ BAD: dict[type, dict[str, tuple[Any, ...]]] = {
         "rows": WHOLE_FROM_1,
         "part": ("innner", "", "race"),
         "first_row": WHOLE_FROM_0,
+        "width": (0.0, -0.1, 3.2, NAN, INF),
+        "support": ("c", ""),
     },
     Waviness: {"amplitude": FINITE, "order": WHOLE_FROM_1, "race": ("outter", ""), "phase": FINITE},
     Slip: {"phi_slip": (-1e-9, 0.5, NAN, INF), "rule": ("sometimes", ""), "seed": WHOLE_FROM_0},
     Scene: {
         "speed": POSITIVE,
-        **dict.fromkeys(("load", "clearance", "unbalance", "gravity"), NOT_NEGATIVE),
-        "gravity_angle": FINITE,
+        **dict.fromkeys(("load", "clearance", "unbalance", "gravity", "couple_unbalance", "bow"), NOT_NEGATIVE),
+        **dict.fromkeys(("gravity_angle", "axial_load", "speed_slope"), FINITE),
+        "physics": (("gyroscope",), ("casing", "")),
     },
 }
 CASES = [(kind, name, value) for kind, named in BAD.items() for name, values in named.items() for value in values]
@@ -64,7 +68,8 @@ LEFT = {
     (Rig, "calibrated"),
     (Rig, "identification"),
     (Defect, "floor"),
-    *((Scene, n) for n in ("bearing", "rig", "defect", "more_defects", "model", "waviness", "slip")),
+    *((Scene, n) for n in ("bearing", "rig", "defect", "more_defects", "model", "waviness", "slip", "second_bearing")),
+    (Scene, "load_turns"),
 }
 
 

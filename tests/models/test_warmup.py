@@ -33,7 +33,8 @@ from models.dynamics.time_domain import simulate_time
 from models.hertz import contact_stiffness
 from models.maps.build import build_map
 from models.maps.data import MapPlan
-from models.scene import Defect, Floor, Rig, Scene, Slip, Waviness
+from models.rigs.six_dof import Rig
+from models.scene import Defect, Floor, Scene, Slip, Waviness
 from models.simulate import simulate
 
 rough = Defect(0.35, 2e-5, floor=Floor("rough", seed=1))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from benchmarks.regression.observe import of_store
 from models.maps.file import load_map, save_map
-from models.scene import Calibration
+from models.rigs.six_dof import Calibration
 from monitor.records.store import Store
 from tests.faults.daemons import call
 

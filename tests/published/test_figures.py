@@ -22,7 +22,7 @@ from models.hertz import (
 )
 from models.published.figure import Figure, worst
 from models.published.thesis import inner_taken_as_concave, published_figures
-from models.scene import Rig, contact_damping, natural_frequencies, stiffness_damping
+from models.rigs.six_dof import Rig, contact_damping, natural_frequencies, stiffness_damping
 
 BEYOND = {
     ("Table 14", "k_c, exact elliptic Hertz"),

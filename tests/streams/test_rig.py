@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from models.scene import Rig
+from models.rigs.six_dof import Rig
 from streams.block import Block
 from streams.open import open_source
 from streams.rig import CHANNELS, INTERVAL, RATE, SimulatedRig, draw_life, open_rig, perturbed

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from models.bearing import kinematics
 from models.hertz import mean_bearing_stiffness
 from models.path.contour import part_paths
-from models.response import SENSORS, Response, Sensor, SignalRecord
-from models.scene import EFFECTS, Defect, Floor, Scene, natural_frequencies
+from models.response import Response, Sensor, SignalRecord
+from models.rigs.six_dof import Rig, natural_frequencies
+from models.scene import EFFECTS, Defect, Floor, Scene
 from monitor.report.figures.drawing import AXIS, BLUE, GREY, INK, PURPLE, SHADE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet
 from monitor.words.calibration import rig_words
@@ -72,7 +73,7 @@ def signal_of(response: Response, sensor: Sensor, fundamental: float) -> SensorS
 
 def _over_time(response: Response, record: SignalRecord, sensor: Sensor, fundamental: float) -> SensorSignal:
     """Return four passages about the maximum and the spectrum (Hann window) of a motion that is not periodic."""
-    whole = record.signal[SENSORS[sensor]]
+    whole = record.of(sensor)
     window = np.hanning(whole.size)
     amplitude = 2.0 * np.abs(np.fft.rfft(whole * window)) / np.sum(window)
     frequency = np.arange(amplitude.size, dtype=np.float64) * (record.rate / whole.size)
@@ -93,7 +94,7 @@ def _sensed(
         frequency[shown],
         amplitude[shown],
         periodic=response.record is None,
-        rms=response.rms if sensor == "mo" else response.rms_resonator,
+        rms=response.levels_of(sensor)[0],
         status=response.status,
         model=f"{response.model}, {response.solver.replace('_', ' ')}",
         band=response.rms_band,
@@ -141,9 +142,10 @@ def passages(scene: Scene, until: float) -> list[tuple[float, float]]:
 
 def resonances(scene: Scene) -> Values:
     """Return the natural frequencies of the rig along the load, Hz, with the mean stiffness of the healthy bearing."""
-    k_b = mean_bearing_stiffness(scene.bearing, scene.load, scene.rig.k_c, clearance=scene.clearance)[0, 0]
+    rig = scene.rig_as(Rig)
+    k_b = mean_bearing_stiffness(scene.bearing, scene.load, rig.k_c, clearance=scene.clearance)[0, 0]
     # Both directions are alike, so that every frequency appears twice.
-    return natural_frequencies(scene.rig, float(k_b), float(k_b))[::2]
+    return natural_frequencies(rig, float(k_b), float(k_b))[::2]
 
 
 def ways(scene: Scene, defect: Defect) -> dict[str, tuple[Values, Values]]:
@@ -276,7 +278,7 @@ def _mark_lines(axes: Axes, fundamental: float, name: str) -> None:
 
 
 def _facts(scene: Scene, sensed: SensorSignal) -> list[tuple[str, str]]:
-    rig, lines = scene.rig, kinematics(scene.bearing, scene.speed)
+    rig, lines = scene.rig_as(Rig), kinematics(scene.bearing, scene.speed)
     named = (("BPFO", lines.bpfo), ("BPFI", lines.bpfi), ("BSF", lines.bsf), ("FTF", lines.ftf))
     masses = ", ".join(f"m_{name} {getattr(rig, f'm_{name}'):g} kg" for name in ("i", "o", "r"))
     return [

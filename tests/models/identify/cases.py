@@ -13,7 +13,7 @@ from models.identify.evaluate import Evaluator
 from models.identify.limits import Limits
 from models.identify.space import Space
 from models.identify.trials import Condition, Trial, Trials, gather
-from models.scene import Rig
+from models.rigs.six_dof import Rig
 
 BEARING = from_catalogue("1205 ETN9")
 BAND = (0.0, 9500.0)

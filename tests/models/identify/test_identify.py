@@ -20,7 +20,8 @@ from models.identify.problem import Problem
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import Space
 from models.identify.trials import Condition, Trial, Trials, gather
-from models.scene import Rig, Scene
+from models.rigs.six_dof import Rig
+from models.scene import Scene
 from tests.models.identify.cases import BAND, CONDITIONS, TRUTH, simulated_trials, space_of
 from tests.models.identify.test_space import broken
 

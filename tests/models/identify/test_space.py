@@ -14,7 +14,7 @@ from models.hertz import mean_bearing_stiffness
 from models.identify.evaluate import Evaluator
 from models.identify.limits import Limits
 from models.identify.space import DEFAULT_FREE, ORDER, Space, SpaceError, contact_ratios
-from models.scene import Rig, contact_damping, natural_frequencies, stiffness_damping
+from models.rigs.six_dof import Rig, contact_damping, natural_frequencies, stiffness_damping
 from tests.models.identify.cases import BAND, BEARING, CONDITIONS, space_of
 
 LOADS = (1000.0, 2000.0)

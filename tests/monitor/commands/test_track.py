@@ -19,7 +19,7 @@ from models.maps.data import RmsMap
 from models.maps.file import save_map
 from models.maps.nodes import scene_at, simulate_point
 from models.maps.plan import MapPlan
-from models.scene import Rig
+from models.rigs.six_dof import Rig
 from monitor.commands import forecast as forecast_command
 from monitor.commands import track as track_command
 from monitor.commands.common import InputError

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from models.scene import Rig
+from models.rigs.six_dof import Rig
 from monitor.commands.check import find_problems
 from monitor.config.load import Config, ConfigError, validate
 

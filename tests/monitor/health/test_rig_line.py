@@ -22,7 +22,7 @@ from models.maps import file as map_files
 from models.maps.data import MapSlice, RmsMap
 from models.maps.file import cached_map, save_map
 from models.maps.plan import MapPlan
-from models.scene import Rig
+from models.rigs.six_dof import Rig
 from monitor.commands import forecast as forecast_command
 from monitor.commands import track as track_command
 from monitor.commands.replay import demo_config

@@ -13,7 +13,7 @@ from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.file import save_map
 from models.maps.plan import MapPlan
-from models.scene import Calibration, Rig
+from models.rigs.six_dof import Calibration, Rig
 from monitor.commands.check import find_problems
 from monitor.config.load import Config, validate
 from monitor.service.calibration import is_calibrated, rig_of_library, uncalibrated_lines, weakest_calibration
