@@ -88,6 +88,8 @@ class Identification:
         seconds: wall time.
         resonances: highest natural frequency at each load, across and along it, Hz.
         not_periodic: conditions in which the motion of the best fit does not repeat.
+        problem: the tests, all candidates that were simulated (``problem.evaluator.kept``) and all fits.
+        limit: cost up to which a fit is within its intervals.
         hash: SHA-256 of tests, space and result, hexadecimal.
     """
 
@@ -102,6 +104,8 @@ class Identification:
     seconds: float
     resonances: tuple[float, ...]
     not_periodic: int
+    problem: Problem
+    limit: Threshold
     hash: str
 
     @property
@@ -158,6 +162,8 @@ def identify(
         raise
     if file is not None:
         file.remove()
+    # The result does not hold the caller's callback.
+    evaluator.notify = None
     level = evaluator.levels([best.values])[0]
     noise = float(np.sqrt(limit.variance) * np.mean(problem.deviation))
     found = Identification(
@@ -172,6 +178,8 @@ def identify(
         seconds=time.perf_counter() - began,
         resonances=space.resonances(best.values),
         not_periodic=int(np.count_nonzero(np.any(level.doubt > 0.0, axis=1))),
+        problem=problem,
+        limit=limit,
         hash="",
     )
     return replace(found, hash=_hash({**_problem_facts(trials, space, options), "result": _result_facts(found)}))

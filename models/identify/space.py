@@ -249,14 +249,33 @@ class Space:
 
     def resonances(self, values: Mapping[str, float]) -> tuple[float, ...]:
         """Return the highest natural frequency at each load, across and along it, Hz (Eqs. 59 and 60)."""
-        roots = np.sqrt([values["m_i"], values["m_o"], values["m_r"]])
-        k_b, k_i, k_r = np.array(self._bearing(values)), values["k_i"], values["k_r"]
-        matrices = np.zeros((len(k_b), 3, 3))
-        matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = k_b + k_i, k_b + k_r, k_r
-        matrices[:, 0, 1] = matrices[:, 1, 0] = -k_b
-        matrices[:, 1, 2] = matrices[:, 2, 1] = -k_r
-        highest = np.linalg.eigvalsh(matrices / np.outer(roots, roots))[:, -1]
-        return tuple((np.sqrt(highest) / (2.0 * math.pi)).tolist())
+        return tuple(self.modes(values)[:, -1].tolist())
+
+    def modes(
+        self,
+        values: Mapping[str, float],
+        m_r: NDArray[np.float64] | None = None,
+        k_r: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Return all natural frequencies, Hz (Eqs. 59 and 60), shape (..., 2 * loads, 3), ascending.
+
+        Those of one load are those across and those along it. ``m_r`` (kg) and ``k_r`` (N/m), of one shape (...), take
+        the place of those among ``values``.
+        """
+        m_r, k_r = np.broadcast_arrays(
+            np.asarray(values["m_r"] if m_r is None else m_r), np.asarray(values["k_r"] if k_r is None else k_r)
+        )
+        k_b, k_i = np.array(self._bearing(values)), values["k_i"]
+        k_r = k_r[..., np.newaxis]
+        matrices = np.zeros((*m_r.shape, len(k_b), 3, 3))
+        matrices[..., 0, 0], matrices[..., 1, 1], matrices[..., 2, 2] = k_b + k_i, k_b + k_r, k_r
+        matrices[..., 0, 1] = matrices[..., 1, 0] = -k_b
+        matrices[..., 1, 2] = matrices[..., 2, 1] = -k_r
+        masses = np.stack([np.full(m_r.shape, values["m_i"]), np.full(m_r.shape, values["m_o"]), m_r], axis=-1)
+        roots = np.sqrt(masses)
+        scaled = matrices / (roots[..., :, np.newaxis] * roots[..., np.newaxis, :])[..., np.newaxis, :, :]
+        # Rounding can make a zero eigenvalue negative.
+        return np.sqrt(np.maximum(np.linalg.eigvalsh(scaled), 0.0)) / (2.0 * math.pi)
 
 
 def contact_ratios(values: Mapping[str, float], limits: Limits) -> tuple[float, float]:

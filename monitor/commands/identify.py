@@ -27,6 +27,7 @@ from monitor.commands.common import (
     read_machine,
     say,
 )
+from monitor.commands.identify_report import ReportWords, check_page, write_report
 from monitor.commands.trial_files import Measuring, TrialFile, read_trials, tracked_channel, with_race_radius
 from monitor.config.load import Config
 from monitor.records.database import replacing
@@ -113,6 +114,7 @@ class _Limit(click.ParamType):
 @option.workers("Threads")
 @click.option("--resume", is_flag=True, help="Go on with a run that was stopped (FILE.state beside --out).")
 @click.option("--out", type=option.OUT_FILE, help="Write a [rig] table (TOML) with its hash.")
+@click.option("--report", type=option.OUT_FILE, help="Write a page of what was found, .html or .pdf.")
 @option.output
 def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, **options: Any) -> None:
     """Find parameters of the rig from TESTS with known defects, and say which the tests do not determine.
@@ -123,6 +125,9 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
     out: Path | None = options["out"]
     if out is not None:
         check_suffix("--out", out, (".toml",))
+    page: Path | None = options["report"]
+    if page is not None:
+        check_page(page)
     if options["resume"] and out is None:
         raise InputError("--resume needs --out FILE: the state of a run stands beside it")
     config = read_machine(config_path)
@@ -163,7 +168,12 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
     if out is not None:
         _write(out, _toml(found, config, channel.bearing, values))
         say(f"rig: {out}", quiet=quiet)
-    emit({**values, "out": None if out is None else str(out)}, _lines(values), as_json=as_json)
+    written = {name: None if path is None else str(path) for name, path in (("out", out), ("report", page))}
+    if page is not None:
+        keys = {name: key_of(name, space.rig.element) for name in space.free}
+        write_report(page, found, settings, table, ReportWords(config.machine.name, keys, _REASONS, written["out"]))
+        say(f"report: {page}", quiet=quiet)
+    emit({**values, **written}, _lines(values), as_json=as_json)
 
 
 def _names(groups: Sequence[tuple[str, ...]]) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from tests.effort import effort_count
 
-_ARRANGE = ConstrainedLayoutEngine.execute
+ARRANGE = ConstrainedLayoutEngine.execute
 
 
 @pytest.fixture(scope="module")
@@ -27,4 +27,4 @@ def plain_layout() -> Iterator[None]:
 @pytest.fixture
 def arranged_layout(monkeypatch: pytest.MonkeyPatch) -> None:
     """Arrange axes and labels in one test of a module with ``plain_layout``."""
-    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", _ARRANGE)
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", ARRANGE)

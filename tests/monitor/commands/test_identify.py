@@ -82,8 +82,9 @@ def test_names_may_follow_an_option_in_succession() -> None:
 
 def test_tests_become_a_rig(table: Path, machine: Path, tmp_path: Path) -> None:
     out = tmp_path / "rig.toml"
+    page = tmp_path / "rig.html"
     options = ("--config", machine, "--free", "m_r_kg", "--seed", 4, "--workers", 1, "--out", out)
-    run = run_command("identify", table, *options, "--json")
+    run = run_command("identify", table, *options, "--report", page, "--json")
     assert run.returncode == 0, run.stderr
     found = json.loads(run.stdout)
     assert {"front", "best", "intervals", "undetermined", "evaluations", "seconds"} <= set(found)
@@ -99,6 +100,11 @@ def test_tests_become_a_rig(table: Path, machine: Path, tmp_path: Path) -> None:
     assert rig["calibrated"] is True
     assert rig["identification"] == found["identification"]
     assert len(found["identification"]) == 64
+    assert found["report"] == str(page)
+    words = page.read_text()
+    assert "The free parameter is determined" in words
+    assert found["identification"] in words
+    assert str(out) in words
     assert rig["m_r_kg"] == pytest.approx(found["best"]["m_r_kg"], rel=1e-9)
     assert f"# 95 % interval {low:.4g} to {high:.4g}" in text
     # The rest of the table is the configured rig, and a configuration takes it.
@@ -256,6 +262,7 @@ def test_the_channel_is_the_tracked_one_or_named(tmp_path: Path, measuring: Meas
         (("--limit", "f_9:1:2"), "'f_9' has no limits; expected one of m_r, k_r"),
         (("--limit", "f_r:9500:4500"), "identify: limits of f_r: expected 0 <= LO < HI"),
         (("--out", "rig.nc"), "--out rig.nc: expected a name that ends in .toml"),
+        (("--report", "rig.txt"), "--report rig.txt: expected a name that ends in .html or .pdf"),
         (("--resume",), "--resume needs --out FILE"),
         (("--free", "m_r,k_r,c_i,beta_c,c_r,alpha_c"), "6 features of the tests cannot determine 6 parameters"),
     ],
