@@ -20,6 +20,7 @@ from monitor.config.outputs import is_loopback
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
 from monitor.service.status_file import is_running
+from monitor.words.calibration import ASSUMED, rig_words
 
 
 @click.command("check")
@@ -84,6 +85,7 @@ def find_problems(config: Config) -> Iterator[str]:
     """Yield the problems that keep parts of the configuration from working."""
     if config.rig.claim != config.rig.calibrated:
         yield 'rig.calibrated = true without identification (the hash that identify writes) counts as "declared"'
+    yield from _assumed(config)
     for channel in config.channel:
         name = f"channel {channel.name!r}"
         if channel.track:
@@ -104,6 +106,15 @@ def find_problems(config: Config) -> Iterator[str]:
         place = source.url.removeprefix("folder:")
         if source.url.startswith("folder:") and not Path(place).exists():
             yield f"source {source.name!r}: folder {place!r} does not exist (yet)"
+
+
+def _assumed(config: Config) -> Iterator[str]:
+    """Yield which numbers of a rig that is said to be calibrated are nevertheless those of the default test bench."""
+    named = config.rig.bearing or config.bearing[0].name
+    element = next(section for section in config.bearing if section.name == named).to_bearing().element
+    keys = config.rig.assumed_keys(element)
+    if config.rig.claim is not False and keys:
+        yield f"rig.calibrated = {json.dumps(config.rig.calibrated)}, but {', '.join(keys)}: {ASSUMED}"
 
 
 def _access_problems(source: SourceSection) -> Iterator[str]:
@@ -312,3 +323,5 @@ def _channel_lines(config: Config, channel: ChannelSection, speed: float | None)
         track, forecast = _methods(config, channel)
         thresholds = ", ".join(f"{v * 1e6:g}" for v in config.forecast.thresholds)
         yield f"    tracked: V_eq by {track}, TT by {forecast}, to {thresholds} mm3/mm"
+        if config.calibration_of(channel) is not False:
+            yield f"    rig {rig_words(config.rig_of(config.entry_of(channel)))}"

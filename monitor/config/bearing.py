@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, StrictBool, model_validator
+from pydantic import Field, StrictBool, field_validator, model_validator
 
 from models.bearing import Bearing, CatalogueEntry, catalogue_entry
 from models.catalogue.series import Origin
 from models.contact_estimates import element_mass, estimate_stiffness
 from models.rigs.six_dof import Calibration, Rig
 from monitor.config.fields import Name, NotNegative, Positive, Section
+
+RIG_KEYS = {
+    "m_i": "m_i_kg",
+    "m_o": "m_o_kg",
+    "m_r": "m_r_kg",
+    "m_b": "m_b_kg",
+    "k_i": "k_i_newton_per_m",
+    "k_r": "k_r_newton_per_m",
+    "c_i": "c_i_newton_s_per_m",
+    "c_r": "c_r_newton_s_per_m",
+    "alpha_c": "alpha_c_per_s",
+    "beta_c": "beta_c_s",
+}
+"""Keys of the parameters of the model, but of the contact stiffness k_c, which has one for each kind of element."""
+STIFFNESS_KEYS = {"ball": "k_c_newton_per_m15", "roller": "k_c_newton_per_m109"}
+"""Keys of the contact stiffness of one element."""
 
 _NO_DIMENSIONS = ("element", "rows", "rotating_ring")
 _REQUIRED = ("n_elements", "element_diameter_mm", "pitch_diameter_mm")
@@ -100,7 +118,8 @@ class RigSection(Section):
     estimated from its geometry.
 
     ``calibrated`` is true for numbers that were identified on this machine, with the hash of that identification, or
-    "declared" where a person vouches for them. Without the hash true is no more than that: see ``claim``.
+    "declared" where a person vouches for them. Without the hash true is no more than that: see ``claim``. Behind the
+    hash may stand the check digits of the numbers (``sealed``); a table of other numbers is then refused.
     """
 
     bearing: Name | None = None
@@ -117,7 +136,14 @@ class RigSection(Section):
     alpha_c_per_s: NotNegative = Rig.alpha_c
     beta_c_s: NotNegative = Rig.beta_c
     calibrated: StrictBool | Literal["declared"] = False
-    identification: Annotated[str, Field(pattern=r"^(sha256:)?[0-9a-f]{16,64}$")] | None = None
+    identification: Annotated[str, Field(pattern=r"^(sha256:)?[0-9a-f]{16,64}(-[0-9a-f]{8})?$")] | None = None
+
+    @field_validator("calibrated", mode="before")
+    @classmethod
+    def _claimed(cls, value: object) -> object:
+        if value is True or value is False or value == "declared":
+            return value
+        raise ValueError("expected true, false or 'declared'")
 
     @model_validator(mode="after")
     def _vouched(self) -> Self:
@@ -126,12 +152,34 @@ class RigSection(Section):
                 "identification is the hash of calibrated = true; remove it, or write calibrated = true "
                 "if the numbers are those of the identification"
             )
+        hash_, _, digits = (self.identification or "").partition("-")
+        if digits and digits != _check_digits(hash_, self.numbers):
+            raise ValueError(
+                f"the numbers are not those of identification {hash_[:16]}: a value was changed afterwards; put back "
+                "what identify wrote, identify again, or vouch for the numbers: calibrated = 'declared' without "
+                "identification"
+            )
         return self
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The values of the keys that are parameters of the model, without those that are not known."""
+        keys = (*RIG_KEYS.values(), *STIFFNESS_KEYS.values())
+        return {key: value for key in keys if (value := getattr(self, key)) is not None}
 
     @property
     def claim(self) -> Calibration:
         """What vouches for the numbers; true without the hash of an identification is "declared"."""
         return "declared" if self.calibrated is True and self.identification is None else self.calibrated
+
+    def assumed_keys(self, element: str) -> tuple[str, ...]:
+        """Return the keys that are not given, so that their values are those of the default test bench.
+
+        Contact stiffness and mass of a roller are not among them: they follow from geometry.
+        """
+        keys = [key for name, key in RIG_KEYS.items() if element == "ball" or name != "m_b"]
+        keys += [STIFFNESS_KEYS["ball"]] if element == "ball" else []
+        return tuple(key for key in keys if key not in self.model_fields_set)
 
     def to_rig(self, entry: CatalogueEntry, *, own: bool) -> Rig:
         """Return the parameters in SI for a bearing, which is the section's ``own`` or another.
@@ -140,25 +188,31 @@ class RigSection(Section):
             ValueError: the geometry of the bearing does not give its contact stiffness.
         """
         element = entry.bearing.element
-        k_c = self.k_c_newton_per_m15 if element == "ball" else self.k_c_newton_per_m109
+        k_c: float | None = getattr(self, STIFFNESS_KEYS[element])
         m_b: float | None = self.m_b_kg if element == "ball" or "m_b_kg" in self.model_fields_set else None
         if not own or k_c is None or m_b is None:
             estimate = estimate_stiffness(entry)
             k_c = k_c if own and k_c is not None else estimate.value
             m_b = m_b if own and m_b is not None else element_mass(estimate.bearing)
+        values: dict[str, float] = {name: getattr(self, key) for name, key in RIG_KEYS.items()}
         return Rig(
-            m_i=self.m_i_kg,
-            m_o=self.m_o_kg,
-            m_r=self.m_r_kg,
-            m_b=m_b,
-            k_i=self.k_i_newton_per_m,
-            k_r=self.k_r_newton_per_m,
-            k_c=k_c,
-            c_i=self.c_i_newton_s_per_m,
-            c_r=self.c_r_newton_s_per_m,
-            alpha_c=self.alpha_c_per_s,
-            beta_c=self.beta_c_s,
+            **{**values, "k_c": k_c, "m_b": m_b},
             element=element,
             calibrated=self.claim if own else False,
-            identification=(self.identification or "") if own else "",
+            identification=(self.identification or "").partition("-")[0] if own else "",
         )
+
+
+def sealed(identification: str, numbers: Mapping[str, float]) -> str:
+    """Return the hash of an identification with check digits of the numbers, by key of ``[rig]``, that it found."""
+    return f"{identification}-{_check_digits(identification, numbers)}"
+
+
+def _check_digits(identification: str, numbers: Mapping[str, float]) -> str:
+    """Return eight hexadecimal digits that depend on a hash and on 12 digits of each number.
+
+    Default values are left out, so that it does not matter whether they are written.
+    """
+    written = {key: f"{value:.12g}" for key, value in numbers.items() if value != RigSection.model_fields[key].default}
+    text = identification + "".join(f" {key}={written[key]}" for key in sorted(written))
+    return hashlib.sha256(text.encode()).hexdigest()[:8]

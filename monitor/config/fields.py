@@ -31,8 +31,13 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True)
 
     def with_absolute_paths(self, folder: Path) -> Self:
-        """Return a copy in which relative paths, also those of sections inside, are taken from ``folder``."""
-        return self.model_copy(update={key: _absolute(value, folder) for key, value in self})
+        """Return a copy in which relative paths, also those of sections inside, are taken from ``folder``.
+
+        Keys without a path stay given or not: ``model_fields_set`` holds those of the file.
+        """
+        moved = {key: _absolute(value, folder) for key, value in self}
+        given = self.model_fields_set
+        return self.model_copy(update={k: v for k, v in moved.items() if k in given or v != getattr(self, k)})
 
 
 def _absolute(value: Any, folder: Path) -> Any:

@@ -7,6 +7,8 @@ from models.rigs.six_dof import Rig
 RELATIVE = "V_eq is shown as a multiple of its first value"
 _NOT_ISSUED = "TT to a threshold in mm3/mm is not issued"
 _HASH_CHARACTERS = 16
+ASSUMED = "not given in [rig], so that the default test bench's are taken (thesis, Table 18)"
+"""Follows the names of such keys of ``[rig]``."""
 
 
 def rig_words(rig: Rig) -> str:

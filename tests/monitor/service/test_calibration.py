@@ -15,6 +15,7 @@ from models.maps.file import save_map
 from models.maps.plan import MapPlan
 from models.rigs.six_dof import Calibration, Rig
 from monitor.commands.check import find_problems
+from monitor.config.bearing import RigSection
 from monitor.config.load import Config, validate
 from monitor.service.calibration import is_calibrated, rig_of_library, uncalibrated_lines, weakest_calibration
 from monitor.service.machine_status import channel_state
@@ -23,10 +24,11 @@ from monitor.service.summary import run_attributes
 from tests.oracles.toy_lives import toy_library
 
 HASH = "cd" * 32
+NUMBERS = RigSection().numbers
 CLAIMS: dict[Calibration, dict[str, Any]] = {
     False: {},
-    "declared": {"calibrated": "declared"},
-    True: {"calibrated": True, "identification": HASH},
+    "declared": {"calibrated": "declared", **NUMBERS},
+    True: {"calibrated": True, "identification": HASH, **NUMBERS},
 }
 LEVELS = {"level": [{"feature": "v_eq", "alert_mm2": 0.01}, {"feature": "rms", "alert_g": 1.0}]}
 
