@@ -112,7 +112,7 @@ def _assumed(config: Config) -> Iterator[str]:
     """Yield which numbers of a rig that is said to be calibrated are nevertheless those of the default test bench."""
     named = config.rig.bearing or config.bearing[0].name
     element = next(section for section in config.bearing if section.name == named).to_bearing().element
-    keys = config.rig.assumed_keys(element)
+    keys = config.rig.assumed_keys(geometric=element == "roller")
     if config.rig.claim is not False and keys:
         yield f"rig.calibrated = {json.dumps(config.rig.calibrated)}, but {', '.join(keys)}: {ASSUMED}"
 

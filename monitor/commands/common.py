@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -138,6 +139,18 @@ def check_suffix(option: str, path: Path, suffixes: Sequence[str]) -> None:
         *others, last = suffixes
         allowed = f"{', '.join(others)} or {last}" if others else last
         raise InputError(f"{option} {path}: expected a name that ends in {allowed}")
+
+
+def check_writable(option: str, path: Path) -> None:
+    """Make the folder of an output file and refuse one that takes no file, before anything is computed for it.
+
+    Raises:
+        InputError: naming the option, the file and the reason.
+    """
+    with output_errors(option, path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
 
 
 def emit(values: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from monitor.commands import option
 from monitor.commands.common import (
     InputError,
     check_suffix,
+    check_writable,
     counter,
     emit,
     finite,
@@ -28,26 +30,11 @@ from monitor.commands.common import (
     say,
 )
 from monitor.commands.identify_report import ReportWords, check_page, write_report
+from monitor.commands.rig_table import MICRO, NAMES, find_warnings, is_calibration, key_of, rig_toml
 from monitor.commands.trial_files import Measuring, TrialFile, read_trials, tracked_channel, with_race_radius
-from monitor.config.load import Config
 from monitor.records.database import replacing
 from streams.block import STANDARD_GRAVITY
 
-_MICRO = 1e6
-_KEYS = {
-    "m_i": "m_i_kg",
-    "m_o": "m_o_kg",
-    "m_r": "m_r_kg",
-    "m_b": "m_b_kg",
-    "k_i": "k_i_newton_per_m",
-    "k_r": "k_r_newton_per_m",
-    "c_i": "c_i_newton_s_per_m",
-    "c_r": "c_r_newton_s_per_m",
-    "alpha_c": "alpha_c_per_s",
-    "beta_c": "beta_c_s",
-    "clearance": "clearance_um",
-}
-_STIFFNESS_KEYS = ("k_c_newton_per_m15", "k_c_newton_per_m109")
 _REASONS = {
     "wide": "the ends of its interval differ by more than a factor of four",
     "within its limits": "its interval takes more than half of what its limits allow",
@@ -60,7 +47,7 @@ class _Command(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse with the option before each name."""
-        parameters = {*ORDER, *_KEYS, *_KEYS.values(), *_STIFFNESS_KEYS}
+        parameters = {*ORDER, *NAMES}
         return super().parse_args(
             ctx, list(option.spread_names(args, {"--free": parameters, "--objectives": FEATURES}))
         )
@@ -73,7 +60,10 @@ class _Names(click.ParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the names."""
-        return value if isinstance(value, tuple) else tuple(part.strip() for part in str(value).split(",") if part)
+        if isinstance(value, tuple):
+            return value
+        names = tuple(part.strip() for part in str(value).split(",") if part.strip())
+        return names or self.fail(f"{value!r}: expected names with commas between them", param, ctx)
 
 
 class _Limit(click.ParamType):
@@ -125,9 +115,11 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
     out: Path | None = options["out"]
     if out is not None:
         check_suffix("--out", out, (".toml",))
+        check_writable("--out", out)
     page: Path | None = options["report"]
     if page is not None:
         check_page(page)
+        check_writable("--report", page)
     if options["resume"] and out is None:
         raise InputError("--resume needs --out FILE: the state of a run stands beside it")
     config = read_machine(config_path)
@@ -144,7 +136,7 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
             rig=config.rig_of(entry),
             bearing=entry.bearing,
             loads=tuple(sorted({condition.load for condition in trials.conditions})),
-            clearance=section.clearance_um / _MICRO,
+            clearance=section.clearance_um / MICRO,
             free=_names(options["free"]) or DEFAULT_FREE,
             limits=Limits().with_intervals(dict(options["limits"])),
         )
@@ -156,17 +148,15 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
             level=options["level"],
             method=options["method"],
         )
-        found = identify(
-            trials,
-            space,
-            settings,
-            state=None if out is None else _state_path(out),
-            resume=options["resume"],
-            progress=_progress(quiet=quiet),
-        )
+        state = None if out is None else _state_path(out)
+        with _resumable(state):
+            found = identify(
+                trials, space, settings, state=state, resume=options["resume"], progress=_progress(quiet=quiet)
+            )
     values = _values(found, settings, table)
+    values |= {"calibrated": is_calibration(found), "warnings": list(find_warnings(found, config, entry))}
     if out is not None:
-        _write(out, _toml(found, config, channel.bearing, values))
+        _write(out, rig_toml(found, config, channel.bearing, values))
         say(f"rig: {out}", quiet=quiet)
     written = {name: None if path is None else str(path) for name, path in (("out", out), ("report", page))}
     if page is not None:
@@ -178,12 +168,22 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
 
 def _names(groups: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
     """Return the names of an option that may be repeated; keys of the configuration stand for their parameters."""
-    by_key = {key: name for name, key in _KEYS.items()} | dict.fromkeys(_STIFFNESS_KEYS, "k_c")
-    return tuple(by_key.get(name, name) for group in groups for name in group)
+    return tuple(NAMES.get(name, name) for group in groups for name in group)
 
 
 def _state_path(out: Path) -> Path:
     return out.with_name(out.name + ".state")
+
+
+@contextmanager
+def _resumable(state: Path | None) -> Iterator[None]:
+    """Say after an interruption how the run goes on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if state is not None and state.exists():
+            click.echo(f"\nthe candidates so far are in {state}; the same command with --resume goes on", err=True)
+        raise
 
 
 def _progress(*, quiet: bool) -> Callable[[str, int, int, float], None]:
@@ -204,20 +204,13 @@ def _progress(*, quiet: bool) -> Callable[[str, int, int, float], None]:
     return note
 
 
-def key_of(name: str, element: str) -> str:
-    """Return the key of the configuration of a parameter."""
-    if name == "k_c":
-        return "k_c_newton_per_m15" if element == "ball" else "k_c_newton_per_m109"
-    return _KEYS[name]
-
-
 def _values(found: Identification, settings: IdentifyOptions, table: TrialFile) -> dict[str, Any]:
     """Return the keys of the interface, and what else is known."""
     space = found.space
 
     def keyed(values: Mapping[str, float]) -> dict[str, float]:
         return {
-            key_of(name, space.rig.element): values[name] * (_MICRO if name == "clearance" else 1.0)
+            key_of(name, space.rig.element): values[name] * (MICRO if name == "clearance" else 1.0)
             for name in space.free
         }
 
@@ -261,36 +254,7 @@ def _values(found: Identification, settings: IdentifyOptions, table: TrialFile) 
 
 def _sd(name: str, interval: ParameterInterval) -> float | None:
     """Return the standard deviation by the Fisher information: relative, of the clearance in um, of alpha_c in 1/s."""
-    return finite(interval.sd * (_MICRO if name == "clearance" else 1.0))
-
-
-def _toml(found: Identification, config: Config, bearing: str, values: Mapping[str, Any]) -> str:
-    """Return the ``[rig]`` table of a result."""
-    element = found.space.rig.element
-    lines = [
-        f"# Identified from {values['tests']} tests at {values['conditions']} conditions; mean differences (Eq. 56): "
-        f"{', '.join(f'{name} {value:.3g} %' for name, value in values['objectives'].items())}.",
-        "[rig]",
-        f'bearing = "{config.rig.bearing or bearing}"',
-    ]
-    for name in ORDER:
-        key = key_of(name, element)
-        value = found.best.values[name]
-        if name == "clearance":
-            if name in found.space.free:
-                lines.append(f"# clearance_um = {value * _MICRO:.6g} belongs to [[bearing]]{_remark(key, values)}")
-        elif name != "m_b" or "m_b" in found.space.free or "m_b_kg" in config.rig.model_fields_set:
-            lines.append(f"{key} = {value:.12g}{_remark(key, values)}")
-    lines += ["calibrated = true", f'identification = "{found.hash}"', ""]
-    return "\n".join(lines)
-
-
-def _remark(key: str, values: Mapping[str, Any]) -> str:
-    if key not in values["intervals"]:
-        return ""
-    low, high = values["intervals"][key]
-    words = f"  # {100 * values['level']:.3g} % interval {low:.4g} to {high:.4g}"
-    return words + (", undetermined" if key in values["undetermined"] else "")
+    return finite(interval.sd * (MICRO if name == "clearance" else 1.0))
 
 
 def _write(out: Path, text: str) -> None:
@@ -313,8 +277,9 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
     yield f"f_r {np.min(resonances):.0f} to {np.max(resonances):.0f} Hz over loads and directions"
     for name, value in values["objectives"].items():
         yield f"mean difference of {name} {value:.3g} %"
-    yield f"scatter of the tests about the model {100 * values['noise']:.2g} %"
+    yield f"scatter of the tests about the model {100 * values['noise']:.3g} %"
     yield f"{len(values['front'])} candidates on the front"
     if values["not_periodic"]:
         yield f"{values['not_periodic']} conditions do not repeat with the ball passage; their levels are means"
-    yield f"identification {values['identification'][:16]}"
+    yield from (f"warning: {text}" for text in values["warnings"])
+    yield f"identification {values['identification'][:16]}" + ("" if values["calibrated"] else ", not calibrated")

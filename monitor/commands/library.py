@@ -16,6 +16,7 @@ from monitor.commands import option
 from monitor.commands.common import (
     InputError,
     check_suffix,
+    check_writable,
     counter,
     emit,
     find_entry,
@@ -80,9 +81,7 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
     recorded = [_recorded(path, options["channel"]) for path in options["calibrate"]]
     with input_errors("library build"):
         population = _population(read_machine(config_path), name, thresholds, options)
-    with output_errors("--out", out):
-        # Fail before the simulation, not after it.
-        out.parent.mkdir(parents=True, exist_ok=True)
+    check_writable("--out", out)
     began = time.perf_counter()
     with input_errors("library build"):
         library = build_library(

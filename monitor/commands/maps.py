@@ -25,6 +25,7 @@ from monitor.commands.common import (
     PICTURES,
     InputError,
     check_suffix,
+    check_writable,
     counter,
     emit,
     find_entry,
@@ -84,6 +85,7 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
     began, began_cpu = time.perf_counter(), _cpu_seconds()
     with input_errors("map build"):
         plan = _plan(config_path, name, options)
+        check_writable("--out", out)
         if tolerance == 0.0:
             rms_map = build_map(plan, workers=options["workers"], progress=note)
         else:

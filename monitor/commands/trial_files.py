@@ -14,6 +14,7 @@ import numpy as np
 
 from models.bearing import Bearing, kinematics
 from models.identify.trials import Condition, Trial, a_star_above_noise
+from models.path.contour import part_radius
 from models.scene import PARTS, Part
 from monitor.commands.common import InputError, find_source
 from monitor.config.load import Config
@@ -99,6 +100,8 @@ def _rows(path: Path) -> Iterator[tuple[int, Mapping[str, str]]]:
         raise InputError(f"{path}: is no text in UTF-8; expected a CSV table") from None
     reader = csv.reader(io.StringIO(text))
     header = [name.strip() for name in next(reader, [])]
+    if len(header) == 1 and (other := next((sign for sign in ";\t" if sign in header[0]), None)):
+        raise InputError(f"{path}: line 1: cells are separated by {other!r}; expected commas, and points in numbers")
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
         raise InputError(f"{path}: line 1: column {twice[0]} is given twice")
@@ -165,20 +168,9 @@ def _condition(cells: _Cells, bearing: Bearing) -> tuple[Condition, float | None
     load, speed = cells.positive("load_newton"), cells.positive("speed_hz")
     if "defect_deg" in cells.row:
         return Condition(load, speed, math.radians(cells.positive("defect_deg", 360.0)), h_d, part), None
-    radius = race_radius(bearing, part)
-    if radius is None:
-        raise InputError(
-            f"{cells.path}: line {cells.line}: defect_mm needs {part}_race_radius_mm of the bearing; "
-            "give it in [[bearing]], or the extents as defect_deg"
-        )
+    radius = part_radius(bearing, part)
     width = cells.positive("defect_mm", 2e3 * math.pi * radius) * 1e-3
     return Condition(load, speed, width / radius, h_d, part), radius
-
-
-def race_radius(bearing: Bearing, part: Part) -> float | None:
-    """Return the radius of the surface that a part's defects are in, m, or None where it is not known."""
-    radii = {"outer": bearing.outer_race_radius, "inner": bearing.inner_race_radius}
-    return 0.5 * bearing.element_diameter if part == "ball" else radii[part]
 
 
 def _recorded(cells: _Cells, condition: Condition, measuring: Measuring) -> Trial:

@@ -172,14 +172,16 @@ class RigSection(Section):
         """What vouches for the numbers; true without the hash of an identification is "declared"."""
         return "declared" if self.calibrated is True and self.identification is None else self.calibrated
 
-    def assumed_keys(self, element: str) -> tuple[str, ...]:
+    def assumed_keys(self, *, geometric: bool) -> tuple[str, ...]:
         """Return the keys that are not given, so that their values are those of the default test bench.
 
-        Contact stiffness and mass of a roller are not among them: they follow from geometry.
+        ``geometric`` leaves out contact stiffness and mass of an element: they follow from geometry for rollers, and
+        for a bearing that is not the section's own.
         """
-        keys = [key for name, key in RIG_KEYS.items() if element == "ball" or name != "m_b"]
-        keys += [STIFFNESS_KEYS["ball"]] if element == "ball" else []
-        return tuple(key for key in keys if key not in self.model_fields_set)
+        keys = {*RIG_KEYS.values(), STIFFNESS_KEYS["ball"]}
+        if geometric:
+            keys -= {RIG_KEYS["m_b"], STIFFNESS_KEYS["ball"]}
+        return tuple(key for key in RigSection.model_fields if key in keys - self.model_fields_set)
 
     def to_rig(self, entry: CatalogueEntry, *, own: bool) -> Rig:
         """Return the parameters in SI for a bearing, which is the section's ``own`` or another.

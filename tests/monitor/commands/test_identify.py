@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,8 @@ from monitor.cli import spallwatch
 from monitor.commands.common import InputError
 from monitor.commands.option import spread_names
 from monitor.commands.trial_files import Measuring, read_trials, tracked_channel
-from monitor.config.load import Config, load_config, validate
+from monitor.config.bearing import RigSection
+from monitor.config.load import Config, ConfigError, load_config, validate
 from streams.block import STANDARD_GRAVITY
 from tests.commands import run_command
 from tests.models.identify.cases import CONDITIONS, TRUTH, simulated_trials
@@ -98,13 +100,14 @@ def test_tests_become_a_rig(table: Path, machine: Path, tmp_path: Path) -> None:
     text = out.read_text()
     rig = tomllib.loads(text)["rig"]
     assert rig["calibrated"] is True
-    assert rig["identification"] == found["identification"]
+    assert rig["identification"].partition("-")[0] == found["identification"]
     assert len(found["identification"]) == 64
     assert found["report"] == str(page)
     words = page.read_text()
     assert "The free parameter is determined" in words
     assert found["identification"] in words
     assert str(out) in words
+    assert found["calibrated"] is True
     assert rig["m_r_kg"] == pytest.approx(found["best"]["m_r_kg"], rel=1e-9)
     assert f"# 95 % interval {low:.4g} to {high:.4g}" in text
     # The rest of the table is the configured rig, and a configuration takes it.
@@ -112,11 +115,75 @@ def test_tests_become_a_rig(table: Path, machine: Path, tmp_path: Path) -> None:
     assert config.rig.k_r_newton_per_m == TRUTH.k_r
     rig_of_model = config.rig_of(config.entry_of(config.channel[0]))
     assert (rig_of_model.calibrated, rig_of_model.identification) == (True, found["identification"])
+    with pytest.raises(ConfigError, match="the numbers are not those of identification"):
+        validate({**tomllib.loads(MACHINE), "rig": {**rig, "m_r_kg": rig["m_r_kg"] * 1.001}}, out)
+    # The machine gives no [rig]: what is not free is said to be of the default bench.
+    (assumed, stiffness) = found["warnings"]
+    assert assumed.startswith("m_i_kg, m_o_kg, m_b_kg, k_i_newton_per_m, k_r_newton_per_m, k_c_newton_per_m15, c_i")
+    assert "not given in [rig], so that the default test bench's are taken" in assumed
+    assert stiffness == "k_c_newton_per_m15 is 5.77e+09 by the geometry of the bearing"
+    assert f"# Warning: {assumed}." in text
     assert not (tmp_path / "rig.toml.state").exists()
     # For people, and resumed where nothing is kept.
     words = run_command("identify", table, *options, "--resume", "--quiet").stdout
     assert "m_r_kg" in words
     assert f"identification {found['identification'][:16]}" in words
+
+
+def test_a_model_that_misses_the_tests_is_no_calibration(table: Path, machine: Path, tmp_path: Path) -> None:
+    wrong = tmp_path / "wrong.csv"
+    header, *rows = table.read_text().split()
+    # RMS in mg, not in g.
+    cells = [row.split(",") for row in rows]
+    wrong.write_text("\n".join([header, *(",".join([*c[:5], str(1e3 * float(c[5])), c[6]]) for c in cells)]))
+    out = tmp_path / "new" / "rig.toml"
+    whole = tmp_path / "whole.toml"
+    numbers = "\n".join(f"{key} = {value!r}" for key, value in RigSection().numbers.items())
+    whole.write_text(f"{machine.read_text()}\n[rig]\n{numbers}\n")
+    run = run_command("identify", wrong, "--config", whole, "--free", "m_r", "--workers", 1, "--out", out, "--json")
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout)
+    assert found["calibrated"] is False
+    (warning,) = found["warnings"]
+    assert "so that this is no calibration; compare units, speed_hz, sizes of the defects" in warning
+    rig = tomllib.loads(out.read_text())["rig"]
+    assert rig["calibrated"] is False
+    assert "identification" not in rig
+    assert validate({**tomllib.loads(MACHINE), "rig": rig}, out).rig.claim is False
+
+
+def test_an_interrupted_run_says_how_it_goes_on(
+    table: Path, machine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object, state: Path, **__: object) -> None:
+        state.write_bytes(b"candidates")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("monitor.commands.identify.identify", stopped)
+    run = run_command("identify", table, "--config", machine, "--out", tmp_path / "rig.toml")
+    assert run.returncode == 1
+    assert f"the candidates so far are in {tmp_path / 'rig.toml.state'}; the same command with --resume" in run.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (("identify", "tests.csv"), "rig.toml"),
+        (("map", "build", "--load-newton", "2000", "--speed-hz", "40"), "map.nc"),
+        (("library", "build"), "library.npz"),
+    ],
+)
+def test_a_place_that_takes_no_file_is_refused_before_anything_is_computed(
+    words: tuple[str, ...], name: str, table: Path, machine: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = machine.parent / "file" / name
+    out.parent.write_text("in the way")
+    monkeypatch.setattr("monitor.commands.identify.identify", None)
+    monkeypatch.setattr("monitor.commands.maps.build_refined_map", None)
+    monkeypatch.setattr("monitor.commands.library.build_library", None)
+    run = run_command(*words, "--config", machine, "--out", out, cwd=table.parent)
+    assert run.returncode == 2
+    assert f"--out {out}: cannot be written: " in run.stderr
 
 
 @pytest.fixture
@@ -140,6 +207,9 @@ def test_widths_are_divided_by_the_race_radius(tmp_path: Path, measuring: Measur
     assert outer.condition.h_d == pytest.approx(7.12e-3)
     path.write_text("\n".join(rows[:2]))
     assert read_trials(path, measuring).race_radius == pytest.approx(22.91e-3)
+    # Where it is not known it is that of V_eq: pitch radius and that of an element.
+    unknown = replace(measuring, bearing=from_catalogue("6205"))
+    assert read_trials(path, unknown).race_radius == pytest.approx(0.5 * (39.04e-3 + 7.94e-3), rel=1e-3)
 
 
 def recording(fundamental: float, amplitudes: tuple[float, ...], noise: float, seed: int = 0) -> np.ndarray:
@@ -188,6 +258,7 @@ HEADER = "load_newton,speed_hz,defect_deg,rms_g,a_star_g\n"
     [
         ("", r"bad\.csv: no rows below the header"),
         (HEADER, r"bad\.csv: no rows below the header"),
+        (HEADER.replace(",", ";") + "1;1;1;1,5;1\n", "line 1: cells are separated by ';'; expected commas"),
         ("speed_hz,defect_deg,rms_g,a_star_g\n40,2,1,1\n", "column load_newton is missing; found a_star_g"),
         (HEADER + "1000,40,2.3,high,0.2\n", r"line 2: rms_g is 'high', expected a positive number"),
         (HEADER + "1000,40,2.3,0.5,0.2\n1000,-40,2.3,0.5,0.2\n", "line 3: speed_hz is '-40', expected a positive"),
@@ -257,6 +328,7 @@ def test_the_channel_is_the_tracked_one_or_named(tmp_path: Path, measuring: Meas
     ("options", "message"),
     [
         (("--free", "k_q"), "spallwatch: 'k_q' cannot be free; expected names of m_i, m_o, k_i, k_c"),
+        (("--free", ","), "Invalid value for '--free': ',': expected names with commas between them"),
         (("--objectives", "peak"), "objectives: expected some of rms, a_star, got ('peak',)"),
         (("--limit", "f_r:9500"), "'f_r:9500' is not NAME:LO:HI, such as f_r:4500:9500"),
         (("--limit", "f_9:1:2"), "'f_9' has no limits; expected one of m_r, k_r"),

@@ -98,7 +98,9 @@ def test_numbers_that_were_changed_after_the_identification_are_refused(changed:
 
 def test_check_names_the_numbers_that_a_calibrated_rig_leaves_to_the_default_bench(tmp_path: Path) -> None:
     (problem,) = (text for text in find_problems(config(calibrated="declared", **NUMBERS)) if "rig" in text)
-    assert problem.startswith('rig.calibrated = "declared", but m_o_kg, m_r_kg, m_b_kg, k_i_newton_per_m, c_r_newton')
+    assert problem.startswith(
+        'rig.calibrated = "declared", but m_o_kg, m_r_kg, m_b_kg, k_i_newton_per_m, k_c_newton_per_m15, c_r'
+    )
     assert not any("rig" in text for text in find_problems(config(**NUMBERS)))
     whole = config(calibrated="declared", **RigSection().numbers)
     assert not any("rig" in text for text in find_problems(whole))
