@@ -11,8 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from models.bearing import from_catalogue, kinematics
+from models.dynamics.over_time import SILENCE, anti_alias_filter
 from models.dynamics.periodic import solve
-from models.dynamics.time_domain import SILENCE, anti_alias_filter, simulate_time
+from models.dynamics.time_domain import simulate_time
 from models.dynamics.time_domain import solve as solve_time
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels

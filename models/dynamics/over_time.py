@@ -1,0 +1,309 @@
+"""What the models that are simulated over time share: error of the steps, levels by block, peaks, record, status.
+
+A model gives a ``Motion``: the accelerations of its sensors from the beginning, with any number of steps a sample. The
+first sensor is the one whose errors are stated.
+
+Error of the steps: a span from the beginning is simulated again with half the steps; the estimate is that of
+``models.kernels.settled`` for one halving. Where an accuracy is asked for, steps are halved until it is met, or until
+halving no longer helps, as where the motion is chaotic.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.dynamics.six_dof import ERROR_OF_WAVE
+from models.numerics import filter_valid, kaiser_order
+from models.response import HARMONICS, PASSBAND, Response, Sensor, SignalRecord, Status, band_passed
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.registry import Request
+
+# Steps of a run at most: 320 MB for two sensors.
+MOST_STEPS = 20_000_000
+# A smaller vibration counts as zero, m/s2.
+SILENCE = 1e-9
+# Span of the run, and blocks of it at least, in which the error of the steps is looked at.
+LOOKED_AT = 0.1
+_BLOCKS_LOOKED_AT = 2.0
+_LEAST_BLOCKS = 4.0
+_STOPBAND_DB = 80.0
+# Error of a sampled signal over its change by halving the steps: first order, where the force jumps between steps.
+_HALVED = 2.0
+# A halving that leaves more than this share of the waveform's error does not help.
+_HELPS = 0.7
+# A smaller change of the RMS from the first to the second half is ignored at any standard error.
+_SAME_LEVEL = 3e-3
+# A smaller spread of the RMS from ball period to ball period is due to the steps.
+_SAME_PERIOD = 2e-2
+
+FromRest = Callable[[int, int], tuple["NDArray[np.float64]", bool]]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One scene over one time, with steps of any length that a sample has a whole number of.
+
+    Attributes:
+        from_rest: returns, for a number of steps and the steps a sample, the accelerations at the beginning of each
+            step from t = 0 on, (steps, sensors), and whether they are finite.
+        sensors: of the columns of what it returns.
+        model, solver: what answers.
+        bpfo: ball-pass frequency over the outer race, Hz.
+        block: duration of a block, s: the slowest of the periods with which the level swings.
+        settle: time that is simulated before and dropped, s.
+        repeats: whether nothing but the passages of the balls drives the motion.
+    """
+
+    from_rest: FromRest
+    sensors: tuple[Sensor, ...]
+    model: str
+    solver: str
+    bpfo: float
+    block: float
+    settle: float
+    repeats: bool
+
+
+def answer(motion: Motion, request: Request, oversampling: int, *, fixed: bool) -> Response:
+    """Return the vibration of a motion over the time that a request names.
+
+    Args:
+        oversampling: steps a sample, the least where they are not ``fixed``.
+        fixed: whether steps are as given, and not halved until they meet the accuracy.
+
+    Raises:
+        ValueError: if the request is outside what the signal holds, or the run would have too many steps.
+    """
+    request.highest(PASSBAND * 0.5 * request.rate, "the signal is flat up to")
+    run = _Run(motion, request)
+    run.check_length(oversampling)
+    oversampling, error = run.look(oversampling, None if fixed else request.accuracy)
+    wave, finite = run.whole(oversampling)
+    return _response(motion, request, _measured(wave, run, oversampling), error, finite=finite)
+
+
+def duration_of(request: Request, settle: float) -> float:
+    """Return the longest time from rest that ``answer`` simulates, s."""
+    # The filter reaches beyond both ends by its half length, which hardly depends on the steps.
+    ends = _margin(2) + 2
+    return (max(ends, math.ceil(settle * request.rate)) + _samples(request) + ends) / request.rate
+
+
+def _samples(request: Request) -> int:
+    return max(1, round(request.duration * request.rate))
+
+
+@dataclass(frozen=True)
+class _StepError:
+    """Errors of RMS, waveform and peak due to the steps, relative."""
+
+    rms: float
+    wave: float
+    peak: float
+
+
+class _Run:
+    """A motion over the time of a request."""
+
+    def __init__(self, motion: Motion, request: Request) -> None:
+        """Count the samples that are kept and dropped."""
+        self.rate, self.samples = request.rate, _samples(request)
+        self.settled = math.ceil(motion.settle * request.rate)
+        self.motion, self._request = motion, request
+
+    def check_length(self, oversampling: int) -> None:
+        """Raise a ValueError where the run would have too many steps."""
+        steps = (self.settled + self.samples) * oversampling
+        if steps > MOST_STEPS:
+            raise ValueError(
+                f"duration {self.samples / self.rate:g} s and {self.settled / self.rate:g} s to settle take {steps} "
+                f"steps of {1.0 / (self.rate * oversampling):.3g} s, at most {MOST_STEPS} are taken"
+            )
+
+    def whole(self, oversampling: int) -> tuple[NDArray[np.float64], bool]:
+        """Return the accelerations of all steps, (steps, sensors), and whether they are finite."""
+        margin = _margin(oversampling) * oversampling
+        begin = max(margin, self.settled * oversampling)
+        return self.motion.from_rest(begin + self.samples * oversampling + margin, oversampling)
+
+    def look(self, oversampling: int, accuracy: float | None) -> tuple[int, _StepError]:
+        """Return steps a sample that meet an accuracy, or those given where it is None, and the error they leave."""
+        from_rest = self.motion.from_rest
+        whole = self.settled + self.samples
+        span = min(whole, math.ceil(max(LOOKED_AT * whole, _BLOCKS_LOOKED_AT * self.motion.block * self.rate)))
+        wave, _ = from_rest(span * oversampling, oversampling)
+        finer, _ = from_rest(2 * span * oversampling, 2 * oversampling)
+        error = _step_error(wave, finer, oversampling, self._request)
+        while accuracy is not None and error.rms > accuracy and 2 * whole * oversampling <= MOST_STEPS:
+            wave, (finer, _) = finer, from_rest(4 * span * oversampling, 4 * oversampling)
+            better = _step_error(wave, finer, 2 * oversampling, self._request)
+            if not better.wave < _HELPS * error.wave:
+                break
+            oversampling, error = 2 * oversampling, better
+        return oversampling, error
+
+
+def _rms(signal: NDArray[np.float64]) -> float:
+    return math.sqrt(float(np.mean(signal * signal)))
+
+
+def _step_error(
+    wave: NDArray[np.float64], finer: NDArray[np.float64], oversampling: int, request: Request
+) -> _StepError:
+    """Return the errors of the first sensor's waveform from one with half the steps.
+
+    That of the waveform is of the sampled signal: where the force jumps between steps, it is larger than at the steps.
+    So is that of the RMS in a band.
+    """
+    coarse, fine = wave[:, 0], finer[::2, 0]
+    level = _rms(fine)
+    if not math.isfinite(level):
+        return _StepError(math.inf, math.inf, math.inf)
+    if level <= SILENCE:
+        return _StepError(0.0, 0.0, 0.0)
+    change = _rms(coarse - fine) / level
+    error = max(abs(_rms(coarse) - level) / level, ERROR_OF_WAVE * change)
+    peak, peak_fine = _peaks(wave)[0], _peaks(finer)[0]
+    margin, samples = _margin(oversampling), len(wave) // oversampling
+    sampled = change
+    if samples > 4 * margin:
+        kept = samples - 2 * margin - 1
+        ours, better = (
+            _sampled(run[:, 0], n, margin, kept) for run, n in ((wave, oversampling), (finer, 2 * oversampling))
+        )
+        sampled = max(change, _HALVED * _rms(ours - better) / level)
+        if request.band is not None:
+            ours, better = (band_passed(signal, request.rate, request.band) for signal in (ours, better))
+            inside = max(_rms(better), SILENCE)
+            error = _HALVED * max(abs(_rms(ours) - inside), ERROR_OF_WAVE * _rms(ours - better)) / inside
+    return _StepError(error, sampled, abs(peak - peak_fine) / peak_fine + change)
+
+
+@dataclass(frozen=True)
+class _Levels:
+    rms: float
+    error: float
+    spread: float
+    drift: float
+    peak_spread: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """What a run gave: levels and peaks of all sensors, and the signal."""
+
+    levels: tuple[_Levels, ...]
+    peaks: tuple[float, ...]
+    record: SignalRecord
+
+
+def _measured(wave: NDArray[np.float64], run: _Run, oversampling: int) -> _Measured:
+    samples, first = run.samples, max(_margin(oversampling), run.settled)
+    settled = wave[first * oversampling : (first + samples) * oversampling]
+    signals = np.array([_sampled(column, oversampling, first, samples) for column in wave.T])
+    blocks = max(samples / run.rate / run.motion.block, _LEAST_BLOCKS)
+    levels = tuple(_levels(column, blocks) for column in settled.T)
+    return _Measured(levels, _peaks(settled), SignalRecord(run.rate, signals, run.motion.sensors))
+
+
+def _sampled(signal: NDArray[np.float64], oversampling: int, first: int, samples: int) -> NDArray[np.float64]:
+    """Return a signal as a recorder samples it, from sample ``first`` on."""
+    taps = anti_alias_filter(oversampling)
+    half, begin = len(taps) // 2, first * oversampling
+    return filter_valid(signal[begin - half : begin + (samples - 1) * oversampling + half + 1], taps)[::oversampling]
+
+
+def _peaks(wave: NDArray[np.float64]) -> tuple[float, ...]:
+    """Return the largest absolute value of each sensor at the steps: the force jumps, so nothing is put between."""
+    return tuple(float(highest) for highest in np.max(np.abs(wave), axis=0))
+
+
+def _levels(signal: NDArray[np.float64], blocks: float) -> _Levels:
+    """Return the levels over ``blocks`` blocks; the last, broken one is left out, because it would bias the mean."""
+    count = math.floor(blocks + 1e-9)
+    energy = np.concatenate(([0.0], np.cumsum(signal**2)))
+    edges = np.arange(count + 1) * (len(signal) / blocks)
+    means = np.maximum(np.diff(np.interp(edges, np.arange(len(energy)), energy)) / (len(signal) / blocks), 0.0)
+    rms, half = math.sqrt(np.mean(means)), count // 2
+    drift = abs(math.sqrt(np.mean(means[-half:])) - math.sqrt(np.mean(means[:half])))
+    error = float(np.std(means, ddof=1)) / math.sqrt(count) / (2.0 * rms) if rms > 0.0 else 0.0
+    first = np.unique(np.minimum(edges[:-1].astype(np.int64), len(signal) - 1))
+    peaks = np.maximum.reduceat(np.abs(signal), first)
+    return _Levels(rms, error, float(np.std(np.sqrt(means), ddof=1)), drift, float(np.std(peaks)))
+
+
+def _response(motion: Motion, request: Request, found: _Measured, step: _StepError, *, finite: bool) -> Response:
+    """Return the response; error and spread are known over full bandwidth and apply relatively to a band."""
+    levels, bpfo = found.levels[0], motion.bpfo
+    rms, peaks = [level.rms for level in found.levels], list(found.peaks)
+    if request.band is not None:
+        pairs = [found.record.levels_in_band(*request.band, sensor) for sensor in motion.sensors]
+        rms, peaks = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+    share = rms[0] / levels.rms if levels.rms > SILENCE else 1.0
+    error = (levels.error / levels.rms if levels.rms > SILENCE else 0.0) + step.rms
+    coefficients = found.record.coefficients(bpfo, _line_count(request, bpfo))
+    repeats = motion.repeats and levels.spread <= _SAME_PERIOD * levels.rms
+    peak_spread = 0.0 if repeats else levels.peak_spread / max(found.peaks[0], SILENCE)
+    return Response(
+        levels=tuple(zip(rms, peaks, strict=True)),
+        rms_error=error,
+        rms_se=levels.error * share,
+        peak_error=peak_spread + step.peak,
+        waveform_error=step.wave,
+        bpfo=bpfo,
+        harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
+        harmonics_error=np.full(HARMONICS, math.nan),
+        periods=math.floor(request.duration * bpfo),
+        period_change=math.nan,
+        spread=levels.spread * share,
+        multiplier=math.nan,
+        model=motion.model,
+        solver=motion.solver,
+        status=_status(levels, error, request.accuracy, finite=finite, repeats=repeats),
+        rms_band=request.band,
+        coefficients=coefficients,
+        record=found.record,
+        sensors=motion.sensors,
+    )
+
+
+def _line_count(request: Request, bpfo: float) -> int:
+    """Return how many lines are computed: those that the signal holds, as far as they are asked for."""
+    passed = PASSBAND * 0.5 * request.rate
+    return max(HARMONICS, math.ceil((passed if request.lines_to is None else request.lines_to) / bpfo))
+
+
+def _status(levels: _Levels, error: float, accuracy: float, *, finite: bool, repeats: bool) -> Status:
+    if not finite or not math.isfinite(levels.rms):
+        return "not_converged"
+    if levels.rms <= SILENCE:
+        return "converged"
+    # The difference of two halves has twice the standard error of the whole.
+    if levels.drift > max(8.0 * levels.error, _SAME_LEVEL * levels.rms):
+        return "not_converged"
+    if not repeats:
+        return "not_periodic"
+    return "converged" if error <= accuracy else "inaccurate"
+
+
+def _margin(oversampling: int) -> int:
+    """Return the half length of the filter, in whole samples."""
+    return math.ceil(len(anti_alias_filter(oversampling)) // 2 / oversampling)
+
+
+def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:
+    """Return the taps (an odd number) of the filter before every ``oversampling``-th sample is kept."""
+    width = (1.0 - PASSBAND) / oversampling
+    count, beta = kaiser_order(_STOPBAND_DB, width)
+    half = count // 2 + 1
+    cutoff = 0.5 * (1.0 + PASSBAND) / oversampling
+    taps = cutoff * np.sinc(cutoff * np.arange(-half, half + 1)) * np.kaiser(2 * half + 1, beta)
+    return taps / taps.sum()
