@@ -6,7 +6,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -16,10 +16,12 @@ from models.errors import WrongInputError
 from models.identify.evaluate import Evaluator
 from models.identify.front import nsga2, simulated_front
 from models.identify.intervals import ParameterInterval, Threshold, profile_intervals, threshold
+from models.identify.posterior import draw_posterior, planned_candidates
 from models.identify.problem import Fit, Problem
 from models.identify.search import lowest, planned_evaluations, search
 from models.identify.state import StateFile
 from models.identify.trials import FEATURES, Trials
+from models.rigs.draws import RigPosterior, rounded
 
 if TYPE_CHECKING:
     from models.identify.space import Space
@@ -90,7 +92,7 @@ class Identification:
         not_periodic: conditions in which the motion of the best fit does not repeat.
         problem: the tests, all candidates that were simulated (``problem.evaluator.kept``) and all fits.
         limit: cost up to which a fit is within its intervals.
-        hash: SHA-256 of tests, space and result, hexadecimal.
+        posterior: draws of the free parameters, which maps and libraries take.
     """
 
     space: Space
@@ -106,7 +108,12 @@ class Identification:
     not_periodic: int
     problem: Problem
     limit: Threshold
-    hash: str
+    posterior: RigPosterior
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of tests, space, result and posterior, hexadecimal."""
+        return self.posterior.identification
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -155,6 +162,8 @@ def identify(
         best = _searched(problem, options)
         stage.name = "intervals"
         best, limit, intervals = _profiled(problem, best, options.level)
+        stage.name = "posterior"
+        drawn = draw_posterior(problem, best, limit, seed=options.seed)
     except BaseException:
         # What was simulated is worth keeping, whatever ended the run.
         if file is not None and evaluator.kept:
@@ -166,7 +175,8 @@ def identify(
     evaluator.notify = None
     level = evaluator.levels([best.values])[0]
     noise = float(np.sqrt(limit.variance) * np.mean(problem.deviation))
-    found = Identification(
+    facts = {**_problem_facts(trials, space, options), "result": _result_facts(best, intervals)}
+    return Identification(
         space=space,
         best=best,
         intervals=intervals,
@@ -180,9 +190,15 @@ def identify(
         not_periodic=int(np.count_nonzero(np.any(level.doubt > 0.0, axis=1))),
         problem=problem,
         limit=limit,
-        hash="",
+        posterior=RigPosterior(
+            best=tuple((name, rounded(value)) for name, value in best.values.items()),
+            names=space.free,
+            rows=tuple(tuple(row) for row in drawn.rows.tolist()),
+            result=_hash(facts),
+            effective=drawn.effective,
+            candidates=drawn.candidates,
+        ),
     )
-    return replace(found, hash=_hash({**_problem_facts(trials, space, options), "result": _result_facts(found)}))
 
 
 def _check_known(problem: Problem) -> None:
@@ -217,7 +233,8 @@ def _searched(problem: Problem, options: IdentifyOptions) -> Fit:
 def _planned(space: Space, options: IdentifyOptions) -> int:
     free = len(space.free)
     front = options.population * options.generations if options.method == "nsga2" else 0
-    return front + planned_evaluations(free) + _PROFILE_CANDIDATES * free * (free + 1)
+    profiles = _PROFILE_CANDIDATES * free * (free + 1)
+    return front + planned_evaluations(free) + profiles + planned_candidates(free)
 
 
 class _Stage:
@@ -256,11 +273,11 @@ def _problem_facts(trials: Trials, space: Space, options: IdentifyOptions) -> di
     }
 
 
-def _result_facts(found: Identification) -> dict[str, object]:
+def _result_facts(best: Fit, intervals: dict[str, ParameterInterval]) -> dict[str, object]:
     return {
-        "best": {name: _rounded(value) for name, value in found.best.values.items()},
-        "intervals": {name: [_rounded(i.low), _rounded(i.high)] for name, i in found.intervals.items()},
-        "undetermined": found.undetermined,
+        "best": {name: _rounded(value) for name, value in best.values.items()},
+        "intervals": {name: [_rounded(i.low), _rounded(i.high)] for name, i in intervals.items()},
+        "undetermined": [name for name, interval in intervals.items() if interval.reason],
     }
 
 

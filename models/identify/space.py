@@ -115,7 +115,8 @@ class Space:
             value = min(max(decoded[name], low), high)
             decoded[name] = value
             ends = (low, high, value) if self.is_linear(name) else tuple(map(math.log, (low, high, value)))
-            point[i] = (ends[2] - ends[0]) / (ends[1] - ends[0]) if high > low else 0.5
+            # The logarithms of neighbouring numbers may be the same.
+            point[i] = (ends[2] - ends[0]) / (ends[1] - ends[0]) if ends[1] > ends[0] else 0.5
         return point
 
     def rig_of(self, values: Mapping[str, float]) -> Rig:

@@ -38,6 +38,7 @@ class LifePlan:
     """The draws of a life, SI units.
 
     Attributes:
+        clearance: radial clearance, m.
         slip: largest slip angle, rad.
         h_threshold: depth where V_eq is the population's threshold, m.
         depth_share: share of ln V_eq that ln h_d takes.
@@ -49,6 +50,7 @@ class LifePlan:
     law: str
     path: GrowthPath
     rig: Rig
+    clearance: float
     floor: Floor
     load: float
     speed: float
@@ -118,11 +120,18 @@ def draw_life(population: Population, number: int) -> LifePlan:
         roughness=population.roughness,
     )
     factors = {name: math.exp(sd * rng.standard_normal()) for name, sd in population.rig_spread}
+    rig = replace(population.rig, **{name: getattr(population.rig, name) * f for name, f in factors.items()})
+    clearance, posterior = population.clearance, population.rig_posterior
+    if posterior is not None:
+        # The draws are in random order: lives take them in turn.
+        row = number % len(posterior.rows)
+        rig, clearance = posterior.rig(population.rig, row), posterior.clearance(clearance, row)
     return LifePlan(
         number=number,
         law=law,
         path=path,
-        rig=replace(population.rig, **{name: getattr(population.rig, name) * f for name, f in factors.items()}),
+        rig=rig,
+        clearance=clearance,
         floor=Floor("rough", sd=float(rng.uniform(*population.floor_sd)), seed=int(rng.integers(1, 2**31))),
         load=float(rng.uniform(*population.load)),
         speed=float(rng.uniform(*population.speed)),
@@ -159,7 +168,7 @@ def simulate_life(population: Population, number: int) -> LifeHistory:
         jitter[:, 1] = 1.0
     conditions = np.array([plan.load, plan.speed]) * known[there]
     t = np.asarray(population.interval * there, dtype=np.float64)
-    healthy = Scene(plan.speed, plan.load, population.bearing, plan.rig, clearance=population.clearance, slip=slip)
+    healthy = Scene(plan.speed, plan.load, population.bearing, plan.rig, clearance=plan.clearance, slip=slip)
     defects = plan.defects(t, population.threshold, race_radius(population.bearing))
     scenes = [
         replace(healthy, load=load, speed=speed, defect=defect)

@@ -11,6 +11,7 @@ from typing import Any
 from models.bearing import Bearing, from_catalogue
 from models.lives.laws import LAWS
 from models.maps.plan import MODEL_VERSION
+from models.rigs.draws import RigDraws, without_draws
 from models.rigs.six_dof import Rig
 
 Range = tuple[float, float]
@@ -52,6 +53,8 @@ class Population:
 
     Attributes:
         rig_spread: (parameter, standard deviation of its factor) of each rig parameter that differs from life to life.
+        rig_posterior: rigs of the lives, from the posterior of the identification of ``rig``, in place of
+            ``rig_spread``; None for none.
         clearance: radial clearance, m.
         load, speed: ranges of radial loads, N, and shaft speeds, Hz; one of each per life.
         load_variation, speed_variation: known change from block to block: each has a factor of 1 +- this.
@@ -81,6 +84,7 @@ class Population:
     bearing: Bearing = field(default_factory=lambda: from_catalogue("1205 ETN9"))
     rig: Rig = field(default_factory=Rig)
     rig_spread: tuple[tuple[str, float], ...] = _RIG_SPREAD
+    rig_posterior: RigDraws | None = None
     clearance: float = 0.0
     load: Range = (3000.0, 5000.0)
     speed: Range = (20.0, 45.0)
@@ -130,6 +134,8 @@ class Population:
         unknown = named - set(vars(self.rig)) | named & {"calibrated", "identification"}
         if unknown:
             raise ValueError(f"population rig_spread names {', '.join(sorted(unknown))}, which is no rig parameter")
+        if self.rig_posterior is not None:
+            self.rig_posterior.check(self.rig)
         if not (0.0 <= self.missing < 1.0 and self.interval > 0.0 and self.depth_share[1] <= 1.0):
             raise ValueError(
                 "population needs 0 <= missing < 1, interval > 0 and depth_share <= 1, got "
@@ -138,9 +144,18 @@ class Population:
         if self.slip[1] > 0.0 and self.speed_variation > 0.0:
             raise ValueError("population: lives with slip have one speed each, speed_variation must be 0")
 
+    @property
+    def rig_spread_words(self) -> str:
+        """What the rigs of the lives differ by, as text."""
+        if self.rig_posterior is not None:
+            return f"spread over the posterior of identification {self.rig_posterior.identification}"
+        assumed = ", ".join(f"{name} +-{100.0 * sd:g} %" for name, sd in self.rig_spread)
+        return f"assumed spread of {assumed}" if assumed else "none: all lives have one rig"
+
     def as_json(self) -> str:
         """Return the population as canonical JSON; ``from_json`` reads it back exactly."""
-        return json.dumps(asdict(self) | {"rig": self.rig.as_dict()}, sort_keys=True)
+        values = without_draws(asdict(self), self.rig_posterior) | {"rig": self.rig.as_dict()}
+        return json.dumps(values, sort_keys=True)
 
     @classmethod
     def from_json(cls, text: str) -> Population:
@@ -152,6 +167,7 @@ class Population:
         try:
             data: dict[str, Any] = json.loads(text)
             data |= {"bearing": Bearing(**data["bearing"]), "rig": Rig(**data["rig"])}
+            data["rig_posterior"] = RigDraws.from_dict(data.get("rig_posterior"))
             for name in _RANGES:
                 data[name] = tuple(data[name])
             for name in ("laws", "rig_spread"):

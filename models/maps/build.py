@@ -215,8 +215,9 @@ def map_attributes(plan: MapPlan) -> dict[str, Any]:
         "defect_position": plan.position,
         "steps_per_period": plan.steps_per_period or "chosen by the model",
         "rig_draws": plan.rig_draws,
+        "rig_spread_over": plan.rig_spread_words,
     }
-    if plan.rig_draws > 0:
+    if plan.rig_draws > 0 and plan.rig_posterior is None:
         flat |= {name: getattr(plan, name) for name in ("rig_spread", "rig_spread_k_r", "rig_seed")}
     parts: list[tuple[str, object]] = [("bearing", plan.bearing), ("rig", plan.rig), ("floor", plan.floor)]
     if plan.slip is not None:

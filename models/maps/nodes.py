@@ -217,7 +217,9 @@ def nodes_at_random(plan: MapPlan, count: int, seed: int) -> list[tuple[float, f
 
 
 def drawn_rig(plan: MapPlan, number: int) -> Rig:
-    """Return draw ``number`` of the plan's rig: log-normal factors, independent of each other, median 1."""
+    """Return draw ``number`` of the plan's rig: of its posterior, or independent log-normal factors of median 1."""
+    if plan.rig_posterior is not None:
+        return plan.rig_posterior.rig(plan.rig, number)
     rng = np.random.default_rng([plan.rig_seed, number])
     sd = np.array([plan.rig_spread] * len(_UNCERTAIN) + [plan.rig_spread_k_r])
     factors = np.exp(sd * rng.standard_normal(len(sd)))
@@ -237,11 +239,13 @@ def _floors(plan: MapPlan) -> int:
 def rig_rows(plan: MapPlan, load: float, speed: float, h_d: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the standard deviations over the draws of the RMS, shape (D,), and of the lines, shape (D, 6), m/s2.
 
-    Draw n has the plan's floor n modulo their number.
+    Those of a posterior are about the values of the plan's rig, which is not its mean. Draw n has the plan's floor n
+    modulo their number.
     """
     plan = replace(plan, slip=None, floors=_floors(plan))
     changes = np.array(list(_rig_changes(plan, load, speed, h_d)))
-    spread = np.std(changes, axis=0, ddof=1)
+    about_own = plan.rig_posterior is not None
+    spread = np.sqrt(np.mean(changes**2, axis=0)) if about_own else np.std(changes, axis=0, ddof=1)
     return spread[:, 0], spread[:, 1:]
 
 
@@ -254,6 +258,8 @@ def _rig_changes(plan: MapPlan, load: float, speed: float, h_d: float) -> Iterat
         if floor not in own:
             own[floor] = _rig_columns(plan, load, speed, h_d, extents, floor)
         drawn = replace(plan, rig=drawn_rig(plan, number))
+        if plan.rig_posterior is not None:
+            drawn = replace(drawn, clearance=plan.rig_posterior.clearance(plan.clearance, number))
         yield _rig_columns(drawn, load, speed, h_d, extents, floor) - own[floor]
 
 

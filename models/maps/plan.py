@@ -11,6 +11,7 @@ from typing import Any
 
 from models.bearing import Bearing, from_catalogue
 from models.errors import WrongInputError
+from models.rigs.draws import RigDraws, without_draws
 from models.rigs.six_dof import Rig
 from models.scene import PARTS, Floor, Part, Slip
 
@@ -46,6 +47,8 @@ class MapPlan:
         rig_draws: number of rigs drawn around ``rig`` for the spread over its uncertain parameters, or 0.
         rig_spread: relative standard deviation of m_r, k_c, c_i, c_r, alpha_c and beta_c between draws.
         rig_spread_k_r: relative standard deviation of k_r, which a resonance peak determines best.
+        rig_posterior: the draws, from the posterior of the identification of ``rig``; without it they are factors of
+            ``rig_spread`` around ``rig``.
     """
 
     load: tuple[float, ...]
@@ -68,6 +71,7 @@ class MapPlan:
     rig_spread_k_r: float = 0.014
     rig_seed: int = 0
     part: Part = "outer"
+    rig_posterior: RigDraws | None = None
 
     def __post_init__(self) -> None:
         """Raise a MapError that names the field of an unusable value."""
@@ -93,6 +97,10 @@ class MapPlan:
         for name in ("rig_spread", "rig_spread_k_r"):
             if not 0.0 <= getattr(self, name) <= 0.5:
                 raise MapError(f"{name} must lie between 0 and 0.5, got {getattr(self, name)!r}")
+        if self.rig_posterior is not None:
+            self.rig_posterior.check(self.rig)
+            if self.rig_draws != len(self.rig_posterior.rows):
+                raise MapError(f"rig_posterior has {len(self.rig_posterior.rows)} draws, rig_draws is {self.rig_draws}")
 
     def _check_part(self) -> None:
         if self.part not in PARTS:
@@ -110,13 +118,21 @@ class MapPlan:
             raise MapError(f"slip.rule {self.slip.rule!r} is modelled on the outer race only")
 
     @property
+    def rig_spread_words(self) -> str:
+        """What the spread over rigs is of, as text."""
+        if self.rig_posterior is not None:
+            return f"spread over the posterior of identification {self.rig_posterior.identification}"
+        assumed = f"+-{100.0 * self.rig_spread:g} % of parameters, +-{100.0 * self.rig_spread_k_r:g} % of k_r"
+        return f"assumed spread of {assumed}" if self.rig_draws else "none: no rig was drawn"
+
+    @property
     def shape(self) -> tuple[int, int, int, int]:
         """Number of nodes along load, speed, h_d and dphi_d."""
         return len(self.load), len(self.speed), len(self.h_d), len(self.dphi_d)
 
     def as_json(self) -> str:
         """Return the plan as canonical JSON; ``from_json`` reads it back exactly."""
-        fields = asdict(self) | {"rig": self.rig.as_dict()}
+        fields = without_draws(asdict(self), self.rig_posterior) | {"rig": self.rig.as_dict()}
         if self.part == "outer":
             # As before there were other parts, so that maps of the outer race keep their hash.
             del fields["part"]
@@ -137,6 +153,7 @@ class MapPlan:
             for name, kind in (("bearing", Bearing), ("rig", Rig), ("floor", Floor)):
                 data[name] = kind(**data[name])
             data["slip"] = None if data["slip"] is None else Slip(**data["slip"])
+            data["rig_posterior"] = RigDraws.from_dict(data.get("rig_posterior"))
             return cls(**data)
         except MapError:
             raise

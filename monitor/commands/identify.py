@@ -156,6 +156,12 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
     values = _values(found, settings, table)
     values |= {"calibrated": is_calibration(found), "warnings": list(find_warnings(found, config, entry))}
     if out is not None:
+        if values["calibrated"]:
+            posterior = out.with_suffix(".posterior.csv")
+            # The table refers to the draws, so it is written after them.
+            _write(posterior, found.posterior.text())
+            values["posterior"]["out"] = str(posterior)
+            say(f"posterior: {posterior}", quiet=quiet)
         _write(out, rig_toml(found, config, channel.bearing, values))
         say(f"rig: {out}", quiet=quiet)
     written = {name: None if path is None else str(path) for name, path in (("out", out), ("report", page))}
@@ -249,6 +255,12 @@ def _values(found: Identification, settings: IdentifyOptions, table: TrialFile) 
         "method": settings.method,
         "seed": settings.seed,
         "identification": found.hash,
+        "posterior": {
+            "draws": len(found.posterior.rows),
+            "candidates": found.posterior.candidates,
+            "effective": found.posterior.effective,
+            "out": None,
+        },
     }
 
 
@@ -282,4 +294,9 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
     if values["not_periodic"]:
         yield f"{values['not_periodic']} conditions do not repeat with the ball passage; their levels are means"
     yield from (f"warning: {text}" for text in values["warnings"])
+    posterior = values["posterior"]
+    yield (
+        f"posterior: {posterior['draws']} draws from {posterior['candidates']} candidates, "
+        f"{posterior['effective']:.0f} of them effective"
+    )
     yield f"identification {values['identification'][:16]}" + ("" if values["calibrated"] else ", not calibrated")

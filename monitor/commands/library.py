@@ -98,6 +98,7 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
     say(f"library: {out}", quiet=quiet)
     values = _values(library, options["runs"], time.perf_counter() - began, out)
     values |= {"calibrated": population.rig.calibrated, "rig": rig_line(population.rig)}
+    values["rig_spread_over"] = population.rig_spread_words
     emit(values, _lines(values), as_json=as_json)
 
 
@@ -128,6 +129,7 @@ def _population(config: Config, name: str | None, thresholds: list[float], optio
         nominal,
         bearing=entry.bearing,
         rig=config.rig_of(entry),
+        rig_posterior=config.posterior_of(entry),
         clearance=clearance,
         load=options["load_newton"] or _around(config.operating.load_newton, nominal.load),
         speed=options["speed_hz"] or _around(config.operating.speed_hz, nominal.speed),
@@ -183,4 +185,5 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
             f"{math.exp(change['shift']):.2f} times as long, spread {change['stretch']:.2f} times as wide"
         )
     yield values["rig"]
+    yield f"rigs: {values['rig_spread_over']}"
     yield f"hash {values['hash'][:16]}; prior: {values['prior']}"

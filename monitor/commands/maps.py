@@ -19,6 +19,7 @@ from models.maps.data import RmsMap
 from models.maps.file import load_map, save_map
 from models.maps.plan import MapPlan
 from models.response import STATUSES, Status
+from models.rigs.draws import RigDraws
 from models.scene import PARTS, Floor, Slip
 from monitor.commands import option
 from monitor.commands.common import (
@@ -41,6 +42,8 @@ from streams.block import STANDARD_GRAVITY
 
 _COARSE = 0.02
 """Error between nodes above which a finer grid is advised."""
+_POSTERIOR_DRAWS = 16
+"""Rigs drawn of a posterior, which a map costs each."""
 
 
 @click.group("map")
@@ -64,9 +67,15 @@ def command() -> None:
     "--slip-rule", type=click.Choice(["per_passage", "mean_force"]), default="per_passage", help="How slip is drawn."
 )
 @click.option("--slip-seed", type=option.WHOLE, default=0, help="Seed of the slip.")
-@click.option("--rig-draws", type=option.WHOLE, default=0, help="Rigs drawn for the spread over parameters.")
-@click.option("--rig-spread", type=click.FloatRange(0, 0.5), default=0.035, help="Relative sd of parameters.")
-@click.option("--rig-spread-k-r", type=click.FloatRange(0, 0.5), default=0.014, help="Relative sd of k_r.")
+@click.option(
+    "--rig-draws",
+    type=option.WHOLE,
+    help=f"Rigs drawn for the spread over parameters. Default: {_POSTERIOR_DRAWS} of a posterior in [rig], else 0.",
+)
+@click.option(
+    "--rig-spread", type=click.FloatRange(0, 0.5), help="Relative sd of parameters, not a posterior's. [0.035]"
+)
+@click.option("--rig-spread-k-r", type=click.FloatRange(0, 0.5), help="Relative sd of k_r, likewise. [0.014]")
 @click.option("--rig-seed", type=option.WHOLE, default=0, help="Seed of the rigs.")
 @click.option(
     "--interpolation-tolerance",
@@ -106,6 +115,7 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
         "v_eq": rms_map.volume_words,
         "calibrated": plan.rig.calibrated,
         "rig": rig_line(plan.rig),
+        "rig_spread_over": plan.rig_spread_words,
         "hash": rms_map.hash,
     }
     say(f"map: {out}", quiet=quiet)
@@ -168,9 +178,7 @@ def _plan(config_path: Path | None, name: str | None, options: Mapping[str, Any]
         floors=options["floors"],
         rms_band=options["rms_band_hz"],
         slip=_slip(options),
-        rig_draws=options["rig_draws"],
-        rig_spread=options["rig_spread"],
-        rig_spread_k_r=options["rig_spread_k_r"],
+        **_rig_draws(config.posterior_of(entry), options),
         rig_seed=options["rig_seed"],
         part=options["fault"],
     )
@@ -180,6 +188,16 @@ def _slip(options: Mapping[str, Any]) -> Slip | None:
     if options["slip_deg"] == 0.0:
         return None
     return Slip(math.radians(options["slip_deg"]), options["slip_rule"], options["slip_seed"])
+
+
+def _rig_draws(posterior: RigDraws | None, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of the spread over rigs: of the posterior, unless another spread is asked for."""
+    spreads = {name: options[name] for name in ("rig_spread", "rig_spread_k_r") if options[name] is not None}
+    count = options["rig_draws"]
+    if posterior is None or spreads:
+        return {"rig_draws": count or 0, **spreads}
+    count = _POSTERIOR_DRAWS if count is None else count
+    return {"rig_draws": count, "rig_posterior": posterior.first(count) if count else None}
 
 
 def _configured(value: float | None, option: str) -> tuple[float, ...]:
@@ -219,6 +237,7 @@ def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
     for name, what in (("spread_floors", spread), ("spread_rig", "rig parameters")):
         if values[name] is not None:
             yield f"spread over {what}: {100 * values[name]:.2g} % (median over damaged nodes)"
+    yield f"rigs: {values['rig_spread_over']}"
     if values["standard_error"] is not None:
         median, most = 100 * values["standard_error"], 100 * values["standard_error_max"]
         yield f"standard error {median:.2g} % (median), {most:.2g} % at most"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from models.bearing import CatalogueEntry
@@ -83,7 +85,11 @@ def rig_toml(found: Identification, config: Config, bearing: str, values: Mappin
             numbers[key] = float(text)
             lines.append(f"{key} = {text}{_remark(key, values)}")
     if is_calibration(found):
-        lines += ["calibrated = true", f'identification = "{sealed(found.hash, numbers)}"', ""]
+        lines += ["calibrated = true", f'identification = "{sealed(found.hash, numbers)}"']
+        if values["posterior"]["out"] is not None:
+            name = json.dumps(Path(values["posterior"]["out"]).name)
+            lines.append(f"posterior = {name}  # draws, beside this file, for the spread of maps and libraries")
+        lines.append("")
     else:
         lines += ["calibrated = false", ""]
     return "\n".join(lines)

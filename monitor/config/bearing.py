@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StrictBool, field_validator, model_validator
@@ -120,6 +121,7 @@ class RigSection(Section):
     ``calibrated`` is true for numbers that were identified on this machine, with the hash of that identification, or
     "declared" where a person vouches for them. Without the hash true is no more than that: see ``claim``. Behind the
     hash may stand the check digits of the numbers (``sealed``); a table of other numbers is then refused.
+    ``posterior`` is the file of draws that the identification wrote, from which maps and libraries take their spread.
     """
 
     bearing: Name | None = None
@@ -137,6 +139,7 @@ class RigSection(Section):
     beta_c_s: NotNegative = Rig.beta_c
     calibrated: StrictBool | Literal["declared"] = False
     identification: Annotated[str, Field(pattern=r"^(sha256:)?[0-9a-f]{16,64}(-[0-9a-f]{8})?$")] | None = None
+    posterior: Path | None = None
 
     @field_validator("calibrated", mode="before")
     @classmethod
@@ -159,6 +162,8 @@ class RigSection(Section):
                 "what identify wrote, identify again, or vouch for the numbers: calibrated = 'declared' without "
                 "identification"
             )
+        if self.posterior is not None and self.identification is None:
+            raise ValueError("posterior is the file of an identification; give identification, its hash, or remove it")
         return self
 
     @property

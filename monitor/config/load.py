@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from models.bearing import Bearing, CatalogueEntry
 from models.errors import WrongInputError
+from models.rigs.draws import PosteriorError, RigDraws, read_posterior
 from models.rigs.six_dof import Calibration, Rig
 from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import BearingSection, RigSection
@@ -88,18 +89,43 @@ class Config(Section):
 
     def owns_rig(self, entry: CatalogueEntry) -> bool:
         """Return whether the contact stiffness of ``[rig]`` is that of a bearing."""
+        return self.own_bearing.to_entry().bearing == entry.bearing
+
+    @property
+    def own_bearing(self) -> BearingSection:
+        """The bearing whose contact stiffness and mass of elements ``[rig]`` holds."""
         named = self.rig.bearing or self.bearing[0].name
-        own = next(section for section in self.bearing if section.name == named)
-        return own.to_entry().bearing == entry.bearing
+        return next(section for section in self.bearing if section.name == named)
 
     def calibration_of(self, channel: ChannelSection) -> Calibration:
         """Return whether ``[rig]`` is calibrated for the bearing of a channel; an estimated stiffness is not."""
         return self.rig.claim if self.owns_rig(self.entry_of(channel)) else False
 
+    def posterior_of(self, entry: CatalogueEntry) -> RigDraws | None:
+        """Return the posterior of the identification of ``[rig]`` for a bearing, None where there is none.
+
+        Raises:
+            PosteriorError: its file cannot be used, was changed or is of another identification, or the numbers of
+                ``[rig]`` are not those that were identified.
+        """
+        if self.rig.posterior is None or not self.owns_rig(entry):
+            return None
+        found = read_posterior(self.rig.posterior)
+        rig = self.rig_of(entry)
+        found.draws.check(rig)
+        if different := found.differences(rig, self.own_bearing.clearance_um * 1e-6):
+            raise PosteriorError(
+                f"the numbers are not those of identification {found.identification[:16]}: {'; '.join(different)}. "
+                "Take the identified ones, or remove calibrated, identification and posterior"
+            )
+        return found.draws
+
     @property
     def hash(self) -> str:
         """Digest of the settings on which records depend; it is stored with each record."""
-        text = self.model_dump_json(exclude={"web", "notify", "publish", "retention"})
+        # The hash of the identification stands for the file of its posterior.
+        left_out = {"web": True, "notify": True, "publish": True, "retention": True, "rig": {"posterior"}}
+        text = self.model_dump_json(exclude=left_out)
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
@@ -130,7 +156,12 @@ def validate(values: dict[str, Any], path: Path) -> Config:
         config = Config.model_validate(values)
     except ValidationError as error:
         raise ConfigError("\n".join(f"{path}: {line}" for line in _explain_all(error, Config))) from None
-    return config.with_absolute_paths(path.resolve().parent)
+    config = config.with_absolute_paths(path.resolve().parent)
+    try:
+        config.posterior_of(config.own_bearing.to_entry())
+    except ValueError as error:
+        raise ConfigError(f"{path}: rig.posterior: {error}") from None
+    return config
 
 
 def _explain_all(error: ValidationError, root: type[BaseModel]) -> list[str]:

@@ -67,10 +67,12 @@ def prior_words(population: Population, runs: int) -> str:
     hours = " to ".join(f"{value / 3600.0:.3g}" for value in population.durations)
     load = " to ".join(f"{value:g}" for value in population.load)
     speed = " to ".join(f"{value:g}" for value in population.speed)
+    posterior = population.rig_posterior
+    rigs = "" if posterior is None else f"; rigs of the posterior of identification {posterior.identification[:12]}"
     return (
         f"{runs} simulated lives (population {population.hash()[:12]}): growth {laws}; {hours} h from onset to "
         f"{population.threshold * 1e6:g} mm2, there {depth} um deep and {extent} deg wide; "
-        f"{load} N, {speed} Hz; gains {population.gain_sd:.0%} off"
+        f"{load} N, {speed} Hz; gains {population.gain_sd:.0%} off{rigs}"
     )
 
 

@@ -348,8 +348,10 @@ def _floor(plan: MapPlan) -> str:
 
 
 def _rig(plan: MapPlan) -> str:
-    drawn = "" if plan.rig_draws == 0 else f"; {plan.rig_draws} rigs drawn, {figure(100 * plan.rig_spread)} % apart"
-    return rig_words(plan.rig) + drawn
+    if plan.rig_draws == 0:
+        return rig_words(plan.rig)
+    apart = "of its posterior" if plan.rig_posterior is not None else f"{figure(100 * plan.rig_spread)} % apart"
+    return f"{rig_words(plan.rig)}; {plan.rig_draws} rigs drawn, {apart}"
 
 
 def _numerical(rms_map: RmsMap) -> str:

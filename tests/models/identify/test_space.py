@@ -171,3 +171,9 @@ def test_contradicting_limits_name_the_parameter() -> None:
     assert space.decode(np.full(2, 0.5)) is None
     with pytest.raises(SpaceError, match="no admissible value of m_r is left"):
         space.encode(space.known)
+
+
+def test_an_interval_of_two_neighbouring_numbers_has_a_place() -> None:
+    # Their logarithms are the same.
+    space = space_of("c_i", limits=Limits(c_i=(1000.0, math.nextafter(1000.0, math.inf))))
+    assert space.encode({"c_i": 1000.0}).tolist() == [0.5]

@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from models.bearing import from_catalogue, kinematics
+from models.rigs.draws import read_posterior
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
 from monitor.commands.option import spread_names
@@ -123,10 +124,22 @@ def test_tests_become_a_rig(table: Path, machine: Path, tmp_path: Path) -> None:
     assert "not given in [rig], so that the default test bench's are taken" in assumed
     assert stiffness == "k_c_newton_per_m15 is 5.77e+09 by the geometry of the bearing"
     assert f"# Warning: {assumed}." in text
+    # Its draws stand beside it, bound to it by the hash.
+    assert rig["posterior"] == "rig.posterior.csv"
+    draws = read_posterior(tmp_path / "rig.posterior.csv")
+    assert draws.identification == found["identification"]
+    assert found["posterior"]["out"] == str(tmp_path / "rig.posterior.csv")
+    assert found["posterior"]["draws"] == len(draws.rows) == 256
+    assert found["posterior"]["effective"] > 100.0
+    assert low < np.median(draws.rows) < high
+    posterior = config.posterior_of(config.entry_of(config.channel[0]))
+    assert posterior is not None
+    assert posterior.rows == draws.rows
     assert not (tmp_path / "rig.toml.state").exists()
     # For people, and resumed where nothing is kept.
     words = run_command("identify", table, *options, "--resume", "--quiet").stdout
     assert "m_r_kg" in words
+    assert "posterior: 256 draws" in words
     assert f"identification {found['identification'][:16]}" in words
 
 
