@@ -167,7 +167,7 @@ def draw_posterior(problem: Problem, best: Fit, limit: Threshold, *, seed: int, 
     sample = _Sample(np.empty((0, len(space.free))), np.empty((0, len(space.free))), np.empty(0), [])
     weights, effective = np.empty(0), 0.0
     for number in range(_MOST_ROUNDS):
-        _add_round(problem, sample, mixture, rng, size, limit)
+        _add_round(problem, sample, mixture, rng, size, best)
         weights = sample.weights()
         effective = 1.0 / float(np.sum(weights**2))
         if number + 1 >= _LEAST_ROUNDS and effective >= ENOUGH:
@@ -181,7 +181,7 @@ def draw_posterior(problem: Problem, best: Fit, limit: Threshold, *, seed: int, 
 
 
 def _add_round(
-    problem: Problem, sample: _Sample, mixture: _Mixture, rng: np.random.Generator, size: int, limit: Threshold
+    problem: Problem, sample: _Sample, mixture: _Mixture, rng: np.random.Generator, size: int, best: Fit
 ) -> None:
     """Draw from a mixture until so many candidates are admissible, and simulate these."""
     space = problem.evaluator.space
@@ -192,13 +192,13 @@ def _add_round(
         drawn += size
         inside = np.all((proposed >= 0.0) & (proposed <= 1.0), axis=1)
         points += [point for point in proposed[inside] if space.decode(point) is not None]
-    fits = [fit for fit in problem.costs(space, points) if fit is not None]
-    if fits:
-        costs = np.maximum([fit.cost for fit in fits], 1e-6 * limit.least + 1e-12)
-        rows = np.array([[fit.values[name] for name in space.free] for fit in fits])
-        sample.points = np.concatenate([sample.points, np.array([fit.point for fit in fits])])
-        sample.values = np.concatenate([sample.values, rows])
-        sample.log_target = np.concatenate([sample.log_target, -0.5 * problem.observations * np.log(costs)])
+    # Where nothing else is admissible, the best fit is.
+    fits = [fit for fit in problem.costs(space, points) if fit is not None] or [best]
+    costs = np.maximum([fit.cost for fit in fits], 1e-6 * best.cost + 1e-12)
+    rows = np.array([[fit.values[name] for name in space.free] for fit in fits])
+    sample.points = np.concatenate([sample.points, np.array([fit.point for fit in fits])])
+    sample.values = np.concatenate([sample.values, rows])
+    sample.log_target = np.concatenate([sample.log_target, -0.5 * problem.observations * np.log(costs)])
     sample.mixtures.append((mixture, drawn))
 
 
@@ -214,8 +214,7 @@ def _first_mixture(problem: Problem, best: Fit, limit: Threshold) -> _Mixture:
         if len(centres) == _MOST_VALLEYS:
             break
         if all(_distance(fit.point - centre.point, information) > _APART for centre, information in centres):
-            jacobian = problem.jacobian(problem.evaluator.space, fit.point)
-            centres.append((fit, jacobian.T @ jacobian / limit.variance))
+            centres.append((fit, _information(problem, fit.point, limit)))
     components = tuple(_laplace(fit.point, information) for fit, information in centres)
     masses = np.array(
         [
@@ -225,6 +224,12 @@ def _first_mixture(problem: Problem, best: Fit, limit: Threshold) -> _Mixture:
     )
     shares = np.exp(masses - np.max(masses))
     return _Mixture(components, 0.5 * shares / np.sum(shares) + 0.5 / len(shares))
+
+
+def _information(problem: Problem, point: Floats, limit: Threshold) -> Floats:
+    """Return the Fisher information at a point, shape (free, free); none where rounding puts it outside Eq. 80."""
+    jacobian = np.nan_to_num(problem.jacobian(problem.evaluator.space, point))
+    return jacobian.T @ jacobian / limit.variance
 
 
 def _distance(away: Floats, information: Floats) -> float:
@@ -259,10 +264,7 @@ def _fitted(mixture: _Mixture, points: Floats, weights: Floats) -> _Mixture:
 def _begun(problem: Problem, mixture: _Mixture, points: Floats, weights: Floats, limit: Threshold) -> _Mixture:
     """Return a mixture with components at the candidates of most weight: it has missed their valleys."""
     heavy = [i for i in np.argsort(-weights)[:_MOST_BEGUN].tolist() if weights[i] > _HEAVY]
-    begun: list[_Component] = []
-    for i in heavy:
-        jacobian = problem.jacobian(problem.evaluator.space, points[i])
-        begun.append(_laplace(points[i], jacobian.T @ jacobian / limit.variance))
+    begun = [_laplace(points[i], _information(problem, points[i], limit)) for i in heavy]
     shares = np.concatenate([mixture.shares, np.minimum(weights[heavy], _MOST_SHARE)])
     return _Mixture((*mixture.components, *begun), shares / np.sum(shares))
 
