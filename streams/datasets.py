@@ -140,23 +140,45 @@ def _xjtu_read(data: bytes, path: str) -> Samples:
 # Ferrara (Gabrielli and others, Mendeley Data 8wdzm5gwng): 54 text files of 15 s of raw vertical acceleration, three
 # widths of defect on three bearings each. Rates as a public catalogue of data sets gives them; defect, load and speed
 # are taken from a name where they stand in it, else from the configuration.
+@dataclass(frozen=True)
+class FerraraName:
+    """What a path states of a stationary test; None where it does not.
+
+    ``defect`` is D1 to D3, ``specimen`` the bearing of that defect, a to c; load in N, shaft speed and rate in Hz.
+    """
+
+    defect: str | None
+    specimen: str | None
+    load: float | None
+    speed: float | None
+
+    @property
+    def rate(self) -> float | None:
+        """The sampling rate of the bearing."""
+        if self.defect is None or self.specimen is None:
+            return None
+        return 25600.0 if (self.defect, self.specimen) == ("D2", "a") else 51200.0
+
+
+def ferrara_name(path: str) -> FerraraName:
+    """Return what a path states; of several statements the last."""
+    bearing = re.findall(r"(?<![A-Za-z0-9])D([123])(?!\d)(?:[\W_]{0,2}([abcABC])(?![A-Za-z]))?", path)
+    speed = re.findall(r"(?<!\d)([234]0)[\W_]?Hz", path, re.IGNORECASE)
+    load = re.findall(r"(?<!\d)([12]000)[\W_]?N(?![A-Za-z])", path, re.IGNORECASE)
+    return FerraraName(
+        defect=f"D{bearing[-1][0]}" if bearing else None,
+        specimen=bearing[-1][1].lower() or None if bearing else None,
+        load=float(load[-1]) if load else None,
+        speed=float(speed[-1]) if speed else None,
+    )
+
+
 def _ferrara_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
     name = _file_name(path)
     if not name.lower().endswith((".txt", ".csv", ".asc")) or "readme" in name.lower():
         return None
-    whole = f"{place}/{path}"
-    bearing = re.findall(r"(?<![A-Za-z0-9])D([123])[\W_]{0,2}([abcABC])(?![A-Za-z])", whole)
-    speed = re.findall(r"(?<!\d)([234]0)[\W_]?Hz", whole, re.IGNORECASE)
-    load = re.findall(r"(?<!\d)([12]000)[\W_]?N(?![A-Za-z])", whole, re.IGNORECASE)
-    rate = None
-    if bearing:
-        rate = 25600.0 if bearing[-1][0] == "2" and bearing[-1][1].lower() == "a" else 51200.0
-    return FileFacts(
-        natural_key(path),
-        rate=rate,
-        speed=float(speed[-1]) if speed else None,
-        load=float(load[-1]) if load else None,
-    )
+    stated = ferrara_name(f"{place}/{path}")
+    return FileFacts(natural_key(path), rate=stated.rate, speed=stated.speed, load=stated.load)
 
 
 def _ferrara_read(data: bytes, path: str) -> Samples:

@@ -31,7 +31,8 @@ from monitor.commands.common import (
 )
 from monitor.commands.identify_report import ReportWords, check_page, write_report
 from monitor.commands.rig_table import MICRO, NAMES, find_warnings, is_calibration, key_of, rig_toml
-from monitor.commands.trial_files import Measuring, TrialFile, read_trials, tracked_channel, with_race_radius
+from monitor.commands.trial_files import Measuring, TrialFile, tracked_channel, with_race_radius
+from monitor.commands.trial_folder import read_tests
 from monitor.records.database import replacing
 from streams.block import STANDARD_GRAVITY
 
@@ -89,6 +90,9 @@ class _Limit(click.ParamType):
 @click.argument("tests", metavar="TESTS", type=option.FILE)
 @option.config
 @click.option("--channel", help="Channel of the recordings and of the RMS band. Default: the tracked one.")
+@click.option(
+    "--names", help="Names in a folder: {defect}{specimen}_{load_newton}N_{speed_hz}Hz.txt, with * for any text."
+)
 @click.option("--free", type=_Names(), multiple=True, help=f"Unknown parameters. Default: {', '.join(DEFAULT_FREE)}.")
 @click.option("--objectives", type=_Names(), multiple=True, help=f"Default: {', '.join(FEATURES)}.")
 @click.option(
@@ -110,7 +114,9 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
     """Find parameters of the rig from TESTS with known defects, and say which the tests do not determine.
 
     TESTS is a CSV file with load_newton, speed_hz, defect_deg or defect_mm, and either rms_g and a_star_g or recording
-    (a file); optionally h_d_um (default: deeper than an element reaches), fault (default: outer) and repetition.
+    (a file); optionally h_d_um (default: deeper than an element reaches), fault (default: outer) and repetition. Or it
+    is a folder of recordings: with a table tests.csv, or with names that state defect, load and speed (--names; without
+    it those of the published stationary tests).
     """
     out: Path | None = options["out"]
     if out is not None:
@@ -128,7 +134,8 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
     band = options["rms_band_hz"] or channel.rms_band_hz
     radius = options["race_radius_mm"]
     measured = with_race_radius(entry.bearing, None if radius is None else radius * 1e-3)
-    table = read_trials(tests, Measuring(config, channel, measured, band), counter("tests", quiet=quiet))
+    measuring = Measuring(config, channel, measured, band)
+    table = read_tests(tests, measuring, options["names"], counter("tests", quiet=quiet))
     section = next(section for section in config.bearing if section.name == channel.bearing)
     with input_errors("identify"):
         trials = gather(table.trials)
@@ -154,7 +161,7 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
                 trials, space, settings, state=state, resume=options["resume"], progress=_progress(quiet=quiet)
             )
     values = _values(found, settings, table)
-    values |= {"calibrated": is_calibration(found), "warnings": list(find_warnings(found, config, entry))}
+    values |= {"calibrated": is_calibration(found), "warnings": [*table.warnings, *find_warnings(found, config, entry)]}
     if out is not None:
         if values["calibrated"]:
             posterior = out.with_suffix(".posterior.csv")
@@ -167,7 +174,8 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
     written = {name: None if path is None else str(path) for name, path in (("out", out), ("report", page))}
     if page is not None:
         keys = {name: key_of(name, space.rig.element) for name in space.free}
-        write_report(page, found, settings, table, ReportWords(config.machine.name, keys, _REASONS, written["out"]))
+        words = ReportWords(config.machine.name, keys, _REASONS, written["out"], values["warnings"])
+        write_report(page, found, settings, table, words)
         say(f"report: {page}", quiet=quiet)
     emit({**values, **written}, _lines(values), as_json=as_json)
 
@@ -245,6 +253,7 @@ def _values(found: Identification, settings: IdentifyOptions, table: TrialFile) 
         "conditions": len(found.features),
         "tests": len(table.trials),
         "recordings": table.recordings,
+        "lines_not_found": table.lines_not_found,
         "not_periodic": found.not_periodic,
         "features": [
             {"rms_g": row[0] / STANDARD_GRAVITY, "a_star_g": row[1] / STANDARD_GRAVITY}

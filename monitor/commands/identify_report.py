@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from models.identify.run import Identification, IdentifyOptions
 from monitor.commands.common import check_suffix
+from monitor.commands.rig_table import is_calibration
 from monitor.commands.trial_files import TrialFile
 
 
 @dataclass(frozen=True)
 class ReportWords:
-    """What the page calls things: machine, keys of the free parameters, words of reasons, file of the ``[rig]``."""
+    """What the page is told beside the result.
+
+    Attributes:
+        machine: its name.
+        keys: of the free parameters in the configuration.
+        reasons: why a parameter is undetermined, in words.
+        rig_file: file of the ``[rig]``, None for none.
+        warnings: what speaks against the result, in sentences.
+    """
 
     machine: str
     keys: Mapping[str, str]
     reasons: Mapping[str, str]
     rig_file: str | None
+    warnings: Sequence[str] = ()
 
 
 def check_page(path: Path) -> None:
@@ -52,5 +62,7 @@ def write_report(
         recordings=table.recordings,
         race_radius=table.race_radius,
         rig_file=words.rig_file or "",
+        calibrated=is_calibration(found),
+        warnings=tuple(words.warnings),
     )
     write_identification(subject, path)

@@ -42,12 +42,32 @@ class TrialFile:
     Attributes:
         trials: one a row.
         race_radius: by which widths of defects were divided, m; None where they are given as angles.
-        recordings: number of rows that name a recording.
+        recordings: number of tests whose features were taken from recordings.
+        lines_not_found: number of recordings in which the lines of the damaged part are not detected.
     """
 
     trials: tuple[Trial, ...]
     race_radius: float | None
     recordings: int
+    lines_not_found: int = 0
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the tests, in sentences."""
+        if not self.lines_not_found:
+            return ()
+        return (
+            f"{self.lines_not_found} of {self.recordings} recordings do not show the lines of the damaged part; "
+            "compare the sampling rate and speed_hz",
+        )
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A test of a recording, and whether the lines of the damaged part are detected in it."""
+
+    trial: Trial
+    detected: bool
 
 
 @dataclass(frozen=True)
@@ -73,18 +93,21 @@ def read_trials(path: Path, measuring: Measuring, note: Callable[[int, int], Non
     _check_header(path, set(header))
     radius: float | None = None
     trials: list[Trial] = []
+    missing = 0
     for number, (line, row) in enumerate(rows, 1):
         cells = _Cells(path, line, row)
         condition, used = _condition(cells, measuring.bearing)
         radius = used if used is not None else radius
         if "recording" in row:
-            trials.append(_recorded(cells, condition, measuring))
+            measured = _recorded(cells, condition, measuring)
+            trials.append(measured.trial)
+            missing += not measured.detected
         else:
             rms, a_star = (cells.positive(name) * STANDARD_GRAVITY for name in _FEATURES)
             trials.append(Trial(condition, rms, a_star))
         if note is not None:
             note(number, len(rows))
-    return TrialFile(tuple(trials), radius, len(rows) if "recording" in header else 0)
+    return TrialFile(tuple(trials), radius, len(rows) if "recording" in header else 0, missing)
 
 
 def _rows(path: Path) -> Iterator[tuple[int, Mapping[str, str]]]:
@@ -173,35 +196,59 @@ def _condition(cells: _Cells, bearing: Bearing) -> tuple[Condition, float | None
     return Condition(load, speed, width / radius, h_d, part), radius
 
 
-def _recorded(cells: _Cells, condition: Condition, measuring: Measuring) -> Trial:
+def _recorded(cells: _Cells, condition: Condition, measuring: Measuring) -> Measured:
     """Return the features of the recording that a row names."""
-    channel = measuring.channel
-    if measuring.band is None:
-        raise InputError(
-            f"{cells.path}: recordings need the band of the RMS: give rms_band_hz of channel {channel.name!r}, "
-            "or --rms-band-hz"
-        )
     if not cells.row["recording"]:
         raise cells.wrong("recording", "a file")
     path = cells.path.parent / cells.row["recording"]
+    where = f"{cells.path}: line {cells.line}"
     if not path.exists():
+        raise InputError(f"{where}: recording {cells.row['recording']!r}: no such file ({path})")
+    return measure(path, condition, measuring, where=where)
+
+
+def measure(
+    path: Path, condition: Condition, measuring: Measuring, *, where: str = "", rate: float | None = None
+) -> Measured:
+    """Return the features of a recording.
+
+    Args:
+        path: of the recording.
+        condition: at which it was made.
+        measuring: how its features are taken.
+        where: begins messages, "" for the path alone.
+        rate: sampling rate, Hz, in place of that of the configuration.
+
+    Raises:
+        InputError: the band is not known, or the recording cannot be used.
+    """
+    channel = measuring.channel
+    if measuring.band is None:
         raise InputError(
-            f"{cells.path}: line {cells.line}: recording {cells.row['recording']!r}: no such file ({path})"
+            f"{where or path}: recordings need the band of the RMS: give rms_band_hz of channel {channel.name!r}, or "
+            "--rms-band-hz"
         )
-    section = find_source(measuring.config, channel.source).model_copy(update={"block_s": "file"})
-    levels = [
-        _features(block, condition, measuring, measuring.band, f"{cells.path}: line {cells.line}: {path}")
+    where = f"{where}: {path}" if where else str(path)
+    changes: dict[str, object] = {"block_s": "file"} | ({} if rate is None else {"rate_hz": rate})
+    section = find_source(measuring.config, channel.source).model_copy(update=changes)
+    found = [
+        _features(block, condition, measuring, measuring.band, where)
         for block in open_configured(measuring.config, section, str(path))
     ]
-    if not levels:
-        raise InputError(f"{cells.path}: line {cells.line}: {path}: holds no block")
-    return Trial(condition, *np.sqrt(np.mean(np.square(levels), axis=0)).tolist())
+    if not found:
+        raise InputError(f"{where}: holds no block")
+    levels = [(rms, a_star) for rms, a_star, _ in found]
+    trial = Trial(condition, *np.sqrt(np.mean(np.square(levels), axis=0)).tolist())
+    return Measured(trial, all(detected for _, _, detected in found))
 
 
 def _features(
     block: Block | Rejected, condition: Condition, measuring: Measuring, band: Band, where: str
-) -> tuple[float, float]:
-    """Return RMS and A* of a block, m/s2; A* is NaN where it does not stand above the noise."""
+) -> tuple[float, float, bool]:
+    """Return RMS and A* of a block, m/s2, and whether the lines are detected.
+
+    A* is NaN where its power is not above that of the noise.
+    """
     if isinstance(block, Rejected):
         raise InputError(f"{where}: {block.reason} ({block.status})")
     row = block.channels.index(measuring.channel.name)
@@ -230,7 +277,8 @@ def _features(
     low, high = band
     places = lines.fundamental * np.arange(1, N_HARMONICS + 1)
     inside = (places >= low) & (places <= high)
-    return spectra.band_rms or 0.0, a_star_above_noise(lines.amplitude * inside, lines.floor * inside)
+    amplitude = a_star_above_noise(lines.amplitude * inside, lines.floor * inside)
+    return spectra.band_rms or 0.0, amplitude, lines.detected
 
 
 def tracked_channel(config: Config, name: str | None) -> ChannelSection:

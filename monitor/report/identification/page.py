@@ -47,6 +47,7 @@ def write_identification(subject: Subject, out: Path) -> None:
         headline=words.headline(subject),
         tests=subject.tests_words,
         findings=words.findings(subject),
+        warnings=[f"{text[:1].upper()}{text[1:]}." for text in subject.warnings],
         parameters=tables.parameter_table(subject),
         statuses=words.status_words(subject),
         sections=_sections(subject),

@@ -137,6 +137,8 @@ class Subject:
         recordings: tests whose features were taken from recordings.
         race_radius: by which widths of defects were divided, m; None where extents are given.
         rig_file: file with the identified ``[rig]``, "" for none.
+        calibrated: whether the model meets the tests well enough to be called calibrated.
+        warnings: what speaks against the result, in sentences.
     """
 
     found: Identification
@@ -148,6 +150,8 @@ class Subject:
     recordings: int = 0
     race_radius: float | None = None
     rig_file: str = ""
+    calibrated: bool = True
+    warnings: tuple[str, ...] = ()
 
     @property
     def problem(self) -> Problem:

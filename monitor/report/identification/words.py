@@ -18,13 +18,17 @@ _METHODS = {"search": "global search, then least squares and profiles", "nsga2":
 
 
 def grade(subject: Subject) -> str:
-    """Return "good" where all parameters are determined, "bad" where none is, "watch" between."""
+    """Return "good" where all parameters are determined, else "watch"; "bad" for none, or a model that does not fit."""
+    if not subject.calibrated:
+        return "bad"
     missing = len(subject.found.undetermined)
     return "good" if not missing else "bad" if missing == len(subject.parameters) else "watch"
 
 
 def headline(subject: Subject) -> str:
-    """Return how many parameters the tests determine, and which not."""
+    """Return how many parameters the tests determine, and which not; or that this is no calibration."""
+    if not subject.calibrated:
+        return f"No calibration: the model misses the tests by {figure(100.0 * subject.found.noise, 2)} %"
     whole, missing = len(subject.parameters), subject.found.undetermined
     if not missing:
         words = {1: "The free parameter is", 2: "Both free parameters are"}
@@ -93,6 +97,8 @@ def _scatter(subject: Subject) -> str:
 
 
 def _claim(subject: Subject) -> str:
+    if not subject.calibrated:
+        return "The rig is not calibrated by these tests: units, speeds, sizes or held numbers must be wrong."
     if grade(subject) == "bad":
         return "Do not rely on these values: other tests, more conditions or fewer free parameters are needed."
     words = "The rig may be marked calibrated"

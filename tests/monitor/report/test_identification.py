@@ -171,6 +171,14 @@ def test_grades_and_headlines() -> None:
     assert (grade, line) == ("bad", "The tests do not determine any of the 4 free parameters")
 
 
+def test_a_fit_that_misses_the_tests_is_no_calibration(tmp_path: Path) -> None:
+    subject = replace(whole(), calibrated=False, warnings=("the model misses <all> tests",))
+    assert words.grade(subject) == "bad"
+    page = written(subject, tmp_path)
+    assert "No calibration: the model misses the tests by" in page
+    assert '<p class="note">The model misses &lt;all&gt; tests.</p>' in page
+
+
 def test_statuses_say_where_an_end_is_a_limit() -> None:
     subject = whole()
     column = [row[1] for row in tables.parameter_table(subject).rows]
