@@ -29,7 +29,7 @@ from streams.block import STANDARD_GRAVITY, Block, Rejected, to_si
 _CONDITION = ("load_newton", "speed_hz")
 _FEATURES = ("rms_g", "a_star_g")
 _DEFECT = ("defect_deg", "defect_mm")
-_OPTIONAL = ("h_d_um", "fault", "repetition")
+_OPTIONAL = ("h_d_um", "fault", "repetition", "rate_hz")
 _MAX_MIB = 16
 # Bins above the highest line that the floor under it needs.
 _MARGIN_BINS = 210
@@ -204,7 +204,8 @@ def _recorded(cells: _Cells, condition: Condition, measuring: Measuring) -> Meas
     where = f"{cells.path}: line {cells.line}"
     if not path.exists():
         raise InputError(f"{where}: recording {cells.row['recording']!r}: no such file ({path})")
-    return measure(path, condition, measuring, where=where)
+    rate = cells.positive("rate_hz") if cells.row.get("rate_hz") else None
+    return measure(path, condition, measuring, where=where, rate=rate)
 
 
 def measure(
@@ -229,7 +230,9 @@ def measure(
             "--rms-band-hz"
         )
     where = f"{where}: {path}" if where else str(path)
-    changes: dict[str, object] = {"block_s": "file"} | ({} if rate is None else {"rate_hz": rate})
+    changes: dict[str, object] = {"block_s": "file"}
+    if rate is not None:
+        changes["rate_hz"] = rate
     section = find_source(measuring.config, channel.source).model_copy(update=changes)
     found = [
         _features(block, condition, measuring, measuring.band, where)

@@ -145,9 +145,12 @@ def test_a_table_in_the_folder_is_taken(look_alikes: Path, measuring: Measuring,
     folder = tmp_path / "with_table"
     folder.mkdir()
     (folder / "x.txt").write_text((look_alikes / "D1b" / "W2000N_f40Hz.txt").read_text())
-    (folder / "tests.csv").write_text("recording,load_newton,speed_hz,defect_deg\nx.txt,2000,40,2.362\n")
-    (trial,) = read_tests(folder, measuring).trials
-    assert trial.rms == read_tests(look_alikes, measuring).trials[1].rms
+    (folder / "y.txt").write_text((look_alikes / "D2a" / "W2000N_f40Hz.txt").read_text())
+    rows = ["recording,load_newton,speed_hz,defect_deg,rate_hz", "x.txt,2000,40,2.362,", "y.txt,2000,40,4.236,25600"]
+    (folder / "tests.csv").write_text("\n".join(rows))
+    first, second = read_tests(folder, measuring).trials
+    by_name = read_tests(look_alikes, measuring).trials
+    assert (first.rms, second.rms, second.a_star) == (by_name[1].rms, by_name[3].rms, by_name[3].a_star)
     with pytest.raises(InputError, match=r"--names and tests\.csv both say"):
         read_tests(folder, measuring, "{defect}_{load_newton}_{speed_hz}")
 
