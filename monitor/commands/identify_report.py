@@ -61,7 +61,7 @@ def write_report(
         machine=words.machine,
         recordings=table.recordings,
         race_radius=table.race_radius,
-        rig_file=words.rig_file or "",
+        rig_file=Path(words.rig_file).name if words.rig_file else "",
         calibrated=is_calibration(found),
         warnings=tuple(words.warnings),
     )

@@ -48,8 +48,9 @@ class Mark:
 
 
 ANY = Mark("simulated candidate", ".", AXIS, 3.5)
-FAR = Mark("simulated, outside the intervals", ".", AXIS, 3.5)
-NEAR = Mark("fits as well as the tests can tell", ".", BLUE, 5.5)
+FAR = Mark("outside the intervals", ".", AXIS, 3.5)
+NEAR = Mark("within the intervals", ".", BLUE, 5.5)
+DRAW = Mark("draw of the posterior", "o", SKY, 3.5, filled=False)
 FRONT = Mark("on the front", "D", ORANGE, 4.5)
 BEST = Mark("best fit", "*", VERMILION, 13.0)
 BEFORE = Mark("configured before", "s", INK, 6.5, filled=False)
@@ -91,8 +92,11 @@ def draw_plane(axes: Axes, subject: Subject, across: str, up: str) -> list[Mark]
     """
     x, y = (subject.parameter(name) for name in (across, up))
     values, (far, near) = subject.candidates.values, chosen(subject)
-    for mark, rows in ((FAR, far), (NEAR, near)):
-        mark.draw(axes, x.factor * values[across][rows], y.factor * values[up][rows])
+    best, before = subject.found.best.values, subject.found.space.known
+    drawn = [subject.draws.get(name, np.full(subject.drawn_modes.size, best[name])) for name in (across, up)]
+    FAR.draw(axes, x.factor * values[across][far], y.factor * values[up][far], order=2)
+    DRAW.draw(axes, x.factor * drawn[0], y.factor * drawn[1], order=2)
+    NEAR.draw(axes, x.factor * values[across][near], y.factor * values[up][near])
     front = [parameters for parameters, _ in subject.found.front]
     FRONT.draw(
         axes,
@@ -100,12 +104,11 @@ def draw_plane(axes: Axes, subject: Subject, across: str, up: str) -> list[Mark]
         y.factor * np.array([parameters[up] for parameters in front]),
         order=4,
     )
-    before, best = subject.found.space.known, subject.found.best.values
     BEFORE.draw(axes, x.factor * before[across], y.factor * before[up], order=6)
     BEST.draw(axes, x.factor * best[across], y.factor * best[up], order=5)
     axes.set_xlabel(x.label)
     axes.set_ylabel(y.label)
-    return [FAR, NEAR, FRONT, BEST, BEFORE]
+    return [FAR, DRAW, NEAR, FRONT, BEST, BEFORE]
 
 
 def grid(made: FigureBase, panels: int, columns: int) -> list[Axes]:

@@ -9,13 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 
-from monitor.report.figures.drawing import AXIS, BLUE, INK, SKY, VERMILION, log_ticks
+from monitor.report.figures.drawing import AXIS, BLUE, INK, PURPLE, SKY, VERMILION, log_ticks
 from monitor.report.figures.sheet import Part
 from monitor.report.identification.marks import ANY, BEST, band_handle, grid, legend
 from monitor.report.identification.subject import Parameter, Subject, Values
 
 _BINS = 70
-_TOP = 4.0
+_TOP, _RUG = 4.0, -0.38
 # What is shown beside an interval, over its width, and the ratio of the ends from which on the axis is logarithmic.
 _BESIDE, _LOG_RATIO = 0.6, 8.0
 
@@ -29,6 +29,7 @@ def profile_part(subject: Subject) -> Part:
         lines = [
             Line2D([], [], color=BLUE, marker=".", ms=6, lw=0.9, label="profile"),
             band_handle("interval"),
+            Line2D([], [], color=PURPLE, ls="none", marker="|", ms=7, label="draw of the posterior"),
             Line2D([], [], color=INK, ls="--", lw=0.9, label="end of what the limits allow"),
         ]
         legend(made, [ANY, BEST], lines)
@@ -74,6 +75,8 @@ def _panel(axes: Axes, subject: Subject, parameter: Parameter) -> None:
     profile = np.array(interval.profile)
     x, excess = lowest(profile[:, 0], (profile[:, 1] - limit.least) / limit.added, low, high, wide=wide)
     axes.plot(factor * x, excess, color=BLUE, marker=".", ms=5, lw=0.9, zorder=3)
+    draws = subject.draws[parameter.name]
+    axes.plot(factor * draws, np.full(draws.size, _RUG), "|", color=PURPLE, ms=6, mew=0.6, alpha=0.6, zorder=2)
     best = subject.found.best
     BEST.draw(axes, factor * best.values[parameter.name], (best.cost - limit.least) / limit.added, order=5)
     for end in subject.bounds(parameter.name):

@@ -81,8 +81,8 @@ def _resonator(subject: Subject) -> Part:
     caption = (
         f"Shaded: m_r and k_r that give a natural frequency f_r from {low:g} to {high:g} Hz at every load, across and "
         "along it (Eqs. 59 to 69, Eq. 63 with the missing term); lines of equal f_r are means over loads and "
-        f"directions, with all other parameters as in the best fit.{only} Grey: simulated, outside the intervals; "
-        "blue: as good as the tests can tell."
+        f"directions, with all other parameters as in the best fit.{only} Draws of the posterior are what maps "
+        "and libraries take."
     )
     data = {"f_r_limits_hz": [low, high], "f_r_best_hz": list(subject.found.resonances)}
     label = "Admissible masses and stiffnesses of the resonator, with the candidates that were simulated."
@@ -177,7 +177,7 @@ def _contact(subject: Subject) -> Part:
     caption = (
         f"Shaded: what ζ_1 from {_percent(limits.zeta_1)}, ζ_2 from {_percent(limits.zeta_2)}, β_c from "
         f"{figure(1e6 * limits.beta_c[0])} to {figure(1e6 * limits.beta_c[1])} µs and α_c above zero leave "
-        f"(Eqs. 70 to 74), as coefficients and as damping ratios.{only} A column of blue dots means that the tests "
+        f"(Eqs. 70 to 74), as coefficients and as damping ratios.{only} A column of draws means that the tests "
         "tell β_c and not α_c."
     )
     best = contact_ratios(subject.found.best.values, limits)

@@ -198,6 +198,27 @@ class Subject:
         )
 
     @cached_property
+    def draws(self) -> dict[str, Values]:
+        """The draws of the posterior of each free parameter, SI, shape (draws,)."""
+        posterior = self.found.posterior
+        table = np.array(posterior.rows, dtype=np.float64).reshape(-1, len(posterior.names))
+        return {name: table[:, i] for i, name in enumerate(posterior.names)}
+
+    def middle(self, values: Values) -> Interval:
+        """Return the ends of what the level of the intervals leaves of draws, as much beyond either."""
+        beyond = 50.0 * (1.0 - self.options.level)
+        low, high = np.percentile(values, (beyond, 100.0 - beyond)).tolist()
+        return low, high
+
+    @cached_property
+    def drawn_modes(self) -> Values:
+        """The mean of f_r over loads and directions of each draw of the posterior, Hz, shape (draws,)."""
+        rows = zip(*self.draws.values(), strict=True)
+        best = self.found.best.values
+        found = [self.found.space.resonances({**best, **dict(zip(self.draws, row, strict=True))}) for row in rows]
+        return np.mean(found, axis=1)
+
+    @cached_property
     def highest_modes(self) -> tuple[float, float]:
         """The extremes of f_r over loads, directions and all candidates within the intervals, Hz."""
         near = np.flatnonzero(self.candidates.near)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from models.identify.intervals import ParameterInterval
+from models.identify.limits import Interval
 from models.identify.space import contact_ratios
 from models.identify.trials import FEATURES
 from monitor.report.identification.features import residuals, sorted_conditions
@@ -21,33 +22,39 @@ from streams.block import STANDARD_GRAVITY
 def parameter_table(subject: Subject) -> Table:
     """Return the free parameters with status, best value, interval and limits."""
     found = subject.found
+    level = f"{100.0 * subject.options.level:g} %"
     columns = (
         Column("parameter", "parameter"),
         Column("status", "status"),
         Column("best", "best", "1", words=str),
-        Column("low", "lower", "1", words=str),
-        Column("high", "upper", "1", words=str),
         Column("unit", "unit"),
+        Column("interval", f"{level} interval", "1", words=str),
+        Column("posterior", f"{level} of the posterior", "1", words=str),
         Column("sd", "local SD", "1", words=str),
-        Column("least", "allowed from", "1", words=str),
-        Column("most", "to", "1", words=str),
+        Column("allowed", "allowed", "1", words=str),
         Column("before", "configured before", "1", words=str),
     )
     rows: list[list[Cell]] = []
     for p in subject.parameters:
-        interval, (least, most) = found.intervals[p.name], subject.bounds(p.name)
-        numbers = (found.best.values[p.name], interval.low, interval.high)
+        interval = found.intervals[p.name]
         rows.append(
             [
                 f"{p.symbol}, {MEANINGS[p.name]}",
                 _status(interval),
-                *map(p.number, numbers),
+                p.number(found.best.values[p.name]),
                 p.unit,
+                _span(p, (interval.low, interval.high)),
+                _span(p, subject.middle(subject.draws[p.name])),
                 _sd(subject, p, interval),
-                *map(p.number, (least, most, found.space.known[p.name])),
+                _span(p, subject.bounds(p.name)),
+                p.number(found.space.known[p.name]),
             ]
         )
     return Table("parameters", "Free parameters", columns, rows)
+
+
+def _span(parameter: Parameter, interval: Interval) -> str:
+    return f"{parameter.number(interval[0])} to {parameter.number(interval[1])}"
 
 
 def _sd(subject: Subject, parameter: Parameter, interval: ParameterInterval) -> str:

@@ -50,7 +50,7 @@ def findings(subject: Subject) -> list[Finding]:
     known = [p for p in subject.parameters if p.name not in found.undetermined]
     missing = [p for p in subject.parameters if p.name in found.undetermined]
     level = f"{100.0 * subject.options.level:g} %"
-    near = subject.highest_modes
+    low, high = subject.middle(subject.drawn_modes)
     values = [f"{p.symbol} {p.write(found.best.values[p.name])} ({_interval(subject, p)})" for p in known]
     return [
         Finding("What was found?", "; ".join(values) or "Nothing that may be relied on.",
@@ -58,8 +58,8 @@ def findings(subject: Subject) -> list[Finding]:
         Finding("What was not?", ", ".join(p.symbol for p in missing) or "Every free parameter was.",
                 " ".join(f"{p.symbol}: {_reason(subject, p)}." for p in missing)),
         Finding("Resonance?", f"f_r {_span(found.resonances)} Hz in the best fit",
-                f"Over loads and directions. Fits within the intervals have {figure(near[0], 4)} to "
-                f"{figure(near[1], 4)} Hz: at least so far is it open."),
+                f"Over loads and directions. {level} of the posterior: {figure(low, 4)} to {figure(high, 4)} Hz, mean "
+                "over both."),
         Finding("Does it fit?", ", ".join(f"Δ{TITLES[name]} {figure(value)} %" for name, value in
                 found.deviations.items()), _scatter(subject)),
         Finding("What follows?", _claim(subject), _limits_words(subject)),
@@ -134,6 +134,8 @@ def status_words(subject: Subject) -> list[tuple[str, str]]:
          "logarithms)."),
         ("undetermined", "it is not. The best value is one of many that fit as well; use the interval."),
         ("end is a limit", "at that end the search stopped, not the tests: wider limits could give a wider interval."),
+        ("posterior", f"the middle {level} of the draws, which maps and libraries take. It counts how many sets of "
+         "parameters fit; the interval takes the best case at each value."),
         ("local SD", "standard deviation by the Fisher information at the best fit alone. It knows nothing of other "
          "valleys, so the interval counts."),
         ("allowed", "the least and largest value that the limits leave anywhere, with all couplings (Eq. 80)."),
@@ -170,6 +172,15 @@ def facts(subject: Subject) -> list[tuple[str, str]]:
         ("Limits (SI)", ", ".join(limits)),
         ("Method", f"{_METHODS[options.method]}; seed {options.seed}"),
         ("Candidates", f"{found.evaluations:,} simulated in {duration(found.seconds)}; none for this page"),
+        ("Posterior", _posterior(subject)),
         ("Identification", found.hash),
         *([("[rig] written to", subject.rig_file)] if subject.rig_file else []),
     ]
+
+
+def _posterior(subject: Subject) -> str:
+    posterior = subject.found.posterior
+    return (
+        f"{count(len(posterior.rows), 'draw')}, worth {figure(posterior.effective, 3)} independent ones; "
+        f"{count(posterior.candidates, 'candidate')} simulated for them"
+    )
