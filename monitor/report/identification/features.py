@@ -65,10 +65,14 @@ def _features(subject: Subject, across: _Axis, series: _Axis, *, by_extent: bool
     places = sorted({across.of(c) for c in subject.conditions})
     ticks = places if len(places) <= _MAX_TICKS else places[:: -(-len(places) // _MAX_TICKS)]
 
+    # A feature that no test has is not drawn.
+    features = [name for name in FEATURES if np.any(np.isfinite(subject.measured(name)))]
+    wide = len(features)
+
     def draw(made: FigureBase) -> None:
-        panels = grid(made, len(FEATURES) * len(shown), len(FEATURES))
+        panels = grid(made, wide * len(shown), wide)
         for place, (words, rows) in enumerate(shown):
-            for axes, feature in zip(panels[2 * place : 2 * place + 2], FEATURES, strict=True):
+            for axes, feature in zip(panels[wide * place : wide * (place + 1)], features, strict=True):
                 for value, colour, shape in zip(lines, COLOURS, SHAPES, strict=False):
                     own = np.array([n for n in rows if series.of(subject.conditions[n]) == value], dtype=np.intp)
                     _line(axes, subject, feature, across, own, colour, shape)
@@ -96,10 +100,10 @@ def _features(subject: Subject, across: _Axis, series: _Axis, *, by_extent: bool
     )
     heading = f"Features against {across.name}{_FIGURES.get(across.name, '')}"
     data = {"x": [across.of(c) for c in subject.conditions]}
-    for feature in FEATURES:
+    for feature in features:
         data[f"{feature}_measured_g"] = (subject.measured(feature) / STANDARD_GRAVITY).tolist()
         data[f"{feature}_model_g"] = (subject.modelled(feature) / STANDARD_GRAVITY).tolist()
-    label = f"Measured and modelled RMS and A* against {across.name}."
+    label = f"Measured and modelled {' and '.join(TITLES[name] for name in features)} against {across.name}."
     name = f"features_{across.name.rpartition(' ')[2]}"
     return Part(heading, caption, label, 0.5 + 2.15 * len(shown), draw, data, name)
 

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from models.identify.limits import LEAST_ALPHA_C, Interval
+from models.identify.limits import Interval
 from models.identify.problem import Problem
 from models.identify.run import Identification, IdentifyOptions
 from models.identify.trials import FEATURES, Condition, Trial
@@ -33,6 +33,8 @@ _SHOWN: Mapping[str, tuple[str, str, float]] = {
     "beta_c": ("β_c", "µs", 1e6),
     "clearance": ("clearance", "µm", 1e6),
 }
+# Of alpha_c, 1/s, and the clearance, um.
+_AS_GOOD_AS_ZERO = 1e-4
 _CONTACT_UNITS = {"ball": "N/m^1.5", "roller": "N/m^1.09"}
 MEANINGS: Mapping[str, str] = {
     "m_i": "mass of shaft and inner ring",
@@ -69,8 +71,9 @@ class Parameter:
         return f"{self.symbol} ({self.unit})"
 
     def number(self, value: float) -> str:
-        """Return a value (SI) in its unit, without it; a limit that stands for zero is zero."""
-        return "0" if self.name == "alpha_c" and value <= LEAST_ALPHA_C else figure(self.factor * value)
+        """Return a value (SI) in its unit, without it; 0 for what is as good as zero, where zero is a value."""
+        shown = self.factor * value
+        return "0" if self.name in ("alpha_c", "clearance") and shown < _AS_GOOD_AS_ZERO else figure(shown)
 
     def write(self, value: float) -> str:
         """Return a value (SI) with its unit."""

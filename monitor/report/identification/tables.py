@@ -123,13 +123,13 @@ def alone_table(subject: Subject) -> Table | None:
     if len(found) < 2:
         return None
     columns = [Column("defect", "defect")]
-    columns += [Column(p.name, p.label, "1") for p in subject.parameters]
+    columns += [Column(p.name, p.label, "1", words=str) for p in subject.parameters]
     columns.append(Column("f_r", "f_r (Hz)", "Hz", words=_hertz))
     columns += [Column(f"delta_{name}", f"Δ{TITLES[name]} (%)", "1") for name in subject.objectives]
 
     def row(words: str, values: dict[str, float], objectives: Sequence[float]) -> list[Cell]:
         f_r = float(np.mean(subject.found.space.resonances(values)))
-        return [words, *(p.factor * values[p.name] for p in subject.parameters), f_r, *objectives]
+        return [words, *(p.number(values[p.name]) for p in subject.parameters), f_r, *objectives]
 
     rows = [
         row(
