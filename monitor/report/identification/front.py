@@ -11,7 +11,7 @@ from matplotlib.figure import FigureBase
 from numpy.typing import NDArray
 
 from models.identify.front import non_dominated
-from models.identify.trials import FEATURES, global_deviation
+from models.identify.trials import FEATURES, deviations
 from monitor.report.figures.drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, legend_above
 from monitor.report.figures.sheet import Part
 from monitor.report.identification.marks import BEST, FAR, FRONT, NEAR, band_handle, grid, legend, thinned
@@ -72,8 +72,9 @@ def one_at_a_time(subject: Subject) -> list[Alone]:
         measured = subject.problem.trials.mean[rows]
         if not all(np.any(np.isfinite(measured[:, c])) for c in columns):
             continue
-        objectives = np.array(
-            [[global_deviation(features[rows, c], measured[:, c]) for c in columns] for features in candidates.features]
+        # Eq. 56 for all candidates at once, without unknown features.
+        objectives = np.column_stack(
+            [np.nanmean(deviations(candidates.features[:, rows, c], measured[:, c]), axis=1) for c in columns]
         )
         front = usable[non_dominated(objectives[usable])]
         nearest = int(front[np.argmin(np.linalg.norm(objectives[front], axis=1))])

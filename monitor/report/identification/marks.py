@@ -10,7 +10,7 @@ from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from monitor.report.figures.drawing import AXIS, BLUE, INK, ORANGE, PAPER, SKY, VERMILION
+from monitor.report.figures.drawing import AXIS, BLUE, INK, ORANGE, PAPER, PURPLE, SKY, VERMILION
 from monitor.report.identification.subject import Subject, Values
 
 MAX_DOTS = 250
@@ -50,7 +50,7 @@ class Mark:
 ANY = Mark("simulated candidate", ".", AXIS, 3.5)
 FAR = Mark("outside the intervals", ".", AXIS, 3.5)
 NEAR = Mark("within the intervals", ".", BLUE, 5.5)
-DRAW = Mark("draw of the posterior", "o", SKY, 3.5, filled=False)
+DRAW = Mark("draw of the posterior", "o", PURPLE, 3.5, filled=False)
 FRONT = Mark("on the front", "D", ORANGE, 4.5)
 BEST = Mark("best fit", "*", VERMILION, 13.0)
 BEFORE = Mark("configured before", "s", INK, 6.5, filled=False)
