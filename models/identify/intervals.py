@@ -1,7 +1,8 @@
 """What the tests determine: Fisher information at the best fit, and profile likelihoods.
 
 The profile of a parameter is the least cost over all others while it is held. Where it exceeds the least cost of all by
-a quantile of Fisher's F distribution times the residual variance, the value is outside the interval. The residual
+a quantile of Fisher's F distribution times the residual variance, the value is outside the interval; the quantile is
+widened by what the choice among valleys of nearly equal depth does to the least cost (``valleys.py``). The residual
 variance is that of the best fit, so it holds the error of the model too. A profile begins at the fits of the global
 search that are within the interval already, so it reaches valleys that the neighbourhood of the best fit does not show.
 """
@@ -18,6 +19,7 @@ from models.errors import WrongInputError
 from models.identify.problem import Fit, Problem
 from models.identify.search import resonance_axis, shifted
 from models.identify.space import SpaceError
+from models.identify.valleys import ONE_VALLEY, ValleyChoice
 from models.numerics import f_quantile
 
 if TYPE_CHECKING:
@@ -78,8 +80,14 @@ class Threshold:
         return self.least + self.added
 
 
-def threshold(problem: Problem, least: float, level: float) -> Threshold:
+def threshold(problem: Problem, least: float, level: float, choice: ValleyChoice = ONE_VALLEY) -> Threshold:
     """Return the threshold of profiles at a confidence level.
+
+    Args:
+        problem: the tests and the unknowns.
+        least: the least cost.
+        level: of the intervals.
+        choice: what the choice among valleys did to the least cost.
 
     Raises:
         WrongInputError: if there are no more features than unknowns, so that nothing is left to judge by.
@@ -91,8 +99,9 @@ def threshold(problem: Problem, least: float, level: float) -> Threshold:
             f"{problem.observations} features of the tests cannot determine {free} parameters; "
             f"at least {free + 1} are needed: more conditions, or fewer free parameters"
         )
-    variance = max(least / freedom, 1e-12)
-    return Threshold(least, variance * f_quantile(1.0, float(freedom), level), variance)
+    left = max(freedom - choice.freedom, 1.0)
+    variance = max(least / left, 1e-12)
+    return Threshold(least, variance * f_quantile(1.0, left, level) * choice.widening(level), variance)
 
 
 def fisher_deviations(problem: Problem, best: Fit, variance: float) -> dict[str, float]:

@@ -21,6 +21,7 @@ from models.identify.problem import Fit, Problem
 from models.identify.search import lowest, planned_evaluations, search
 from models.identify.state import StateFile
 from models.identify.trials import FEATURES, Trials
+from models.identify.valleys import valley_choice
 from models.rigs.draws import RigPosterior, rounded
 
 if TYPE_CHECKING:
@@ -161,7 +162,7 @@ def identify(
         stage.name = "search"
         best = _searched(problem, options)
         stage.name = "intervals"
-        best, limit, intervals = _profiled(problem, best, options.level)
+        best, limit, intervals = _profiled(problem, best, options.level, options.seed)
         stage.name = "posterior"
         drawn = draw_posterior(problem, best, limit, seed=options.seed)
     except BaseException:
@@ -208,11 +209,13 @@ def _check_known(problem: Problem) -> None:
             raise WrongInputError(f"no test has a usable {name}; leave it out of the objectives")
 
 
-def _profiled(problem: Problem, best: Fit, level: float) -> tuple[Fit, Threshold, dict[str, ParameterInterval]]:
+def _profiled(
+    problem: Problem, best: Fit, level: float, seed: int
+) -> tuple[Fit, Threshold, dict[str, ParameterInterval]]:
     """Return the best fit with its intervals; where their profiles meet a better one, once more from there."""
     rounds = 0
     while True:
-        limit = threshold(problem, best.cost, level)
+        limit = threshold(problem, best.cost, level, valley_choice(problem, best, seed))
         intervals, rounds = profile_intervals(problem, best, limit), rounds + 1
         better = lowest(problem)
         if rounds == _ROUNDS or better.cost > best.cost - _SAME * limit.added:
