@@ -26,7 +26,7 @@ _DEVIATIONS = 2.0
 # Thickness behind the outer race over that of ring and an equally thick housing.
 _BACKING_RANGE = (0.5, 2.0)
 # Density of bearing steel, kg/m3.
-_STEEL = 7810.0
+STEEL_DENSITY = 7810.0
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,10 @@ class StiffnessEstimate:
 def element_mass(bearing: Bearing) -> float:
     """Return the mass of one rolling element of steel, kg; a roller needs its length."""
     if bearing.element == "ball":
-        return _STEEL * math.pi / 6.0 * bearing.element_diameter**3
+        return STEEL_DENSITY * math.pi / 6.0 * bearing.element_diameter**3
     if bearing.effective_length is None:
         raise ValueError(f"the rollers of {bearing.designation} have no effective_length")
-    return _STEEL * math.pi / 4.0 * bearing.element_diameter**2 * bearing.effective_length
+    return STEEL_DENSITY * math.pi / 4.0 * bearing.element_diameter**2 * bearing.effective_length
 
 
 def estimate_stiffness(

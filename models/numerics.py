@@ -122,3 +122,34 @@ def least_squares_in_cube(
     with np.errstate(invalid="ignore", divide="ignore"):
         found = method(residuals, begin, jac=jacobian, bounds=(0.0, 1.0), **settings)
     return np.asarray(found.x)
+
+
+def robust_fit(
+    residuals: Callable[[NDArray[np.float64]], NDArray[np.float64]], begin: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return a fit in which outliers weigh little (soft L1), its residuals, and their derivatives there.
+
+    ``residuals`` are in units of their standard deviation.
+    """
+    from scipy.optimize import least_squares
+
+    method: Any = least_squares
+    found = method(residuals, begin, loss="soft_l1", f_scale=2.0, max_nfev=200)
+    return np.asarray(found.x), np.asarray(residuals(found.x)), np.asarray(found.jac)
+
+
+def prominent_peaks(
+    signal: NDArray[np.float64], prominence: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """Return the maxima that stand out by ``prominence``, their bases to the left and right, and by how much."""
+    from scipy.signal import find_peaks
+
+    places, found = find_peaks(signal, prominence=prominence)
+    return np.asarray(places), found["left_bases"], found["right_bases"], np.asarray(found["prominences"])
+
+
+def running_median(signal: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    """Return the median over an odd number of neighbouring values, the ends repeated."""
+    from scipy.ndimage import median_filter
+
+    return np.asarray(median_filter(signal, size=width, mode="nearest"))

@@ -20,7 +20,7 @@ from models.identify.problem import Fit, Problem
 from models.identify.search import resonance_axis, shifted
 from models.identify.space import SpaceError
 from models.identify.valleys import ONE_VALLEY, ValleyChoice
-from models.numerics import f_quantile
+from models.numerics import f_quantile, gamma_quantile
 
 if TYPE_CHECKING:
     from models.identify.limits import Interval
@@ -94,6 +94,10 @@ def threshold(problem: Problem, least: float, level: float, choice: ValleyChoice
     """
     free = len(problem.evaluator.space.free)
     freedom = problem.observations - free
+    if problem.evidence.observations:
+        # Uncertainties of the evidence are stated: residuals can only widen them.
+        variance = max(1.0, least / freedom) if freedom > 0 else 1.0
+        return Threshold(least, 2.0 * variance * gamma_quantile(0.5, level) * choice.widening(level), variance)
     if freedom < 1:
         raise WrongInputError(
             f"{problem.observations} features of the tests cannot determine {free} parameters; "
@@ -112,7 +116,7 @@ def fisher_deviations(problem: Problem, best: Fit, variance: float) -> dict[str,
     """
     space = problem.evaluator.space
     jacobian = problem.jacobian(space, best.point)
-    transform = _coordinate_derivatives(space, best)
+    transform = coordinate_derivatives(space, best)
     information = jacobian.T @ jacobian / variance
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
@@ -124,7 +128,7 @@ def fisher_deviations(problem: Problem, best: Fit, variance: float) -> dict[str,
     return {name: math.inf if lost[i] else float(deviation[i]) for i, name in enumerate(space.free)}
 
 
-def _coordinate_derivatives(space: Space, best: Fit) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def coordinate_derivatives(space: Space, best: Fit) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
     """Return the derivatives of the parameters (their logarithms, unless linear) by the coordinates."""
     step, count = 1e-4, len(space.free)
     found = np.zeros((count, count))

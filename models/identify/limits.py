@@ -97,3 +97,18 @@ def alpha_c_interval(limits: Limits, beta_c: float) -> Interval:
     return intersection(
         limits.alpha_c, *((2.0 * lo * w - beta_c * w**2, 2.0 * hi * w - beta_c * w**2) for w, (lo, hi) in ratios)
     )
+
+
+def wide_limits() -> Limits:
+    """Return limits for a machine of which nothing is known but that it is made of steel: Table 16 is of one bench."""
+    return Limits(
+        m_r=(1e-3, 100.0),
+        k_r=(1e7, 1e11),
+        f_r=(500.0, 50e3),
+        zeta_1=(0.0, 1.0),
+        zeta_2=(0.0, 1.0),
+        beta_c=(1e-7, 1e-4),
+        zeta_i=(1e-4, 1.0),
+        zeta_r=(1e-4, 1.0),
+        known=(0.02, 50.0),
+    )

@@ -4,6 +4,7 @@ The residuals are Gaussian with one unknown factor on their standard deviations,
 the parameters is uniform in the coordinates of the cube, whose points all meet Eq. 80. Integrated over the factor, the
 posterior of a point is the sum S of its squared residuals to the power -n/2, n being the number of features. For a
 linear model it is Student's t with n - p degrees of freedom, whose intervals are the profile intervals with Fisher's F.
+Where resonances or priors with stated uncertainties are among the evidence, the factor is that of the best fit.
 
 Candidates are drawn from a mixture of Laplace approximations at the valleys that the search has visited, simulated and
 weighted by posterior over density (importance sampling). The mixture is then fitted to the weighted candidates, and so
@@ -167,7 +168,7 @@ def draw_posterior(problem: Problem, best: Fit, limit: Threshold, *, seed: int, 
     sample = _Sample(np.empty((0, len(space.free))), np.empty((0, len(space.free))), np.empty(0), [])
     weights, effective = np.empty(0), 0.0
     for number in range(_MOST_ROUNDS):
-        _add_round(problem, sample, mixture, rng, size, best)
+        _add_round(problem, sample, mixture, rng, size, (best, limit))
         weights = sample.weights()
         effective = 1.0 / float(np.sum(weights**2))
         if number + 1 >= _LEAST_ROUNDS and effective >= ENOUGH:
@@ -181,10 +182,15 @@ def draw_posterior(problem: Problem, best: Fit, limit: Threshold, *, seed: int, 
 
 
 def _add_round(
-    problem: Problem, sample: _Sample, mixture: _Mixture, rng: np.random.Generator, size: int, best: Fit
+    problem: Problem,
+    sample: _Sample,
+    mixture: _Mixture,
+    rng: np.random.Generator,
+    size: int,
+    known: tuple[Fit, Threshold],
 ) -> None:
     """Draw from a mixture until so many candidates are admissible, and simulate these."""
-    space = problem.evaluator.space
+    space, (best, limit) = problem.evaluator.space, known
     points: list[Floats] = []
     drawn = 0
     while len(points) < size and drawn < _MOST_DRAWN * size:
@@ -198,8 +204,15 @@ def _add_round(
     rows = np.array([[fit.values[name] for name in space.free] for fit in fits])
     sample.points = np.concatenate([sample.points, np.array([fit.point for fit in fits])])
     sample.values = np.concatenate([sample.values, rows])
-    sample.log_target = np.concatenate([sample.log_target, -0.5 * problem.observations * np.log(costs)])
+    sample.log_target = np.concatenate([sample.log_target, _log_posterior(problem, costs, limit)])
     sample.mixtures.append((mixture, drawn))
+
+
+def _log_posterior(problem: Problem, costs: Floats, limit: Threshold) -> Floats:
+    """Return the logarithm of the posterior at sums of squares; with evidence the standard deviations are stated."""
+    if problem.evidence.observations:
+        return -0.5 * costs / limit.variance
+    return -0.5 * problem.observations * np.log(costs)
 
 
 def _first_mixture(problem: Problem, best: Fit, limit: Threshold) -> _Mixture:

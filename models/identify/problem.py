@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.identify.evaluate import Evaluator, Level
+from models.identify.evaluate import Evaluator, Level, Values
+from models.identify.evidence import Evidence
 from models.identify.trials import FEATURES, Trials, global_deviation
 from models.numerics import least_squares_in_cube
 
@@ -47,11 +48,13 @@ class Problem:
         trials: the tests.
         evaluator: of candidates.
         objectives: the features that are compared, of ``FEATURES``.
+        evidence: what is known beside the tests.
     """
 
     trials: Trials
     evaluator: Evaluator
     objectives: tuple[str, ...] = FEATURES
+    evidence: Evidence = field(default_factory=Evidence)
     fits: list[Fit] = field(default_factory=list[Fit])
 
     def __post_init__(self) -> None:
@@ -64,33 +67,44 @@ class Problem:
         whole = scatter[self.columns] / np.sqrt(np.maximum(self.trials.count[:, self.columns], 1))
         self.deviation = whole[self.known]
         self._measured = np.log(self.trials.mean[:, self.columns][self.known])
+        self._healthy = (self.known & ~self.trials.damaged[:, None])[self.known]
+
+    @property
+    def features(self) -> int:
+        """Number of known features of the tests, of healthy machines too."""
+        return int(np.count_nonzero(self.known))
 
     @property
     def observations(self) -> int:
-        """Number of features that are compared."""
-        return int(np.count_nonzero(self.known))
+        """Number of features, measured values and priors that are compared; upper and lower limits are not counted."""
+        return int(np.count_nonzero(~self._healthy)) + self.evidence.observations
 
-    def residuals(self, level: Level) -> NDArray[np.float64]:
-        """Return the residuals of a level, shape (2 * observations,).
+    def residuals(self, level: Level, values: Values) -> NDArray[np.float64]:
+        """Return the residuals of a candidate: two for each known feature, then those of the evidence.
 
         The first half are the logarithms of model over test, over their standard deviation: that of the test, and that
         of a motion that does not repeat beside it. The second half, zero for one that repeats, is the price of the
-        latter: twice the logarithm of the likelihood is minus the sum of all squares.
+        latter: twice the logarithm of the likelihood is minus the sum of all squares. A healthy machine also has
+        vibration that is not in the model, so its level is an upper limit.
         """
         model = np.log(level.features[:, self.columns][self.known])
         widened = np.square(level.doubt[:, self.columns][self.known] / self.deviation)
         difference = (model - self._measured) / self.deviation
-        return np.concatenate([difference / np.sqrt(1.0 + widened), np.sqrt(np.log1p(widened))])
+        difference = np.where(self._healthy, np.maximum(difference, 0.0), difference)
+        tests = np.concatenate([difference / np.sqrt(1.0 + widened), np.sqrt(np.log1p(widened))])
+        return np.concatenate([tests, self.evidence.residuals(self.evaluator.space, values)])
 
-    def cost(self, level: Level) -> float:
-        """Return the sum of the squared residuals of a level."""
-        return float(np.sum(np.square(self.residuals(level))))
+    def cost(self, level: Level, values: Values) -> float:
+        """Return the sum of the squared residuals of a candidate."""
+        return float(np.sum(np.square(self.residuals(level, values))))
 
     def deviations(self, level: Level) -> dict[str, float]:
-        """Return Delta RMS and Delta A*, as far as they are objectives, % (Eqs. 55 and 56)."""
+        """Return Delta RMS and Delta A*, as far as they are objectives, % (Eqs. 55 and 56); {} without tests."""
+        damaged = self.trials.damaged
         return {
-            name: global_deviation(level.features[:, c], self.trials.mean[:, c])
+            name: global_deviation(level.features[damaged, c], self.trials.mean[damaged, c])
             for name, c in zip(self.objectives, self.columns, strict=True)
+            if np.any(damaged)
         }
 
     def costs(self, space: Space, points: Sequence[NDArray[np.float64]]) -> list[Fit | None]:
@@ -98,7 +112,7 @@ class Problem:
         decoded = [space.decode(point) for point in points]
         levels = iter(self.evaluator.levels([values for values in decoded if values is not None]))
         return [
-            None if values is None else Fit(point, values, self.cost(next(levels)))
+            None if values is None else Fit(point, values, self.cost(next(levels), values))
             for point, values in zip(points, decoded, strict=True)
         ]
 
@@ -149,7 +163,7 @@ class Problem:
         return self.costs(space, [found])[0]
 
     def jacobian(self, space: Space, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the derivatives of the residuals by the coordinates, shape (2 * observations, free)."""
+        """Return the derivatives of the residuals by the coordinates, shape (residuals, free)."""
         steps = np.where(point + _STEP <= 1.0, _STEP, -_STEP)
         moved = [point + step * unit for step, unit in zip(steps, np.eye(len(point)), strict=True)]
         base, *others = self._residuals_of(space, [point, *moved])
@@ -166,5 +180,5 @@ class Problem:
         """Return the residuals at points; NaN for those outside Eq. 80, which are not simulated."""
         decoded = [space.decode(point) for point in points]
         levels = iter(self.evaluator.levels([values for values in decoded if values is not None]))
-        refused = np.full(2 * self.observations, _REFUSED)
-        return [refused if values is None else self.residuals(next(levels)) for values in decoded]
+        refused = np.full(2 * self.features + self.evidence.size, _REFUSED)
+        return [refused if values is None else self.residuals(next(levels), values) for values in decoded]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -14,6 +15,7 @@ import numpy as np
 
 from models.errors import WrongInputError
 from models.identify.evaluate import Evaluator
+from models.identify.evidence import Evidence
 from models.identify.front import nsga2, simulated_front
 from models.identify.intervals import ParameterInterval, Threshold, profile_intervals, threshold
 from models.identify.posterior import draw_posterior, planned_candidates
@@ -86,7 +88,7 @@ class Identification:
         front: parameters and objectives (%) of the candidates that no other dominates.
         deviations: objectives of the best fit, %.
         features: RMS and A* of the best fit, m/s2, shape (conditions, features).
-        noise: relative standard deviation of the tests about the best fit.
+        noise: relative standard deviation of the tests about the best fit; NaN without tests.
         evaluations: candidates simulated.
         seconds: wall time.
         resonances: highest natural frequency at each load, across and along it, Hz.
@@ -126,6 +128,7 @@ def identify(
     trials: Trials,
     space: Space,
     options: IdentifyOptions | None = None,
+    evidence: Evidence | None = None,
     *,
     state: Path | None = None,
     resume: bool = False,
@@ -137,6 +140,7 @@ def identify(
         trials: the tests.
         space: the free parameters and their limits.
         options: default ``IdentifyOptions()``.
+        evidence: peaks and priors that enter the likelihood beside the tests.
         state: file in which candidates are kept while it runs; removed at the end.
         resume: take what the file holds.
         progress: called after each batch of candidates.
@@ -145,15 +149,16 @@ def identify(
         WrongInputError: the tests cannot determine so many parameters, nothing is admissible, or the file is of
             another problem.
     """
-    options = options or IdentifyOptions()
+    options, evidence = options or IdentifyOptions(), evidence or Evidence()
     if not space.free:
         raise WrongInputError("no parameter is free")
     began = time.perf_counter()
     evaluator = Evaluator(space, trials.conditions, options.band, options.workers)
-    problem = Problem(trials, evaluator, options.objectives)
+    problem = Problem(trials, evaluator, options.objectives, evidence)
     _check_known(problem)
     threshold(problem, 1.0, options.level)
-    file = None if state is None else StateFile(state, _hash(_problem_facts(trials, space, options)))
+    facts = _problem_facts(trials, space, options, evidence)
+    file = None if state is None else StateFile(state, _hash(facts))
     if file is not None and resume:
         evaluator.kept.update(file.load())
     stage = _Stage(evaluator, file, progress, _planned(space, options))
@@ -175,13 +180,13 @@ def identify(
     # The result does not hold the caller's callback.
     evaluator.notify = None
     level = evaluator.levels([best.values])[0]
-    noise = float(np.sqrt(limit.variance) * np.mean(problem.deviation))
-    facts = {**_problem_facts(trials, space, options), "result": _result_facts(best, intervals)}
+    noise = float(np.sqrt(limit.variance) * np.mean(problem.deviation)) if problem.deviation.size else math.nan
+    facts["result"] = _result_facts(best, intervals)
     return Identification(
         space=space,
         best=best,
         intervals=intervals,
-        front=simulated_front(problem),
+        front=simulated_front(problem) if np.any(trials.damaged) else [],
         deviations=problem.deviations(level),
         features=level.features,
         noise=noise,
@@ -204,8 +209,9 @@ def identify(
 
 def _check_known(problem: Problem) -> None:
     """Raise a WrongInputError that names an objective which no test has."""
+    damaged = problem.trials.damaged
     for column, name in enumerate(problem.objectives):
-        if not np.any(problem.known[:, column]):
+        if np.any(damaged) and not np.any(problem.known[damaged, column]):
             raise WrongInputError(f"no test has a usable {name}; leave it out of the objectives")
 
 
@@ -259,11 +265,13 @@ class _Stage:
             self._progress(self.name, done, planned, rate * (planned - done))
 
 
-def _problem_facts(trials: Trials, space: Space, options: IdentifyOptions) -> dict[str, object]:
+def _problem_facts(trials: Trials, space: Space, options: IdentifyOptions, evidence: Evidence) -> dict[str, object]:
     """Return all that the result depends on, as JSON has it; the number of workers is not among it."""
     settings = asdict(options)
     del settings["workers"]
+    facts = {"evidence": evidence.facts()} if evidence.size else {}
     return {
+        **facts,
         "conditions": [asdict(condition) for condition in trials.conditions],
         "features": [[_rounded(v) for v in row] for row in trials.mean.tolist()],
         "count": trials.count.tolist(),

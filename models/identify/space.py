@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.errors import WrongInputError
-from models.hertz import mean_bearing_stiffness
+from models.hertz import contact_exponent, mean_bearing_stiffness
 from models.identify.limits import Interval, Limits, alpha_c_interval, beta_c_interval, intersection
 from models.rigs.six_dof import Rig, resonator_stiffness
 
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 ORDER = ("m_i", "m_o", "k_i", "k_c", "clearance", "m_b", "m_r", "k_r", "beta_c", "alpha_c", "c_i", "c_r")
 """Parameters that can be free, each after those that its interval depends on."""
 DEFAULT_FREE = ("m_r", "k_r", "c_i", "beta_c", "c_r", "alpha_c")
+FREE_WITHOUT_TESTS = ("m_i", "m_o", "m_r", "k_i", "k_r", "k_c", "beta_c", "c_i", "c_r")
+"""Parameters of a rig of which no test at a known defect exists: all that its resonances depend on."""
 ALIASES = {"zeta_1": "alpha_c", "zeta_2": "beta_c", "zeta_i": "c_i", "zeta_r": "c_r"}
 """Damping ratios of the study and the coefficients that they stand for (Eqs. 70, 75 and 76)."""
 
@@ -222,7 +224,9 @@ class Space:
     def _bearing(self, values: Mapping[str, float]) -> tuple[float, ...]:
         """Return k_xx and k_yy at each load, N/m."""
         return tuple(
-            k_b for load in self.loads for k_b in _directions(self.bearing, load, values["k_c"], values["clearance"])
+            k_b
+            for load in self.loads
+            for k_b in bearing_directions(self.bearing, load, values["k_c"], values["clearance"])
         )
 
     def _constrained(self, values: Mapping[str, float]) -> list[tuple[str, float, Interval]]:
@@ -289,7 +293,14 @@ def contact_ratios(values: Mapping[str, float], limits: Limits) -> tuple[float, 
 
 
 @lru_cache(maxsize=256)
-def _directions(bearing: Bearing, load: float, k_c: float, clearance: float) -> tuple[float, float]:
+def bearing_directions(bearing: Bearing, load: float, k_c: float, clearance: float) -> tuple[float, float]:
+    """Return the mean stiffness of a bearing across and along its load, N/m."""
+    if clearance == 0.0 and (load, k_c) != (1.0, 1.0):
+        # All displacements then grow with (load / k_c)^(1 / n).
+        power = 1.0 / contact_exponent(bearing)
+        scale = k_c**power * load ** (1.0 - power)
+        across, along = bearing_directions(bearing, 1.0, 1.0, 0.0)
+        return across * scale, along * scale
     matrix = mean_bearing_stiffness(bearing, load, k_c, clearance=clearance, points=_ANGLES)
     return float(matrix[1, 1]), float(matrix[0, 0])
 

@@ -21,13 +21,21 @@ A_STAR_LINES = 5
 
 @dataclass(frozen=True)
 class Condition:
-    """A defect at an operating point: load, N; shaft speed, Hz; extent, rad; depth, m; the damaged part."""
+    """A defect at an operating point: load, N; shaft speed, Hz; extent, rad; depth, m; the damaged part.
+
+    Without extent the bearing is healthy.
+    """
 
     load: float
     speed: float
     dphi_d: float
     h_d: float
     part: Part = "outer"
+
+    @property
+    def healthy(self) -> bool:
+        """Whether there is no defect: the model's level is then the least that a machine can have."""
+        return self.dphi_d == 0.0
 
 
 @dataclass(frozen=True)
@@ -63,6 +71,18 @@ class Trials:
     def known(self) -> NDArray[np.bool_]:
         """Which features of which conditions are known, shape (conditions, features)."""
         return self.count > 0
+
+    @property
+    def damaged(self) -> NDArray[np.bool_]:
+        """Which conditions have a defect, shape (conditions,)."""
+        return np.array([not condition.healthy for condition in self.conditions], dtype=np.bool_)
+
+
+def no_trials() -> Trials:
+    """Return tests of no condition: a rig is then identified from other evidence."""
+    shape, unknown = (0, len(FEATURES)), np.full(len(FEATURES), np.nan)
+    count = np.zeros(shape, dtype=np.int64)
+    return Trials((), np.empty(shape), count, unknown, np.zeros(len(FEATURES), dtype=np.int64))
 
 
 def gather(tests: Iterable[Trial]) -> Trials:

@@ -72,16 +72,19 @@ def valley_choice(problem: Problem, best: Fit, seed: int) -> ValleyChoice:
         best: its best fit.
         seed: of the draws of noise.
     """
+    if not np.any(problem.trials.damaged):
+        return ONE_VALLEY
     space = problem.evaluator.space
     variance = max(best.cost / max(problem.observations - len(space.free), 1), 1e-12)
     valleys = _valleys(problem, best, variance)
     if len(valleys) < 2:
         return ONE_VALLEY
     levels = problem.evaluator.levels([fit.values for fit in valleys])
-    residuals = [problem.residuals(level) for level in levels]
+    residuals = [problem.residuals(level, fit.values) for level, fit in zip(levels, valleys, strict=True)]
     noise = np.zeros((_DRAWS, len(residuals[0])))
-    # The second half of the residuals is the price of motions that do not repeat, and has no noise.
-    noise[:, : problem.observations] = np.random.default_rng([seed, 38]).standard_normal((_DRAWS, problem.observations))
+    # The second residuals of the features are the price of motions that do not repeat, and have no noise.
+    noisy = np.r_[0 : problem.features, 2 * problem.features : noise.shape[1]]
+    noise[:, noisy] = np.random.default_rng([seed, 38]).standard_normal((_DRAWS, len(noisy)))
     noise *= math.sqrt(variance)
     costs: list[NDArray[np.float64]] = []
     for fit, residual in zip(valleys, residuals, strict=True):

@@ -12,11 +12,11 @@ import click
 import numpy as np
 
 from models.identify.intervals import ParameterInterval
-from models.identify.limits import INTERVALS, Limits
+from models.identify.limits import INTERVALS, Limits, wide_limits
 from models.identify.run import Identification, IdentifyOptions, identify
-from models.identify.space import DEFAULT_FREE, ORDER, Space, contact_ratios
-from models.identify.trials import FEATURES, gather
-from monitor.commands import option
+from models.identify.space import DEFAULT_FREE, FREE_WITHOUT_TESTS, ORDER, Space, contact_ratios
+from models.identify.trials import FEATURES, gather, no_trials
+from monitor.commands import evidence_files, option
 from monitor.commands.common import (
     InputError,
     check_suffix,
@@ -30,6 +30,7 @@ from monitor.commands.common import (
     say,
 )
 from monitor.commands.identify_report import ReportWords, check_page, write_report
+from monitor.commands.identify_verdict import judge, verdict_lines
 from monitor.commands.rig_table import MICRO, NAMES, find_warnings, is_calibration, key_of, rig_toml
 from monitor.commands.trial_files import Measuring, TrialFile, tracked_channel, with_race_radius
 from monitor.commands.trial_folder import read_tests
@@ -87,8 +88,9 @@ class _Limit(click.ParamType):
 
 
 @click.command("identify", cls=_Command)
-@click.argument("tests", metavar="TESTS", type=option.FILE)
+@click.argument("tests", metavar="[TESTS]", type=option.FILE, required=False)
 @option.config
+@evidence_files.options
 @click.option("--channel", help="Channel of the recordings and of the RMS band. Default: the tracked one.")
 @click.option(
     "--names", help="Names in a folder: {defect}{specimen}_{load_newton}N_{speed_hz}Hz.txt, with * for any text."
@@ -110,13 +112,14 @@ class _Limit(click.ParamType):
 @click.option("--out", type=option.OUT_FILE, help="Write a [rig] table (TOML) with its hash.")
 @click.option("--report", type=option.OUT_FILE, help="Write a page of what was found, .html or .pdf.")
 @option.output
-def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, **options: Any) -> None:
-    """Find parameters of the rig from TESTS with known defects, and say which the tests do not determine.
+def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: bool, **options: Any) -> None:
+    """Find parameters of the rig from TESTS, resonances and priors, and say which of them these do not determine.
 
     TESTS is a CSV file with load_newton, speed_hz, defect_deg or defect_mm, and either rms_g and a_star_g or recording
-    (a file); optionally h_d_um (default: deeper than an element reaches), fault (default: outer) and repetition. Or it
-    is a folder of recordings: with a table tests.csv, or with names that state defect, load and speed (--names; without
-    it those of the published stationary tests).
+    (a file); optionally h_d_um (default: deeper than an element reaches), fault (default: outer; none: the machine is
+    healthy, and its level an upper limit of the model's) and repetition. Or it is a folder of recordings: with a table
+    tests.csv, or with names that state defect, load and speed (--names; without it those of the published stationary
+    tests). Without known defects, the rig is calibrated only where the rest tells V_eq.
     """
     out: Path | None = options["out"]
     if out is not None:
@@ -135,17 +138,28 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
     radius = options["race_radius_mm"]
     measured = with_race_radius(entry.bearing, None if radius is None else radius * 1e-3)
     measuring = Measuring(config, channel, measured, band)
-    table = read_tests(tests, measuring, options["names"], counter("tests", quiet=quiet))
+    table = TrialFile((), None, 0)
+    if tests is not None:
+        table = read_tests(tests, measuring, options["names"], counter("tests", quiet=quiet))
     section = next(section for section in config.bearing if section.name == channel.bearing)
     with input_errors("identify"):
-        trials = gather(table.trials)
+        rig = config.rig_of(entry)
+        source = evidence_files.Source(measuring, entry, rig)
+        evidence = evidence_files.read_evidence(source, options, table.healthy, lambda name: _names([(name,)])[0])
+        trials = gather(table.trials) if table.trials else no_trials()
+        damaged = any(not condition.healthy for condition in trials.conditions)
+        loads = {condition.load for condition in trials.conditions} | set(evidence.loads)
+        if page is not None and not damaged:
+            raise InputError("--report shows tests with known defects; there are none")
+        if not damaged and not evidence.peaks:
+            raise InputError("there is nothing to identify from: give TESTS with defects, --peaks, --frf or --run-up")
         space = Space(
-            rig=config.rig_of(entry),
+            rig=rig,
             bearing=entry.bearing,
-            loads=tuple(sorted({condition.load for condition in trials.conditions})),
+            loads=tuple(sorted(loads)),
             clearance=section.clearance_um / MICRO,
-            free=_names(options["free"]) or DEFAULT_FREE,
-            limits=Limits().with_intervals(dict(options["limits"])),
+            free=_names(options["free"]) or (DEFAULT_FREE if damaged else FREE_WITHOUT_TESTS),
+            limits=(Limits() if damaged else wide_limits()).with_intervals(dict(options["limits"])),
         )
         settings = IdentifyOptions(
             objectives=_names(options["objectives"]) or FEATURES,
@@ -157,11 +171,13 @@ def command(tests: Path, config_path: Path | None, as_json: bool, quiet: bool, *
         )
         state = None if out is None else _state_path(out)
         with _resumable(state):
+            progress = _progress(quiet=quiet)
             found = identify(
-                trials, space, settings, state=state, resume=options["resume"], progress=_progress(quiet=quiet)
+                trials, space, settings, evidence, state=state, resume=options["resume"], progress=progress
             )
-    values = _values(found, settings, table)
-    values |= {"calibrated": is_calibration(found), "warnings": [*table.warnings, *find_warnings(found, config, entry)]}
+        verdict = judge(found, config, entry, options["workers"])
+    values = _values(found, settings, table) | verdict.values(is_calibration(found))
+    values["warnings"] = [*table.warnings, *find_warnings(found, config, entry), *values["why_uncalibrated"]]
     if out is not None:
         if values["calibrated"]:
             posterior = out.with_suffix(".posterior.csv")
@@ -246,7 +262,7 @@ def _values(found: Identification, settings: IdentifyOptions, table: TrialFile) 
         },
         "sd": {key_of(name, space.rig.element): _sd(name, i) for name, i in found.intervals.items()},
         "objectives": found.deviations,
-        "noise": found.noise,
+        "noise": finite(found.noise),
         "f_r_hz": list(found.resonances),
         "zeta_1": zeta_1,
         "zeta_2": zeta_2,
@@ -298,14 +314,17 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
     yield f"f_r {np.min(resonances):.0f} to {np.max(resonances):.0f} Hz over loads and directions"
     for name, value in values["objectives"].items():
         yield f"mean difference of {name} {value:.3g} %"
-    yield f"scatter of the tests about the model {100 * values['noise']:.3g} %"
+    if values["noise"] is not None:
+        yield f"scatter of the tests about the model {100 * values['noise']:.3g} %"
     yield f"{len(values['front'])} candidates on the front"
     if values["not_periodic"]:
         yield f"{values['not_periodic']} conditions do not repeat with the ball passage; their levels are means"
+    yield from verdict_lines(values)
     yield from (f"warning: {text}" for text in values["warnings"])
     posterior = values["posterior"]
     yield (
         f"posterior: {posterior['draws']} draws from {posterior['candidates']} candidates, "
         f"{posterior['effective']:.0f} of them effective"
     )
-    yield f"identification {values['identification'][:16]}" + ("" if values["calibrated"] else ", not calibrated")
+    hash_ = "" if values["identification"] is None else f" {values['identification'][:16]}"
+    yield f"identification{hash_}" + ("" if values["calibrated"] else ", not calibrated")

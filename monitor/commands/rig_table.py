@@ -69,8 +69,7 @@ def rig_toml(found: Identification, config: Config, bearing: str, values: Mappin
     """
     element, free = found.space.rig.element, found.space.free
     lines = [
-        f"# Identified from {values['tests']} tests at {values['conditions']} conditions; mean differences (Eq. 56): "
-        f"{', '.join(f'{name} {value:.3g} %' for name, value in values['objectives'].items())}.",
+        f"# Identified from {', '.join(_grounds(values))}.",
         *(f"# Warning: {text}." for text in values["warnings"]),
         "[rig]",
         f'bearing = "{bearing}"',
@@ -84,7 +83,7 @@ def rig_toml(found: Identification, config: Config, bearing: str, values: Mappin
         elif name != "m_b" or element == "ball" or "m_b" in free or key in config.rig.model_fields_set:
             numbers[key] = float(text)
             lines.append(f"{key} = {text}{_remark(key, values)}")
-    if is_calibration(found):
+    if values["calibrated"]:
         lines += ["calibrated = true", f'identification = "{sealed(found.hash, numbers)}"']
         if values["posterior"]["out"] is not None:
             name = json.dumps(Path(values["posterior"]["out"]).name)
@@ -93,6 +92,14 @@ def rig_toml(found: Identification, config: Config, bearing: str, values: Mappin
     else:
         lines += ["calibrated = false", ""]
     return "\n".join(lines)
+
+
+def _grounds(values: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what a result rests on."""
+    if values["tests"]:
+        yield f"{values['tests']} tests at {values['conditions']} conditions"
+    yield from (f"{len(values[name])} {name}" for name in ("resonances", "priors") if values[name])
+    yield from (f"mean difference of {name} (Eq. 56) {value:.3g} %" for name, value in values["objectives"].items())
 
 
 def _remark(key: str, values: Mapping[str, Any]) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.bearing import Bearing, kinematics
 from models.identify.trials import Condition, Trial, a_star_above_noise
@@ -29,10 +30,21 @@ from streams.block import STANDARD_GRAVITY, Block, Rejected, to_si
 _CONDITION = ("load_newton", "speed_hz")
 _FEATURES = ("rms_g", "a_star_g")
 _DEFECT = ("defect_deg", "defect_mm")
+HEALTHY = "none"
+"""The fault of a healthy machine."""
 _OPTIONAL = ("h_d_um", "fault", "repetition", "rate_hz")
 _MAX_MIB = 16
 # Bins above the highest line that the floor under it needs.
 _MARGIN_BINS = 210
+
+
+@dataclass(frozen=True)
+class HealthyRecording:
+    """A recording of the healthy machine: load, N; file; sampling rate, Hz, where the table states it."""
+
+    load: float
+    path: Path
+    rate: float | None
 
 
 @dataclass(frozen=True)
@@ -44,12 +56,14 @@ class TrialFile:
         race_radius: by which widths of defects were divided, m; None where they are given as angles.
         recordings: number of tests whose features were taken from recordings.
         lines_not_found: number of recordings in which the lines of the damaged part are not detected.
+        healthy: recordings of the healthy machine.
     """
 
     trials: tuple[Trial, ...]
     race_radius: float | None
     recordings: int
     lines_not_found: int = 0
+    healthy: tuple[HealthyRecording, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -88,29 +102,39 @@ def read_trials(path: Path, measuring: Measuring, note: Callable[[int, int], Non
     Raises:
         InputError: naming file, line and column, what was expected and what was found.
     """
-    rows = list(_rows(path))
+    rows = list(table_rows(path))
     header = rows[0][1].keys()
-    _check_header(path, set(header))
+    _check_header(path, set(header), healthy=all(row.get("fault") == HEALTHY for _, row in rows))
     radius: float | None = None
     trials: list[Trial] = []
     missing = 0
+    healthy: list[HealthyRecording] = []
     for number, (line, row) in enumerate(rows, 1):
-        cells = _Cells(path, line, row)
+        cells = Cells(path, line, row)
         condition, used = _condition(cells, measuring.bearing)
         radius = used if used is not None else radius
         if "recording" in row:
             measured = _recorded(cells, condition, measuring)
             trials.append(measured.trial)
             missing += not measured.detected
+            if condition.healthy:
+                healthy.append(HealthyRecording(condition.load, path.parent / row["recording"], _rate(cells)))
         else:
-            rms, a_star = (cells.positive(name) * STANDARD_GRAVITY for name in _FEATURES)
+            rms, a_star = (_level(cells, name, condition) for name in _FEATURES)
             trials.append(Trial(condition, rms, a_star))
         if note is not None:
             note(number, len(rows))
-    return TrialFile(tuple(trials), radius, len(rows) if "recording" in header else 0, missing)
+    return TrialFile(tuple(trials), radius, len(rows) if "recording" in header else 0, missing, tuple(healthy))
 
 
-def _rows(path: Path) -> Iterator[tuple[int, Mapping[str, str]]]:
+def _level(cells: Cells, name: str, condition: Condition) -> float:
+    """Return a feature, m/s2; A* of a healthy machine may be left out and is NaN then."""
+    if condition.healthy and name == "a_star_g" and not cells.row[name]:
+        return math.nan
+    return cells.positive(name) * STANDARD_GRAVITY
+
+
+def table_rows(path: Path) -> Iterator[tuple[int, Mapping[str, str]]]:
     """Yield line number and cells of each row."""
     try:
         size = path.stat().st_size
@@ -140,12 +164,13 @@ def _rows(path: Path) -> Iterator[tuple[int, Mapping[str, str]]]:
         raise InputError(f"{path}: no rows below the header")
 
 
-def _check_header(path: Path, header: set[str]) -> None:
+def _check_header(path: Path, header: set[str], *, healthy: bool) -> None:
+    """Raise an InputError that names a column; a table of ``healthy`` machines alone needs none of the defect."""
     found = ", ".join(sorted(header))
     for name in _CONDITION:
         if name not in header:
             raise InputError(f"{path}: column {name} is missing; found {found}")
-    if len(header & set(_DEFECT)) != 1:
+    if len(header & set(_DEFECT)) != 1 and not (healthy and not header & set(_DEFECT)):
         raise InputError(f"{path}: expected one of the columns {' and '.join(_DEFECT)}; found {found}")
     features = header & set(_FEATURES)
     if ("recording" in header) == bool(features) or len(features) == 1:
@@ -157,7 +182,7 @@ def _check_header(path: Path, header: set[str]) -> None:
 
 
 @dataclass(frozen=True)
-class _Cells:
+class Cells:
     """The cells of a row, checked as they are read."""
 
     path: Path
@@ -180,11 +205,17 @@ class _Cells:
         return value
 
 
-def _condition(cells: _Cells, bearing: Bearing) -> tuple[Condition, float | None]:
+def _condition(cells: Cells, bearing: Bearing) -> tuple[Condition, float | None]:
     """Return the condition of a row, and the radius by which a width was divided, m."""
     part = cells.row.get("fault") or "outer"
+    if part == HEALTHY:
+        for name in _DEFECT:
+            if cells.row.get(name, "") not in ("", "0"):
+                raise cells.wrong(name, f"nothing, or 0: fault is {HEALTHY}")
+        load, speed = cells.positive("load_newton"), cells.positive("speed_hz")
+        return Condition(load, speed, 0.0, bearing.element_diameter), None
     if part not in PARTS:
-        raise cells.wrong("fault", f"one of {', '.join(PARTS)}")
+        raise cells.wrong("fault", f"one of {', '.join((*PARTS, HEALTHY))}")
     part = cast("Part", part)
     # Deeper than a rolling element reaches: the localised defect of Eq. 51.
     h_d = cells.positive("h_d_um") * 1e-6 if cells.row.get("h_d_um") else bearing.element_diameter
@@ -196,16 +227,19 @@ def _condition(cells: _Cells, bearing: Bearing) -> tuple[Condition, float | None
     return Condition(load, speed, width / radius, h_d, part), radius
 
 
-def _recorded(cells: _Cells, condition: Condition, measuring: Measuring) -> Measured:
-    """Return the features of the recording that a row names."""
+def _recorded(cells: Cells, condition: Condition, measuring: Measuring) -> Measured:
+    """Return the features of the recording that a row names; of a healthy machine the RMS alone."""
     if not cells.row["recording"]:
         raise cells.wrong("recording", "a file")
-    path = cells.path.parent / cells.row["recording"]
     where = f"{cells.path}: line {cells.line}"
+    path = cells.path.parent / cells.row["recording"]
     if not path.exists():
         raise InputError(f"{where}: recording {cells.row['recording']!r}: no such file ({path})")
-    rate = cells.positive("rate_hz") if cells.row.get("rate_hz") else None
-    return measure(path, condition, measuring, where=where, rate=rate)
+    return measure(path, condition, measuring, where=where, rate=_rate(cells))
+
+
+def _rate(cells: Cells) -> float | None:
+    return cells.positive("rate_hz") if cells.row.get("rate_hz") else None
 
 
 def measure(
@@ -223,35 +257,42 @@ def measure(
     Raises:
         InputError: the band is not known, or the recording cannot be used.
     """
-    channel = measuring.channel
     if measuring.band is None:
         raise InputError(
-            f"{where or path}: recordings need the band of the RMS: give rms_band_hz of channel {channel.name!r}, or "
-            "--rms-band-hz"
+            f"{where or path}: recordings need the band of the RMS: give rms_band_hz of channel "
+            f"{measuring.channel.name!r}, or --rms-band-hz"
         )
     where = f"{where}: {path}" if where else str(path)
-    changes: dict[str, object] = {"block_s": "file"}
-    if rate is not None:
-        changes["rate_hz"] = rate
-    section = find_source(measuring.config, channel.source).model_copy(update=changes)
     found = [
-        _features(block, condition, measuring, measuring.band, where)
-        for block in open_configured(measuring.config, section, str(path))
+        _features(samples, sampled, condition, measuring, where)
+        for samples, sampled in recorded_samples(path, measuring, where=where, rate=rate)
     ]
-    if not found:
-        raise InputError(f"{where}: holds no block")
     levels = [(rms, a_star) for rms, a_star, _ in found]
     trial = Trial(condition, *np.sqrt(np.mean(np.square(levels), axis=0)).tolist())
     return Measured(trial, all(detected for _, _, detected in found))
 
 
-def _features(
-    block: Block | Rejected, condition: Condition, measuring: Measuring, band: Band, where: str
-) -> tuple[float, float, bool]:
-    """Return RMS and A* of a block, m/s2, and whether the lines are detected.
+def recorded_samples(
+    path: Path, measuring: Measuring, *, where: str, rate: float | None = None
+) -> Iterator[tuple[NDArray[np.float64], float]]:
+    """Yield the samples of the channel, m/s2, and their rate, Hz, of each block of a recording, at least one.
 
-    A* is NaN where its power is not above that of the noise.
+    Raises:
+        InputError: beginning with ``where``, if there is no block, or one is of no use.
     """
+    changes: dict[str, object] = {"block_s": "file"}
+    if rate is not None:
+        changes["rate_hz"] = rate
+    section = find_source(measuring.config, measuring.channel.source).model_copy(update=changes)
+    found = False
+    for block in open_configured(measuring.config, section, str(path)):
+        found = True
+        yield _samples(block, measuring, where)
+    if not found:
+        raise InputError(f"{where}: holds no block")
+
+
+def _samples(block: Block | Rejected, measuring: Measuring, where: str) -> tuple[NDArray[np.float64], float]:
     if isinstance(block, Rejected):
         raise InputError(f"{where}: {block.reason} ({block.status})")
     row = block.channels.index(measuring.channel.name)
@@ -262,20 +303,31 @@ def _features(
         raise InputError(f"{where}: channel {channel.name!r} has the unit {unit}; absolute levels are needed")
     if not np.all(np.isfinite(samples)):
         raise InputError(f"{where}: holds samples that are no finite numbers")
+    return np.asarray(samples, dtype=np.float64), block.rate
+
+
+def _features(
+    samples: NDArray[np.float64], rate: float, condition: Condition, measuring: Measuring, where: str
+) -> tuple[float, float, bool]:
+    """Return RMS and A* of a block, m/s2, and whether the lines are detected, which a healthy machine need not have.
+
+    A* is NaN where its power is not above that of the noise, or nothing is damaged.
+    """
+    band = measuring.band or (0.0, 0.5 * rate)
     fault = condition.part
     line = fundamentals(kinematics(measuring.bearing, condition.speed))[fault]
-    limit = (N_HARMONICS + 1) * line + _MARGIN_BINS * block.rate / samples.size
+    limit = (N_HARMONICS + 1) * line + _MARGIN_BINS * rate / samples.size
     try:
-        spectra = get_transform(samples.size, block.rate, (), precision="float64", rms_band=band, raw_limit=limit)(
-            samples
-        )
+        spectra = get_transform(samples.size, rate, (), precision="float64", rms_band=band, raw_limit=limit)(samples)
     except ValueError as error:
         raise InputError(f"{where}: {error}") from None
+    if condition.healthy:
+        return spectra.band_rms or 0.0, math.nan, True
     spectrum = line_spectrum(spectra.raw.amplitude, spectra.raw.resolution, speed=condition.speed)
     lines = fault_lines(spectrum, line, n_harmonics=N_HARMONICS)
     if not lines.resolved.all():
         raise InputError(
-            f"{where}: {samples.size} samples at {block.rate:g} Hz do not resolve {N_HARMONICS} lines of {line:.4g} Hz"
+            f"{where}: {samples.size} samples at {rate:g} Hz do not resolve {N_HARMONICS} lines of {line:.4g} Hz"
         )
     low, high = band
     places = lines.fundamental * np.arange(1, N_HARMONICS + 1)

@@ -188,7 +188,12 @@ class Subject:
         levels = list(evaluator.kept.values())
         names = list(found.space.known)
         table = np.array(list(evaluator.kept), dtype=np.float64).reshape(len(levels), len(names))
-        cost = np.array([self.problem.cost(level) for level in levels])
+        cost = np.array(
+            [
+                self.problem.cost(level, dict(zip(names, row, strict=True)))
+                for level, row in zip(levels, table.tolist(), strict=True)
+            ]
+        )
         return Candidates(
             values={name: table[:, i] for i, name in enumerate(names)},
             cost=cost,

@@ -183,11 +183,11 @@ def test_motions_that_do_not_repeat_count_less_but_count(monkeypatch: pytest.Mon
     evaluator = Evaluator(space_of("m_r"), CONDITIONS, BAND)
     level = evaluator.levels([evaluator.space.known])[0]
     problem = Problem(trials, evaluator)
-    sharp = problem.residuals(level)
+    sharp = problem.residuals(level, evaluator.space.known)
     level.features[0] *= 1.5
-    off = problem.cost(level)
+    off = problem.cost(level, evaluator.space.known)
     level.doubt[0] = 0.3
-    doubted = problem.residuals(level)
+    doubted = problem.residuals(level, evaluator.space.known)
     assert len(doubted) == len(sharp) == 2 * problem.observations
     assert np.all(sharp[problem.observations :] == 0.0)
     # The deviation costs less than if the level were sharp, and more than none at all.
