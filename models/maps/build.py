@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import numpy as np
 
 from models.maps.check import condition_errors, interpolation_errors, rms_and_most
-from models.maps.data import Nodes, RmsMap
+from models.maps.data import RIG_COMMON, Nodes, RmsMap
 from models.maps.nodes import Progress, rig_rows, rig_scenes, simulate_node_row
 from models.maps.plan import DAMAGED, LINES, MODEL_VERSION, SCHEMA_VERSION, VOLUMES, MapError, MapPlan
 from models.path.contour import part_radius
@@ -91,7 +91,7 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
         from models.maps.ensemble import ensemble_nodes
 
         nodes = ensemble_nodes(plan, workers=workers, progress=note)
-    rms_rig, harmonic_rig = _rig_nodes(plan, workers, lambda done, _total: note(floors + done, total))
+    rms_rig, harmonic_rig, common = _rig_nodes(plan, workers, lambda done, _total: note(floors + done, total))
     built = RmsMap(
         load=np.array(plan.load),
         speed=np.array(plan.speed),
@@ -100,7 +100,7 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
         **vars(nodes),
         rms_rig_std=rms_rig,
         harmonic_rig_std=harmonic_rig,
-        attributes=map_attributes(plan) | {"solver": solver},
+        attributes=map_attributes(plan) | {"solver": solver} | common,
     )
     _measure(built, workers)
     return built
@@ -170,17 +170,28 @@ def _worst_status(status: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(order, dtype=np.int64)[np.max(rank[status], axis=0)]
 
 
-def _rig_nodes(plan: MapPlan, workers: int, progress: Progress) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the spread over the plan's draws of the rig, shapes (L, S, H, D) and (L, S, H, D, 6)."""
+def _rig_nodes(
+    plan: MapPlan, workers: int, progress: Progress
+) -> tuple[NDArray[np.float64], NDArray[np.float64], dict[str, Any]]:
+    """Return the spread over the plan's draws of the rig, shapes (L, S, H, D) and (L, S, H, D, 6), and an attribute.
+
+    The attribute is that part of the spread of a posterior which all nodes share.
+    """
     rms, harmonics = np.zeros(plan.shape), np.zeros((*plan.shape, HARMONICS))
     if plan.rig_draws == 0:
-        return rms, harmonics
+        return rms, harmonics, {}
     tasks = [(plan, *point) for point in product(plan.load, plan.speed, plan.h_d)]
     found = in_threads(lambda task: rig_rows(*task), tasks, workers)
-    for n, (at, (spread, lines)) in enumerate(zip(np.ndindex(plan.shape[:3]), found, strict=True)):
-        rms[at], harmonics[at] = spread, lines
+    rows: list[NDArray[np.float64]] = []
+    for n, (at, spread) in enumerate(zip(np.ndindex(plan.shape[:3]), found, strict=True)):
+        rms[at], harmonics[at] = spread.rms, spread.lines
+        rows.append(spread.logarithms)
         progress((n + 1) * plan.shape[3] * rig_scenes(plan), 0)
-    return rms, harmonics
+    damaged = [row for row in rows if np.all(np.isfinite(row))]
+    if plan.rig_posterior is None or not damaged:
+        return rms, harmonics, {}
+    common = np.sqrt(np.mean(np.mean(damaged, axis=0) ** 2, axis=0))
+    return rms, harmonics, {RIG_COMMON: common.tolist()}
 
 
 def _software_version() -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from models.maps.plan import AXES, VOLUMES, MapError, MapPlan
 from models.path.contour import part_radius
+from models.response import HARMONICS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 # Loads and speeds this close to the end of their axis count as on it.
 _CONDITION_TOLERANCE = 0.01
+RIG_COMMON = "rig_common_std"
+"""Attribute of a map with the spread of its posterior that all nodes share."""
 _SLICED = ("rms", "rms_error", "rms_std", "rms_rig_std", "harmonic_amplitude", "harmonic_std", "harmonic_rig_std")
 
 
@@ -30,6 +33,8 @@ class MapSlice:
 
     Attributes:
         rms_band: band of the RMS, Hz, or None for the full bandwidth.
+        rig_common: that part of the spread over a posterior which all nodes share: standard deviation of the logarithm
+            of the RMS and of the lines, shape (7,); zero without a posterior.
     """
 
     load: float
@@ -44,6 +49,7 @@ class MapSlice:
     harmonic_std: NDArray[np.float64]
     rms_rig_std: NDArray[np.float64]
     harmonic_rig_std: NDArray[np.float64]
+    rig_common: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1 + HARMONICS))
 
     def inside(self, dphi_d: ArrayLike, h_d: ArrayLike) -> NDArray[np.bool_]:
         """Return whether points lie on the map."""
@@ -192,6 +198,7 @@ class RmsMap(Nodes):
             self.h_d,
             self.dphi_d,
             rms_band=self.rms_band,
+            rig_common=np.array(self.attributes.get(RIG_COMMON, np.zeros(1 + HARMONICS)), dtype=np.float64),
             **{name: at(getattr(self, name)) for name in _SLICED},
         )
 

@@ -236,21 +236,44 @@ def _floors(plan: MapPlan) -> int:
     return plan.floors if plan.floor.kind == "rough" else 1
 
 
-def rig_rows(plan: MapPlan, load: float, speed: float, h_d: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the standard deviations over the draws of the RMS, shape (D,), and of the lines, shape (D, 6), m/s2.
+@dataclass(frozen=True, eq=False)
+class RigSpread:
+    """What the draws of the rig change in one row.
 
-    Those of a posterior are about the values of the plan's rig, which is not its mean. Draw n has the plan's floor n
-    modulo their number.
+    Attributes:
+        rms, lines: standard deviations over the draws, m/s2, shapes (D,) and (D, 6).
+        logarithms: change of the logarithm of RMS and lines, mean over the damaged nodes, shape (draws, 7); NaN where
+            none is damaged.
+    """
+
+    rms: NDArray[np.float64]
+    lines: NDArray[np.float64]
+    logarithms: NDArray[np.float64]
+
+
+def rig_rows(plan: MapPlan, load: float, speed: float, h_d: float) -> RigSpread:
+    """Return what the draws of the rig change in a row.
+
+    The standard deviations of a posterior are about the values of the plan's rig, which is not its mean. Draw n has the
+    plan's floor n modulo their number.
     """
     plan = replace(plan, slip=None, floors=_floors(plan))
-    changes = np.array(list(_rig_changes(plan, load, speed, h_d)))
+    drawn, own = (np.array(rows) for rows in zip(*_rig_pairs(plan, load, speed, h_d), strict=True))
+    changes = drawn - own
     about_own = plan.rig_posterior is not None
     spread = np.sqrt(np.mean(changes**2, axis=0)) if about_own else np.std(changes, axis=0, ddof=1)
-    return spread[:, 0], spread[:, 1:]
+    damaged = (np.array(plan.dphi_d) > 0.0) & (h_d > 0.0)
+    logarithms = np.full((len(drawn), 1 + HARMONICS), np.nan)
+    if np.any(damaged):
+        ratios = np.maximum(drawn[:, damaged], _SILENCE) / np.maximum(own[:, damaged], _SILENCE)
+        logarithms = np.mean(np.log(ratios), axis=1)
+    return RigSpread(spread[:, 0], spread[:, 1:], logarithms)
 
 
-def _rig_changes(plan: MapPlan, load: float, speed: float, h_d: float) -> Iterator[NDArray[np.float64]]:
-    """Yield RMS and lines of each draw less those of the plan's rig on the same floor, shape (D, 7)."""
+def _rig_pairs(
+    plan: MapPlan, load: float, speed: float, h_d: float
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Yield RMS and lines of each draw, and those of the plan's rig on the same floor, shape (D, 7) each."""
     extents = np.array(plan.dphi_d)
     own: dict[int, NDArray[np.float64]] = {}
     for number in range(plan.rig_draws):
@@ -260,7 +283,7 @@ def _rig_changes(plan: MapPlan, load: float, speed: float, h_d: float) -> Iterat
         drawn = replace(plan, rig=drawn_rig(plan, number))
         if plan.rig_posterior is not None:
             drawn = replace(drawn, clearance=plan.rig_posterior.clearance(plan.clearance, number))
-        yield _rig_columns(drawn, load, speed, h_d, extents, floor) - own[floor]
+        yield _rig_columns(drawn, load, speed, h_d, extents, floor), own[floor]
 
 
 def _rig_columns(

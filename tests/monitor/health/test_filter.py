@@ -123,7 +123,7 @@ def test_the_kalman_filters_of_a_path_are_one_large_gaussian(seed: int, blocks: 
     errors = ErrorModel(freedom=1e12)
     lookup = build_lookup(TOY, errors, 2)
     assert lookup is not None
-    first = draw(rng, 1, 3, GrowthPrior(), errors)
+    first = draw(rng, 1, lookup.gains, GrowthPrior(), errors)
     particles = Particles(first.core[:2], np.full(2, 0.5), first.mean[:2], first.cov[:2])
     noise = rng.uniform(1e-3, 0.1, (blocks, 3))
     ln_x = rng.normal(1.0, 0.5, (blocks, 3))
@@ -192,7 +192,7 @@ def test_growth_without_chance_solves_its_differential_equation() -> None:
 
 def test_resampling_keeps_what_the_weights_say() -> None:
     rng = np.random.default_rng(3)
-    particles = draw(rng, 2000, 1, GrowthPrior(), ErrorModel())
+    particles = draw(rng, 2000, np.array([0.1]), GrowthPrior(), ErrorModel())
     weight = np.exp(-0.5 * ((particles.core[:, LN_V] - math.log(0.003 * MM2)) / 0.3) ** 2)
     weighted = Particles(particles.core, weight / weight.sum(), particles.mean, particles.cov)
     again = resample(weighted, rng, 2000)

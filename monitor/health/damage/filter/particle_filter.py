@@ -200,7 +200,7 @@ def _features(inputs: Sequence[DamageInput], lines: int) -> tuple[Floats, NDArra
 def _outside(lookup: MapLookup, ln_rms: float, errors: ErrorModel) -> EdvStatus | None:
     """Return the status of an RMS more than three standard deviations beyond the map, or None."""
     value, w, s = (a[:, 0] for a in lookup.log_features(lookup.table))
-    sd = np.sqrt(w**2 * (errors.gain_sd**2 + errors.rms_gain_sd**2 + s**2) + errors.scatter**2)
+    sd = np.sqrt(w**2 * (errors.gain_sd**2 + float(lookup.gains[0]) ** 2 + s**2) + errors.scatter**2)
     if ln_rms < np.min(value - _OUTSIDE_SD * sd):
         return EdvStatus.BELOW_MAP
     return EdvStatus.ABOVE_MAP if ln_rms > np.max(value + _OUTSIDE_SD * sd) else None
@@ -218,7 +218,7 @@ def _advance(
     rng = np.random.default_rng((settings.seed, state.count))
     errors, radius = settings.errors, settings.part_radius
     if state.particles is None or state.t is None:
-        particles = draw(rng, settings.particles, lookup.features, settings.growth, errors)
+        particles = draw(rng, settings.particles, lookup.gains, settings.growth, errors)
     else:
         before = state.particles.sizes(radius)
         particles = grow(state.particles, rng, t - state.t, settings.growth)

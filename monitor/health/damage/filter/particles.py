@@ -89,8 +89,8 @@ class Particles:
         )
 
 
-def draw(rng: np.random.Generator, count: int, features: int, growth: GrowthPrior, errors: ErrorModel) -> Particles:
-    """Draw several times ``count`` particles from the prior."""
+def draw(rng: np.random.Generator, count: int, gains: Floats, growth: GrowthPrior, errors: ErrorModel) -> Particles:
+    """Draw several times ``count`` particles from the prior; ``gains`` are standard deviations of b, shape (F,)."""
     n = _DRAWS_PER_PARTICLE * count
 
     def uniform(limits: tuple[float, float]) -> Floats:
@@ -113,7 +113,7 @@ def draw(rng: np.random.Generator, count: int, features: int, growth: GrowthPrio
             growth.growth_noise_sd * rng.standard_normal(n),
         )
     )
-    gains = np.array([errors.rms_gain_sd] + [errors.harmonic_gain_sd] * (features - 1))
+    features = gains.size
     cov = np.zeros((n, features, 3))
     cov[:, :, 0], cov[:, :, 2] = gains**2, 1.0
     return Particles(core, np.full(n, 1.0 / n), np.zeros((n, features, 2)), cov)

@@ -31,6 +31,8 @@ _DEPTHS = np.array([2e-6, 9e-6, 18e-6, 28e-6])
 # Standard deviation of ln X over floors and rig parameters at these depths, where a map does not say (RMS, line 1, and
 # lines beyond): the median over extents of a map of rough floors with drawn rigs (benchmarks/filter.py, "spread").
 _SPREAD = np.array([[0.29, 0.14, 0.06, 0.03], [0.18, 0.05, 0.02, 0.02], [0.44, 0.15, 0.07, 0.02]])
+# The same over floors alone.
+_FLOOR_SPREAD = np.array([[0.25, 0.08, 0.045, 0.01], [0.17, 0.05, 0.02, 0.006], [0.41, 0.15, 0.06, 0.015]])
 _MIN_SPREAD, _MAX_SPREAD = 0.1, 0.6
 
 
@@ -122,6 +124,7 @@ class MapLookup:
         h_d: depths, m, shape (H,).
         table: at each node the features' values, m/s2, and standard deviations of their logarithm, shape (H * D, 2 F).
         background: of the sensor, m/s2, shape (F,).
+        gains: standard deviation of b, the error of the map that all nodes share included, shape (F,).
         load: N.
         speed: Hz.
     """
@@ -130,6 +133,7 @@ class MapLookup:
     h_d: Floats
     table: Floats
     background: Floats
+    gains: Floats
     load: float
     speed: float
 
@@ -182,11 +186,18 @@ def build_lookup(map_slice: MapSlice, errors: ErrorModel, lines: int) -> MapLook
         return None
     if np.any(np.isnan(value)):
         value, floors, rigs = (_filled(a) for a in (value, floors, rigs))
+    if np.any(rigs > 0.0) and not np.median(floors[..., 0]) > 0.0:
+        # Rigs were drawn over one floor, which says nothing about others.
+        floors = np.hypot(floors, value * np.sqrt(np.expm1(_tabled(_FLOOR_SPREAD, map_slice.h_d, value) ** 2)))
+    # What all nodes share does not change as the defect grows: it belongs to the gain, the rest to z.
+    common = map_slice.rig_common[: 1 + lines]
+    rigs = np.sqrt(np.maximum(rigs**2 - (value * common) ** 2, 0.0))
     spread = _spread(value, np.hypot(floors, rigs), map_slice.h_d, errors.spread_factor)
     # The mean over floors lies above the median, about which the logarithm is symmetric.
     table = np.concatenate((value * np.exp(-0.5 * spread**2), spread), axis=2).reshape(shape[0] * shape[1], -1)
     background = np.array([errors.background_rms] + [errors.background_harmonic] * lines)
-    return MapLookup(map_slice.dphi_d, map_slice.h_d, table, background, map_slice.load, map_slice.speed)
+    gains = np.hypot([errors.rms_gain_sd] + [errors.harmonic_gain_sd] * lines, common)
+    return MapLookup(map_slice.dphi_d, map_slice.h_d, table, background, gains, map_slice.load, map_slice.speed)
 
 
 def _spread(value: Floats, std: Floats, h_d: Floats, factor: float) -> Floats:
@@ -195,9 +206,14 @@ def _spread(value: Floats, std: Floats, h_d: Floats, factor: float) -> Floats:
         relative = std / np.maximum(value, 1e-12)
         spread = np.sqrt(np.log1p(np.minimum(relative, 1.0) ** 2))
     else:
-        rows: list[Floats] = [np.interp(h_d, _DEPTHS, _SPREAD[min(k, 2)]) for k in range(value.shape[2])]
-        spread = np.stack(rows, axis=1)[:, None, :] * np.ones(value.shape)
+        spread = _tabled(_SPREAD, h_d, value)
     return np.clip(factor * spread, _MIN_SPREAD, _MAX_SPREAD)
+
+
+def _tabled(table: Floats, h_d: Floats, value: Floats) -> Floats:
+    """Return a table over ``_DEPTHS`` at each node, shape (H, D, F) as ``value``."""
+    rows: list[Floats] = [np.interp(h_d, _DEPTHS, table[min(k, 2)]) for k in range(value.shape[2])]
+    return np.stack(rows, axis=1)[:, None, :] * np.ones(value.shape)
 
 
 def _filled(values: Floats) -> Floats:
