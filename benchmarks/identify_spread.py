@@ -1,8 +1,9 @@
 """Whether V_eq of a machine whose rig was identified lies within its interval: spread of the posterior, or assumed.
 
 A hidden rig (m_r, beta_c and c_r drawn in their limits) is identified from simulated tests with 3 % of noise: six at
-two speeds, or two at one speed, which leave one feature more than unknowns. Maps of the best fit are built with draws of
-the posterior, with the assumed 3.5 % (k_r 1.4 %), with 5 %, and, for comparison, of the true rig. They are held against
+two speeds, or two at one speed, which leave one feature more than unknowns. Maps of the best fit are built with draws
+of the posterior, with the assumed 3.5 % (k_r 1.4 %), with 5 %, and, for comparison, of the true rig. They are held
+against
 
 1. the hidden machine itself, node by node: share of the nodes whose RMS lies within the 80 % interval of the map;
 2. lives of the hidden machine with growth, rough floors, gains of the sensor and scatter of their own
