@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -139,8 +140,15 @@ def test_a_map_has_the_spread_of_the_posterior_about_its_own_rig(tmp_path: Path)
     read = load_map(tmp_path / "map.nc")
     assert read.attributes["rig_spread_over"] == words
     assert read.plan.rig_posterior == POSTERIOR.draws
+    # What all nodes share: the mean over them of each draw's logarithm.
+    shared = [float(np.mean(np.log1p(change / own))) for change in changes]
+    common = read.slice_at(4000.0, 40.0).rig_common
+    assert common.shape == (7,)
+    assert common[0] == pytest.approx(math.sqrt(np.mean(np.square(shared))), rel=1e-9)
+    assert 0.0 < common[0] < np.max(read.rms_rig_std / read.rms)
     assert "rig_spread" not in read.attributes
     assumed = replace(PLAN, rig_posterior=None)
+    assert np.all(build_map(assumed).slice_at(4000.0, 40.0).rig_common == 0.0)
     assert assumed.rig_spread_words == "assumed spread of +-3.5 % of parameters, +-1.4 % of k_r"
     assert replace(assumed, rig_draws=0).rig_spread_words == "none: no rig was drawn"
 
