@@ -17,7 +17,7 @@ from monitor.config.fleet import load_fleet
 from monitor.config.load import load_config
 from tests.deploy.installing import BACKUP, COMMON, ROOT, SYSTEMD, TIMER, UNITS, directives, install
 
-GUIDE = ROOT / "docs" / "how-to" / "deployment.md"
+GUIDE = ROOT / "docs" / "evidence" / "robustness.md"
 ANALYZE = shutil.which("systemd-analyze")
 
 

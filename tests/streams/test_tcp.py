@@ -219,10 +219,10 @@ def test_pace_follows_the_length_of_the_blocks() -> None:
 
 
 def test_the_sender_of_the_documentation_works() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "reference" / "wire.md").read_text(encoding="utf-8")
-    program = text.split("```python\n")[1].split("```")[0]
+    path = Path(__file__).parents[2] / "examples" / "sender.py"
+    program = path.read_text(encoding="utf-8")
     ledger = MemoryLedger()
     with receiving(ledger) as receiver, committing(receiver, ledger) as items:
-        exec(compile(program.replace("5777", str(receiver.port)), "docs/reference/wire.md", "exec"), {})
+        exec(compile(program.replace("5777", str(receiver.port)), path.name, "exec"), {})
     assert [item.sequence for item in items] == list(range(1, 11))
     assert all(isinstance(item, Block) and item.speed == 30.0 for item in items)

@@ -159,6 +159,6 @@ def test_the_document_lists_the_variables_as_they_are() -> None:
         words = f": {', '.join(variable.values)}" if variable.values else ""
         departure = f"; {variable.comment}" if variable.comment else ""
         what = variable.long_name + departure + (words if len(variable.values) <= 6 else " ([words](statuses.md))")
-        cells = (f"`{variable.name}`{dims}", unit, variable.symbol, what, _short(variable.source))
+        cells = (f"`{variable.name}`{dims}", unit, what, _short(variable.source))
         expected.append(f"| {' | '.join(cells)} |")
     assert rows == expected
