@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 # The modules of each model's solvers.
 MODULES: dict[str, tuple[str, ...]] = {
     "six_dof": ("models.dynamics.periodic", "models.dynamics.mean_force", "models.dynamics.time_domain"),
+    "ring_impact": ("models.dynamics.ring_impact",),
 }
 AUTO = "auto"
 # Periods that are simulated at least before a motion is said not to settle.
