@@ -46,9 +46,7 @@ def short_bearing_film(load: float, speed: float, *, thickness: float, clearance
     s, c = math.sin(angle), math.cos(angle)
     carried = e * math.sqrt(16.0 * e * e + math.pi**2 * gap) / (4.0 * gap**2)
     stiffness = (
-        e / gap**2 * s * s
-        + 3.0 * math.pi * e * e / (4.0 * gap**2.5) * s * c
-        + 2.0 * e * (1.0 + e * e) / gap**3 * c * c
+        e / gap**2 * s * s + 3.0 * math.pi * e * e / (4.0 * gap**2.5) * s * c + 2.0 * e * (1.0 + e * e) / gap**3 * c * c
     )
     damping = (
         math.pi / (2.0 * gap**1.5) * s * s

@@ -146,7 +146,9 @@ def load_zones(
         return _two_rows(bearing, load, angle, base, ratio, n)
     if bearing.rows > 1:
         if ratio != 0.0:
-            raise ValueError(f"axial_load: {bearing.designation} has {bearing.rows} rows, of which one or two are known")
+            raise ValueError(
+                f"axial_load: {bearing.designation} has {bearing.rows} rows, of which one or two are known"
+            )
         return (LoadZone(base, load / _shared(bearing, angle, zone_integrals(base, n)[0]), n),) * bearing.rows
     single = _widened(base, abs(ratio), n)
     return (LoadZone(single, load / _shared(bearing, angle, zone_integrals(single, n)[0]), n),)

@@ -148,7 +148,9 @@ def noise_level(scene: Scene, constant: float | None = None) -> float:
     ratio = bearing.element_diameter / bearing.pitch_diameter * math.cos(bearing.contact_angle)
     slip = rig.slip_ratio * 0.5 * math.pi * bearing.pitch_diameter * scene.speed * (1.0 - ratio**2)
     sizes = [defect_size(scene, defect) for defect in scene.defects if defect.moves_balls]
-    weight = float(np.polynomial.polynomial.polyval(max(sizes, default=0.0) / bearing.element_diameter, rig.noise_weights))
+    weight = float(
+        np.polynomial.polynomial.polyval(max(sizes, default=0.0) / bearing.element_diameter, rig.noise_weights)
+    )
     return constant * math.sqrt(slip) * (pressure / 1e9) ** 2 * max(weight, 0.0)
 
 
@@ -178,7 +180,9 @@ class _FromRest:
             past = math.log(_FORGOTTEN) / float(np.max(modes.rate.real)) if np.any(modes.rate.real < 0.0) else math.inf
             hits = hits_on(scene, number, -abs(past) - rig.pulse_width, duration)
             pulses = kernels.Pulses(hits.start, hits.force, rig.pulse_width, _SHAPES[rig.pulse])
-            turn = kernels.Turn(hits.angle - request.direction, hits.rate) if rig.fixed_sensor else kernels.Turn(0.0, 0.0)
+            turn = (
+                kernels.Turn(hits.angle - request.direction, hits.rate) if rig.fixed_sensor else kernels.Turn(0.0, 0.0)
+            )
             self._runs.append((modes, pulses, turn))
             self.fastest = max(self.fastest, float(np.max(np.abs(modes.rate.imag))))
         samples = math.ceil(duration * request.rate) + 2
