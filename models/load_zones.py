@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 GROOVE_RATIO = 0.52
 """Groove radius over ball diameter where a bearing's own is unknown: common in deep-groove bearings."""
-_LARGEST_FACTOR = 1e6
+_LARGEST_FACTOR = 1e5
+_TOO_MANY_ROWS = "axial_load: {} has {} rows; how more than two share it is not described"
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,10 @@ def zone_integrals(factor: float, exponent: float) -> tuple[float, float]:
     def share(psi: float) -> float:
         return max(0.0, 1.0 - (1.0 - math.cos(psi)) / (2.0 * factor)) ** exponent
 
-    radial = integrate(lambda psi: share(psi) * math.cos(psi), 0.0, edge, rtol=1e-10) / math.pi
-    return radial, integrate(share, 0.0, edge, rtol=1e-10) / math.pi
+    # Where the whole ring is loaded, the load across the radial one is taken off, of which cos psi leaves nothing.
+    level = share(0.5 * math.pi) if factor >= 1.0 else 0.0
+    radial = integrate(lambda psi: (share(psi) - level) * math.cos(psi), 0.0, edge, rtol=1e-9) / math.pi
+    return radial, integrate(share, 0.0, edge, rtol=1e-9) / math.pi
 
 
 def conforming(bearing: Bearing, groove_ratio: float = GROOVE_RATIO) -> Bearing:
@@ -135,7 +138,7 @@ def load_zones(
     if load == 0.0 and axial_load == 0.0:
         return (LoadZone(0.5, 0.0, n),) * bearing.rows
     stiffness = 0.0
-    if clearance > 0.0 or axial_load != 0.0:
+    if clearance > 0.0 or (axial_load != 0.0 and bearing.contact_angle == 0.0):
         stiffness = contact_stiffness(bearing) if k_c is None else k_c
     angle = working_angle(bearing, axial_load, stiffness)
     if load == 0.0:
@@ -146,9 +149,7 @@ def load_zones(
         return _two_rows(bearing, load, angle, base, ratio, n)
     if bearing.rows > 1:
         if ratio != 0.0:
-            raise ValueError(
-                f"axial_load: {bearing.designation} has {bearing.rows} rows, of which one or two are known"
-            )
+            raise ValueError(_TOO_MANY_ROWS.format(bearing.designation, bearing.rows))
         return (LoadZone(base, load / _shared(bearing, angle, zone_integrals(base, n)[0]), n),) * bearing.rows
     single = _widened(base, abs(ratio), n)
     return (LoadZone(single, load / _shared(bearing, angle, zone_integrals(single, n)[0]), n),)
@@ -166,7 +167,7 @@ def _factor_of_clearance(bearing: Bearing, load: float, k_c: float, clearance: f
 
 def _axial_only(bearing: Bearing, axial_load: float, angle: float, n: float) -> tuple[LoadZone, ...]:
     if bearing.rows > 2:
-        raise ValueError(f"axial_load: {bearing.designation} has {bearing.rows} rows, of which one or two are known")
+        raise ValueError(_TOO_MANY_ROWS.format(bearing.designation, bearing.rows))
     loaded = LoadZone(math.inf, abs(axial_load) / (bearing.n_elements * math.sin(angle)), n)
     if bearing.rows == 1:
         return (loaded,)

@@ -134,5 +134,5 @@ def _times(phase: float, rate: float, begin: float, end: float) -> NDArray[np.fl
             f"the films damp it too little, or the duration is too long"
         )
     low, high = sorted((rate * begin + phase, rate * end + phase))
-    whole = np.arange(math.ceil(low), math.floor(high) + 1)
+    whole = np.arange(math.ceil(low), math.floor(high) + 1, dtype=np.float64)
     return np.sort((whole - phase) / rate)

@@ -2,7 +2,7 @@
 
 In modal coordinates the system is a set of first-order ones, q' = lambda q + w F(t), of which the displacement of the
 sensor is the sum of Re q, its velocity that of Re lambda q, and its acceleration that of Re lambda^2 q + direct F(t).
-Between pulses a step multiplies q by exp(lambda h), which is exact; what a pulse does is known in closed form, during it
+Between pulses a step multiplies q by exp(lambda h), which is exact; what a pulse does is known in closed form, during
 and after it, so that neither its place between two samples nor the length of the steps makes an error.
 """
 

@@ -123,12 +123,11 @@ class RingImpactRig:
         check_whole(self.noise_seed, "rig.noise_seed", 0)
         if (self.film_thickness is None) != (self.film_clearance is None):
             raise ValueError("rig.film_thickness and rig.film_clearance belong together, got one of them")
-        if self.film_thickness is not None and self.film_clearance is not None:
-            if self.film_thickness >= self.film_clearance:
-                raise ValueError(
-                    f"rig.film_thickness must be less than rig.film_clearance, got {self.film_thickness!r} "
-                    f"and {self.film_clearance!r} m"
-                )
+        thickness, clearance = self.film_thickness, self.film_clearance
+        if thickness is not None and clearance is not None and thickness >= clearance:
+            raise ValueError(
+                f"rig.film_thickness must be less than rig.film_clearance, got {thickness!r} and {clearance!r} m"
+            )
         if not self.noise_weights or not all(math.isfinite(weight) for weight in self.noise_weights):
             raise ValueError(f"rig.noise_weights must hold finite numbers, got {self.noise_weights!r}")
 
