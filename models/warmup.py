@@ -58,11 +58,21 @@ def _over_time() -> None:
         simulate_time(Scene(40.0, 1000.0, unbalance=unbalance), 0.005, 25600.0, settle=0.0)
 
 
+def _impacts() -> None:
+    from models.bearing import from_catalogue
+    from models.rigs.ring_impact import RingImpactRig
+    from models.simulate import simulate
+
+    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6205"), rig=RingImpactRig(), defect=Defect(0.02, 1e-4))
+    simulate(scene, duration=0.05, rate=25600.0)
+
+
 # The last part reuses the kernels of the first.
 PARTS: dict[str, Callable[[], None]] = {
     "one settled scene": _one_scene,
     "many scenes at once": _many_scenes,
     "over time": _over_time,
+    "impacts on rings": _impacts,
     "rows of a map": _rows_of_a_map,
 }
 

@@ -1,7 +1,8 @@
 """The contract of every bearing model: what it declares holds, and the same scene gives the same bits.
 
 Solvers are found in ``models.registry``; ``test_every_solver_is_registered`` finds those that a file declares and the
-registry misses. A new effect needs a scene in WITH, a new function ``simulate...`` of several scenes an entry in RUN.
+registry misses. A new effect needs a scene in ``with_each_effect``, a model with parameters of its own a scene in
+SCENES, a new function ``simulate...`` of several scenes an entry in RUN.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ from models.dynamics.rows import simulate_row
 from models.dynamics.time_domain import simulate_time
 from models.registry import AUTO, MODULES, Request, Solver, choose, solvers
 from models.response import HARMONICS, STATUSES, Response
+from models.rigs import AnyRig
+from models.rigs.ring_impact import RingImpactRig
 from models.rigs.six_dof import Rig
 from models.scene import EFFECTS, PHYSICS, Defect, Floor, Scene, Slip, Waviness
 from models.simulate import simulate
@@ -36,33 +39,76 @@ HEALTHY = replace(SCENE, defect=None)
 EXTENTS = np.radians([2.0, 6.0])
 SHORT: dict[str, Any] = {"duration": 0.1, "rate": 25600.0, "accuracy": 5e-3}
 REQUEST = Request(**SHORT)
+ROLLERS = from_catalogue("NU 202 ECP")
 
-# For each effect a scene that has it, with as few others as it can.
-WITH: dict[str, Scene] = {
-    "outer_defect": SCENE,
-    "inner_defect": replace(SCENE, defect=replace(OUTER, part="inner")),
-    "ball_defect": replace(SCENE, defect=replace(OUTER, part="ball")),
-    "several_defects": replace(SCENE, more_defects=(replace(OUTER, position=1.0),)),
-    "first_row": replace(SCENE, defect=replace(OUTER, first_row=1)),
-    "rough_floor": replace(SCENE, defect=replace(OUTER, floor=Floor("rough", seed=1))),
-    "clearance": replace(HEALTHY, clearance=5e-6),
-    "roller": replace(HEALTHY, bearing=from_catalogue("NU 202 ECP"), rig=Rig(element="roller", k_c=5e8), load=1000.0),
-    "outer_ring_turns": replace(HEALTHY, bearing=replace(SCENE.bearing, rotating_ring="outer")),
-    "waviness": replace(HEALTHY, waviness=(Waviness(1e-6, 13),)),
-    "inner_waviness": replace(HEALTHY, waviness=(Waviness(1e-6, 7, "inner"),)),
-    "unbalance": replace(HEALTHY, unbalance=1e-3),
-    "gravity": replace(HEALTHY, gravity=100.0),
-    "slip": replace(SCENE, slip=Slip(0.01)),
-    "mean_force_slip": replace(SCENE, slip=Slip(0.01, "mean_force")),
-    "defect_width": replace(SCENE, defect=replace(OUTER, width=0.5)),
-    "second_bearing": replace(HEALTHY, second_bearing=SCENE.bearing),
-    "axial_load": replace(HEALTHY, axial_load=500.0),
-    "couple_unbalance": replace(HEALTHY, couple_unbalance=1e-4),
-    "bow": replace(HEALTHY, bow=1e-4),
-    "rotating_load": replace(HEALTHY, load_turns=True),
-    "changing_speed": replace(HEALTHY, speed_slope=1.0),
-    **{f"with_{name}": replace(HEALTHY, physics=(name,)) for name in PHYSICS},
+
+def with_each_effect(scene: Scene, **others: Scene) -> dict[str, Scene]:
+    """Return for each effect a scene that has it, with as few others as it can; ``others`` instead of these."""
+    healthy = replace(scene, defect=None)
+    return {
+        "outer_defect": scene,
+        "inner_defect": replace(scene, defect=replace(OUTER, part="inner")),
+        "ball_defect": replace(scene, defect=replace(OUTER, part="ball")),
+        "several_defects": replace(scene, more_defects=(replace(OUTER, position=1.0),)),
+        "first_row": replace(
+            scene, bearing=replace(scene.bearing, rows=2), defect=replace(OUTER, first_row=1), second_bearing=None
+        ),
+        "rough_floor": replace(scene, defect=replace(OUTER, floor=Floor("rough", seed=1))),
+        "clearance": replace(healthy, clearance=5e-6),
+        "roller": replace(healthy, bearing=ROLLERS, rig=Rig(element="roller", k_c=5e8), load=1000.0),
+        "outer_ring_turns": replace(healthy, bearing=replace(scene.bearing, rotating_ring="outer")),
+        "waviness": replace(healthy, waviness=(Waviness(1e-6, 13),)),
+        "inner_waviness": replace(healthy, waviness=(Waviness(1e-6, 7, "inner"),)),
+        "unbalance": replace(healthy, unbalance=1e-3),
+        "gravity": replace(healthy, gravity=100.0),
+        "slip": replace(scene, slip=Slip(0.01)),
+        "mean_force_slip": replace(scene, slip=Slip(0.01, "mean_force")),
+        "defect_width": replace(scene, defect=replace(OUTER, width=0.5)),
+        "second_bearing": replace(healthy, second_bearing=scene.bearing),
+        "axial_load": replace(healthy, axial_load=500.0),
+        "couple_unbalance": replace(healthy, couple_unbalance=1e-4),
+        "bow": replace(healthy, bow=1e-4),
+        "rotating_load": replace(healthy, load_turns=True),
+        "changing_speed": replace(healthy, speed_slope=1.0),
+        **{f"with_{name}": replace(healthy, physics=(name,)) for name in PHYSICS},
+        **others,
+    }
+
+
+# What only a defect drives.
+RINGS = Scene(40.0, 1000.0, bearing=from_catalogue("6205"), rig=RingImpactRig(), defect=OUTER)
+ANGLED = replace(RINGS.bearing, rows=2, contact_angle=0.2)
+# For each type of parameters a scene with a defect of the outer race, and with each effect.
+SCENES: dict[type[AnyRig], dict[str, Scene]] = {
+    Rig: with_each_effect(SCENE),
+    RingImpactRig: with_each_effect(
+        RINGS,
+        first_row=replace(RINGS, bearing=ANGLED, defect=replace(OUTER, first_row=1), axial_load=100.0),
+        clearance=replace(RINGS, clearance=20e-6),
+        roller=replace(RINGS, bearing=ROLLERS),
+        outer_ring_turns=replace(RINGS, bearing=replace(RINGS.bearing, rotating_ring="outer")),
+        axial_load=replace(RINGS, axial_load=3000.0),
+        rotating_load=replace(RINGS, load_turns=True),
+        with_ring_modes=replace(RINGS, physics=("ring_modes",)),
+    ),
 }
+WITH = SCENES[Rig]
+
+
+def base(solver: Solver) -> Scene:
+    """Return the scene with a defect of the outer race that a solver takes."""
+    return SCENES[solver.rig]["outer_defect"]
+
+
+def reference(solver: Solver, effect: str) -> Scene:
+    """Return the scene of an effect without it."""
+    scene, plain = SCENES[solver.rig][effect], base(solver)
+    if solver.rig is not RingImpactRig or effect == "outer_defect":
+        return replace(plain, defect=None, bearing=scene.bearing, rig=scene.rig, load=scene.load)
+    axial = scene.axial_load if effect == "first_row" else 0.0
+    return replace(plain, bearing=replace(scene.bearing, rotating_ring="inner"), rig=scene.rig, axial_load=axial)
+
+
 SOLVERS = solvers()
 each_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: f"{s.model}-{s.name}")
 each_effect = pytest.mark.parametrize("effect", list(EFFECTS))
@@ -74,6 +120,7 @@ RUN: dict[str, Callable[[Scene], Any]] = {
     "simulate_time": lambda scene: simulate_time(scene, 0.05, 25600.0),
     **{f"{s.model} {s.name}": lambda scene, solver=s: solver.solve(scene, REQUEST) for s in SOLVERS},
 }
+SCENE_OF = {f"{s.model} {s.name}": base(s) for s in SOLVERS}
 
 
 def modules() -> Iterator[Any]:
@@ -115,33 +162,38 @@ def test_all_functions_that_simulate_are_found_and_can_be_run() -> None:
 
 def test_every_effect_has_a_scene_that_has_it() -> None:
     assert set(WITH) == set(EFFECTS)
-    for effect, scene in WITH.items():
-        assert effect in scene.effects
+    for scenes in SCENES.values():
+        for effect, scene in scenes.items():
+            assert effect in scene.effects
     assert HEALTHY.effects == ()
+    assert {solver.rig for solver in SOLVERS} == set(SCENES)
 
 
 @each_effect
 @each_solver
 def test_a_declared_effect_is_honoured_and_any_other_refused(solver: Solver, effect: str) -> None:
-    scene = WITH[effect]
+    scene = SCENES[solver.rig][effect]
     if not set(scene.effects) <= solver.effects:
         with pytest.raises(ValueError, match=rf"\b{effect}\b"):
             solver.solve(scene, REQUEST)
         return
     found = solver.solve(scene, REQUEST)
     assert found.status in ("converged", "not_periodic")
-    without = replace(HEALTHY, bearing=scene.bearing, rig=scene.rig, load=scene.load)
+    without = reference(solver, effect)
     if effect == "roller" or effect.startswith("with_"):
         # What a ball with the same stiffness per approach would do is tests/models/test_rollers.py; what a model
         # always contains it cannot leave out.
         assert found.rms > 0.0
     else:
-        assert abs(found.rms / solver.solve(without, REQUEST).rms - 1.0) > 5.0 * REQUEST.accuracy
+        # What happens at one support of a soft shaft is hardly felt at the other.
+        plain = solver.solve(without, REQUEST)
+        pairs = [(ours[0], other[0]) for ours, other in zip(found.levels, plain.levels, strict=True)]
+        assert max(abs(a - b) / max(a, b) for a, b in pairs) > 5.0 * REQUEST.accuracy
 
 
 @each_solver
 def test_its_response_has_the_shapes_and_units(solver: Solver) -> None:
-    found = solver.solve(SCENE, REQUEST)
+    found = solver.solve(base(solver), REQUEST)
     assert (found.model, found.solver) == (solver.model, solver.name)
     assert found.status == "converged"
     assert found.harmonics.shape == found.harmonics_error.shape == (HARMONICS,)
@@ -161,7 +213,7 @@ def test_its_response_has_the_shapes_and_units(solver: Solver) -> None:
         assert signal.shape == (round(REQUEST.rate * REQUEST.duration),)
         assert np.sqrt(np.mean(signal**2)) == pytest.approx(rms, rel=0.1)
         assert found.rms_in_band(100.0, 8000.0, sensor) < 1.01 * rms
-    banded = solver.solve(SCENE, replace(REQUEST, band=(100.0, 8000.0)))
+    banded = solver.solve(base(solver), replace(REQUEST, band=(100.0, 8000.0)))
     assert banded.rms_band == (100.0, 8000.0)
     assert banded.rms == pytest.approx(found.rms_in_band(100.0, 8000.0), rel=1e-2)
 
@@ -169,8 +221,8 @@ def test_its_response_has_the_shapes_and_units(solver: Solver) -> None:
 @each_solver
 def test_its_error_is_what_it_says(solver: Solver) -> None:
     """Against the most that it can be asked for, at three times the estimate."""
-    coarse = solver.solve(SCENE, REQUEST)
-    fine = solver.solve(SCENE, replace(REQUEST, accuracy=max(solver.error, 2e-4), duration=0.4))
+    coarse = solver.solve(base(solver), REQUEST)
+    fine = solver.solve(base(solver), replace(REQUEST, accuracy=max(solver.error, 2e-4), duration=0.4))
     assert abs(coarse.rms / fine.rms - 1.0) <= 3.0 * coarse.rms_error + fine.rms_error
     assert abs(coarse.peak / fine.peak - 1.0) <= 3.0 * coarse.peak_error + fine.peak_error
     assert fine.rms_error < coarse.rms_error or coarse.rms_error < 1e-4
@@ -178,10 +230,10 @@ def test_its_error_is_what_it_says(solver: Solver) -> None:
 
 @each_solver
 def test_its_cost_and_error_are_declared(solver: Solver) -> None:
-    cost = solver.cost(SCENE, REQUEST)
+    cost = solver.cost(base(solver), REQUEST)
     assert math.isfinite(cost)
     assert cost > 0.0
-    assert solver.cost(SCENE, replace(REQUEST, accuracy=1e-5)) >= cost
+    assert solver.cost(base(solver), replace(REQUEST, accuracy=1e-5)) >= cost
     assert 0.0 < solver.error <= 1e-3
     assert solver.effects <= set(EFFECTS)
     assert solver.reason
@@ -198,7 +250,7 @@ def test_its_cost_and_error_are_declared(solver: Solver) -> None:
 )
 def test_it_refuses_frequencies_that_it_does_not_resolve(solver: Solver, change: dict[str, Any], word: str) -> None:
     with pytest.raises(ValueError, match=word):
-        solver.solve(SCENE, replace(REQUEST, **change))
+        solver.solve(base(solver), replace(REQUEST, **change))
 
 
 @pytest.mark.parametrize(
@@ -218,12 +270,18 @@ def test_a_senseless_request_is_refused_by_name(field: str, value: object) -> No
         simulate(SCENE, **changed)
 
 
+@pytest.mark.parametrize("rig", list(SCENES), ids=lambda rig: rig.model)
 @each_effect
-def test_what_no_model_has_is_refused_and_else_the_cheapest_is_taken(effect: str) -> None:
-    scene = WITH[effect]
+def test_what_no_model_has_is_refused_and_else_the_cheapest_is_taken(rig: type[AnyRig], effect: str) -> None:
+    scene = SCENES[rig][effect]
     able = [solver for solver in SOLVERS if set(scene.effects) <= solver.effects]
     if not able:
         with pytest.raises(ValueError, match=rf"^{effect}: no model describes this"):
+            simulate(scene, **SHORT)
+        return
+    able = [solver for solver in able if solver.rig is rig]
+    if not able:
+        with pytest.raises(ValueError, match=rf"takes the parameters of .*, got {rig.__name__}, those of {rig.model}"):
             simulate(scene, **SHORT)
         return
     chosen, why = choose(scene, REQUEST)
@@ -237,18 +295,18 @@ def test_what_no_model_has_is_refused_and_else_the_cheapest_is_taken(effect: str
 
 def test_a_scene_without_effects_has_a_reason_too() -> None:
     solver, why = choose(HEALTHY, REQUEST)
-    models = "the only model" if len(MODULES) == 1 else f"the cheapest of {len(MODULES)} models"
-    assert why == f"{solver.model} is {models}; {solver.reason}"
+    assert why == f"{solver.model} is the only model; {solver.reason}"
 
 
 def test_a_named_model_is_the_one_that_answers_or_refuses() -> None:
     for model in MODULES:
-        found = simulate(replace(SCENE, model=model), **SHORT)
+        scenes = SCENES[solvers(model)[0].rig]
+        found = simulate(replace(scenes["outer_defect"], model=model), **SHORT)
         assert (found.model, found.why) == (model, None)
         lacking = [e for e in EFFECTS if not any(e in solver.effects for solver in solvers(model))]
         for effect in lacking:
             with pytest.raises(ValueError, match=rf"^{effect}: {model} does not describe this.* models that describe"):
-                simulate(replace(WITH[effect], model=model), **SHORT)
+                simulate(replace(scenes[effect], model=model), **SHORT)
     with pytest.raises(ValueError, match=rf"unknown model 'none'; known are: {AUTO}, {', '.join(MODULES)}"):
         simulate(replace(SCENE, model="none"))
     with pytest.raises(ValueError, match=r"effects of a b: rust is none of"):
@@ -257,16 +315,18 @@ def test_a_named_model_is_the_one_that_answers_or_refuses() -> None:
 
 @pytest.mark.parametrize("name", list(RUN))
 def test_the_same_scene_gives_the_same_bits(name: str) -> None:
-    scene = copy.deepcopy(SCENE)
+    given = SCENE_OF.get(name, SCENE)
+    scene = copy.deepcopy(given)
     assert bits(RUN[name](scene)) == bits(RUN[name](scene))
-    assert scene == SCENE
+    assert scene == given
 
 
 @each_solver
 def test_a_seed_is_a_scene(solver: Solver) -> None:
     """The same seed gives the same bits, another one another answer, for all that is drawn."""
-    rough = [replace(WITH["rough_floor"], defect=replace(OUTER, floor=Floor("rough", seed=s))) for s in (1, 1, 2)]
-    slipping = [replace(SCENE, slip=Slip(0.01, seed=s)) for s in (1, 1, 2)]
+    scene = base(solver)
+    rough = [replace(scene, defect=replace(OUTER, floor=Floor("rough", seed=s))) for s in (1, 1, 2)]
+    slipping = [replace(scene, slip=Slip(0.01, seed=s)) for s in (1, 1, 2)]
     for scenes in (rough, slipping):
         if not set(scenes[0].effects) <= solver.effects:
             continue
@@ -279,9 +339,9 @@ def test_a_seed_is_a_scene(solver: Solver) -> None:
 @pytest.mark.parametrize(("field", "value"), [("speed", 0.0), ("speed", math.nan), ("load", -1.0), ("load", math.inf)])
 def test_a_wrong_scene_is_refused_by_name(name: str, field: str, value: float) -> None:
     with pytest.raises(ValueError, match=field):
-        RUN[name](replace(SCENE, **{field: value}))
+        RUN[name](replace(SCENE_OF.get(name, SCENE), **{field: value}))
 
 
 def test_one_type_answers_for_all() -> None:
-    assert {type(solver.solve(SCENE, REQUEST)) for solver in SOLVERS} == {Response}
-    assert {solver.solve(SCENE, REQUEST).status for solver in SOLVERS} <= set(STATUSES)
+    assert {type(solver.solve(base(solver), REQUEST)) for solver in SOLVERS} == {Response}
+    assert {solver.solve(base(solver), REQUEST).status for solver in SOLVERS} <= set(STATUSES)

@@ -33,6 +33,7 @@ from models.dynamics.time_domain import simulate_time
 from models.hertz import contact_stiffness
 from models.maps.build import build_map
 from models.maps.data import MapPlan
+from models.rigs.ring_impact import RingImpactRig
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Scene, Slip, Waviness
 from models.simulate import simulate
@@ -54,6 +55,9 @@ rollers = from_catalogue("NU 202 ECP")
 of_rollers = replace(plain, bearing=rollers, rig=Rig(k_c=contact_stiffness(rollers), element="roller"))
 simulate(of_rollers)
 simulate_time(replace(every, bearing=rollers, rig=of_rollers.rig), 0.01, 25600.0, settle=0.0)
+rings = replace(plain, bearing=from_catalogue("6205"), rig=RingImpactRig(slip_noise=1.0, pulse="half_sine"))
+for part in ("outer", "inner", "ball"):
+    simulate(replace(rings, defect=Defect(0.02, 1e-4, part=part)), duration=0.05)
 build_map(MapPlan(load=(4000.0,), speed=(40.0,), h_d=(0.0, 1e-5), dphi_d=(0.1,), floor=Floor("rough", seed=1)))
 print(json.dumps([warm, types()]))
 """
