@@ -139,7 +139,7 @@ def test_response_is_that_of_scipy(part: Part, shape: Pulse) -> None:
     pulses = Pulses(np.array([t for t, _ in driven]), np.array([f for _, f in driven]), found.width, found.shape)
     turn = Turn(0.4, 2.0 * math.pi * 31.0)
     n = int(end / h)
-    t = h * np.arange(n)
+    t = h * np.arange(n, dtype=np.float64)
     z, v, a = oracle.motion(machine, PARTS.index(part), driven, t)
     still = wave_of(modes_of(scene, part), pulses, n, h)
     assert np.max(np.abs(still - a)) < 1e-7 * np.max(np.abs(a))
