@@ -107,11 +107,21 @@ class Recording:
     background: list[float] = field(default_factory=list)
 
 
+_RIG: dict[str, float] = {}
+
+
+def assume_rig(values: Mapping[str, float]) -> None:
+    """Set keys of ``[rig]`` for all configurations from now on, in place of those set before."""
+    _RIG.clear()
+    _RIG.update(values)
+
+
 def configuration(run: Run, threshold: float, method: Mapping[str, Any]) -> Config:
     """Return the example's configuration with both channels tracked, for one threshold (m2) and method."""
     path = EXAMPLES / f"{run.config}.toml"
     values = tomllib.loads(path.read_text(encoding="utf-8"))
     values["channel"] = [{**channel, "track": True} for channel in values["channel"]]
+    values["rig"] = {**values.get("rig", {}), **_RIG}
     values["track"] = dict(method["track"])
     # The map is uncalibrated: without being asked for, no TT would be issued.
     values["forecast"] = {**method["forecast"], "threshold_mm2": threshold * 1e6, "uncalibrated_threshold": True}
