@@ -44,6 +44,8 @@ Signals = list[NDArray[np.float64]]
 
 SEED = 2012
 RATE = 25600.0
+LIVES = 40
+"""Of each library: fewer than in ``score_real``, the same number before and after."""
 METHOD = score_real.METHODS["thesis"]
 
 
@@ -129,7 +131,7 @@ def forecasts(runs: Sequence[Run], folder: Path, rig: dict[str, float]) -> dict[
     recordings = [score_real.read(run, folder) for run in runs]
     thresholds = [score_real.threshold_for(recording, recordings) for recording in recordings]
     config = score_real.configuration(runs[0], thresholds[0], METHOD)
-    library = score_real.library_of(config, thresholds, score_real.LIVES)
+    library = score_real.library_of(config, thresholds, LIVES)
     results = [score_real.score(recording, recordings, library) for recording in recordings]
     ends = [v_eq for recording in recordings for v_eq in recording.ends.values()]
     return {
