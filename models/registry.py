@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 MODULES: dict[str, tuple[str, ...]] = {
     "six_dof": ("models.dynamics.periodic", "models.dynamics.mean_force", "models.dynamics.time_domain"),
     "ring_impact": ("models.dynamics.ring_impact",),
+    "rotor": ("models.dynamics.rotor", "models.dynamics.rotor_elastic"),
 }
 AUTO = "auto"
 # Periods that are simulated at least before a motion is said not to settle.

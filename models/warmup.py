@@ -67,12 +67,24 @@ def _impacts() -> None:
     simulate(scene, duration=0.05, rate=25600.0)
 
 
+def _rotor() -> None:
+    from models.bearing import from_catalogue
+    from models.dynamics.rotor import trace
+    from models.dynamics.rotor_elastic import trace_elastic
+    from models.rigs.rotor import RotorRig
+
+    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=RotorRig(end_mass=0.3))
+    trace(scene, 1e-3, 1e-5)
+    trace_elastic(replace(scene, rig=RotorRig()), 1e-3, 1e-5)
+
+
 # The last part reuses the kernels of the first.
 PARTS: dict[str, Callable[[], None]] = {
     "one settled scene": _one_scene,
     "many scenes at once": _many_scenes,
     "over time": _over_time,
     "impacts on rings": _impacts,
+    "rotor": _rotor,
     "rows of a map": _rows_of_a_map,
 }
 

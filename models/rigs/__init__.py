@@ -7,6 +7,7 @@ A model's parameters are a frozen dataclass with ``model``, the key of ``models.
 from __future__ import annotations
 
 from models.rigs.ring_impact import RingImpactRig
+from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
 
-AnyRig = Rig | RingImpactRig
+AnyRig = Rig | RingImpactRig | RotorRig

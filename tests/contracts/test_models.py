@@ -29,6 +29,7 @@ from models.registry import AUTO, MODULES, Request, Solver, choose, solvers
 from models.response import HARMONICS, STATUSES, Response
 from models.rigs import AnyRig
 from models.rigs.ring_impact import RingImpactRig
+from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
 from models.scene import EFFECTS, PHYSICS, Defect, Floor, Scene, Slip, Waviness
 from models.simulate import simulate
@@ -78,6 +79,7 @@ def with_each_effect(scene: Scene, **others: Scene) -> dict[str, Scene]:
 # What only a defect drives.
 RINGS = Scene(40.0, 1000.0, bearing=from_catalogue("6205"), rig=RingImpactRig(), defect=OUTER)
 ANGLED = replace(RINGS.bearing, rows=2, contact_angle=0.2)
+ROTOR = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=RotorRig(end_mass=0.3), defect=OUTER)
 # For each type of parameters a scene with a defect of the outer race, and with each effect.
 SCENES: dict[type[AnyRig], dict[str, Scene]] = {
     Rig: with_each_effect(SCENE),
@@ -90,6 +92,12 @@ SCENES: dict[type[AnyRig], dict[str, Scene]] = {
         axial_load=replace(RINGS, axial_load=3000.0),
         rotating_load=replace(RINGS, load_turns=True),
         with_ring_modes=replace(RINGS, physics=("ring_modes",)),
+    ),
+    RotorRig: with_each_effect(
+        ROTOR,
+        roller=replace(ROTOR, defect=None, bearing=ROLLERS, rig=RotorRig(end_mass=0.3, element="roller", k_c=5e8)),
+        second_bearing=replace(ROTOR, defect=None, second_bearing=from_catalogue("6205")),
+        couple_unbalance=replace(ROTOR, defect=None, couple_unbalance=1e-3),
     ),
 }
 WITH = SCENES[Rig]
@@ -211,8 +219,10 @@ def test_its_response_has_the_shapes_and_units(solver: Solver) -> None:
     for sensor, (rms, _) in zip(found.sensors, found.levels, strict=True):
         signal = found.acceleration(REQUEST.rate, REQUEST.duration, sensor=sensor)
         assert signal.shape == (round(REQUEST.rate * REQUEST.duration),)
-        assert np.sqrt(np.mean(signal**2)) == pytest.approx(rms, rel=0.1)
-        assert found.rms_in_band(100.0, 8000.0, sensor) < 1.01 * rms
+        level = float(np.sqrt(np.mean(signal**2)))
+        assert level == pytest.approx(rms, rel=0.1)
+        # The level leaves out the last, broken block of a record.
+        assert found.rms_in_band(100.0, 8000.0, sensor) < 1.01 * max(rms, level)
     banded = solver.solve(base(solver), replace(REQUEST, band=(100.0, 8000.0)))
     assert banded.rms_band == (100.0, 8000.0)
     assert banded.rms == pytest.approx(found.rms_in_band(100.0, 8000.0), rel=1e-2)
