@@ -190,7 +190,8 @@ def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: 
     written = {name: None if path is None else str(path) for name, path in (("out", out), ("report", page))}
     if page is not None:
         keys = {name: key_of(name, space.rig.element) for name in space.free}
-        words = ReportWords(config.machine.name, keys, _REASONS, written["out"], values["warnings"])
+        claims = values["warnings"], values["calibrated"]
+        words = ReportWords(config.machine.name, keys, _REASONS, written["out"], *claims)
         write_report(page, found, settings, table, words)
         say(f"report: {page}", quiet=quiet)
     emit({**values, **written}, _lines(values), as_json=as_json)

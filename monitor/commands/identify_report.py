@@ -8,7 +8,6 @@ from pathlib import Path
 
 from models.identify.run import Identification, IdentifyOptions
 from monitor.commands.common import check_suffix
-from monitor.commands.rig_table import is_calibration
 from monitor.commands.trial_files import TrialFile
 
 
@@ -22,6 +21,7 @@ class ReportWords:
         reasons: why a parameter is undetermined, in words.
         rig_file: file of the ``[rig]``, None for none.
         warnings: what speaks against the result, in sentences.
+        calibrated: whether the result may be called so.
     """
 
     machine: str
@@ -29,6 +29,7 @@ class ReportWords:
     reasons: Mapping[str, str]
     rig_file: str | None
     warnings: Sequence[str] = ()
+    calibrated: bool = True
 
 
 def check_page(path: Path) -> None:
@@ -62,7 +63,7 @@ def write_report(
         recordings=table.recordings,
         race_radius=table.race_radius,
         rig_file=Path(words.rig_file).name if words.rig_file else "",
-        calibrated=is_calibration(found),
+        calibrated=words.calibrated,
         warnings=tuple(words.warnings),
     )
     write_identification(subject, path)

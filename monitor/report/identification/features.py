@@ -45,7 +45,7 @@ _FIGURES = {_SPEED.name: " (Fig. 45)", _EXTENT.name: " (Fig. 46)"}
 
 def feature_parts(subject: Subject) -> list[Part]:
     """Return the features against what varies in the tests, and the residuals."""
-    conditions, parts = subject.conditions, list[Part]()
+    conditions, parts = subject.damaged, list[Part]()
     speeds, loads = ({axis.of(c) for c in conditions} for axis in (_SPEED, _LOAD))
     if len(speeds) > 1:
         parts.append(_features(subject, _SPEED, _LOAD, by_extent=True))
@@ -60,9 +60,9 @@ def _features(subject: Subject, across: _Axis, series: _Axis, *, by_extent: bool
     """Return features over ``across`` with a line for each value of ``series``, and a row for each defect or speed."""
     groups = _groups(subject, by_extent=by_extent)
     shown = groups[:_MAX_PANELS]
-    lines = sorted({series.of(c) for c in subject.conditions})[:_MAX_SERIES]
+    lines = sorted({series.of(c) for c in subject.damaged})[:_MAX_SERIES]
 
-    places = sorted({across.of(c) for c in subject.conditions})
+    places = sorted({across.of(c) for c in subject.damaged})
     ticks = places if len(places) <= _MAX_TICKS else places[:: -(-len(places) // _MAX_TICKS)]
 
     # A feature that no test has is not drawn.
@@ -112,10 +112,11 @@ def _groups(subject: Subject, *, by_extent: bool) -> list[tuple[str, NDArray[np.
     """Return the conditions by defect, or by speed, part and depth, with words for each."""
     if by_extent:
         return [(subject.extent_words(extent), subject.rows_of(extent)) for extent in subject.extents]
-    keys = [(c.speed, c.part, c.h_d) for c in subject.conditions]
-    several = len({key[1:] for key in keys}) > 1
+    keys = [None if c.healthy else (c.speed, c.part, c.h_d) for c in subject.conditions]
+    known = {key for key in keys if key is not None}
+    several = len({key[1:] for key in known}) > 1
     found: list[tuple[str, NDArray[np.intp]]] = []
-    for key in sorted(set(keys)):
+    for key in sorted(known):
         words = f"{key[0]:g} Hz" + (f", {key[1]}, {figure(1e6 * key[2])} µm deep" if several else "")
         found.append((words, np.flatnonzero([other == key for other in keys])))
     return found
@@ -142,7 +143,8 @@ def _line(
 def residuals(subject: Subject, feature: str) -> tuple[Values, Values]:
     """Return model over measurement less one, and the standard deviation of the mean that the fit implies.
 
-    Both in %, shape (conditions,); NaN where the feature is not compared.
+    Both in %, shape (conditions,); NaN where the feature is not compared. The level of a healthy machine is an upper
+    limit of the model's, and compared where the model exceeds it.
     """
     missing = np.full(len(subject.conditions), np.nan)
     if feature not in subject.objectives:
@@ -150,7 +152,9 @@ def residuals(subject: Subject, feature: str) -> tuple[Values, Values]:
     problem, place = subject.problem, subject.objectives.index(feature)
     whole = np.full(problem.known.shape, np.nan)
     whole[problem.known] = problem.deviation * math.sqrt(subject.found.limit.variance)
-    return 100.0 * (subject.modelled(feature) / subject.measured(feature) - 1.0), 100.0 * whole[:, place]
+    left = 100.0 * (subject.modelled(feature) / subject.measured(feature) - 1.0)
+    below = np.array([condition.healthy for condition in subject.conditions]) & ~(left > 0.0)
+    return np.where(below, np.nan, left), 100.0 * whole[:, place]
 
 
 def condition_words(subject: Subject, condition: Condition) -> str:
@@ -159,17 +163,22 @@ def condition_words(subject: Subject, condition: Condition) -> str:
 
 
 def sorted_conditions(subject: Subject) -> list[int]:
-    """Return the numbers of the conditions by defect, speed and load."""
+    """Return the numbers of the conditions by defect, those of the healthy machine last, speed and load."""
     order = {extent: i for i, extent in enumerate(subject.extents)}
+    last = len(order)
     conditions = subject.conditions
     return sorted(
-        range(len(conditions)), key=lambda n: (order[Extent.of(conditions[n])], conditions[n].speed, conditions[n].load)
+        range(len(conditions)),
+        key=lambda n: (order.get(Extent.of(conditions[n]), last), conditions[n].speed, conditions[n].load),
     )
 
 
 def _residuals(subject: Subject) -> Part:
     compared = {feature: residuals(subject, feature) for feature in subject.objectives}
-    rows = sorted_conditions(subject)
+    compared_rows = [
+        n for n in sorted_conditions(subject) if any(np.isfinite(values[n]) for values, _ in compared.values())
+    ]
+    rows = compared_rows
     if len(rows) > _MAX_ROWS:
         size = np.nanmax([np.abs(values) for values, _ in compared.values()], axis=0, initial=0.0)
         largest = set(np.argsort(-size)[:_MAX_ROWS].tolist())
@@ -194,7 +203,7 @@ def _residuals(subject: Subject) -> Part:
         panels[0].set_yticks(places, [condition_words(subject, subject.conditions[n]) for n in rows])
         panels[0].set_ylim(len(rows) - 0.5, -0.5)
 
-    left_out = len(subject.conditions) - len(rows)
+    left_out = len(compared_rows) - len(rows)
     caption = (
         "Difference of the best fit at each condition; the bars are one standard deviation of the mean of the tests as "
         "the fit implies it. A condition whose bar is far from zero is not explained by these parameters."

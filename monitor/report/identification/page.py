@@ -47,7 +47,7 @@ def write_identification(subject: Subject, out: Path) -> None:
         headline=words.headline(subject),
         tests=subject.tests_words,
         findings=words.findings(subject),
-        warnings=[f"{text[:1].upper()}{text[1:]}." for text in subject.warnings],
+        warnings=[f"Warning: {text}." for text in subject.warnings],
         parameters=tables.parameter_table(subject),
         statuses=words.status_words(subject),
         sections=_sections(subject),
@@ -76,6 +76,10 @@ def _sections(subject: Subject) -> list[Section]:
             [tables.condition_table(subject)],
         ),
     ]
+    given = tables.evidence_tables(subject)
+    if given:
+        lead = "Resonances and priors that enter the likelihood beside the tests, and the best fit beside them."
+        found.append(Section("What else was given", lead, (), given))
     alone = tables.alone_table(subject)
     if alone is not None:
         lead = "Whether the defects, taken one by one, ask for the same parameters."
@@ -109,9 +113,11 @@ def _front_lead(subject: Subject) -> str:
 
 
 def _features_lead(subject: Subject) -> str:
-    if len(subject.conditions) == 1:
-        return "All tests are at one condition, so the model cannot be seen to follow load, speed or defect."
-    speeds, loads = ({getattr(c, name) for c in subject.conditions} for name in ("speed", "load"))
+    if len(subject.damaged) == 1:
+        return (
+            "All tests with a defect are at one condition, so the model cannot be seen to follow load, speed or defect."
+        )
+    speeds, loads = ({getattr(c, name) for c in subject.damaged} for name in ("speed", "load"))
     held = [name for name, values in (("speed", speeds), ("load", loads)) if len(values) == 1]
     if len(subject.extents) == 1:
         held.append("defect")

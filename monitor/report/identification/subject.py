@@ -239,13 +239,21 @@ class Subject:
         """The conditions of the tests."""
         return self.problem.trials.conditions
 
+    @property
+    def damaged(self) -> tuple[Condition, ...]:
+        """The conditions with a defect."""
+        return tuple(condition for condition in self.conditions if not condition.healthy)
+
     @cached_property
     def extents(self) -> tuple[Extent, ...]:
-        """The defects, by part, extent and depth."""
-        return tuple(sorted({Extent.of(c) for c in self.conditions}, key=lambda e: (e.part, e.dphi_d, e.h_d)))
+        """The defects, by part, extent and depth; a healthy machine is none."""
+        found = {Extent.of(c) for c in self.damaged}
+        return tuple(sorted(found, key=lambda e: (e.part, e.dphi_d, e.h_d)))
 
     def extent_words(self, extent: Extent) -> str:
-        """Return a defect as text: its extent, and what tells it from the others."""
+        """Return a defect as text: its extent, and what tells it from the others; or "healthy"."""
+        if extent.dphi_d == 0.0:
+            return "healthy"
         words = f"{figure(math.degrees(extent.dphi_d))}°"
         if len({e.h_d for e in self.extents}) > 1:
             words += f" × {figure(extent.h_d * 1e6)} µm"
@@ -272,5 +280,11 @@ class Subject:
 
     @property
     def tests_words(self) -> str:
-        """How many tests at how many conditions."""
-        return f"{count(len(self.trials), 'test')} at {count(len(self.conditions), 'condition')}"
+        """How many tests at how many conditions, and what else was given."""
+        words = f"{count(len(self.trials), 'test')} at {count(len(self.conditions), 'condition')}"
+        healthy, evidence = len(self.conditions) - len(self.damaged), self.problem.evidence
+        if healthy:
+            words += f" ({healthy} of the healthy machine)"
+        for number, noun in ((len(evidence.peaks), "resonance"), (len(evidence.priors), "prior")):
+            words += f", {count(number, noun)}" if number else ""
+        return words

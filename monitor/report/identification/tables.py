@@ -9,7 +9,8 @@ import numpy as np
 
 from models.identify.intervals import ParameterInterval
 from models.identify.limits import Interval
-from models.identify.space import contact_ratios
+from models.identify.modes import modes
+from models.identify.space import bearing_directions, contact_ratios
 from models.identify.trials import FEATURES
 from monitor.report.identification.features import residuals, sorted_conditions
 from monitor.report.identification.front import one_at_a_time
@@ -177,10 +178,68 @@ def condition_table(subject: Subject) -> Table:
         rows.append(cells)
     unused = [TITLES[name] for name in FEATURES if name not in subject.objectives]
     note = f"{' and '.join(unused)} was not compared." if unused else ""
-    missing = int(np.count_nonzero(~subject.problem.known))
+    damaged = [not c.healthy for c in subject.conditions]
+    if not all(damaged):
+        note += " The level of a healthy machine is an upper limit of the model's."
+    missing = int(np.count_nonzero(~subject.problem.known[damaged]))
     if missing:
         note += f" – stands for {count(missing, 'feature')} that no test has, such as an A* below the noise."
     return Table("conditions", "All conditions", columns, rows, note.strip())
+
+
+def evidence_tables(subject: Subject) -> list[Table]:
+    """Return resonances and priors that were given, beside the best fit; none where nothing was given."""
+    evidence = subject.problem.evidence
+    return [_peak_table(subject)] * bool(evidence.peaks) + [_prior_table(subject)] * bool(evidence.priors)
+
+
+def _peak_table(subject: Subject) -> Table:
+    space, best = subject.found.space, subject.found.best.values
+    columns = (
+        Column("load", "load (N)", "N", words=_plain),
+        Column("direction", "direction"),
+        Column("frequency", "measured (Hz)", "Hz", words=_hertz),
+        Column("frequency_sd", "SD (Hz)", "Hz"),
+        Column("model", "nearest of the model (Hz)", "Hz", words=_hertz),
+        Column("damping", "damping (%)", "1", scale=100.0),
+        Column("model_damping", "of the model (%)", "1", scale=100.0),
+    )
+    rows: list[list[Cell]] = []
+    for peak in sorted(subject.problem.evidence.peaks, key=lambda peak: (peak.load, peak.direction, peak.frequency)):
+        stiffness = dict(
+            zip(
+                ("across", "along"),
+                bearing_directions(space.bearing, peak.load, best["k_c"], best["clearance"]),
+                strict=True,
+            )
+        )
+        k_b = np.array([value for name, value in stiffness.items() if peak.direction in ("", name)])
+        found = modes(space.rig_of(best), space.bearing, k_b)
+        nearest = int(np.argmin(np.abs(found.frequency.ravel() - peak.frequency)))
+        own = float(found.frequency.ravel()[nearest]), float(found.damping.ravel()[nearest])
+        words = (peak.direction or "not known") + (", extracted" if peak.extracted else "")
+        rows.append([peak.load, words, peak.frequency, peak.frequency_sd, own[0], peak.damping, own[1]])
+    note = "Extracted: found in a recording by the program, so it may be no resonance of this model." * any(
+        peak.extracted for peak in subject.problem.evidence.peaks
+    )
+    return Table("peaks", "Resonances", columns, rows, note)
+
+
+def _prior_table(subject: Subject) -> Table:
+    columns = (
+        Column("parameter", "parameter"),
+        Column("prior", "prior", "1", words=str),
+        Column("sd", "SD (%)", "1", scale=100.0),
+        Column("best", "best fit", "1", words=str),
+        Column("unit", "unit"),
+        Column("source", "source"),
+    )
+    rows: list[list[Cell]] = []
+    for prior in subject.problem.evidence.priors:
+        p = subject.parameter(prior.name)
+        value = ("at least " if prior.at_least else "") + p.number(prior.value)
+        rows.append([p.symbol, value, prior.sd, p.number(subject.found.best.values[prior.name]), p.unit, prior.source])
+    return Table("priors", "Priors", columns, rows)
 
 
 def _plain(value: float) -> str:

@@ -28,7 +28,9 @@ def grade(subject: Subject) -> str:
 def headline(subject: Subject) -> str:
     """Return how many parameters the tests determine, and which not; or that this is no calibration."""
     if not subject.calibrated:
-        return f"No calibration: the model misses the tests by {figure(100.0 * subject.found.noise, 2)} %"
+        return (
+            f"This is no calibration; the tests scatter by {figure(100.0 * subject.found.noise, 2)} % about the model"
+        )
     whole, missing = len(subject.parameters), subject.found.undetermined
     if not missing:
         words = {1: "The free parameter is", 2: "Both free parameters are"}
@@ -98,7 +100,7 @@ def _scatter(subject: Subject) -> str:
 
 def _claim(subject: Subject) -> str:
     if not subject.calibrated:
-        return "The rig is not calibrated by these tests: units, speeds, sizes or held numbers must be wrong."
+        return "The rig is not calibrated by these tests; the warnings below say why."
     if grade(subject) == "bad":
         return "Do not rely on these values: other tests, more conditions or fewer free parameters are needed."
     words = "The rig may be marked calibrated"

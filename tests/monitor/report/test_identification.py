@@ -17,6 +17,7 @@ import pytest
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from models.identify.evaluate import Evaluator
+from models.identify.evidence import Evidence, Peak, Prior
 from models.identify.limits import Limits
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.trials import Condition, Trial, gather
@@ -175,8 +176,8 @@ def test_a_fit_that_misses_the_tests_is_no_calibration(tmp_path: Path) -> None:
     subject = replace(whole(), calibrated=False, warnings=("the model misses <all> tests",))
     assert words.grade(subject) == "bad"
     page = written(subject, tmp_path)
-    assert "No calibration: the model misses the tests by" in page
-    assert '<p class="note">The model misses &lt;all&gt; tests.</p>' in page
+    assert "This is no calibration; the tests scatter by" in page
+    assert '<p class="note">Warning: the model misses &lt;all&gt; tests.</p>' in page
 
 
 def test_statuses_say_where_an_end_is_a_limit() -> None:
@@ -296,7 +297,7 @@ def test_one_condition_and_one_parameter(tmp_path: Path) -> None:
     data, text = pictures(page), plain(page)
     assert not {"features_speed", "features_defect", "features_load", "alone", "damping", "contact_damping"} & set(data)
     assert {"profiles", "residuals", "resonator"} <= set(data)
-    assert "All tests are at one condition" in text
+    assert "All tests with a defect are at one condition" in text
     assert "Table 19" not in text
     assert "Only the dotted line is searched: k_r is not free." in text
 
@@ -340,3 +341,31 @@ def test_motions_that_do_not_repeat_are_said(tmp_path: Path) -> None:
     text = plain(written(replace(subject, found=found), tmp_path))
     assert "1 condition does not repeat with the ball passage and counts less" in text
     assert "Open: the motion does not repeat" in text
+
+
+@pytest.mark.usefixtures("arranged_layout")
+def test_a_healthy_machine_resonances_and_priors_beside_the_tests(tmp_path: Path) -> None:
+    healthy = Condition(1000.0, 40.0, 0.0, 0.0)
+    tests = [*simulated_tests(MANY[:4]), Trial(healthy, 900.0, math.nan)]
+    space = space_of("m_r", rig=Rig(), loads=(1000.0,))
+    evidence = Evidence(
+        (Peak(1000.0, "along", 7400.0, 50.0, 0.01, 0.005), Peak(1000.0, "", 350.0, 5.0, extracted=True)),
+        (Prior("m_r", 3.3, 0.2, "weighed"), Prior("m_o", 5.0, 0.1, "casing", at_least=True)),
+    )
+    found = identify(gather(tests), space, OPTIONS, evidence)
+    subject = Subject(found, OPTIONS, tests, {"m_r": "m_r_kg"}, REASONS, "press")
+    page = written(subject, tmp_path)
+    data, text = pictures(page), plain(page)
+    assert "5 tests at 5 conditions (1 of the healthy machine), 2 resonances, 2 priors" in text
+    # Its level is far above the model's: nothing is compared, and nothing drawn.
+    assert data["residuals"]["rms_percent"][4] is None
+    assert [extent.dphi_d for extent in subject.extents] == sorted({c.dphi_d for c in MANY[:4]})
+    assert "The level of a healthy machine is an upper limit of the model's." in text
+    assert "40 1000 healthy 1" in text
+    # The model's own modes: 7,389 Hz along 1000 N and 348 Hz at Table 18.
+    peaks, priors = tables.evidence_tables(subject)
+    assert [row[1] for row in peaks.rows] == ["not known, extracted", "along"]
+    assert [row[4] for row in peaks.rows] == pytest.approx([348.0, 7389.0], rel=0.02)
+    assert [row[1] for row in priors.rows] == ["3.30", "at least 5.00"]
+    assert "found in a recording by the program" in text
+    assert tables.evidence_tables(whole()) == []
