@@ -204,6 +204,8 @@ def trace_of(scene: Scene, duration: float, step: float, shaft: Rigid, rest: NDA
 def trace(scene: Scene, duration: float, step: float, *, rest: NDArray[np.float64] | None = None) -> Trace:
     """Return accelerations and displacements of a rotor with a rigid shaft, at every step from the beginning.
 
+    Steps are taken as given: much longer ones than ``Rigid.longest_step`` may be unstable.
+
     Args:
         rest: the positions at the beginning, (8,), as ``rotor_plan.at_rest`` returns them; by default those.
 

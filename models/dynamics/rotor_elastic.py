@@ -62,10 +62,11 @@ class Lumped(_Bent):
     def longest_step(self) -> float:
         """Return the step to begin with, s: an end moves between its contacts and the shaft."""
         rig, step = self.scene.rig_as(RotorRig), LONGEST_STEP
-        for k, bearing in enumerate(bearings_of(self.scene)):
+        for k, (arm, bearing) in enumerate(zip((rig.a, rig.b), bearings_of(self.scene), strict=True)):
             step = min(step, contact_step(self.scene, 1.0 / rig.end_mass, k, bearing.n_elements * bearing.rows))
             spring = rig.shaft_stiffness[k]
-            step = min(step, _BENDING_ANGLE / math.sqrt(spring / rig.end_mass))
+            inverse = 1.0 / rig.end_mass + 1.0 / rig.m + arm**2 / rig.j_t
+            step = min(step, _BENDING_ANGLE / math.sqrt(spring * inverse))
             if rig.internal_damping > 0.0:
                 step = min(step, rig.end_mass / (2.0 * spring * rig.internal_damping))
         return step
