@@ -15,6 +15,7 @@ from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
 from monitor.commands.history_files import (
     SUFFIXES,
+    Volumes,
     is_records,
     library_settings,
     prior_of,
@@ -25,6 +26,7 @@ from monitor.commands.history_files import (
 from monitor.config.stages import method_or_best
 from monitor.health.damage import DamageInput, Remaining
 from monitor.health.damage import tracker as damage
+from monitor.health.damage.calibration import mark_forecast
 from monitor.health.damage.library.forecaster import LibraryState
 from monitor.health.damage.library.forecaster import step as ask_library
 from monitor.health.damage.thesis import forecast
@@ -43,7 +45,7 @@ Forecasts = tuple[list[float], list[float], Issued]
 @option.library
 @option.interval
 @click.option("--window-hours", type=option.POSITIVE, help="Time to the next maintenance.")
-@click.option("--uncalibrated-threshold", is_flag=True, help="Also by a library of a rig that is not calibrated.")
+@click.option("--uncalibrated-threshold", is_flag=True, help="Also for a rig that is not calibrated.")
 @option.channel
 @option.rows
 @option.output
@@ -63,7 +65,8 @@ def command(
     """Forecast through INPUT: one row per point and threshold, from the points up to its time only.
 
     INPUT is a CSV file with time_s,v_eq_mm2 from t_fs on, or records as replay and demo publish them. From records, the
-    thesis uses V_eq, the library the RMS and the BPFO lines. V_eq that is given is taken as it is.
+    thesis uses V_eq, the library the RMS and the BPFO lines. V_eq is taken as it is, unless INPUT says (column status,
+    or calibrated of the records) that it is uncalibrated: then TT needs --uncalibrated-threshold.
     """
     if out is not None:
         check_suffix("--out", out, SUFFIXES)
@@ -79,7 +82,7 @@ def command(
         prior = prior_of(asked["library"])
     else:
         library_settings(method, library_path, "v_eq", interval)
-        times, running, issued = _thesis(input_path, channel, thresholds)
+        times, running, issued = _thesis(input_path, channel, thresholds, asked=uncalibrated_threshold)
         prior = None
     # On the axis of the input, not in damage time.
     issued = [
@@ -103,24 +106,31 @@ def command(
     emit(values, _lines(values), as_json=as_json)
 
 
-def _thesis(path: Path, channel: str | None, thresholds: Sequence[float]) -> Forecasts:
-    """Forecast by the quadratic through the first V_eq."""
-    times, running, volumes = read_volumes(path, channel)
+def _thesis(path: Path, channel: str | None, thresholds: Sequence[float], *, asked: bool) -> Forecasts:
+    """Forecast by the quadratic through the first V_eq; ``asked``: also where V_eq is uncalibrated."""
+    history = read_volumes(path, channel)
     state, issued = forecast.ForecastState(), []
-    for row, (t, v_eq) in enumerate(zip(running, volumes, strict=True), 1):
+    for row, (t, v_eq) in enumerate(zip(history.running, history.v_eq, strict=True), 1):
         with input_errors(f"{path}: row {row}"):
             state, results = forecast.step(state, t, v_eq, thresholds=thresholds)
         issued.append(results)
-    return times, running, issued
+    return history.times, history.running, _marked(issued, history, asked=asked)
+
+
+def _marked(issued: Issued, history: Volumes, *, asked: bool) -> Issued:
+    """Return the forecasts from a history of V_eq, marked where it is uncalibrated."""
+    if history.calibrated:
+        return issued
+    return [tuple(mark_forecast(one, issued=asked) for one in results) for results in issued]
 
 
 def _library_on_volumes(
     path: Path, channel: str | None, thresholds: Sequence[float], asked: Mapping[str, Any]
 ) -> Forecasts:
     """Forecast from a V_eq history alone, by the remaining time of simulated lives with a similar history."""
-    times, running, volumes = read_volumes(path, channel)
+    history = read_volumes(path, channel)
     state, issued = LibraryState(), []
-    for row, (t, v_eq) in enumerate(zip(running, volumes, strict=True), 1):
+    for row, (t, v_eq) in enumerate(zip(history.running, history.v_eq, strict=True), 1):
         if v_eq < 0:
             raise InputError(f"{path}: row {row}: v_eq must be a volume, got {v_eq * 1e6:g} mm3/mm")
         block = DamageInput(t, v_eq=v_eq)
@@ -129,7 +139,7 @@ def _library_on_volumes(
                 state, block, asked["library"], asked["library_settings"], thresholds=thresholds
             )
         issued.append(forecasts)
-    return times, running, issued
+    return history.times, history.running, _marked(issued, history, asked=asked["uncalibrated_threshold"])
 
 
 def _library_on_records(

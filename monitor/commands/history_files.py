@@ -9,12 +9,12 @@ import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from monitor.commands.common import InputError, output_errors
-from monitor.health.damage import DamageInput
+from monitor.health.damage import DamageInput, EdvStatus
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
 from monitor.records.database import replacing
@@ -107,10 +107,24 @@ def _known(value: float, otherwise: float | None) -> float | None:
     return value if math.isfinite(value) else otherwise
 
 
-def read_volumes(path: Path, channel: str | None) -> tuple[list[float], list[float], list[float]]:
-    """Read a history of V_eq: CSV with ``time_s,v_eq_mm2`` from t_fs on, or records of ``channel``.
+class Volumes(NamedTuple):
+    """A history of V_eq.
 
-    Return times on the axis of the input, s; damage times, s; V_eq, m2, NaN where the records have none.
+    Attributes:
+        times: on the axis of the input, s.
+        running: damage times, s.
+        v_eq: m2, NaN where the records have none.
+        calibrated: False where the input itself says that V_eq is uncalibrated.
+    """
+
+    times: list[float]
+    running: list[float]
+    v_eq: list[float]
+    calibrated: bool
+
+
+def read_volumes(path: Path, channel: str | None) -> Volumes:
+    """Read a history of V_eq: CSV with ``time_s,v_eq_mm2`` (and ``status``) from t_fs on, or records of ``channel``.
 
     Raises:
         InputError: naming the file and what is missing or wrong.
@@ -119,13 +133,21 @@ def read_volumes(path: Path, channel: str | None) -> tuple[list[float], list[flo
     if not is_records(path):
         _refuse_channel(path, channel)
         columns = read_columns(path, required=("time_s", "v_eq_mm2"))
-        return columns["time_s"], columns["time_s"], [value * 1e-6 for value in columns["v_eq_mm2"]]
+        volumes = [value * 1e-6 for value in columns["v_eq_mm2"]]
+        return Volumes(columns["time_s"], columns["time_s"], volumes, not _says_uncalibrated(path))
     from monitor.records.histories import read_history
 
     history = read_history(path, channel)
     if not np.isfinite(history.v_eq).any():
         raise InputError(f"{path}: channel {history.channel!r} has no V_eq in these records")
-    return history.time.tolist(), history.running.tolist(), history.v_eq.tolist()
+    return Volumes(history.time.tolist(), history.running.tolist(), history.v_eq.tolist(), history.calibrated)
+
+
+def _says_uncalibrated(path: Path) -> bool:
+    """Return whether a CSV file, such as one of ``track``, has the word in its column ``status``."""
+    reader = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8-sig"), newline=""), skipinitialspace=True)
+    reader.fieldnames = [name.strip() for name in reader.fieldnames or []]
+    return any(row.get("status") == EdvStatus.UNCALIBRATED for row in reader)
 
 
 def read_columns(path: Path, *, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, list[float]]:

@@ -41,6 +41,7 @@ class History:
         load: N, NaN where unknown, shape (n,).
         speed: Hz, NaN where unknown, shape (n,).
         v_eq: as recorded, m2, NaN where absent, shape (n,).
+        calibrated: whether no part of the records says that the rig was not calibrated.
     """
 
     channel: str
@@ -51,6 +52,7 @@ class History:
     load: Array
     speed: Array
     v_eq: Array
+    calibrated: bool = True
 
 
 def read_history(path: Path, channel: str | None = None) -> History:
@@ -128,8 +130,14 @@ def _history(datasets: Sequence[xr.Dataset], channel: str) -> History | None:
         time=time[rows],
         running=running[rows] - running[rows[0]] if rows.size else running[rows],
         harmonics=columns["bpfo_amplitude"][rows],
+        calibrated=all(claims_calibration(str(part.attrs.get("calibrated", "")), channel) for part in parts),
         **{name: columns[name][rows] for name in ("rms", "load", "speed", "v_eq")},
     )
+
+
+def claims_calibration(claims: str, channel: str) -> bool:
+    """Return whether the attribute ``calibrated`` ("no", or "NAME: no; NAME: yes") does not say no of a channel."""
+    return not {"no", f"{channel}: no"} & set(claims.split("; "))
 
 
 def damage_time(time: Array, stopped: NDArray[np.bool_], in_clock: NDArray[np.bool_]) -> Array:

@@ -31,6 +31,7 @@ from monitor.health.damage.library.model import Library
 from monitor.health.damage.thesis import edv, forecast
 from monitor.health.damage.thesis.edv import rms_from_map, rms_from_model, rms_history
 from monitor.records.dataset import words
+from monitor.records.histories import claims_calibration
 from monitor.records.library_file import save_library
 from monitor.service.setup import to_slice
 from streams.block import STANDARD_GRAVITY
@@ -360,3 +361,28 @@ def test_a_library_of_an_uncalibrated_rig_issues_no_tt_unless_asked_to(
 
 def read_csv(path: Path) -> tuple[list[float], list[DamageInput]]:
     return read_readings(path, None, load=None, speed=None)
+
+
+def test_v_eq_that_is_said_to_be_uncalibrated_gives_no_tt_unless_asked_to(
+    tmp_path: Path, rms_map: RmsMap, map_file: Path
+) -> None:
+    path, found = history(tmp_path), {}
+    for name, file in (("yes", map_file), ("no", uncalibrated(rms_map, tmp_path))):
+        run(track_command.command, path, "--map", file, "--out", tmp_path / f"{name}.csv")
+        found[name] = run(forecast_command.command, tmp_path / f"{name}.csv")["rows"]
+    asked = run(forecast_command.command, tmp_path / "no.csv", "--uncalibrated-threshold")["rows"]
+    assert "ok" in {row["status"] for row in found["yes"]}
+    assert "ok" not in {row["status"] for row in (*found["no"], *asked)}
+    for known, withheld, given in zip(found["yes"], found["no"], asked, strict=True):
+        assert withheld["tt_s"] is None
+        assert given["tt_s"] == known["tt_s"]
+        if known["status"] == "ok":
+            assert withheld["status"] == given["status"] == "uncalibrated"
+
+
+@pytest.mark.parametrize(
+    ("claims", "calibrated"),
+    [("", True), ("yes", True), ("no", False), ("yes; no", False), ("a: no; b: yes", False), ("b: no", True)],
+)
+def test_records_say_whether_their_v_eqclaims_calibration(claims: str, calibrated: bool) -> None:
+    assert claims_calibration(claims, "a") is calibrated
