@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,7 +15,7 @@ import numpy as np
 from models.identify.intervals import ParameterInterval
 from models.identify.limits import INTERVALS, Limits, wide_limits
 from models.identify.run import Identification, IdentifyOptions, identify
-from models.identify.space import DEFAULT_FREE, FREE_WITHOUT_TESTS, ORDER, Space, contact_ratios
+from models.identify.space import ALIASES, DEFAULT_FREE, FREE_WITHOUT_TESTS, ORDER, Space, contact_ratios
 from models.identify.trials import FEATURES, gather, no_trials
 from monitor.commands import evidence_files, option
 from monitor.commands.common import (
@@ -158,7 +159,7 @@ def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: 
             bearing=entry.bearing,
             loads=tuple(sorted(loads)),
             clearance=section.clearance_um / MICRO,
-            free=_names(options["free"]) or (DEFAULT_FREE if damaged else FREE_WITHOUT_TESTS),
+            free=_free(options["free"]) or (DEFAULT_FREE if damaged else FREE_WITHOUT_TESTS),
             limits=(Limits() if damaged else wide_limits()).with_intervals(dict(options["limits"])),
         )
         settings = IdentifyOptions(
@@ -195,6 +196,22 @@ def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: 
         write_report(page, found, settings, table, words)
         say(f"report: {page}", quiet=quiet)
     emit({**values, **written}, _lines(values), as_json=as_json)
+
+
+def _free(groups: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    """Return the names of --free.
+
+    Raises:
+        InputError: for a name that is none, with the nearest ones.
+    """
+    names = _names(groups)
+    known = (*ORDER, *ALIASES)
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(name, [*known, *NAMES], n=1)
+            hint = f"; did you mean {near[0]}?" if near else ";"
+            raise InputError(f"--free {name}: cannot be free{hint} expected {', '.join(known)}, or their keys in [rig]")
+    return names
 
 
 def _names(groups: Sequence[tuple[str, ...]]) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,7 @@ RIG_KEYS = {
 STIFFNESS_KEYS = {"ball": "k_c_newton_per_m15", "roller": "k_c_newton_per_m109"}
 """Keys of the contact stiffness of one element."""
 
+_IDENTIFICATION = r"^(sha256:)?[0-9a-f]{16,64}(-[0-9a-f]{8})?$"
 _NO_DIMENSIONS = ("element", "rows", "rotating_ring")
 _REQUIRED = ("n_elements", "element_diameter_mm", "pitch_diameter_mm")
 
@@ -138,7 +140,7 @@ class RigSection(Section):
     alpha_c_per_s: NotNegative = Rig.alpha_c
     beta_c_s: NotNegative = Rig.beta_c
     calibrated: StrictBool | Literal["declared"] = False
-    identification: Annotated[str, Field(pattern=r"^(sha256:)?[0-9a-f]{16,64}(-[0-9a-f]{8})?$")] | None = None
+    identification: Annotated[str, Field(pattern=_IDENTIFICATION)] | None = None
     posterior: Path | None = None
 
     @field_validator("calibrated", mode="before")
@@ -147,6 +149,13 @@ class RigSection(Section):
         if value is True or value is False or value == "declared":
             return value
         raise ValueError("expected true, false or 'declared'")
+
+    @field_validator("identification", mode="before")
+    @classmethod
+    def _hashed(cls, value: object) -> object:
+        if value is None or (isinstance(value, str) and re.fullmatch(_IDENTIFICATION, value)):
+            return value
+        raise ValueError("expected the hash that identify writes, of 16 to 64 hexadecimal digits")
 
     @model_validator(mode="after")
     def _vouched(self) -> Self:

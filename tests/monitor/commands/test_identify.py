@@ -340,7 +340,8 @@ def test_the_channel_is_the_tracked_one_or_named(tmp_path: Path, measuring: Meas
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--free", "k_q"), "spallwatch: 'k_q' cannot be free; expected names of m_i, m_o, k_i, k_c"),
+        (("--free", "q"), "spallwatch: --free q: cannot be free; expected m_i, m_o, k_i, k_c"),
+        (("--free", "m_r_kgs"), "--free m_r_kgs: cannot be free; did you mean m_r_kg? expected m_i, m_o"),
         (("--free", ","), "Invalid value for '--free': ',': expected names with commas between them"),
         (("--objectives", "peak"), "objectives: expected some of rms, a_star, got ('peak',)"),
         (("--limit", "f_r:9500"), "'f_r:9500' is not NAME:LO:HI, such as f_r:4500:9500"),

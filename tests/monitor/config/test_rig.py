@@ -63,7 +63,10 @@ def test_true_without_the_hash_of_an_identification_is_a_declaration() -> None:
     [
         ({"identification": HASH}, ("identification is the hash of calibrated = true",)),
         ({"identification": HASH, "calibrated": "declared"}, ("identification is the hash of calibrated = true",)),
-        ({"calibrated": True, "identification": "by hand"}, ("rig.identification = 'by hand'",)),
+        (
+            {"calibrated": True, "identification": "by hand"},
+            ("rig.identification = 'by hand': expected the hash that identify writes",),
+        ),
         ({"calibrated": "yes"}, ("rig.calibrated = 'yes': expected true, false or 'declared'",)),
         ({"calibrated": 1}, ("rig.calibrated = 1: expected true, false or 'declared'",)),
     ],
