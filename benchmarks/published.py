@@ -1,9 +1,9 @@
-"""Every static figure that the thesis prints, beside what this program obtains.
+"""Every static figure that the thesis prints, and the acceptance tables of the other models, beside what we obtain.
 
 python -m benchmarks.published [--quick] [--json FILE] [--document docs/evidence/published-figures.md]
 
-One line for each place and quantity; --json holds every figure. ``--quick`` changes nothing: it all takes a second.
-``--document`` renews the table in that file, between the lines that MARKS names.
+One line for each place and quantity; --json holds every figure. ``--quick`` changes nothing: it takes a few seconds.
+``--document`` renews both tables in that file, between the lines that MARKS and ACCEPTANCE_MARKS name.
 """
 
 from __future__ import annotations
@@ -12,12 +12,26 @@ import argparse
 from collections import Counter
 from itertools import groupby
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmarks.common import Row, print_table, write_json
+from models.published import beat
 from models.published.figure import Figure, worst
 from models.published.thesis import published_figures
 
-MARKS = ("<!-- table of benchmarks.published -->\n", "<!-- end of the table -->\n")
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from models.published.acceptance import AcceptanceRow
+
+Marks = tuple[str, str]
+MARKS: Marks = ("<!-- table of benchmarks.published -->\n", "<!-- end of the table -->\n")
+ACCEPTANCE_MARKS: Marks = (
+    "<!-- acceptance table of benchmarks.published -->\n",
+    "<!-- end of the acceptance table -->\n",
+)
+# The rows of each model.
+ACCEPTANCE: tuple[Callable[[], list[AcceptanceRow]], ...] = (beat.acceptance_rows,)
 
 
 def group_rows(figures: list[Figure]) -> list[Row]:
@@ -78,31 +92,50 @@ def figure_rows(figures: list[Figure]) -> list[Row]:
     ]
 
 
-def markdown_table(figures: list[Figure]) -> str:
-    """Return the table of the groups in Markdown."""
-    rows = group_rows(figures)
+def acceptance_table() -> list[Row]:
+    """Return the acceptance rows of all models that are not the thesis'."""
+    return [
+        {
+            "test": row.test,
+            "source": row.source,
+            "quantity": row.quantity,
+            "unit": row.unit,
+            "printed": row.printed,
+            "obtained": f"{row.obtained:.4g}",
+            "difference %": _signed(100.0 * row.difference),
+            "tolerance %": None if row.tolerance is None else f"{100.0 * row.tolerance:g}",
+            "status": row.status,
+            "note": row.note,
+        }
+        for rows in ACCEPTANCE
+        for row in rows()
+    ]
+
+
+def markdown_table(rows: list[Row]) -> str:
+    """Return a table in Markdown."""
     names = list(rows[0])
     cells = [["" if row[name] is None else str(row[name]) for name in names] for row in rows]
     lines = [names, ["---"] * len(names), *cells]
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
-def renewed(text: str, table: str) -> str:
-    """Return the text of a document with the table between its marks replaced.
+def renewed(text: str, table: str, marks: Marks = MARKS) -> str:
+    """Return the text of a document with the table between two marks replaced.
 
     Raises:
         ValueError: if a mark is missing.
     """
-    before, first, rest = text.partition(MARKS[0])
-    _, last, after = rest.partition(MARKS[1])
+    before, first, rest = text.partition(marks[0])
+    _, last, after = rest.partition(marks[1])
     if not first or not last:
-        raise ValueError(f"the document lacks the lines {MARKS[0].strip()!r} and {MARKS[1].strip()!r}")
+        raise ValueError(f"the document lacks the lines {marks[0].strip()!r} and {marks[1].strip()!r}")
     return before + first + table + last + after
 
 
 def main() -> None:
     """Print the table; write the JSON file and renew the document if they were asked for."""
-    parser = argparse.ArgumentParser(description="Static figures of the thesis: printed, obtained, verdict.")
+    parser = argparse.ArgumentParser(description="Published figures: printed, obtained, verdict.")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures to this file")
     parser.add_argument("--quick", action="store_true", help="changes nothing")
     parser.add_argument("--document", type=Path, metavar="FILE", help="renew the table in this file")
@@ -111,10 +144,14 @@ def main() -> None:
     print_table("worst figure of each group", group_rows(figures))
     counts = Counter(figure.verdict for figure in figures)
     print_table("all figures", [{"verdict": name, "figures": count} for name, count in counts.items()])
-    write_json(options.json, {"figures": figure_rows(figures)})
+    accepted = acceptance_table()
+    print_table("acceptance table of the other models", accepted)
+    write_json(options.json, {"figures": figure_rows(figures), "acceptance": accepted})
     if options.document is not None:
         text = options.document.read_text(encoding="utf-8")
-        options.document.write_text(renewed(text, markdown_table(figures)), encoding="utf-8")
+        text = renewed(text, markdown_table(group_rows(figures)))
+        text = renewed(text, markdown_table(accepted), ACCEPTANCE_MARKS)
+        options.document.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
