@@ -5,6 +5,7 @@ the parameters is uniform in the coordinates of the cube, whose points all meet 
 posterior of a point is the sum S of its squared residuals to the power -n/2, n being the number of features. For a
 linear model it is Student's t with n - p degrees of freedom, whose intervals are the profile intervals with Fisher's F.
 Where resonances or priors with stated uncertainties are among the evidence, the factor is that of the best fit.
+Intervals are widened for the choice among valleys; the posterior has no counterpart, as it holds all of them.
 
 Candidates are drawn from a mixture of Laplace approximations at the valleys that the search has visited, simulated and
 weighted by posterior over density (importance sampling). The mixture is then fitted to the weighted candidates, and so

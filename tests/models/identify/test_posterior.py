@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from models.identify.evaluate import Evaluator, Level
+from models.identify.evidence import Evidence, Prior
 from models.identify.intervals import profile_intervals, threshold
 from models.identify.limits import Limits
 from models.identify.posterior import Drawn, draw_posterior
@@ -41,13 +43,20 @@ class Toy(Evaluator):
         return found
 
 
-def toy(law: Law, truth: Sequence[float], *free: str, noise: float = NOISE, limits: Limits | None = None) -> Problem:
+def toy(
+    law: Law,
+    truth: Sequence[float],
+    *free: str,
+    noise: float = NOISE,
+    limits: Limits | None = None,
+    evidence: Evidence | None = None,
+) -> Problem:
     """Return the problem of noisy tests of a truth, by its coordinates."""
     space = space_of(*free, rig=Rig(), limits=limits)
     drawn = np.random.default_rng(0).standard_normal(2 * COUNT)
     features = np.exp(law(np.array(truth)) + noise * drawn).reshape(COUNT, 2)
     trials = gather([Trial(c, rms, a) for c, (rms, a) in zip(CONDITIONS, features.tolist(), strict=True)])
-    return Problem(trials, Toy(space, CONDITIONS, law=law))
+    return Problem(trials, Toy(space, CONDITIONS, law=law), evidence=evidence or Evidence())
 
 
 def fitted(problem: Problem, *starts: Sequence[float]) -> Fit:
@@ -126,6 +135,21 @@ def test_what_is_not_told_spans_its_limits() -> None:
     assert np.all((shares > 0.04) & (shares < 0.18))
     assert np.min(c_i) < interval.low * 1.1
     assert np.max(c_i) > interval.high * 0.9
+
+
+@pytest.mark.parametrize("noise", [0.5 * NOISE, 3.0 * NOISE])
+def test_what_only_a_prior_tells_has_its_stated_uncertainty(noise: float) -> None:
+    slopes = SLOPES.copy()
+    slopes[:, 2] = 0.0
+    evidence = Evidence(priors=(Prior("c_i", 1500.0, 0.1, "made up"),))
+    problem = toy(linear(slopes), (0.5, 0.5, 0.3), *FREE, noise=noise, evidence=evidence)
+    best = fitted(problem, (0.4, 0.6, 0.3))
+    limit = threshold(problem, best.cost, 0.95)
+    logarithms = np.log(draw_posterior(problem, best, limit, seed=1, count=4000).rows[:, 2])
+    # Residuals of the tests that are smaller than assumed do not narrow it, larger ones widen it.
+    assert (limit.variance > 1.5) == (noise > NOISE)
+    assert np.std(logarithms) == pytest.approx(0.1 * math.sqrt(limit.variance), rel=0.15)
+    assert np.mean(logarithms) == pytest.approx(math.log(1500.0), abs=0.05)
 
 
 def test_two_valleys_have_their_shares() -> None:
