@@ -93,7 +93,8 @@ def test_outer_race_makes_lines_of_bpfo_without_sidebands() -> None:
     for k in (1, 2, 3):
         assert depth(found, k * lines.bpfo) > 50.0
         for side in (-CWRU_SPEED, CWRU_SPEED):
-            assert depth(found, k * lines.bpfo + side) < 0.02 * depth(found, k * lines.bpfo)
+            # No more than noise, of which the largest of some bins is taken.
+            assert depth(found, k * lines.bpfo + side) < 5.0
 
 
 def test_inner_race_makes_lines_of_bpfi_and_of_the_shaft_beside_them() -> None:
