@@ -11,20 +11,20 @@ import pytest
 from numpy.typing import NDArray
 
 from models.bearing import from_catalogue, kinematics
-from models.dynamics.ring_hits import hits_on
+from models.dynamics.ring_hits import hits_on, zones_of
 from models.dynamics.ring_impact import (
     SOLVER,
+    films,
     matrices,
     modes_of,
     natural_frequencies,
-    noise_level,
-    sensor_deflection,
 )
+from models.film import short_bearing_film
 from models.kernels.ring_impact import HALF_SINE, RECTANGLE, Modes, Pulses, Turn, add_response
 from models.registry import Request
 from models.response import PASSBAND
 from models.rigs.ring_impact import Pulse, RingImpactRig, RingSection
-from models.scene import Defect, Part, Scene, Slip
+from models.scene import Defect, Part, Scene
 from models.simulate import simulate
 from tests.oracles import ring_impact_oracle as oracle
 
@@ -51,10 +51,6 @@ def pulses_of(scene: Scene, begin: float, end: float) -> Pulses:
     rig = scene.rig_as(RingImpactRig)
     hits = hits_on(scene, 0, begin, end)
     return Pulses(hits.start, hits.force, rig.pulse_width, SHAPES[rig.pulse])
-
-
-def kurtosis(x: NDArray[np.float64]) -> float:
-    return float(np.mean(x**4) / np.mean(x**2) ** 2)
 
 
 # Matrices and natural frequencies.
@@ -101,6 +97,23 @@ def test_ring_frequencies_and_stiffness_of_a_section() -> None:
     assert rig.k_i == pytest.approx(8.0 * rig.k_o)
     with pytest.raises(ValueError, match="order"):
         ring.frequency(1)
+
+
+def test_films_of_a_journal_follow_load_and_speed() -> None:
+    scene = replace(SCENE, rig=replace(RIG, film_thickness=1e-6, film_clearance=1e-5))
+    outer, inner = films(scene)
+    assert outer == inner
+    assert outer == short_bearing_film(
+        zones_of(scene)[0].largest, 2.0 * math.pi * SCENE.speed, thickness=1e-6, clearance=1e-5
+    )
+    loaded, faster = films(replace(scene, load=2000.0))[0], films(replace(scene, speed=60.0))[0]
+    assert (loaded.stiffness, loaded.damping) == pytest.approx((2.0 * outer.stiffness, 2.0 * outer.damping))
+    assert (faster.stiffness, faster.damping) == pytest.approx((outer.stiffness, 0.5 * outer.damping))
+    assert np.array_equal(matrices(scene)[2][1], [-outer.stiffness, 2.0 * outer.stiffness, -outer.stiffness])
+    found = simulate(scene, duration=0.1, rate=25600.0, accuracy=5e-3)
+    assert found.status == "converged"
+    with pytest.raises(ValueError, match="a film needs a load"):
+        simulate(replace(scene, load=0.0), duration=0.1)
 
 
 # The kernel.
@@ -195,166 +208,12 @@ def test_settled_response_is_its_fourier_series(shape: Pulse) -> None:
     # The record begins where the filter of the record lies whole within the run.
     near = k * LINES.bpfo < 0.5 * rate
     best = np.inf
+    turns = np.exp(np.outer(np.arange(len(signal)) / rate, s[near]))
     for first in range(60):
-        t = (first + np.arange(len(signal))) / rate
-        wave = 2.0 * np.real(np.exp(np.outer(t, s[near])) @ line[near])
+        wave = 2.0 * np.real(turns @ (line[near] * np.exp(s[near] * first / rate)))
         best = min(best, float(np.sqrt(np.mean((wave - signal) ** 2))))
     rest = math.sqrt(2.0 * np.sum(np.abs(line[near & ~inside]) ** 2))
     assert best < rest + 1e-3 * found.rms
-
-
-# Hits.
-
-
-def test_outer_race_is_hit_evenly_at_bpfo_and_at_one_strength() -> None:
-    hits = hits_on(SCENE, 0, 0.0, 1.0)
-    assert np.diff(hits.start) == pytest.approx(1.0 / LINES.bpfo, rel=1e-9)
-    assert hits.force == pytest.approx(hits.force[0], rel=1e-12)
-    assert hits.rate == 0.0
-
-
-def test_inner_race_is_hit_at_bpfi_within_the_load_zone_only() -> None:
-    hits = hits_on(on("inner"), 0, 0.0, 2.0)
-    psi = 2.0 * np.pi * SCENE.speed * hits.start
-    assert hits.force == pytest.approx(hits.force.max() * np.maximum(np.cos(psi), 0.0) ** 1.5, rel=1e-6, abs=1e-3)
-    assert np.all(np.cos(psi) > 0.0)
-    # Those that are left of the even comb are about half of all.
-    gaps = np.diff(hits.start) * LINES.bpfi
-    assert gaps == pytest.approx(np.round(gaps), abs=1e-6)
-    assert len(hits.start) / (2.0 * LINES.bpfi) == pytest.approx(0.5, abs=0.02)
-
-
-def test_ball_is_hit_at_twice_bsf_and_modulated_by_the_cage() -> None:
-    hits = hits_on(on("ball"), 0, 0.0, 3.0)
-    gaps = np.diff(hits.start) * 2.0 * LINES.bsf
-    assert gaps == pytest.approx(np.round(gaps), abs=1e-6)
-    psi = 2.0 * np.pi * LINES.ftf * hits.start
-    assert hits.force == pytest.approx(hits.force.max() * np.maximum(np.cos(psi), 0.0) ** 1.5, rel=3e-3, abs=0.5)
-    assert hits.rate == pytest.approx(2.0 * np.pi * LINES.ftf)
-
-
-def test_a_turning_load_swaps_the_roles_of_the_rings() -> None:
-    inner = hits_on(on("inner", load_turns=True), 0, 0.0, 1.0)
-    assert inner.force == pytest.approx(inner.force[0], rel=1e-12)
-    assert len(inner.start) == pytest.approx(LINES.bpfi, abs=1)
-    outer = hits_on(replace(SCENE, load_turns=True), 0, 0.0, 1.0)
-    psi = 2.0 * np.pi * SCENE.speed * outer.start
-    assert outer.force == pytest.approx(outer.force.max() * np.maximum(np.cos(psi), 0.0) ** 1.5, rel=5e-2, abs=2.0)
-    assert np.ptp(outer.force) > 0.9 * outer.force.max()
-
-
-def test_a_turning_outer_ring_carries_its_defect_round() -> None:
-    bearing = replace(BEARING, rotating_ring="outer")
-    outer, inner = (hits_on(on(part, bearing=bearing), 0, 0.0, 1.0) for part in ("outer", "inner"))
-    assert outer.rate == pytest.approx(2.0 * np.pi * SCENE.speed)
-    assert np.ptp(outer.force) > 0.9 * outer.force.max()
-    assert inner.rate == 0.0
-    assert np.ptp(inner.force) < 1e-9 * inner.force.max()
-    assert np.diff(inner.start) == pytest.approx(1.0 / LINES.bpfi, rel=1e-9)
-
-
-def test_rows_are_staggered_and_each_is_hit() -> None:
-    bearing = from_catalogue("1210")
-    lines = kinematics(bearing, SCENE.speed)
-    both = hits_on(replace(SCENE, bearing=bearing, defect=replace(DEFECT, rows=2)), 0, 0.0, 1.0)
-    second = hits_on(replace(SCENE, bearing=bearing, defect=replace(DEFECT, first_row=1)), 0, 0.0, 1.0)
-    assert np.diff(both.start) == pytest.approx(0.5 / lines.bpfo, rel=1e-9)
-    assert np.diff(second.start) == pytest.approx(1.0 / lines.bpfo, rel=1e-9)
-    assert set(np.round(second.start, 12)) <= set(np.round(both.start, 12))
-
-
-def test_slip_moves_each_hit_by_its_own_angle() -> None:
-    slip = Slip(0.02, seed=3)
-    even, drawn = hits_on(SCENE, 0, 0.0, 2.0), hits_on(replace(SCENE, slip=slip), 0, 0.0, 2.0)
-    late = (drawn.start - even.start) * 2.0 * np.pi * LINES.ftf
-    assert np.max(np.abs(late)) <= slip.phi_slip
-    assert np.std(late) == pytest.approx(slip.phi_slip / math.sqrt(3.0), rel=0.1)
-
-
-@pytest.mark.parametrize("part", PARTS)
-def test_force_grows_with_the_square_of_the_defect(part: Part) -> None:
-    """Eq. 16: what is above the static force is four times as much at twice the width."""
-    scene = on(part, rig=replace(RIG, k_impact=40.0))
-    static = hits_on(replace(scene, rig=replace(RIG, k_impact=0.0)), 0, 0.0, 0.5).force
-    small, large = (
-        hits_on(replace(scene, defect=replace(scene.defects[0], dphi_d=d)), 0, 0.0, 0.5).force for d in (0.02, 0.04)
-    )
-    assert large - static == pytest.approx(4.0 * (small - static), rel=1e-9)
-    with pytest.raises(ValueError, match=r"dphi_d.* wide, more than an element"):
-        hits_on(replace(scene, defect=replace(scene.defects[0], dphi_d=3.0)), 0, 0.0, 0.5)
-
-
-# What the sensor shows.
-
-
-def record_of(scene: Scene, **request: Any) -> NDArray[np.float64]:
-    found = simulate(scene, **{"duration": 0.2, "rate": 25600.0, "accuracy": 5e-3, **request})
-    assert found.record is not None
-    return found.record.of()
-
-
-def test_responses_add_up() -> None:
-    second = replace(DEFECT, part="inner", position=1.0)
-    parts = record_of(SCENE) + record_of(replace(SCENE, defect=second))
-    both = record_of(replace(SCENE, more_defects=(second,)))
-    assert np.max(np.abs(both - parts)) < 1e-3 * np.max(np.abs(both))
-
-
-def test_sensor_sees_the_ellipse_from_its_direction() -> None:
-    along = record_of(SCENE)
-    across, node = record_of(SCENE, direction=0.5 * math.pi), record_of(SCENE, direction=0.25 * math.pi)
-    assert across == pytest.approx(-along, rel=1e-6, abs=1e-6 * np.max(np.abs(along)))
-    assert np.max(np.abs(node)) < 1e-9 * np.max(np.abs(along))
-    moved = replace(SCENE, defect=replace(DEFECT, position=0.3))
-    assert np.std(record_of(moved)) == pytest.approx(np.std(along) * math.cos(0.6) * np.cos(0.3) ** 1.5, rel=1e-2)
-    unturned = replace(moved, rig=replace(RIG, fixed_sensor=False))
-    assert np.std(record_of(unturned)) == pytest.approx(np.std(along) * np.cos(0.3) ** 1.5, rel=1e-2)
-
-
-def test_direction_is_exact_to_first_order() -> None:
-    """Eq. 30 differs from z cos 2 angle by less than 2 z^2 / R."""
-    angle, radius = np.linspace(0.0, 2.0 * np.pi, 73), 0.02
-    for z in (1e-8, 1e-6, 1e-4):
-        exact = sensor_deflection(np.full_like(angle, z), angle, radius)
-        assert np.max(np.abs(exact - z * np.cos(2.0 * angle))) < 2.0 * z * z / radius + 1e-17
-    assert sensor_deflection(np.array([1e-5, 1e-5]), np.array([0.0, 0.5 * np.pi]), radius) == pytest.approx(
-        [1e-5, -1e-5]
-    )
-
-
-def test_noise_has_its_level_and_leaves_kurtosis_three() -> None:
-    unit = noise_level(SCENE, 1.0)
-    noisy = replace(SCENE.healthy, rig=replace(RIG, slip_noise=2.0 / noise_level(SCENE.healthy, 1.0)))
-    assert noise_level(noisy) == pytest.approx(2.0)
-    found = simulate(noisy, duration=1.0, rate=25600.0)
-    assert found.status == "not_periodic"
-    assert found.rms == pytest.approx(2.0, rel=0.02)
-    assert found.record is not None
-    assert kurtosis(found.record.of()) == pytest.approx(3.0, abs=0.1)
-    other = simulate(replace(noisy, rig=replace(noisy.rig_as(RingImpactRig), noise_seed=1)), duration=1.0, rate=25600.0)
-    assert other.rms != found.rms
-    # Eq. 32: the root of the slip speed, the square of the pressure, which grows with the third root of the load.
-    assert noise_level(replace(SCENE, speed=120.0), 1.0) == pytest.approx(2.0 * unit)
-    assert noise_level(replace(SCENE, load=8000.0), 1.0) == pytest.approx(4.0 * unit)
-    weighted = replace(SCENE, rig=replace(RIG, noise_weights=(1.0, 0.0, 5.0)))
-    assert noise_level(weighted, 1.0) == pytest.approx(unit * (1.0 + 5.0 * (0.02 * 23.48992e-3 / 7.94004e-3) ** 2))
-
-
-def test_kurtosis_falls_to_three_and_the_crest_with_it_as_noise_takes_over() -> None:
-    scene = on("inner")
-    level = float(np.std(record_of(scene, duration=1.0)))
-    shares, found = (0.0, 0.5, 0.8, 0.95, 0.999), []
-    for share in shares:
-        noise = level * share / math.sqrt(1.0 - share**2)
-        x = record_of(replace(scene, rig=replace(RIG, slip_noise=noise / noise_level(scene, 1.0))), duration=1.0)
-        found.append((kurtosis(x), float(np.max(np.abs(x)) / np.std(x))))
-    kurtoses, crests = zip(*found, strict=True)
-    assert list(kurtoses) == sorted(kurtoses, reverse=True)
-    assert list(crests) == sorted(crests, reverse=True)
-    assert kurtoses[-1] == pytest.approx(3.0, abs=0.1)
-    # Independent signals: the excess falls with the square of the impacts' share of the power.
-    expected = [3.0 + (1.0 - share**2) ** 2 * (kurtoses[0] - 3.0) for share in shares]
-    assert kurtoses == pytest.approx(expected, rel=0.05)
 
 
 # Hard cases.
