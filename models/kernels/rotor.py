@@ -21,6 +21,8 @@ import numpy as np
 
 from models.kernels.jit import inlined, kernel
 from models.kernels.rotor_forces import (
+    B_CLEARANCE,
+    B_SIZE,
     P_A,
     P_B,
     P_BOW_1,
@@ -28,9 +30,11 @@ from models.kernels.rotor_forces import (
     P_COUNT,
     P_DIRECTION_1,
     P_DIRECTION_2,
+    P_PER_BEARING,
     STATUS_NOT_FINITE,
     STATUS_OK,
     TINY,
+    end_of,
     fill_depth,
     fill_half,
     fill_rest,
@@ -73,15 +77,21 @@ def hold(z: NDArray[np.float64], node: Index, plan: Plan, work: Work) -> None:
 @inlined
 def _worst(z: NDArray[np.float64], node: Index, plan: Plan, work: Work) -> float:
     """Return the least distance of a ball from zero, negative where it is on the other side than held, m."""
-    least, n = math.inf, 0
+    p, least, n = plan.parameter, math.inf, 0
     loaded = work.loaded[0] + work.loaded[1]
-    for j in range(plan.slots.shape[1]):
-        overlap = overlap_of(z, 0 if j < plan.of_a[0] else 1, j, node, plan, work)
-        if n < loaded and work.held[n] == j:
-            n += 1
-        else:
-            overlap = -overlap
-        least = min(least, overlap)
+    for bearing in range(2):
+        x, y, _, _ = end_of(z, bearing, p)
+        c, s = work.turn[node, 2 * bearing], work.turn[node, 2 * bearing + 1]
+        u, v, clearance = x * c + y * s, y * c - x * s, p[P_PER_BEARING + bearing * B_SIZE + B_CLEARANCE]
+        first = 0 if bearing == 0 else plan.of_a[0]
+        last = plan.of_a[0] if bearing == 0 else plan.slots.shape[1]
+        for j in range(first, last):
+            overlap = u * plan.slots[0, j] + v * plan.slots[1, j] - clearance - work.depth[node, j]
+            if n < loaded and work.held[n] == j:
+                n += 1
+            else:
+                overlap = -overlap
+            least = min(least, overlap)
     return least
 
 
