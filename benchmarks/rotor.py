@@ -3,7 +3,7 @@
 Run as ``python -m benchmarks.rotor [--quick] [--json FILE]``. Error: RMS of the difference of the disc's path from that
 with steps of 0.25 us, over the RMS of its swing, after the first tenth of a second. Time: processor seconds of a
 simulated second, the least of three. scipy's best is the fastest setting of any of its methods whose error is at most
-ours; it calls the kernel's compiled equations from Python. The last table is the oracle of the tests, plain Python.
+ours; of the methods for stiff systems, LSODA stands for all; it calls the kernel's compiled equations from Python. The last table is the oracle of the tests, plain Python.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ STEPS = (80e-6, 40e-6, 20e-6, 10e-6)
 REFERENCE = 0.25e-6
 PROTOTYPE = "0.26 to 0.4"
 SKIPPED = 0.1
-METHODS = ("RK45", "DOP853", "LSODA", "Radau")
-TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
+METHODS = ("RK45", "DOP853", "LSODA")
+TOLERANCES = (1e-5, 1e-6, 1e-8)
 # A ball is on a defect for 94 us.
-LONGEST = (1e-4, 1e-3)
+LONGEST = (1e-4,)
 
 
 @cast("Any", numba.njit)(cache=False, fastmath=False)
@@ -143,7 +143,7 @@ def compare(name: str, problem: Problem, *, quick: bool) -> tuple[list[Row], Row
     best: tuple[float, str, float] | None = None
     nearest = math.inf
     for method in METHODS[:2] if quick else METHODS:
-        for tolerance in TOLERANCES[1:3] if quick else TOLERANCES:
+        for tolerance in TOLERANCES[1:] if quick else TOLERANCES:
             for longest in LONGEST[:1] if quick else LONGEST:
                 took, error = problem.scipy(method, tolerance, longest)
                 nearest = min(nearest, error)

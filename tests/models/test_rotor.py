@@ -122,6 +122,8 @@ def test_order_of_the_kernels() -> None:
     pressed = replace(SCENE, load=5000.0, clearance=0.0, unbalance=1e-3)
     steps = [200e-6 / 2**k for k in (0, 1, 2, 6)]
     assert 3.5 < fitted_order([trace(pressed, 0.0202, h) for h in steps]) < 5.5
+    lumped = replace(pressed, rig=RotorRig(end_mass=0.3, length=0.2, a=0.1))
+    assert 3.5 < fitted_order([trace_elastic(lumped, 0.0202, h / 2) for h in steps]) < 5.5
     # Over impacts the square root of the contact law at its opening leaves the order 2.5 at least.
     hit = replace(SCENE, defect=replace(PIT, position=0.02), clearance=0.0, load=500.0)
     assert fitted_order([trace(hit, 0.0202, h) for h in steps]) > 2.0
