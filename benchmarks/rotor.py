@@ -2,8 +2,9 @@
 
 Run as ``python -m benchmarks.rotor [--quick] [--json FILE]``. Error: RMS of the difference of the disc's path from that
 with steps of 0.25 us, over the RMS of its swing, after the first tenth of a second. Time: processor seconds of a
-simulated second, the least of three. scipy's best is the fastest setting of any of its methods whose error is at most
-ours; of the methods for stiff systems, LSODA stands for all; it calls the kernel's compiled equations from Python. The last table is the oracle of the tests, plain Python.
+simulated second, the least of three. scipy's best is the fastest setting of its methods (LSODA stands for those for
+stiff systems) whose error is at most ours; it calls the kernel's compiled equations from Python. The last table is the
+oracle of the tests, plain Python.
 """
 
 from __future__ import annotations
