@@ -98,7 +98,7 @@ def _frequencies() -> list[AcceptanceRow]:
         ("BPFI", "73.49", lines.bpfi, "section 6.3.1", ""),
         ("BPFI - f_s", "56.82", lines.bpfi - SPEED, "section 6.3.1", ""),
         ("BPFI + f_s", "90.16", lines.bpfi + SPEED, "section 6.3.1", ""),
-        ("BSF", "29.903", lines.bsf, "section 4.3", "no value is printed: the corrected formula by hand from printed dimensions"),
+        ("BSF", "29.903", lines.bsf, "section 4.3", "no value is printed: the corrected formula by hand"),
     )
     return [_row("C1", place, q, text, value, "EXACT", 1e-4, note, "Hz") for q, text, value, place, note in values]
 
