@@ -30,12 +30,12 @@ _TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """The hits on one defect.
+    """The hits on one defect in one row.
 
     Attributes:
         start: times, ascending, s, (hits,).
         force: largest force of each, N, (hits,).
-        angle: place of the defect at t = 0, from the load direction at t = 0, rad.
+        angle: place of the defect, or of the element that has it, at t = 0, from the load direction then, rad.
         rate: how fast that place turns, rad/s.
     """
 
@@ -73,43 +73,37 @@ def defect_size(scene: Scene, defect: Defect) -> float:
     return size
 
 
-def hits_on(scene: Scene, number: int, begin: float, end: float) -> Hits:
-    """Return the hits on one of a scene's defects between two times, s.
+def hits_on(scene: Scene, number: int, begin: float, end: float, row: int | None = None) -> Hits:
+    """Return the hits on one of a scene's defects in one row, by default its first, between two times, s.
 
     Raises:
         ValueError: if the defect is too wide, or there are more than MOST_HITS.
     """
     defect, rig = scene.defects[number], scene.rig_as(RingImpactRig)
+    row = defect.first_row if row is None else row
     scale = rig.gain * (1.0 + rig.k_impact * (defect_size(scene, defect) / scene.bearing.element_diameter) ** 2)
-    lines, zones = kinematics(scene.bearing, scene.speed), zones_of(scene)
+    lines = kinematics(scene.bearing, scene.speed)
     turns = scene.speed if (defect.part == "outer") == (scene.bearing.rotating_ring == "outer") else 0.0
     if defect.part == "ball":
         turns = lines.ftf
-    draw = np.random.default_rng([0 if scene.slip is None else scene.slip.seed, number])
-    times: list[NDArray[np.float64]] = []
-    forces: list[NDArray[np.float64]] = []
-    for row in range(defect.first_row, defect.first_row + defect.rows):
-        offset = _TURN / scene.bearing.n_elements / scene.bearing.rows * row
-        phase, rate = _passages(scene, defect, offset, turns)
-        start = _times(phase, rate, begin, end)
-        late = np.zeros_like(start)
-        if scene.slip is not None and scene.slip.redraws:
-            late = scene.slip.phi_slip * draw.uniform(-1.0, 1.0, len(start))
-        place = defect.position
-        if defect.part == "ball":
-            place = offset + late
-        else:
-            start = start - late / (_TURN * (lines.ftf - turns))
-        psi = place + _TURN * (turns - (scene.speed if scene.load_turns else 0.0)) * start
-        times.append(start)
-        forces.append(scale * zones[row].load(psi))
-    start, force = np.concatenate(times), np.concatenate(forces)
+    offset = _TURN / scene.bearing.n_elements / scene.bearing.rows * row
+    phase, rate = _passages(scene, defect, offset, turns)
+    start = _times(phase, rate, begin, end)
+    late = np.zeros_like(start)
+    if scene.slip is not None and scene.slip.redraws:
+        draw = np.random.default_rng([scene.slip.seed, number, row])
+        late = scene.slip.phi_slip * draw.uniform(-1.0, 1.0, len(start))
+    place = offset if defect.part == "ball" else defect.position
+    if defect.part == "ball":
+        psi = place + late + _TURN * turns * start
+    else:
+        start = start - late / (_TURN * (lines.ftf - turns))
+        psi = place + _TURN * turns * start
+    if scene.load_turns:
+        psi = psi - _TURN * scene.speed * start
+    force = scale * zones_of(scene)[row].load(psi)
     order = np.argsort(start, kind="stable")
     order = order[force[order] > 0.0]
-    # Of several damaged rows of one scene, a ball's place is that of the first.
-    place = defect.position
-    if defect.part == "ball":
-        place = _TURN / scene.bearing.n_elements / scene.bearing.rows * defect.first_row
     return Hits(start[order], force[order], place, _TURN * turns)
 
 

@@ -177,13 +177,15 @@ class _FromRest:
             if not defect.moves_balls:
                 continue
             modes = modes_of(scene, defect.part)
-            past = math.log(_FORGOTTEN) / float(np.max(modes.rate.real)) if np.any(modes.rate.real < 0.0) else math.inf
-            hits = hits_on(scene, number, -abs(past) - rig.pulse_width, duration)
-            pulses = kernels.Pulses(hits.start, hits.force, rig.pulse_width, _SHAPES[rig.pulse])
-            turn = (
-                kernels.Turn(hits.angle - request.direction, hits.rate) if rig.fixed_sensor else kernels.Turn(0.0, 0.0)
-            )
-            self._runs.append((modes, pulses, turn))
+            slowest = -float(np.max(modes.rate.real))
+            past = -math.log(_FORGOTTEN) / slowest if slowest > 0.0 else math.inf
+            for row in range(defect.first_row, defect.first_row + defect.rows):
+                hits = hits_on(scene, number, -past - rig.pulse_width, duration, row)
+                pulses = kernels.Pulses(hits.start, hits.force, rig.pulse_width, _SHAPES[rig.pulse])
+                turn = kernels.Turn(0.0, 0.0)
+                if rig.fixed_sensor:
+                    turn = kernels.Turn(hits.angle - request.direction, hits.rate)
+                self._runs.append((modes, pulses, turn))
             self.fastest = max(self.fastest, float(np.max(np.abs(modes.rate.imag))))
         samples = math.ceil(duration * request.rate) + 2
         self._spectrum = _noise_spectrum(self.noise, samples, rig.noise_seed)
