@@ -21,6 +21,7 @@ STATUSES: tuple[Status, ...] = ("converged", "not_periodic", "not_converged", "i
 HARMONICS = 6
 # Share of the Nyquist frequency below the transition band of a recorder's anti-alias filter.
 PASSBAND = 0.9
+SENSORS: tuple[Sensor, ...] = ("mo", "mr", "a", "b", "c", "ias")
 CASING: tuple[Sensor, ...] = ("mo", "mr")
 _CHUNK = 8192
 _PEAK_OVERSAMPLING = 8

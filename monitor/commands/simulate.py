@@ -14,7 +14,7 @@ import numpy as np
 from models.bearing import Bearing, CatalogueEntry, kinematics
 from models.contact_estimates import estimate_stiffness
 from models.registry import AUTO, MODULES
-from models.response import PASSBAND, Sensor
+from models.response import SENSORS, Sensor, row_of
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Scene, Slip, Waviness
 from monitor.commands import option
@@ -28,14 +28,14 @@ from monitor.commands.common import (
     output_errors,
     read_machine,
 )
+from monitor.commands.model_parameters import further_effects, with_parameters
+from monitor.commands.simulate_models import WAVEFORM_RATE, compare, compared_lines, simulated
 from monitor.records.database import replacing
 from monitor.words.numbers import floor_of_defect
 from streams.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from models.response import Response
-
-_WAVEFORM_RATE = 51200.0
 
 
 @click.command("simulate")
@@ -50,7 +50,7 @@ _WAVEFORM_RATE = 51200.0
 @click.option("--seed", type=option.WHOLE, default=0, help="Seed of rough floor and slip.")
 @click.option("--rows", type=click.Choice(["1", "2"]), default="1", help="Number of damaged rows.")
 @click.option("--first-row", type=click.IntRange(1), default=1, help="The first damaged row.")
-@click.option("--sensor", type=click.Choice(["mo", "mr"]), default="mo", help="Casing or resonator.")
+@click.option("--sensor", type=click.Choice(SENSORS), help="Default: the first of the model.")
 @click.option("--direction-deg", type=float, default=0.0, help="Angle of the sensor from the load.")
 @click.option("--fault", type=click.Choice(["outer", "inner", "ball"]), default="outer", help="Damaged part.")
 @click.option("--more-defect", type=option.FurtherDefect(), multiple=True, help="A further defect; repeatable.")
@@ -69,7 +69,9 @@ _WAVEFORM_RATE = 51200.0
 @click.option("--rms-band-hz", type=option.Range(), help="Take RMS and peak in this band only.")
 @click.option("--plot", type=option.OUT_FILE, help="Draw the scene (PNG, SVG or HTML).")
 @click.option("--waveform", type=option.OUT_FILE, help="Write the signal as CSV.")
+@click.option("--compare", is_flag=True, help="Every model that describes the scene.")
 @option.line_contact
+@further_effects
 @option.output
 def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
     """Simulate a bearing with a defect and print RMS, peak and lines.
@@ -87,7 +89,13 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
         rig = config.rig_of(entry)
         if options["line_contact"] != "palmgren":
             rig = _with_line_contact(rig, entry, options)
-        scene = _scene(options, entry.bearing, rig, clearance)
+        second = None if options["second_bearing"] is None else find_entry(config, options["second_bearing"])[0].bearing
+        scene = _scene(options, entry.bearing, rig, clearance, second)
+        if options["compare"]:
+            compared = compare(scene, config, entry, options)
+            emit(compared, compared_lines(compared), as_json=as_json)
+            return
+        scene = with_parameters(scene, config, entry, options["parameters"])
         values = _answer(scene, options)
     emit(values, _lines(values, scene), as_json=as_json)
 
@@ -101,25 +109,14 @@ def _with_line_contact(rig: Rig, entry: CatalogueEntry, options: dict[str, Any])
 
 def _answer(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
     """Simulate a scene; return its values and write the requested files."""
-    from models.simulate import simulate
-
-    sensor: Sensor = options["sensor"]
-    response = simulate(
-        scene,
-        accuracy=options["accuracy"],
-        tolerance=options["tolerance"],
-        max_periods=options["periods"],
-        band=options["rms_band_hz"],
-        direction=math.radians(options["direction_deg"]),
-        lines_to=None if options["waveform"] is None else PASSBAND * 0.5 * _WAVEFORM_RATE,
-        duration=options["duration_s"],
-        rate=_WAVEFORM_RATE,
-    )
+    response = simulated(scene, options)
+    sensor: Sensor = options["sensor"] or response.sensors[0]
+    row_of(response.sensors, sensor)
     if options["waveform"] is not None:
-        signal = response.acceleration(_WAVEFORM_RATE, options["duration_s"], sensor=sensor)
+        signal = response.acceleration(WAVEFORM_RATE, options["duration_s"], sensor=sensor)
         _write_waveform(options["waveform"], signal)
     if options["plot"] is not None:
-        _plot(response, options, scene)
+        _plot(response, options, scene, sensor)
     return _values(response, scene, sensor)
 
 
@@ -140,6 +137,7 @@ def _values(response: Response, scene: Scene, sensor: Sensor) -> dict[str, Any]:
         "periods": response.periods,
         "period_change": finite(response.period_change),
         "spread_g": _in_g(response.spread * share),
+        "sensor": sensor,
         "model": response.model,
         "solver": response.solver,
         "status": response.status,
@@ -152,7 +150,7 @@ def _frequencies(scene: Scene) -> dict[str, float]:
     return {"bpfo_hz": lines.bpfo, "bpfi_hz": lines.bpfi, "bsf_hz": lines.bsf, "ftf_hz": lines.ftf}
 
 
-def _scene(options: dict[str, Any], bearing: Bearing, rig: Rig, clearance: float) -> Scene:
+def _scene(options: dict[str, Any], bearing: Bearing, rig: Rig, clearance: float, second: Bearing | None) -> Scene:
     waves = (Waviness(options["waviness_um"] * 1e-6, options["waviness_order"], options["waviness_race"]),)
     return Scene(
         speed=options["speed_hz"],
@@ -167,6 +165,13 @@ def _scene(options: dict[str, Any], bearing: Bearing, rig: Rig, clearance: float
         gravity=STANDARD_GRAVITY if options["gravity"] else 0.0,
         slip=_slip(options),
         more_defects=tuple(_more_defects(options)),
+        second_bearing=second,
+        axial_load=options["axial_load_newton"],
+        couple_unbalance=options["couple_unbalance_kg_m2"],
+        bow=options["bow_um"] * 1e-6,
+        load_turns=options["rotating_load"],
+        speed_slope=options["speed_slope_hz_per_s"],
+        physics=tuple(dict.fromkeys(options["physics"])),
     )
 
 
@@ -189,17 +194,18 @@ def _more_defects(options: dict[str, Any]) -> Iterator[Defect]:
             rows=int(options["rows"]),
             part=part,
             first_row=options["first_row"] - 1,
+            support=options["support"],
         )
 
 
-def _plot(response: Response, options: dict[str, Any], scene: Scene) -> None:
+def _plot(response: Response, options: dict[str, Any], scene: Scene, sensor: Sensor) -> None:
     from monitor.report.figures.scene import fundamental_of, scene_sheet, signal_of
     from monitor.report.figures.sheet import write_sheet
 
     path: Path = options["plot"]
-    sensed = signal_of(response, options["sensor"], fundamental_of(scene)[0])
+    sensed = signal_of(response, sensor, fundamental_of(scene)[0])
     with output_errors("--plot", path):
-        write_sheet(scene_sheet(scene, sensed, sensor=options["sensor"], title=_title(options, scene)), path)
+        write_sheet(scene_sheet(scene, sensed, sensor=sensor, title=_title(options, scene)), path)
 
 
 def _title(options: dict[str, Any], scene: Scene) -> str:
@@ -227,12 +233,14 @@ def _defect(options: dict[str, Any]) -> Defect | None:
         rows=int(options["rows"]),
         part=options["fault"],
         first_row=options["first_row"] - 1,
+        width=None if options["width_deg"] is None else math.radians(options["width_deg"]),
+        support=options["support"],
     )
 
 
 def _write_waveform(path: Path, signal: Any) -> None:
     """Write time and acceleration, replacing the file in one step."""
-    rows = np.column_stack((np.arange(signal.size) / _WAVEFORM_RATE, signal / STANDARD_GRAVITY))
+    rows = np.column_stack((np.arange(signal.size) / WAVEFORM_RATE, signal / STANDARD_GRAVITY))
     with output_errors("--waveform", path), replacing(path) as temporary:
         np.savetxt(temporary, rows, delimiter=",", header="time_s,acceleration_g", comments="", fmt="%.9g")
 
@@ -245,8 +253,10 @@ def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
         level += f" (estimated error {100.0 * values['rms_error']:.2g} %)"
     if values["status"] == "not_periodic" and values["spread_g"]:
         level += f", {values['spread_g']:.2g} g from period to period"
-    if values["peak_g"] is not None and values["rms_resonator_g"] is not None:
-        level += f", peak {values['peak_g']:.4g} g (resonator RMS {values['rms_resonator_g']:.4g} g)"
+    if values["peak_g"] is not None:
+        level += f", peak {values['peak_g']:.4g} g"
+    if values["rms_resonator_g"] is not None:
+        level += f" (resonator RMS {values['rms_resonator_g']:.4g} g)"
     yield f"{values['status']} after {values['periods']} ball periods: {level}"
     harmonics = ", ".join("-" if a is None else f"{a:.3g}" for a in values["harmonics_g"])
     yield f"BPFO {values['bpfo_hz']:.2f} Hz, its harmonics {harmonics} g"

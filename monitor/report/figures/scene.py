@@ -16,6 +16,7 @@ from models.bearing import kinematics
 from models.hertz import mean_bearing_stiffness
 from models.path.contour import part_paths
 from models.response import Response, Sensor, SignalRecord
+from models.rigs import AnyRig
 from models.rigs.six_dof import Rig, natural_frequencies
 from models.scene import EFFECTS, Defect, Floor, Scene
 from monitor.report.figures.drawing import AXIS, BLUE, GREY, INK, PURPLE, SHADE, SOFT, VERMILION, legend_above
@@ -31,6 +32,14 @@ _RATE = 204800.0
 _HIGHEST = 12000.0
 _ZOOM = 2000.0
 _PATH_POINTS = 1201
+PLACES: Mapping[Sensor, str] = {
+    "mo": "casing",
+    "mr": "resonator",
+    "a": "shaft in bearing A",
+    "b": "shaft in bearing B",
+    "c": "disc",
+    "ias": "shaft",
+}
 # Deeper than any ball sinks between two edges, m.
 _NO_FLOOR = 1.0
 # Lines below this share of the largest are invisible in a picture.
@@ -103,7 +112,7 @@ def _sensed(
 
 def scene_sheet(scene: Scene, sensed: SensorSignal, *, sensor: Sensor, title: str) -> Sheet:
     """Return the report of a scene (thesis, Figs. 47, 48 and 53)."""
-    place = "casing" if sensor == "mo" else "resonator"
+    place = PLACES[sensor]
     band = "over full bandwidth" if sensed.band is None else f"in {sensed.band[0]:g} to {sensed.band[1]:g} Hz"
     lead = f"RMS {figure(sensed.rms / STANDARD_GRAVITY)} g {band} on the {place} ({sensed.status.replace('_', ' ')})."
     parts = [_signal_part(scene, sensed)]
@@ -141,8 +150,13 @@ def passages(scene: Scene, until: float) -> list[tuple[float, float]]:
 
 
 def resonances(scene: Scene) -> Values:
-    """Return the natural frequencies of the rig along the load, Hz, with the mean stiffness of the healthy bearing."""
-    rig = scene.rig_as(Rig)
+    """Return the natural frequencies of the rig along the load, Hz, with the mean stiffness of the healthy bearing.
+
+    Empty for other models than the six-degree-of-freedom one.
+    """
+    if not isinstance(scene.rig, Rig):
+        return np.empty(0)
+    rig = scene.rig
     k_b = mean_bearing_stiffness(scene.bearing, scene.load, rig.k_c, clearance=scene.clearance)[0, 0]
     # Both directions are alike, so that every frequency appears twice.
     return natural_frequencies(rig, float(k_b), float(k_b))[::2]
@@ -241,10 +255,8 @@ def _spectrum_part(scene: Scene, sensed: SensorSignal) -> Part:
 
     kind = f"lines at multiples of BPFO, {figure(fundamental)} Hz" if sensed.periodic else "amplitudes, Hann window"
     words = ", ".join(f"{mode:,.0f}" for mode in modes)
-    caption = (
-        f"Above: {kind}; dotted: natural frequencies of the undamped rig along the load, {words} Hz. Below: the same "
-        f"up to {_ZOOM:g} Hz; ticks at the top: multiples of {name}."
-    )
+    dotted = f"; dotted: natural frequencies of the undamped rig along the load, {words} Hz" if len(modes) else ""
+    caption = f"Above: {kind}{dotted}. Below: the same up to {_ZOOM:g} Hz; ticks at the top: multiples of {name}."
     seen = sensed.amplitude > _UNSEEN * max(float(sensed.amplitude.max(initial=0.0)), 1e-30)
     data = {
         "frequency_hz": sensed.frequency[seen],
@@ -252,7 +264,7 @@ def _spectrum_part(scene: Scene, sensed: SensorSignal) -> Part:
         "resonance_hz": modes,
         "fundamental_hz": fundamental,
     }
-    label = f"Spectrum up to 12 kHz with resonances at {words} Hz."
+    label = f"Spectrum up to 12 kHz{f' with resonances at {words} Hz' if len(modes) else ''}."
     return Part("Spectrum", caption, label, 4.2, draw, data, "spectrum")
 
 
@@ -277,16 +289,26 @@ def _mark_lines(axes: Axes, fundamental: float, name: str) -> None:
     top.set_xlabel(f"multiple of {name}", fontsize=8, color=SOFT)
 
 
-def _facts(scene: Scene, sensed: SensorSignal) -> list[tuple[str, str]]:
-    rig, lines = scene.rig_as(Rig), kinematics(scene.bearing, scene.speed)
-    named = (("BPFO", lines.bpfo), ("BPFI", lines.bpfi), ("BSF", lines.bsf), ("FTF", lines.ftf))
+def _rig_facts(rig: AnyRig) -> list[tuple[str, str]]:
+    if not isinstance(rig, Rig):
+        values = {name: value for name, value in rig.as_dict().items() if value is not None}
+        words = (f"{n} {v:.6g}" if isinstance(v, float) else f"{n} {v}" for n, v in values.items())
+        return [("Parameters, SI", ", ".join(words))]
     masses = ", ".join(f"m_{name} {getattr(rig, f'm_{name}'):g} kg" for name in ("i", "o", "r"))
     return [
-        ("Bearing", f"{scene.bearing.designation}, clearance {figure(1e6 * scene.clearance)} µm"),
-        ("Lines", ", ".join(f"{name} {figure(value, 4)} Hz" for name, value in named)),
         ("Rig", f"{rig_words(rig)}; {masses}"),
         ("Stiffness", f"k_i {rig.k_i:.3g} N/m, k_r {rig.k_r:.3g} N/m, k_c {rig.k_c:.4g} N/m^1.5"),
         ("Damping", f"c_i {rig.c_i:g} N s/m, c_r {rig.c_r:g} N s/m, α_c {rig.alpha_c:g} 1/s, β_c {rig.beta_c:g} s"),
+    ]
+
+
+def _facts(scene: Scene, sensed: SensorSignal) -> list[tuple[str, str]]:
+    lines = kinematics(scene.bearing, scene.speed)
+    named = (("BPFO", lines.bpfo), ("BPFI", lines.bpfi), ("BSF", lines.bsf), ("FTF", lines.ftf))
+    return [
+        ("Bearing", f"{scene.bearing.designation}, clearance {figure(1e6 * scene.clearance)} µm"),
+        ("Lines", ", ".join(f"{name} {figure(value, 4)} Hz" for name, value in named)),
+        *_rig_facts(scene.rig),
         ("Effects", ", ".join(EFFECTS[name] for name in scene.effects) or "none"),
         ("Model", sensed.model),
     ]

@@ -1,0 +1,101 @@
+"""``spallwatch simulate`` with other models: their parameters and sensors, and all that describe a scene."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from models.registry import MODULES, solvers
+from models.rigs.rotor import RotorRig
+from models.rigs.six_dof import Rig
+from monitor.commands.simulate import command
+
+SHORT = ["--bearing", "6305", "--speed-hz", "20", "--load-newton", "500", "--accuracy", "0.02", "--duration-s", "0.3"]
+DAMAGED = [*SHORT, "--dphi-deg", "3", "--h-d-um", "20"]
+
+
+@pytest.fixture(autouse=True)
+def _empty_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def simulate(*options: str) -> dict[str, Any]:
+    result = CliRunner().invoke(command, [*options, "--json"], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout)
+
+
+def refusal(*options: str) -> str:
+    result = CliRunner().invoke(command, list(options))
+    assert result.exit_code != 0
+    return result.output + str(result.exception)
+
+
+@pytest.mark.parametrize("model", list(MODULES))
+def test_a_named_model_takes_its_own_parameters_and_first_sensor(model: str) -> None:
+    found = simulate(*DAMAGED, "--model", model)
+    assert (found["model"], found["why"]) == (model, None)
+    assert found["rms_g"] > 0.0
+    assert (found["rms_resonator_g"] is None) == (solvers(model)[0].rig is not Rig)
+
+
+def test_auto_takes_the_model_that_has_what_the_scene_names() -> None:
+    found = simulate(*SHORT, "--second-bearing", "6305", "--sensor", "c")
+    assert (found["model"], found["sensor"]) == ("rotor", "c")
+    assert "bearing at the other support" in found["why"]
+    assert simulate(*DAMAGED)["model"] == "six_dof"
+
+
+def test_a_parameter_is_set_by_its_name() -> None:
+    plain = simulate(*DAMAGED, "--model", "rotor")
+    assert simulate(*DAMAGED, "--model", "rotor", "--parameter", f"m={RotorRig.m}")["rms_g"] == plain["rms_g"]
+    heavy = simulate(*DAMAGED, "--model", "rotor", "--parameter", "m=10", "--parameter", "j_t=2.4")
+    assert heavy["rms_g"] != plain["rms_g"]
+
+
+def test_a_defect_of_the_other_support_is_heard_there() -> None:
+    both = ["--second-bearing", "6305", "--model", "rotor"]
+    near, far = (simulate(*DAMAGED, *both, "--support", "b", "--sensor", sensor)["rms_g"] for sensor in ("b", "a"))
+    assert near > 1.2 * far
+
+
+def test_all_models_that_describe_a_scene_are_compared(tmp_path: Path) -> None:
+    picture = tmp_path / "compared.html"
+    found = simulate(*DAMAGED, "--compare", "--plot", str(picture))
+    models = {row["model"] for row in found["models"]}
+    assert {"six_dof", "rotor"} <= models
+    assert models | set(found["refused"]) == set(MODULES)
+    assert all(row["rms_g"] > 0.0 and row["status"] for row in found["models"])
+    page = picture.read_text(encoding="utf-8")
+    assert all(f"{model} (" in page for model in models)
+
+
+def test_what_lacks_effects_of_a_compared_scene_is_said() -> None:
+    found = simulate(*DAMAGED, "--fault", "inner", "--gravity", "--compare")
+    assert found["refused"]["rotor"] == "it lacks effects of the scene"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--model", "rotor", "--parameter", "weight=3"], "--parameter weight: rotor has m, j_p"),
+        (["--model", "rotor", "--parameter", "m=heavy"], "--parameter m: expected such as 5.0, got 'heavy'"),
+        (["--model", "rotor", "--parameter", "m=-1"], "rig.m must be positive"),
+        (["--model", "rotor", "--parameter", "m"], "is not NAME=VALUE"),
+        (["--model", "rotor", "--sensor", "mo"], "sensor 'mo': this model has a, b, c"),
+        (["--support", "b", "--dphi-deg", "3", "--h-d-um", "20"], "support is 'b', but there is no second_bearing"),
+        (
+            ["--model", "six_dof", "--bow-um", "3"],
+            "bow: six_dof does not describe this",
+        ),
+        (["--compare", "--sensor", "a"], "--sensor belongs to one model"),
+        (["--compare", "--bow-um", "3", "--gravity"], "no model describes"),
+        (["--second-bearing", "none"], "none"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused_by_name(options: list[str], words: str) -> None:
+    assert words in refusal(*SHORT, *options)
