@@ -174,7 +174,14 @@ def _of_the_rig(scene: Scene, able: list[Solver]) -> list[Solver]:
         else:
             found.append(solver)
     if not found:
-        raise refusals[0]
+        if scene.model != AUTO:
+            raise refusals[0]
+        models = sorted({f"{solver.model} ({solver.rig.__name__})" for solver in able})
+        named = ", ".join(scene.effects) or "rig"
+        raise ValueError(
+            f"{named}: {scene.rig.model}, whose parameters these are, does not describe this; models that do, "
+            f"with parameters of their own: {', '.join(models)}"
+        )
     return found
 
 

@@ -27,6 +27,7 @@ WRONG_INPUT = {
     "SourceError",
     "StoreError",
     "UnstorableError",
+    "PosteriorError",
     "WrongInputError",
 }
 

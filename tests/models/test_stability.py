@@ -84,7 +84,8 @@ def test_a_row_does_not_call_it_settled_either() -> None:
     row = simulate_row(UNSTABLE, np.array([SPALL.dphi_d]))
     assert not row.settled[0]
     assert row.rms[0] == pytest.approx(0.093, abs=0.005)
-    assert row.multiplier[0] == simulate(UNSTABLE).multiplier
+    # Eigenvalues have no fixed last digits.
+    assert row.multiplier[0] == pytest.approx(simulate(UNSTABLE).multiplier, rel=1e-9)
     heavier = simulate_row(replace(UNSTABLE, load=1000.0), np.array([SPALL.dphi_d]))
     assert heavier.settled[0]
     assert heavier.multiplier[0] < 1.0
