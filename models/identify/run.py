@@ -234,6 +234,8 @@ def _profiled(
 def _searched(problem: Problem, options: IdentifyOptions) -> Fit:
     starts: list[Fit] = []
     if options.method == "nsga2":
+        if not np.any(problem.trials.damaged):
+            raise WrongInputError("nsga2 needs tests with known defects: without them there are no objectives")
         front = nsga2(problem, population=options.population, generations=options.generations, seed=options.seed)
         starts = sorted(front, key=lambda fit: fit.cost)[:_FRONT_STARTS]
     return search(problem, options.seed, starts)[0]

@@ -33,7 +33,7 @@ from monitor.commands.common import (
 from monitor.commands.identify_report import ReportWords, check_page, write_report
 from monitor.commands.identify_verdict import judge, verdict_lines
 from monitor.commands.rig_table import MICRO, NAMES, find_warnings, is_calibration, key_of, rig_toml
-from monitor.commands.trial_files import Measuring, TrialFile, tracked_channel, with_race_radius
+from monitor.commands.trial_files import HEALTHY, Measuring, TrialFile, tracked_channel, with_race_radius
 from monitor.commands.trial_folder import read_tests
 from monitor.records.database import replacing
 from streams.block import STANDARD_GRAVITY
@@ -150,8 +150,8 @@ def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: 
         trials = gather(table.trials) if table.trials else no_trials()
         damaged = any(not condition.healthy for condition in trials.conditions)
         loads = {condition.load for condition in trials.conditions} | set(evidence.loads)
-        if page is not None and not damaged:
-            raise InputError("--report shows tests with known defects; there are none")
+        if page is not None and not (damaged and np.all(trials.damaged)):
+            raise InputError(f"--report shows tests with known defects alone; leave it, or rows with {HEALTHY!r}, out")
         if not damaged and not evidence.peaks:
             raise InputError("there is nothing to identify from: give TESTS with defects, --peaks, --frf or --run-up")
         space = Space(

@@ -198,9 +198,13 @@ def test_a_healthy_row_has_no_defect(machine: Path, tmp_path: Path) -> None:
         (("--shaft-mm", "30:0"), "'30:0': expected positive lengths in mm"),
         (("--shaft-mm", "30:300"), "--shaft-mm belongs to --prior geometry"),
         (("--run-up", "gone.npy"), "--run-up: no such file (gone.npy)"),
+        (("--peaks", "peaks.csv", "--report", "page.html"), "--report shows tests with known defects alone"),
+        (("--peaks", "peaks.csv", "--method", "nsga2"), "nsga2 needs tests with known defects"),
     ],
 )
 def test_wrong_evidence_is_named(options: tuple[str, ...], message: str, machine: Path) -> None:
-    run = run_command("identify", "--config", machine, *options)
+    write_peaks(machine.with_name("peaks.csv"))
+    given = [machine.with_name(option) if option in ("peaks.csv", "page.html") else option for option in options]
+    run = run_command("identify", "--config", machine, *given)
     assert run.returncode == 2
     assert message in run.stderr
