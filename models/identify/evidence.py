@@ -23,6 +23,7 @@ from models.identify.space import ORDER, bearing_directions
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.bearing import Bearing
     from models.identify.space import Space
     from models.rigs.six_dof import Rig
 
@@ -30,8 +31,6 @@ Direction = Literal["along", "across", ""]
 DIRECTIONS: tuple[Direction, ...] = ("along", "across")
 SCALES = ("m_i", "m_o", "m_r", "k_i", "k_r", "k_c", "c_i", "c_r")
 """Parameters of which each, known, fixes the scale of masses and stiffnesses."""
-
-_Group = tuple[float, Direction, bool]
 
 # An extracted peak that is so many standard deviations from every mode counts as none of them.
 _FOREIGN = 3.0
@@ -91,6 +90,62 @@ class Prior:
 
 
 @dataclass(frozen=True)
+class _Group:
+    """Stated or extracted peaks of one load and direction, ascending."""
+
+    load: float
+    direction: Direction
+    extracted: bool
+    peaks: tuple[Peak, ...]
+
+    @cached_property
+    def _measured(self) -> NDArray[np.float64]:
+        """Frequencies, damping ratios and accelerances, shape (peaks, 3); NaN where they are not known."""
+        rows = [(peak.frequency, peak.damping, peak.accelerance) for peak in self.peaks]
+        return np.array(rows, dtype=np.float64)
+
+    @cached_property
+    def _deviations(self) -> NDArray[np.float64]:
+        """Their standard uncertainties, those of damping ratios and accelerances relative."""
+        rows = [(peak.frequency_sd, peak.damping_sd, peak.accelerance_sd) for peak in self.peaks]
+        found = np.array(rows, dtype=np.float64)
+        found[:, 1:] /= self._measured[:, 1:]
+        return found
+
+    def residuals(self, rig: Rig, bearing: Bearing, k_b: NDArray[np.float64]) -> list[float]:
+        """Return the residuals for the likeliest assignment of the peaks to the modes.
+
+        Stated peaks keep the order of the modes; each extracted one takes the nearest mode, or is none of them.
+        ``k_b`` is the stiffness of the bearing in the directions that are possible, N/m.
+        """
+        found = modes(rig, bearing, k_b)
+        order = np.argsort(found.frequency, axis=None)
+        known = ~np.isnan(self._measured)
+        model = np.ones((3, len(order)))
+        model[0], model[1] = found.frequency.ravel()[order], found.damping.ravel()[order]
+        if np.any(known[:, 2]):
+            model[2] = np.abs(accelerance(rig, bearing, k_b, found.frequency)).ravel()[order]
+        # Damping ratios and levels spread by factors.
+        away = np.empty((len(self.peaks), len(order), 3))
+        away[..., 0] = model[0] - self._measured[:, None, 0]
+        away[..., 1:] = np.log(np.maximum(model[1:].T, 1e-300) / self._measured[:, None, 1:])
+        away = np.where(known[:, None], away / self._deviations[:, None], 0.0)
+        costs = np.sum(np.square(away), axis=-1)
+        if self.extracted:
+            taken = np.argmin(costs, axis=1)
+        else:
+            every = np.array(list(combinations(range(len(order)), len(self.peaks))))
+            taken = every[np.argmin(np.sum(costs[np.arange(len(self.peaks)), every], axis=1))]
+        numbers = np.arange(len(self.peaks))
+        chosen = away[numbers, taken]
+        if self.extracted:
+            # No longer than that of a peak which is no mode.
+            length = np.maximum(np.sqrt(costs[numbers, taken]), 1e-9)
+            chosen *= (_FOREIGN * np.tanh(length / _FOREIGN) / length)[:, None]
+        return chosen[known].tolist()
+
+
+@dataclass(frozen=True)
 class Evidence:
     """Peaks and priors that enter the likelihood beside the tests."""
 
@@ -99,19 +154,19 @@ class Evidence:
 
     def __post_init__(self) -> None:
         """Raise a WrongInputError where there are more stated peaks than the model has resonances."""
-        for (load, direction, extracted), peaks in self._groups:
-            most = MODES if direction else MODES * len(DIRECTIONS)
-            if len(peaks) > most and not extracted:
-                where = f"{load:g} N" + (f" {direction} it" if direction else "")
-                raise WrongInputError(f"{len(peaks)} peaks at {where}; the model has {most} resonances there")
+        for group in self._groups:
+            most = MODES if group.direction else MODES * len(DIRECTIONS)
+            if len(group.peaks) > most and not group.extracted:
+                where = f"{group.load:g} N" + (f" {group.direction} it" if group.direction else "")
+                raise WrongInputError(f"{len(group.peaks)} peaks at {where}; the model has {most} resonances there")
 
     @cached_property
-    def _groups(self) -> tuple[tuple[_Group, tuple[Peak, ...]], ...]:
+    def _groups(self) -> tuple[_Group, ...]:
         """The peaks of one load and direction, ascending."""
-        groups: dict[_Group, list[Peak]] = {}
+        groups: dict[tuple[float, Direction, bool], list[Peak]] = {}
         for peak in sorted(self.peaks, key=lambda peak: peak.frequency):
             groups.setdefault((peak.load, peak.direction, peak.extracted), []).append(peak)
-        return tuple((key, tuple(peaks)) for key, peaks in groups.items())
+        return tuple(_Group(*key, tuple(peaks)) for key, peaks in groups.items())
 
     @property
     def loads(self) -> tuple[float, ...]:
@@ -133,10 +188,11 @@ class Evidence:
         """Return the differences of a candidate over their standard uncertainties: of the peaks, then of the priors."""
         rig = space.rig_of(values)
         found: list[float] = []
-        for (load, direction, _), peaks in self._groups:
-            across, along = bearing_directions(space.bearing, load, values["k_c"], values["clearance"])
-            k_b = np.array([k for k, name in ((along, "along"), (across, "across")) if direction in ("", name)])
-            found += _group_residuals(rig, space, k_b, peaks)
+        for group in self._groups:
+            across, along = bearing_directions(space.bearing, group.load, values["k_c"], values["clearance"])
+            stiffness = ((along, "along"), (across, "across"))
+            k_b = np.array([k for k, name in stiffness if group.direction in ("", name)])
+            found += group.residuals(rig, space.bearing, k_b)
         return np.array([*found, *_prior_residuals(self.priors, values)])
 
     def facts(self) -> dict[str, Any]:
@@ -148,45 +204,3 @@ def _prior_residuals(priors: Sequence[Prior], values: Mapping[str, float]) -> It
     for prior in priors:
         difference = math.log(values[prior.name] / prior.value) / prior.sd
         yield min(difference, 0.0) if prior.at_least else difference
-
-
-def _group_residuals(rig: Rig, space: Space, k_b: NDArray[np.float64], peaks: Sequence[Peak]) -> list[float]:
-    """Return the residuals of peaks of one load and direction for the likeliest of their assignments to modes.
-
-    Stated peaks keep the order of the modes; each extracted one takes the nearest mode, or is none of them.
-    """
-    found = modes(rig, space.bearing, k_b)
-    order = np.argsort(found.frequency, axis=None)
-    frequency, damping = found.frequency.ravel()[order], found.damping.ravel()[order]
-    levels: NDArray[np.float64] | None = None
-    if any(peak.accelerance is not None for peak in peaks):
-        levels = np.abs(accelerance(rig, space.bearing, k_b, found.frequency)).ravel()[order]
-
-    def differences(peak: Peak, mode: int) -> list[float]:
-        values = [(float(frequency[mode]) - peak.frequency) / peak.frequency_sd]
-        if peak.damping is not None and peak.damping_sd is not None:
-            # Damping ratios and levels spread by factors.
-            values.append(math.log(max(float(damping[mode]), 1e-12) / peak.damping) * peak.damping / peak.damping_sd)
-        if peak.accelerance is not None and peak.accelerance_sd is not None and levels is not None:
-            values.append(
-                math.log(max(float(levels[mode]), 1e-300) / peak.accelerance) * peak.accelerance / peak.accelerance_sd
-            )
-        return values
-
-    if peaks[0].extracted:
-        chosen = [_nearest([differences(peak, mode) for mode in range(len(frequency))]) for peak in peaks]
-    else:
-        options = (
-            [differences(peak, mode) for peak, mode in zip(peaks, taken, strict=True)]
-            for taken in combinations(range(len(frequency)), len(peaks))
-        )
-        chosen = min(options, key=lambda rows: sum(value * value for row in rows for value in row))
-    return [value for row in chosen for value in row]
-
-
-def _nearest(rows: Sequence[list[float]]) -> list[float]:
-    """Return the residuals of the nearest mode, of a length that does not exceed that of a peak which is no mode."""
-    row = min(rows, key=lambda row: sum(value * value for value in row))
-    length = math.sqrt(sum(value * value for value in row))
-    shortened = _FOREIGN * math.tanh(length / _FOREIGN) / length if length > 0.0 else 1.0
-    return [value * shortened for value in row]
