@@ -174,7 +174,7 @@ def known_of(rig: Rig, source: str, seed: int) -> Known:
     return Known(gather(healthy), Evidence(tuple(peaks), priors), FREE_WITHOUT_TESTS)
 
 
-def volume_errors(rig: Rig, truth: Rig) -> dict[str, float]:
+def volume_errors(rig: Rig, truth: Rig) -> dict[str, float | None]:
     """Return V_eq on a rig's map over that on the true one's, at the true machine's levels: the median error as a
     factor, the largest, and the share of defects whose level the map does not reach.
     """
@@ -188,9 +188,9 @@ def volume_errors(rig: Rig, truth: Rig) -> dict[str, float]:
     reached = np.array([ratio for ratio in ratios if math.isfinite(ratio) and ratio > 0.0])
     factors = np.exp(np.abs(np.log(reached)))
     return {
-        "median factor": float(np.median(factors)) if factors.size else math.nan,
-        "largest factor": float(np.max(factors)) if factors.size else math.nan,
-        "median ratio": float(np.median(reached)) if reached.size else math.nan,
+        "median factor": float(np.median(factors)) if factors.size else None,
+        "largest factor": float(np.max(factors)) if factors.size else None,
+        "median ratio": float(np.median(reached)) if reached.size else None,
         "beyond the map": len(ratios) - len(reached),
         "defects": len(ratios),
     }
