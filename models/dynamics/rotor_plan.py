@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
+from models.dynamics.passages import in_intervals, passages_over
 from models.hertz import contact_exponent, element_angles, static_equilibrium
 from models.kernels import rotor_forces as kernels
 from models.rigs.rotor import RotorRig
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from models.bearing import Bearing
     from models.scene import Defect, Scene
 
-# Edges closer than this are one, s.
-_SAME_TIME = 1e-11
 Rows = tuple["NDArray[np.float64]", ...]
 
 
@@ -56,22 +55,14 @@ def prepare_plan(scene: Scene, duration: float, freedoms: int, direction: float 
     rig = check_rotor(scene)
     angles = ball_angles(scene)
     begin, end, ball, depth, rate, offset = _meetings(scene, duration)
-    bounds = np.sort(np.concatenate((begin, end)))
-    bounds = np.concatenate(([0.0], bounds[(bounds > 0.0) & (bounds < duration)]))
-    bounds = bounds[np.concatenate(([True], np.diff(bounds) > _SAME_TIME))]
-    low = np.maximum(np.searchsorted(bounds, begin + _SAME_TIME, side="right") - 1, 0)
-    high = np.searchsorted(bounds, np.minimum(end, duration) - _SAME_TIME, side="left")
-    counts = high - low
-    record = np.repeat(np.arange(len(counts)), counts)
-    interval = np.arange(len(record)) - np.repeat(np.cumsum(counts) - counts, counts) + low[record]
-    by_time = np.argsort(interval, kind="stable")
-    record = record[by_time]
+    cut = in_intervals(begin, end, duration)
+    record = cut.record
     return kernels.Plan(
         parameter=_parameters(scene, rig, freedoms, direction),
         slots=np.stack([np.cos(np.concatenate(angles)), np.sin(np.concatenate(angles))]),
         of_a=np.array([len(angles[0])], dtype=np.int64),
-        bounds=np.append(bounds, duration + 1.0),
-        first=np.concatenate(([0], np.cumsum(np.bincount(interval, minlength=len(bounds))))).astype(np.int64),
+        bounds=cut.bounds,
+        first=cut.first,
         ball=ball[record].astype(np.int64),
         depth=depth[record],
         rate=rate[record],
@@ -174,19 +165,13 @@ def _passages(scene: Scene, defect: Defect, duration: float) -> Rows:
     )
     angles = np.zeros(len(balls)) if defect.part == "ball" else ball_angles(scene)[side][balls]
     edge = defect.position - 0.5 * defect.dphi_d
-    sweep = sorted((0.0, rate * duration))
-    turns = np.arange(math.floor(sweep[0] / every) - 3, math.ceil(sweep[1] / every) + 4)
-    ball, turn = (x.ravel() for x in np.meshgrid(np.arange(len(balls)), turns, indexing="ij"))
-    # Angle from the edge: offset + rate t.
-    offset = angles[ball] - edge - every * turn
-    times = np.sort(np.stack((-offset / rate, (defect.dphi_d - offset) / rate)), axis=0)
-    keep = (times[1] > 0.0) & (times[0] < duration)
+    past = passages_over(angles, rate, every, (edge, edge + defect.dphi_d), duration)
+    offset, size = past.offset, len(past.offset)
     count = len(ball_angles(scene)[0])
     if defect.part == "ball":
-        along, start = np.zeros(len(offset)), np.full(len(offset), 0.5 * math.pi)
+        along, start = np.zeros(size), np.full(size, 0.5 * math.pi)
     else:
         waves = math.pi / defect.dphi_d
-        along, start = np.full(len(offset), waves * rate), waves * offset
-    number = (balls[ball] + side * count).astype(np.float64)
-    columns = (times[0], times[1], number, np.full(len(offset), defect.h_d), along, start)
-    return tuple(column[keep] for column in columns)
+        along, start = np.full(size, waves * rate), waves * offset
+    number = (balls[past.number] + side * count).astype(np.float64)
+    return past.begin, past.end, number, np.full(size, defect.h_d), along, start

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.kernels.jit import inlined, kernel
+from models.kernels.passages import fill_depth
 from models.kernels.rotor_forces import (
     B_CLEARANCE,
     B_SIZE,
@@ -35,7 +36,6 @@ from models.kernels.rotor_forces import (
     STATUS_OK,
     TINY,
     end_of,
-    fill_depth,
     fill_half,
     fill_rest,
     fill_start,

@@ -141,17 +141,6 @@ def fill_rest(half: NDArray[np.float64], turn: NDArray[np.float64]) -> None:
 
 
 @inlined
-def fill_depth(t: float, h: float, interval: Index, plan: Plan, depth: NDArray[np.float64]) -> None:
-    """Write the depths at the nodes of a step of length h that begins at t and lies in one interval."""
-    for node in range(3):
-        for j in range(depth.shape[1]):
-            depth[node, j] = 0.0
-        for r in range(plan.first[interval], plan.first[interval + 1]):
-            angle = plan.rate[r] * (t + 0.5 * h * node) + plan.offset[r]
-            depth[node, plan.ball[r]] += plan.depth[r] * math.sin(angle)
-
-
-@inlined
 def power_of(delta: float, exponent: float) -> float:
     """Return a compression to the power of the contact law."""
     if exponent == _BALL_POWER:

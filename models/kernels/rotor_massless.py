@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.kernels.jit import inlined, kernel
+from models.kernels.passages import fill_depth
 from models.kernels.rotor_forces import (
     B_CLEARANCE,
     B_DAMPING,
@@ -41,7 +42,6 @@ from models.kernels.rotor_forces import (
     STATUS_OK,
     TINY,
     disc_acceleration,
-    fill_depth,
     fill_start,
     new_work,
     power_of,
