@@ -78,6 +78,14 @@ def _rotor() -> None:
     trace_elastic(replace(scene, rig=RotorRig()), 1e-3, 1e-5)
 
 
+def _balls() -> None:
+    from models.bearing import from_catalogue
+    from models.dynamics.ball_inertia import trace
+    from models.rigs.ball_inertia import BallInertiaRig
+
+    trace(Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=BallInertiaRig()), 1e-3, 5e-6)
+
+
 # The last part reuses the kernels of the first.
 PARTS: dict[str, Callable[[], None]] = {
     "one settled scene": _one_scene,
@@ -85,6 +93,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "over time": _over_time,
     "impacts on rings": _impacts,
     "rotor": _rotor,
+    "balls with inertia": _balls,
     "rows of a map": _rows_of_a_map,
 }
 

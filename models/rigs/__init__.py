@@ -6,8 +6,9 @@ A model's parameters are a frozen dataclass with ``model``, the key of ``models.
 
 from __future__ import annotations
 
+from models.rigs.ball_inertia import BallInertiaRig
 from models.rigs.ring_impact import RingImpactRig
 from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
 
-AnyRig = Rig | RingImpactRig | RotorRig
+AnyRig = Rig | BallInertiaRig | RingImpactRig | RotorRig

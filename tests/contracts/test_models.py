@@ -28,6 +28,7 @@ from models.dynamics.time_domain import simulate_time
 from models.registry import AUTO, MODULES, Request, Solver, choose, solvers
 from models.response import HARMONICS, STATUSES, Response
 from models.rigs import AnyRig
+from models.rigs.ball_inertia import BallInertiaRig
 from models.rigs.ring_impact import RingImpactRig
 from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
@@ -80,9 +81,11 @@ def with_each_effect(scene: Scene, **others: Scene) -> dict[str, Scene]:
 RINGS = Scene(40.0, 1000.0, bearing=from_catalogue("6205"), rig=RingImpactRig(), defect=OUTER)
 ANGLED = replace(RINGS.bearing, rows=2, contact_angle=0.2)
 ROTOR = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=RotorRig(end_mass=0.3), defect=OUTER)
+BALLS = Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=BallInertiaRig(), defect=OUTER)
 # For each type of parameters a scene with a defect of the outer race, and with each effect.
 SCENES: dict[type[AnyRig], dict[str, Scene]] = {
     Rig: with_each_effect(SCENE),
+    BallInertiaRig: with_each_effect(BALLS, roller=replace(BALLS, bearing=ROLLERS)),
     RingImpactRig: with_each_effect(
         RINGS,
         first_row=replace(RINGS, bearing=ANGLED, defect=replace(OUTER, first_row=1), axial_load=100.0),
