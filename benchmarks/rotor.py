@@ -24,8 +24,9 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from models.dynamics.rotor import Rigid
 from models.dynamics.rotor_elastic import shaft_of
 from models.dynamics.rotor_plan import at_rest, prepare_plan
+from models.kernels.passages import fill_depth
 from models.kernels.rotor import hold
-from models.kernels.rotor_forces import Plan, Work, fill_depth, fill_start, new_work, slope_of
+from models.kernels.rotor_forces import Plan, Work, fill_start, new_work, slope_of
 from models.published.ceruti import damaged, rotor
 from models.scene import Scene
 from tests.oracles import rotor_oracle
