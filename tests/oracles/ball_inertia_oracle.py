@@ -141,7 +141,8 @@ def simulate(
         def relief(t: float, begin: float = begin, end: float = end) -> tuple[Any, Any]:
             # Just inside the interval: at an edge the depth jumps.
             t = min(max(t, begin + 1e-12), end - 1e-12)
-            return tuple(np.array([case.depth(race, i, t) for i in range(case.balls)]) for race in ("inner", "outer"))
+            inner, outer = ([case.depth(race, i, t) for i in range(case.balls)] for race in ("inner", "outer"))
+            return np.array(inner), np.array(outer)
 
         def frozen(t: float, steady: tuple[Any, Any] = relief(middle)) -> tuple[Any, Any]:
             return steady
