@@ -79,8 +79,12 @@ def _radii_ratio(kappa: float) -> float:
     return kappa**2 * b / d
 
 
-def point_contact_stiffness(r_rolling: float, r_across: float, method: Method = "simplified") -> float:
+def point_contact_stiffness(
+    r_rolling: float, r_across: float, method: Method = "simplified", *, modulus: float = EFFECTIVE_MODULUS
+) -> float:
     """Return the stiffness of one elliptical contact of relative radii of Eqs. 6 and 7, N/m^1.5.
+
+    ``modulus`` is E' of the two bodies, Pa; E / (1 - nu^2) where they are of one material.
 
     Source: thesis, Eqs. 5, 8-10 and 17 with two misprints mended: xi belongs inside the bracket,
     k = pi kappa E' sqrt(eps r_eq / (4.5 xi^3)), and E' is twice the E_eq of Eq. 3.
@@ -88,20 +92,27 @@ def point_contact_stiffness(r_rolling: float, r_across: float, method: Method = 
     r_x, r_y = sorted((r_rolling, r_across))
     r_eq = 1.0 / (1.0 / r_x + 1.0 / r_y)
     shape = contact_shape(r_y / r_x, method)
-    return math.pi * shape.kappa * EFFECTIVE_MODULUS * math.sqrt(shape.eps * r_eq / (4.5 * shape.xi**3))
+    return math.pi * shape.kappa * modulus * math.sqrt(shape.eps * r_eq / (4.5 * shape.xi**3))
 
 
 def point_contact_semi_axes(
-    r_rolling: float, r_across: float, force: float, method: Method = "simplified"
+    r_rolling: float,
+    r_across: float,
+    force: float,
+    method: Method = "simplified",
+    *,
+    modulus: float = EFFECTIVE_MODULUS,
 ) -> tuple[float, float]:
     """Return the longer and the shorter semi-axis of an elliptical contact under a force (N), m.
+
+    ``modulus`` is E' as of :func:`point_contact_stiffness`.
 
     Source: thesis, Eqs. 11 and 12, in which E_eq must be twice that of Eq. 3 (Table 11 was computed so).
     """
     r_x, r_y = sorted((r_rolling, r_across))
     r_eq = 1.0 / (1.0 / r_x + 1.0 / r_y)
     shape = contact_shape(r_y / r_x, method)
-    minor = (6.0 * shape.eps * r_eq * force / (math.pi * shape.kappa * EFFECTIVE_MODULUS)) ** (1.0 / 3.0)
+    minor = (6.0 * shape.eps * r_eq * force / (math.pi * shape.kappa * modulus)) ** (1.0 / 3.0)
     return shape.kappa * minor, minor
 
 
