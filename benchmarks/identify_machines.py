@@ -74,7 +74,7 @@ BAND = (0.0, 9500.0)
 POINT = OperatingPoint(2000.0, 30.0, BAND)
 NOISE, FREQUENCY_SD, DAMPING_SD, LEVEL_SD = 0.03, 0.005, 0.1, 0.1
 RATE, SECONDS = 25600.0, 30.0
-# c_i and alpha_c are left at their nominal ratios to k_i and m_b: tests tell them least.
+# c_i and alpha_c stay those of Table 18, wrong for these machines: tests tell them least.
 FREE_WITH_TESTS = ("m_i", "m_o", "m_r", "k_i", "k_r", "k_c", "beta_c", "c_r")
 CONDITIONS = tuple(
     Condition(load, speed, math.radians(extent), SEEDED_DEPTH)
