@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.common import Row, print_table, write_json
-from models.published import beat, ceruti
+from models.published import beat, ceruti, marin
 from models.published.figure import Figure, worst
 from models.published.thesis import published_figures
 
@@ -31,7 +31,11 @@ ACCEPTANCE_MARKS: Marks = (
     "<!-- end of the acceptance table -->\n",
 )
 # The rows of each model.
-ACCEPTANCE: tuple[Callable[[], list[AcceptanceRow]], ...] = (beat.acceptance_rows, ceruti.acceptance_rows)
+ACCEPTANCE: tuple[Callable[[], list[AcceptanceRow]], ...] = (
+    beat.acceptance_rows,
+    ceruti.acceptance_rows,
+    marin.acceptance_rows,
+)
 
 
 def group_rows(figures: list[Figure]) -> list[Row]:
