@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.common import Row, print_table, write_json
-from models.published import beat, ceruti, marin
+from models.published import beat, ceruti, marin, thibault
 from models.published.figure import Figure, worst
 from models.published.thesis import published_figures
 
@@ -35,6 +35,7 @@ ACCEPTANCE: tuple[Callable[[], list[AcceptanceRow]], ...] = (
     beat.acceptance_rows,
     ceruti.acceptance_rows,
     marin.acceptance_rows,
+    thibault.acceptance_rows,
 )
 
 
