@@ -104,12 +104,13 @@ def test_steps_are_of_fourth_order_while_contacts_last() -> None:
     assert np.all(-np.diff(np.log2(errors)) > 3.5)
 
 
-@pytest.mark.parametrize("part", ["outer", "inner"])
-def test_errors_over_the_edges_of_a_defect_fall_with_the_step(part: Any) -> None:
-    scene = replace(NINE, load=1000.0, defect=replace(OUTER, part=part, position=0.9))
-    errors = errors_of(scene, 0.01)
-    assert errors[0] < 1e-3 * 1e-5
-    assert errors[2] < 0.5 * errors[0]
+def test_steps_are_of_second_order_over_the_edges_of_a_defect() -> None:
+    """RMS over places of the defect: the error depends on where the force bends to zero within a step."""
+    defects = [replace(OUTER, part="inner", position=0.9 + 0.0014 * k) for k in range(12)]
+    errors = np.array([errors_of(replace(NINE, load=1000.0, defect=defect), 0.0024) for defect in defects])
+    overall = np.sqrt(np.mean(errors**2, axis=0))
+    assert overall[0] < 1e-9
+    assert math.log2(overall[0] / overall[2]) > 3.0
 
 
 def errors_of(scene: Scene, duration: float) -> list[float]:
