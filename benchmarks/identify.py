@@ -4,7 +4,8 @@ The truth is Table 18 of the thesis (zeta_i 4.749 % at 400 Hz, zeta_r 0.11 % at 
 conditions (20, 30, 40 Hz x 1, 2 kN x D1 to D3), each feature with 3 % of noise. ``beta_c`` of the truth is the upper
 limit that the thesis prints, so there are two cases: limits that leave room above it, and the printed ones.
 
-    python -m benchmarks.identify [--seeds 20] [--json FILE] [--quick]
+    python -m benchmarks.identify [--seeds 20] [--more-free k_c k_i m_o m_i] [--resonance-sd 0.003]
+                                 [--json FILE] [--quick]
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from benchmarks.common import Row, print_table, write_json
 from models.bearing import from_catalogue
 from models.identify.evaluate import Evaluator
+from models.identify.evidence import Evidence, Peak
 from models.identify.limits import Limits
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.search import design_points
@@ -50,15 +52,26 @@ def conditions() -> list[Condition]:
     ]
 
 
-def run(limits: Limits, free: tuple[str, ...], seed: int, workers: int) -> tuple[Identification, dict[str, float]]:
-    """Identify the hidden truth from noisy tests; return the result and the truth."""
+def run(
+    limits: Limits, free: tuple[str, ...], seed: int, workers: int, resonance_sd: float = 0.0
+) -> tuple[Identification, dict[str, float]]:
+    """Identify the hidden truth from noisy tests; return the result and the truth.
+
+    ``resonance_sd`` adds the highest resonance along each load, measured with that relative uncertainty.
+    """
     space = Space(Rig(), from_catalogue("1205 ETN9"), LOADS, free=free, limits=limits)
     truth = space.known
     level = Evaluator(space, conditions(), BAND).levels([truth])[0]
-    noise = np.random.default_rng([seed, 15]).standard_normal(level.features.shape)
+    draws = np.random.default_rng([seed, 15])
+    noise = draws.standard_normal(level.features.shape)
     noisy = level.features * np.exp(NOISE * noise)
     trials = gather([Trial(c, rms, a) for c, (rms, a) in zip(conditions(), noisy.tolist(), strict=True)])
-    return identify(trials, space, IdentifyOptions(band=BAND, seed=seed, workers=workers)), truth
+    peaks: list[Peak] = []
+    for load, resonance in zip(LOADS, space.resonances(truth)[1::2], strict=True) if resonance_sd else ():
+        measured = resonance * float(np.exp(resonance_sd * draws.standard_normal()))
+        peaks.append(Peak(load, "along", measured, resonance_sd * measured))
+    options = IdentifyOptions(band=BAND, seed=seed, workers=workers)
+    return identify(trials, space, options, Evidence(tuple(peaks))), truth
 
 
 def row_of(case: str, seed: int, found: Identification, truth: Mapping[str, float], cpu: float) -> dict[str, Any]:
@@ -120,17 +133,19 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--case", choices=list(CASES), action="append", help="default: both")
+    parser.add_argument("--resonance-sd", type=float, default=0.0, help="relative; adds measured resonances")
+    parser.add_argument("--more-free", nargs="+", default=[], metavar="NAME", help="such as k_c k_i m_o m_i")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     chosen = parser.parse_args()
     cases = chosen.case or list(CASES)[: 1 if chosen.quick else None]
     seeds = [chosen.first_seed] if chosen.quick else list(range(chosen.first_seed, chosen.first_seed + chosen.seeds))
-    free = ("m_r", "beta_c") if chosen.quick else DEFAULT_FREE
+    free = ("m_r", "beta_c") if chosen.quick else (*DEFAULT_FREE, *chosen.more_free)
     print(f"unknown: {', '.join(free)}; {design_points(len(free))} points of the design")
     rows: list[dict[str, Any]] = []
     for case in cases:
         for seed in seeds:
             began = time.process_time()
-            found, truth = run(CASES[case], free, seed, chosen.workers)
+            found, truth = run(CASES[case], free, seed, chosen.workers, chosen.resonance_sd)
             rows.append(row_of(case, seed, found, truth, time.process_time() - began))
             print(rows[-1], flush=True)
             table: list[Row] = [summary(name, rows) for name in cases if any(row["case"] == name for row in rows)]
