@@ -162,7 +162,7 @@ def cost_rows(rounds: int) -> list[Row]:
         "time_domain": replace(spall, defect=Defect(math.radians(6.0), 1e-5, part="inner")),
     }
     rows: list[Row] = []
-    for solver in solvers():
+    for solver in solvers("six_dof"):
         for accuracy in ACCURACIES:
             request = Request(accuracy=accuracy)
             answered: Response = solver.solve(scenes[solver.name], request)
