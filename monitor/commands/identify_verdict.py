@@ -25,7 +25,7 @@ class Verdict:
 
     Attributes:
         found: the identification.
-        spread: of V_eq over the rigs that the data leave possible; nothing where tests at known defects decide.
+        spread: of V_eq over the rigs that the data leave possible.
         why_not: why the rig may not be called calibrated, in words; nothing where it may.
         leans: priors on which the interval of a parameter leans.
     """
@@ -75,13 +75,11 @@ class Verdict:
 
 def judge(found: Identification, config: Config, entry: CatalogueEntry, workers: int) -> Verdict:
     """Return what an identification claims, at the operating point of the machine or of its largest load."""
-    spread: tuple[VolumeSpread, ...] = ()
     problem = found.problem
-    if not problem.trials.damaged.any():
-        load = config.operating.load_newton or max(found.space.loads)
-        speeds = [condition.speed for condition in problem.trials.conditions]
-        speed = config.operating.speed_hz or max(speeds, default=_SPEED)
-        spread = volume_spread(found, OperatingPoint(load, speed, problem.evaluator.band), workers)
+    load = config.operating.load_newton or max(found.space.loads)
+    speeds = [condition.speed for condition in problem.trials.conditions]
+    speed = config.operating.speed_hz or max(speeds, default=_SPEED)
+    spread = volume_spread(found, OperatingPoint(load, speed, problem.evaluator.band), workers)
     element = found.space.rig.element
     assumed = config.rig.assumed_keys(geometric=element == "roller" or not config.owns_rig(entry))
     configured = {name for name in SCALES if key_of(name, element) not in assumed}

@@ -20,7 +20,7 @@ from models.identify.problem import Problem
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import Space, bearing_directions
 from models.identify.trials import Condition, Trial, gather, no_trials
-from models.identify.volume import OperatingPoint, objections, small_map, volume_spread
+from models.identify.volume import OperatingPoint, VolumeSpread, objections, small_map, volume_spread
 from models.rigs.six_dof import Rig
 from tests.models.identify.cases import BAND, BEARING, CONDITIONS, simulated_trials, space_of
 
@@ -142,7 +142,9 @@ def test_tests_and_peaks_work_together() -> None:
     both = identify(trials, space, IdentifyOptions(band=BAND, workers=1), Evidence((), (prior,)))
     assert both.intervals["m_r"].high < 2.8 * 1.004
     assert both.hash != alone.hash
-    assert objections(both, (), ()) == []
+    assert objections(both, (VolumeSpread(0.005e-6, 0.9, 1.2),), ()) == []
+    (objection,) = objections(both, (VolumeSpread(0.005e-6, 0.4, 2.0),), ())
+    assert "differ by a factor of 5 in V_eq" in objection
 
 
 def test_a_healthy_level_is_an_upper_limit() -> None:

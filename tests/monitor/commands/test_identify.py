@@ -157,7 +157,7 @@ def test_a_model_that_misses_the_tests_is_no_calibration(table: Path, machine: P
     assert run.returncode == 0, run.stderr
     found = json.loads(run.stdout)
     assert found["calibrated"] is False
-    (warning,) = found["warnings"]
+    warning = found["warnings"][0]
     assert "so that this is no calibration; compare units, speed_hz, sizes of the defects" in warning
     rig = tomllib.loads(out.read_text())["rig"]
     assert rig["calibrated"] is False
