@@ -9,10 +9,16 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from models.bearing import catalogue_entry
+from models.contact_estimates import estimate_stiffness
+from models.hertz import in_series
 from models.registry import MODULES, solvers
+from models.rigs.ball_inertia import BallInertiaRig
 from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
+from monitor.commands.model_parameters import parameters_of
 from monitor.commands.simulate import command
+from monitor.config.load import validate
 
 SHORT = ["--bearing", "6305", "--speed-hz", "20", "--load-newton", "500", "--accuracy", "0.02", "--duration-s", "0.3"]
 DAMAGED = [*SHORT, "--dphi-deg", "3", "--h-d-um", "20"]
@@ -48,6 +54,23 @@ def test_auto_takes_the_model_that_has_what_the_scene_names() -> None:
     assert (found["model"], found["sensor"]) == ("rotor", "c")
     assert "bearing at the other support" in found["why"]
     assert simulate(*DAMAGED)["model"] == "six_dof"
+
+
+def test_contacts_are_those_of_the_bearing() -> None:
+    values: dict[str, Any] = {
+        "bearing": [{"name": "x", "designation": "6205"}],
+        "source": [{"name": "s"}],
+        "channel": [{"name": "c", "source": "s", "unit": "g", "bearing": "x"}],
+    }
+    config = validate(values, Path("m.toml"))
+    for name in ("6205", "6305"):
+        entry = catalogue_entry(name)
+        found, expected = parameters_of(BallInertiaRig, config, entry), estimate_stiffness(entry).value
+        assert isinstance(found, BallInertiaRig)
+        assert in_series(found.k_ci, found.k_co, 1.5) == pytest.approx(expected)
+        rotor = parameters_of(RotorRig, config, entry)
+        assert isinstance(rotor, RotorRig)
+        assert rotor.k_c == pytest.approx(expected)
 
 
 def test_a_parameter_is_set_by_its_name() -> None:
