@@ -14,6 +14,7 @@ from models.dynamics.lanes import LaneOptions, simulate_lanes
 from models.kernels.period import blank_trace
 from models.kernels.step import P_OMEGA, P_PITCH
 from models.path.defect import ball_path
+from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
 from tests.effort import effort_count
@@ -56,7 +57,7 @@ def test_all_balls_out_of_contact_is_linear_motion_exactly() -> None:
     duration = float(period.parameter[P_PITCH] / period.parameter[P_OMEGA])
     state = np.array([[1e-6, 2e-3, -1e-6, 1e-3, 2e-7, 5e-3], [-2e-6, 1e-3, 1e-6, -1e-3, 1e-7, -3e-3]])
     after = run(period, state, blank_trace(period))
-    rig = scene.rig
+    rig = scene.rig_as(Rig)
     # (inner ring, outer ring, resonator): displacements, then velocities.
     stiffness = np.array([[rig.k_i, 0.0, 0.0], [0.0, rig.k_r, -rig.k_r], [0.0, -rig.k_r, rig.k_r]])
     damping = np.array([[rig.c_i, 0.0, 0.0], [0.0, rig.c_r, -rig.c_r], [0.0, -rig.c_r, rig.c_r]])

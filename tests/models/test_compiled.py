@@ -23,6 +23,7 @@ from models.kernels.period import Period, ball_period, blank_trace, mean_square
 from models.kernels.period_setup import arc_distance
 from models.kernels.step import P_OMEGA, P_U_1, P_U_2
 from models.path.defect import BallPath, ball_path
+from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Scene, Waviness
 from models.simulate import simulate
 from tests.effort import effort_count
@@ -243,5 +244,5 @@ def test_a_stricter_accuracy_takes_more_steps_and_no_other_than_a_positive_one_i
 def test_the_equilibrium_without_clearance_is_scaled_from_that_of_a_unit(load: float) -> None:
     scene = replace(SCENE, load=load, defect=None)
     parameter = operating_point(scene).parameter
-    exact = static_equilibrium(element_angles(scene.bearing), load, scene.rig.k_c)
+    exact = static_equilibrium(element_angles(scene.bearing), load, scene.rig_as(Rig).k_c)
     assert parameter[[P_U_1, P_U_2]] == pytest.approx(exact, rel=1e-11, abs=1e-18)

@@ -231,7 +231,7 @@ def test_waviness_sounds_at_its_order() -> None:
 
 
 def test_gravity_along_the_load_is_more_load() -> None:
-    rig = BASE.rig
+    rig = BASE.rig_as(Rig)
     heavy = simulate_time(replace(BASE, gravity=100.0), 0.2, RATE)
     loaded = simulate_time(replace(BASE, load=BASE.load + 100.0 * (rig.m_o + rig.m_r)), 0.2, RATE)
     assert recorded(heavy) == pytest.approx(recorded(loaded), abs=1e-9)

@@ -14,6 +14,7 @@ import pytest
 
 from models.bearing import from_catalogue
 from models.dynamics.time_domain import simulate_time
+from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Scene, Waviness
 from models.simulate import simulate
 from tests.effort import effort_count
@@ -79,7 +80,7 @@ def test_its_waveform_is_that_of_the_time_domain(name: str) -> None:
 
 
 def test_gravity_along_the_load_is_more_load() -> None:
-    weight = 100.0 * (SCENE.rig.m_o + SCENE.rig.m_r)
+    weight = 100.0 * (SCENE.rig_as(Rig).m_o + SCENE.rig_as(Rig).m_r)
     heavy, loaded = simulate(replace(SCENE, gravity=100.0)), simulate(replace(SCENE, load=SCENE.load + weight))
     assert heavy.rms == pytest.approx(loaded.rms, rel=1e-9)
     assert heavy.coefficients == pytest.approx(loaded.coefficients, abs=1e-7 * loaded.rms)

@@ -85,7 +85,7 @@ def trajectory(period: Period, state: NDArray[np.float64]) -> NDArray[np.float64
 
 def static_approach(scene: Scene, start: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the displacement of the inner against the outer ring at rest, m, (across, along) the load."""
-    rig, exponent = scene.rig, exponent_of(scene)
+    rig, exponent = scene.rig_as(Rig), exponent_of(scene)
     weight = scene.gravity * (rig.m_o + rig.m_r)
     force = np.array(
         [weight * math.sin(scene.gravity_angle), scene.load + weight * math.cos(scene.gravity_angle)], dtype=np.float64
@@ -108,7 +108,7 @@ def powers_of(scene: Scene, steps: int) -> Powers:
     defect = scene.defect or Defect(0.0, 0.0)
     case = oracle.Case(scene.speed, scene.load, defect.dphi_d, defect.h_d, scene.clearance, defect.rows)
     model, omega = oracle.Oracle(case), case.omega_c
-    k_c, exponent = scene.rig.k_c, exponent_of(scene)
+    k_c, exponent = scene.rig_as(Rig).k_c, exponent_of(scene)
     period, begin = orbit_of(scene, steps)
     states, rest = trajectory(period, begin), static_approach(scene, model.start)
     assert len(states) == len(period.time)

@@ -81,7 +81,7 @@ def test_rollers_are_no_balls() -> None:
     """The same stiffness in newtons per metre at the static approach, another exponent: another level."""
     balls = Scene(40.0, 4000.0, defect=SPALL)
     approach = float(operating_point(replace(balls, defect=None)).parameter[P_U_1])
-    k_c = balls.rig.k_c * approach ** (1.5 - EXPONENT)
+    k_c = balls.rig_as(Rig).k_c * approach ** (1.5 - EXPONENT)
     rollers = replace(SCENE, rig=Rig(k_c=k_c, element="roller"))
     level, ball_level = simulate(rollers).rms, simulate(balls).rms
     assert level != pytest.approx(ball_level, rel=0.02)

@@ -189,7 +189,7 @@ def test_the_acceleration_is_that_of_the_equation_of_motion() -> None:
     state, trace, duration = np.zeros((2, 6)), blank_trace(period), duration_of(period)
     for _ in range(3):
         after = run(period, state, trace)
-        rig = SCENE.rig
+        rig = SCENE.rig_as(Rig)
         gained = (after[0, 3] - state[0, 3]) * (rig.m_o + rig.m_r)
         mean = trace.weight @ trace.wave + trace.parts[:, :2].sum(axis=0, where=trace.changed[:, None])
         impulse = duration * float(rig.m_o * mean[0] + rig.m_r * mean[1])

@@ -92,8 +92,10 @@ DURATIONS_MIN = "60:120" if effort_count(quick=0, full=1) else "30:60"
 def as_recorded(life: LifeHistory) -> History:
     """A life as published records would have it, from the onset to where V_eq reaches 0.05 mm2."""
     known = life.t <= life.crossing(5e-8)
-    parts = (life.t, life.t, life.rms, life.harmonics, life.load, life.speed, life.v_eq)
-    return History("a", *(part[known] for part in parts))
+    t, rms, harmonics, load, speed, v_eq = (
+        part[known] for part in (life.t, life.rms, life.harmonics, life.load, life.speed, life.v_eq)
+    )
+    return History("a", t, t, rms, harmonics, load, speed, v_eq)
 
 
 def test_recorded_runs_calibrate_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
