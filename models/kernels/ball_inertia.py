@@ -21,6 +21,18 @@ import numpy as np
 
 from models.kernels.jit import inlined, kernel
 from models.kernels.passages import fill_depth
+from models.kernels.stepping import (
+    EXACT_ANGLES,
+    MOST_CHANGES,
+    MOST_TRIALS,
+    TINY,
+    accept,
+    fill_rest,
+    found,
+    next_length,
+    to_end,
+    to_stage,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -52,15 +64,6 @@ STATUS_OK = 0
 STATUS_NOT_FINITE = 1
 # Where the balls begin in the state.
 RING = 4
-# Parts of a step shorter than this are rounding, s.
-_TINY = 1e-13
-# The instant of a contact is found to this overlap, m, and in so many trials at most.
-_TOUCHED = 1e-14
-_MOST_TRIALS = 60
-# A step with more changes of contact than this is taken without looking for more.
-_MOST_CHANGES = 100
-# The angles are computed afresh after so many steps; between, they are turned on.
-_EXACT_ANGLES = 32
 
 
 class Plan(NamedTuple):
@@ -137,16 +140,6 @@ def _fill_start(t: float, p: NDArray[np.float64], turn: NDArray[np.float64]) -> 
     for k in range(2):
         angle = t * p[P_CAGE + k]
         turn[0, 2 * k], turn[0, 2 * k + 1] = math.cos(angle), math.sin(angle)
-
-
-@inlined
-def _fill_rest(half: NDArray[np.float64], turn: NDArray[np.float64]) -> None:
-    """Write the angles at the other nodes from those at the first."""
-    for node in range(2):
-        for k in range(0, 4, 2):
-            c, s = turn[node, k], turn[node, k + 1]
-            turn[node + 1, k] = c * half[k] - s * half[k + 1]
-            turn[node + 1, k + 1] = s * half[k] + c * half[k + 1]
 
 
 @inlined
@@ -249,30 +242,17 @@ def _gap(work: Work) -> float:
 @inlined
 def _runge_kutta(h: float, plan: Plan, work: Work) -> None:
     """Write into ``trial`` the state after a step, whose nodes and first slope are written."""
-    size = work.state.shape[0]
     for stage in range(3):
-        share = h if stage == 2 else 0.5 * h
-        for k in range(size):
-            work.trial[k] = work.state[k] + share * work.slope[stage, k]
+        to_stage(stage, h, work)
         slope_of(work.trial, 2 if stage == 2 else 1, plan, work, stage + 1)
-    for k in range(size):
-        ends, middle = work.slope[0, k] + work.slope[3, k], work.slope[1, k] + work.slope[2, k]
-        work.trial[k] = work.state[k] + h / 6.0 * (ends + 2.0 * middle)
-
-
-@inlined
-def _accept(work: Work) -> None:
-    """Take the trial as the state, and its contacts."""
-    for k in range(work.state.shape[0]):
-        work.state[k] = work.trial[k]
-    _hold(work)
+    to_end(h, work)
 
 
 @kernel
 def _try(t: float, h: float, interval: Index, plan: Plan, work: Work) -> float:
     """Take a part of a step into ``trial``, whose first slope is written; return what ``_gap`` says of it."""
     _fill_half(h, plan.parameter, work.half[1])
-    _fill_rest(work.half[1], work.turn)
+    fill_rest(work.half[1], work.turn)
     fill_depth(t, h, interval, plan, work.depth)
     _runge_kutta(h, plan, work)
     _fill_overlap(work.trial, np.int64(2), plan, work)
@@ -288,19 +268,15 @@ def _to_contact(t: float, h: float, at_end: float, interval: Index, plan: Plan, 
     """
     _fill_overlap(work.state, np.int64(0), plan, work)
     low, high, at_low, at_high = 0.0, h, max(_gap(work), 0.0), at_end
-    for trial in range(_MOST_TRIALS):
-        if high - low <= _TINY or -at_high <= _TOUCHED:
+    for trial in range(MOST_TRIALS):
+        if found(low, high, at_high):
             break
-        middle = 0.5 * (low + high)
-        if trial % 2 == 0:
-            # Aimed a little beyond the root: the upper end, which is taken, shall come down to it.
-            share = (at_low + 0.5 * _TOUCHED) / (at_low - at_high)
-            middle = low + (high - low) * min(max(share, 1e-3), 1.0 - 1e-3)
-        found = _try(t, middle, interval, plan, work)
-        if found < 0.0:
-            high, at_high = middle, found
+        middle = next_length(trial, low, high, at_low, at_high)
+        gap = _try(t, middle, interval, plan, work)
+        if gap < 0.0:
+            high, at_high = middle, gap
         else:
-            low, at_low = middle, found
+            low, at_low = middle, gap
     _try(t, high, interval, plan, work)
     return high
 
@@ -313,20 +289,21 @@ def _broken_step(t: float, end: float, i: int, plan: Plan, work: Work) -> int:
         The interval at ``end``.
     """
     changes = 0
-    while end - t > _TINY:
+    while end - t > TINY:
         stop = min(end, plan.bounds[i + 1])
         _fill_start(t, plan.parameter, work.turn)
         fill_depth(t, 0.0, i, plan, work.depth)
         slope_of(work.state, np.int64(0), plan, work, np.int64(0))
         length = stop - t
-        found = _try(t, length, i, plan, work)
-        if found < 0.0 and changes < _MOST_CHANGES:
-            length = _to_contact(t, length, found, i, plan, work)
+        gap = _try(t, length, i, plan, work)
+        if gap < 0.0 and changes < MOST_CHANGES:
+            length = _to_contact(t, length, gap, i, plan, work)
             changes += 1
         t += length
-        _accept(work)
-        edge = plan.bounds[i + 1] - t <= _TINY
-        while plan.bounds[i + 1] - t <= _TINY:
+        accept(work)
+        _hold(work)
+        edge = plan.bounds[i + 1] - t <= TINY
+        while plan.bounds[i + 1] - t <= TINY:
             i += 1
         if edge:
             _fill_start(t, plan.parameter, work.turn)
@@ -360,8 +337,8 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np
         t, end = n * h, (n + 1) * h
         if exact == 0:
             _fill_start(t, p, work.turn)
-        exact = (exact + 1) % _EXACT_ANGLES
-        _fill_rest(work.half[0], work.turn)
+        exact = (exact + 1) % EXACT_ANGLES
+        fill_rest(work.half[0], work.turn)
         # Without a passage in the interval the depths stay zero.
         if i != written or plan.first[i + 1] > plan.first[i]:
             fill_depth(t, h, i, plan, work.depth)
@@ -372,13 +349,14 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np
             place[n, 0], place[n, 1] = work.state[0], work.state[1]
             for k in range(2, place.shape[1]):
                 place[n, k] = work.state[k + 2]
-        whole = plan.bounds[i + 1] - end > _TINY
+        whole = plan.bounds[i + 1] - end > TINY
         if whole:
             _runge_kutta(h, plan, work)
             _fill_overlap(work.trial, np.int64(2), plan, work)
             whole = _gap(work) >= 0.0
         if whole:
-            _accept(work)
+            accept(work)
+            _hold(work)
             for k in range(4):
                 work.turn[0, k] = work.turn[2, k]
         else:

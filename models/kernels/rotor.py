@@ -34,14 +34,24 @@ from models.kernels.rotor_forces import (
     P_PER_BEARING,
     STATUS_NOT_FINITE,
     STATUS_OK,
-    TINY,
     end_of,
     fill_half,
-    fill_rest,
     fill_start,
     new_work,
     overlap_of,
     slope_of,
+)
+from models.kernels.stepping import (
+    EXACT_ANGLES,
+    MOST_CHANGES,
+    MOST_TRIALS,
+    TINY,
+    accept,
+    fill_rest,
+    found,
+    next_length,
+    to_end,
+    to_stage,
 )
 
 if TYPE_CHECKING:
@@ -49,14 +59,6 @@ if TYPE_CHECKING:
 
     from models.kernels.jit import Index
     from models.kernels.rotor_forces import Plan, Work
-
-# The instant of a contact is found to this overlap, m, and in so many steps at most.
-_TOUCHED = 1e-14
-_MOST_TRIALS = 60
-# A step with more changes of contact than this is taken without looking for more.
-_MOST_CHANGES = 100
-# The angles are computed afresh after so many steps; between, they are turned on.
-_EXACT_ANGLES = 32
 
 
 @kernel
@@ -96,24 +98,12 @@ def _worst(z: NDArray[np.float64], node: Index, plan: Plan, work: Work) -> float
 
 
 @inlined
-def _accept(work: Work) -> None:
-    """Take the trial as the state."""
-    for k in range(work.state.shape[0]):
-        work.state[k] = work.trial[k]
-
-
-@inlined
 def _runge_kutta(h: float, plan: Plan, work: Work) -> None:
     """Write into ``trial`` the state after a step, whose nodes and first slope are written."""
-    size = work.state.shape[0]
     for stage in range(3):
-        share = h if stage == 2 else 0.5 * h
-        for k in range(size):
-            work.trial[k] = work.state[k] + share * work.slope[stage, k]
+        to_stage(stage, h, work)
         slope_of(work.trial, 2 if stage == 2 else 1, plan, work, stage + 1)
-    for k in range(size):
-        ends, middle = work.slope[0, k] + work.slope[3, k], work.slope[1, k] + work.slope[2, k]
-        work.trial[k] = work.state[k] + h / 6.0 * (ends + 2.0 * middle)
+    to_end(h, work)
 
 
 @kernel
@@ -134,19 +124,15 @@ def _to_change(t: float, h: float, at_end: float, interval: Index, plan: Plan, w
         The length of the step, at whose end the change is just past.
     """
     low, high, at_low, at_high = 0.0, h, max(_worst(work.state, np.int64(0), plan, work), 0.0), at_end
-    for trial in range(_MOST_TRIALS):
-        if high - low <= TINY or -at_high <= _TOUCHED:
+    for trial in range(MOST_TRIALS):
+        if found(low, high, at_high):
             break
-        middle = 0.5 * (low + high)
-        if trial % 2 == 0:
-            # Aimed a little beyond the root: the upper end, which is taken, shall come down to it.
-            share = (at_low + 0.5 * _TOUCHED) / (at_low - at_high)
-            middle = low + (high - low) * min(max(share, 1e-3), 1.0 - 1e-3)
-        found = _try(t, middle, interval, plan, work)
-        if found < 0.0:
-            high, at_high = middle, found
+        middle = next_length(trial, low, high, at_low, at_high)
+        gap = _try(t, middle, interval, plan, work)
+        if gap < 0.0:
+            high, at_high = middle, gap
         else:
-            low, at_low = middle, found
+            low, at_low = middle, gap
     _try(t, high, interval, plan, work)
     return high
 
@@ -164,15 +150,13 @@ def _broken_step(t: float, end: float, i: int, plan: Plan, work: Work) -> int:
         fill_start(t, plan.parameter, work.turn)
         slope_of(work.state, np.int64(0), plan, work, np.int64(0))
         length = stop - t
-        found = _try(t, length, i, plan, work)
-        changed = found < 0.0
-        if changed and changes < _MOST_CHANGES:
-            length = _to_change(t, length, found, i, plan, work)
+        gap = _try(t, length, i, plan, work)
+        changed = gap < 0.0
+        if changed and changes < MOST_CHANGES:
+            length = _to_change(t, length, gap, i, plan, work)
             changes += 1
-        else:
-            length = stop - t
         t += length
-        _accept(work)
+        accept(work)
         edge = plan.bounds[i + 1] - t <= TINY
         while plan.bounds[i + 1] - t <= TINY:
             i += 1
@@ -221,7 +205,7 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np
         t, end = n * h, (n + 1) * h
         if exact == 0:
             fill_start(t, p, work.turn)
-        exact = (exact + 1) % _EXACT_ANGLES
+        exact = (exact + 1) % EXACT_ANGLES
         fill_rest(work.half[0], work.turn)
         fill_depth(t, h, i, plan, work.depth)
         slope_of(work.state, np.int64(0), plan, work, np.int64(0))
@@ -234,7 +218,7 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np
             _runge_kutta(h, plan, work)
             whole = _worst(work.trial, np.int64(2), plan, work) >= 0.0
         if whole:
-            _accept(work)
+            accept(work)
             for k in range(6):
                 work.turn[0, k] = work.turn[2, k]
         else:

@@ -48,8 +48,6 @@ P_SIZE = P_PER_BEARING + 2 * B_SIZE
 
 STATUS_OK = 0
 STATUS_NOT_FINITE = 1
-# Parts of a step shorter than this are rounding, s.
-TINY = 1e-13
 _BALL_POWER = 1.5
 
 
@@ -128,16 +126,6 @@ def fill_start(t: float, p: NDArray[np.float64], turn: NDArray[np.float64]) -> N
     for k in range(3):
         angle = t * (p[P_SHAFT] if k == 2 else p[P_PER_BEARING + k * B_SIZE + B_CAGE])
         turn[0, 2 * k], turn[0, 2 * k + 1] = math.cos(angle), math.sin(angle)
-
-
-@inlined
-def fill_rest(half: NDArray[np.float64], turn: NDArray[np.float64]) -> None:
-    """Write the angles at the other nodes from those at the first."""
-    for node in range(2):
-        for k in range(0, 6, 2):
-            c, s = turn[node, k], turn[node, k + 1]
-            turn[node + 1, k] = c * half[k] - s * half[k + 1]
-            turn[node + 1, k + 1] = s * half[k] + c * half[k + 1]
 
 
 @inlined

@@ -40,12 +40,12 @@ from models.kernels.rotor_forces import (
     P_SHAFT_LOSS,
     STATUS_NOT_FINITE,
     STATUS_OK,
-    TINY,
     disc_acceleration,
     fill_start,
     new_work,
     power_of,
 )
+from models.kernels.stepping import TINY
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

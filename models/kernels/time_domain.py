@@ -30,6 +30,7 @@ from models.kernels.step import (
     propagators,
     step,
 )
+from models.kernels.stepping import TINY
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
     from models.kernels.step import Axis
 
 SUBSTEPS = 8
-# Parts of a step shorter than this are rounding, s.
-TINY = 1e-13
 
 
 class Plan(NamedTuple):
