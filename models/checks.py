@@ -1,4 +1,4 @@
-"""Checks of the fields of frozen settings: each raises a ValueError that names the field."""
+"""Checks of the fields of frozen settings, and of arguments: each raises a ValueError that names the field."""
 
 from __future__ import annotations
 
@@ -13,6 +13,13 @@ def check_numbers(owner: object, prefix: str, rule: str, *names: str) -> None:
         if not (met and math.isfinite(value)):
             wanted = {"positive": "positive and finite", "not negative": "finite and not negative"}.get(rule, rule)
             raise ValueError(f"{prefix}{name} must be {wanted}, got {value!r}")
+
+
+def check_positive(**values: float) -> None:
+    """Raise a ValueError that names an argument which is not positive and finite."""
+    for name, value in values.items():
+        if not (math.isfinite(value) and value > 0.0):
+            raise ValueError(f"{name} must be positive and finite, got {value!r}")
 
 
 def check_choice(value: str, field_name: str, choices: tuple[str, ...]) -> None:

@@ -186,6 +186,13 @@ def _of_the_rig(scene: Scene, able: list[Solver]) -> list[Solver]:
     return found
 
 
+def check_effects(scene: Scene, able: frozenset[str], model: str, how: str = "") -> None:
+    """Raise a ValueError that names the effects of a scene which a model, solved as ``how`` says, does not describe."""
+    missing = [name for name in scene.effects if name not in able]
+    if missing:
+        raise ValueError(f"{', '.join(missing)}: {model} does not describe this{' ' + how if how else ''}")
+
+
 def adapted(scene: Scene, solver: Solver) -> Scene:
     """Return a scene with the parameters that a solver takes.
 

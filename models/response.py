@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from models.checks import check_positive
 from models.numerics import crests
 
 if TYPE_CHECKING:
@@ -192,9 +193,7 @@ class Response:
             ValueError: if rate or duration is not positive and finite, the band is empty, or the record has no such
                 signal.
         """
-        for name, value in (("rate", rate), ("duration", duration)):
-            if not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} must be positive and finite, got {value!r}")
+        check_positive(rate=rate, duration=duration)
         if self.record is not None:
             return self._recorded(self.record, rate, duration, phase, sensor=sensor, band=band)
         low, high = (0.0, math.inf) if band is None else check_band(band)

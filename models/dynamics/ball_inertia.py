@@ -28,11 +28,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
+from models.checks import check_positive
 from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of
 from models.dynamics.passages import in_intervals, passages_over
 from models.hertz import BALL_EXPONENT, element_angles, in_series, static_equilibrium
 from models.kernels import ball_inertia as kernels
-from models.registry import Request, Solver
+from models.registry import Request, Solver, check_effects
 from models.rigs.ball_inertia import BallInertiaRig
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def solve(scene: Scene, request: Request) -> Response:
     Raises:
         ValueError: if the scene or the request is outside what is solved here; the message names it.
     """
-    check_effects(scene)
+    check_effects(scene, EFFECTS, MODEL)
     lines, settle = kinematics(scene.bearing, scene.speed), settling(scene)
     plan = prepare_plan(scene, duration_of(request, settle), request.direction)
     rest = at_rest(scene)
@@ -104,9 +105,6 @@ def solve(scene: Scene, request: Request) -> Response:
         status = kernels.run(rest.copy(), wave, np.empty((0, 2)), 1.0 / (request.rate * oversampling), plan)
         return wave, status == kernels.STATUS_OK
 
-    wished = _SHARE_OF_STABLE * longest_stable_step(scene)
-    if request.steps_per_period is not None:
-        wished = 1.0 / (lines.bpfo * request.steps_per_period)
     motion = Motion(
         from_rest=from_rest,
         sensors=SENSORS,
@@ -117,8 +115,7 @@ def solve(scene: Scene, request: Request) -> Response:
         settle=settle,
         repeats=scene.repeats,
     )
-    oversampling = max(2, math.ceil(1.0 / (request.rate * wished) - 1e-9))
-    return answer(motion, request, oversampling, fixed=request.steps_per_period is not None)
+    return answer(motion, request, _SHARE_OF_STABLE * longest_stable_step(scene))
 
 
 def trace(scene: Scene, duration: float, step: float) -> Trace:
@@ -127,22 +124,12 @@ def trace(scene: Scene, duration: float, step: float) -> Trace:
     Raises:
         ValueError: if the scene or an argument is outside what is solved here; the message names it.
     """
-    check_effects(scene)
-    for name, value in (("duration", duration), ("step", step)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"{name} must be positive and finite, got {value!r}")
+    check_effects(scene, EFFECTS, MODEL)
+    check_positive(duration=duration, step=step)
     steps, plan = max(1, round(duration / step)), prepare_plan(scene, duration + step)
     wave, place = np.empty((steps, 1)), np.empty((steps, 2 + plan.slots.shape[1]))
     finite = kernels.run(at_rest(scene), wave, place, step, plan) == kernels.STATUS_OK
     return Trace(step, wave[:, 0], place[:, :2], place[:, 2:], finite)
-
-
-def check_effects(scene: Scene) -> BallInertiaRig:
-    """Return the parameters of a scene; raise a ValueError that names the effects that are not described."""
-    missing = [name for name in scene.effects if name not in EFFECTS]
-    if missing:
-        raise ValueError(f"{', '.join(missing)}: {MODEL} does not describe this")
-    return scene.rig_as(BallInertiaRig)
 
 
 def prepare_plan(scene: Scene, duration: float, direction: float = 0.0) -> kernels.Plan:

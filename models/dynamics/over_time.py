@@ -72,18 +72,22 @@ class Motion:
     repeats: bool
 
 
-def answer(motion: Motion, request: Request, oversampling: int, *, fixed: bool) -> Response:
+def answer(motion: Motion, request: Request, step: float, *, fixed: bool = False) -> Response:
     """Return the vibration of a motion over the time that a request names.
 
     Args:
-        oversampling: steps a sample, the least where they are not ``fixed``.
-        fixed: whether steps are as given, and not halved until they meet the accuracy.
+        step: longest step, s, unless the request has its own; taken so that a sample has a whole number of steps, at
+            least 2.
+        fixed: whether steps are as given, as those of a request are, and not halved until they meet the accuracy.
 
     Raises:
         ValueError: if the request is outside what the signal holds, or the run would have too many steps.
     """
     request.highest(PASSBAND * 0.5 * request.rate, "the signal is flat up to")
     run = _Run(motion, request)
+    if request.steps_per_period is not None:
+        step, fixed = 1.0 / (motion.bpfo * request.steps_per_period), True
+    oversampling = max(2, math.ceil(1.0 / (request.rate * step) - 1e-9))
     run.check_length(oversampling)
     oversampling, error = run.look(oversampling, None if fixed else request.accuracy)
     wave, finite = run.whole(oversampling)

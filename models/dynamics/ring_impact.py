@@ -30,7 +30,7 @@ from models.film import Film, short_bearing_film
 from models.hertz import contact_patches
 from models.kernels import ring_impact as kernels
 from models.load_zones import conforming
-from models.registry import Request, Solver
+from models.registry import Request, Solver, check_effects
 from models.response import PASSBAND, Response, Sensor
 from models.rigs.ring_impact import RingImpactRig
 
@@ -221,9 +221,7 @@ def solve(scene: Scene, request: Request) -> Response:
         ValueError: if the scene or the request is outside what the model describes; the message names it.
     """
     rig = scene.rig_as(RingImpactRig)
-    lacking = [name for name in scene.effects if name not in EFFECTS]
-    if lacking:
-        raise ValueError(f"{', '.join(lacking)}: {MODEL} does not describe this")
+    check_effects(scene, EFFECTS, MODEL)
     lines = kinematics(scene.bearing, scene.speed)
     from_rest = _FromRest(scene, request)
     repeats = scene.repeats and from_rest.noise == 0.0
@@ -239,10 +237,7 @@ def solve(scene: Scene, request: Request) -> Response:
         repeats=repeats,
     )
     wished = max(_STEPS_A_PULSE / rig.pulse_width, _STEPS_A_PERIOD * from_rest.fastest / (2.0 * math.pi))
-    if request.steps_per_period is not None:
-        wished = lines.bpfo * request.steps_per_period
-    oversampling = max(2, math.ceil(wished / request.rate - 1e-9))
-    return answer(motion, request, oversampling, fixed=request.steps_per_period is not None)
+    return answer(motion, request, 1.0 / wished)
 
 
 def _cost(scene: Scene, request: Request) -> float:

@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
+from models.checks import check_positive
 from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of
 from models.dynamics.rotor_plan import at_rest, bearings_of, check_rotor, inverse_mass, prepare_plan, stiffness_of
 from models.hertz import contact_exponent
 from models.kernels import rotor as kernels
 from models.kernels.rotor_forces import STATUS_OK, Plan
-from models.registry import Request, Solver
+from models.registry import Request, Solver, check_effects
 from models.rigs.rotor import RotorRig
 
 if TYPE_CHECKING:
@@ -90,16 +91,14 @@ def solve(scene: Scene, request: Request) -> Response:
     Raises:
         ValueError: if the scene or the request is outside what is solved here; the message names it.
     """
-    check_effects(scene, EFFECTS)
+    check_shaft(scene, EFFECTS)
     return solve_motion(scene, request, Rigid(scene, request.direction), "rigid")
 
 
-def check_effects(scene: Scene, able: frozenset[str]) -> RotorRig:
-    """Return the parameters of a scene; raise a ValueError that names the effects that are not described."""
-    missing = [name for name in scene.effects if name not in able]
-    if missing:
-        raise ValueError(f"{', '.join(missing)}: {MODEL} does not describe this with this shaft")
-    return check_rotor(scene)
+def check_shaft(scene: Scene, able: frozenset[str]) -> None:
+    """Raise a ValueError that names the effects that are not described with a shaft, or a wrong bearing."""
+    check_effects(scene, able, MODEL, "with this shaft")
+    check_rotor(scene)
 
 
 class Rigid:
@@ -170,9 +169,6 @@ def solve_motion(scene: Scene, request: Request, shaft: Rigid, solver: str) -> R
         finite = shaft.run(shaft.state(rest), 1.0 / (request.rate * oversampling), wave, np.empty((0, 8)))
         return wave, finite
 
-    wished = shaft.longest_step()
-    if request.steps_per_period is not None:
-        wished = 1.0 / (lines.bpfo * request.steps_per_period)
     motion = Motion(
         from_rest=from_rest,
         sensors=shaft.sensors,
@@ -183,15 +179,12 @@ def solve_motion(scene: Scene, request: Request, shaft: Rigid, solver: str) -> R
         settle=settle,
         repeats=repeats(scene),
     )
-    oversampling = max(2, math.ceil(1.0 / (request.rate * wished) - 1e-9))
-    return answer(motion, request, oversampling, fixed=request.steps_per_period is not None)
+    return answer(motion, request, shaft.longest_step())
 
 
 def trace_of(scene: Scene, duration: float, step: float, shaft: Rigid, rest: NDArray[np.float64]) -> Trace:
     """Return a run from given positions at rest, (8,), as ``at_rest`` returns them, with steps that are given."""
-    for name, value in (("duration", duration), ("step", step)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"{name} must be positive and finite, got {value!r}")
+    check_positive(duration=duration, step=step)
     rig, steps = scene.rig_as(RotorRig), max(1, round(duration / step))
     wave, place = np.empty((steps, len(shaft.sensors))), np.empty((steps, shaft.positions))
     finite = shaft.run(shaft.state(rest), step, wave, place)
@@ -212,7 +205,7 @@ def trace(scene: Scene, duration: float, step: float, *, rest: NDArray[np.float6
     Raises:
         ValueError: if the scene or an argument is outside what is solved here; the message names it.
     """
-    check_effects(scene, EFFECTS)
+    check_shaft(scene, EFFECTS)
     return trace_of(scene, duration, step, Rigid(scene, 0.0), at_rest(scene, elastic=False) if rest is None else rest)
 
 

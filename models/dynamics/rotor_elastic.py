@@ -17,7 +17,7 @@ from models.dynamics.rotor import (
     LONGEST_STEP,
     Rigid,
     Trace,
-    check_effects,
+    check_shaft,
     contact_step,
     cost_of,
     solve_motion,
@@ -105,13 +105,13 @@ def solve(scene: Scene, request: Request) -> Response:
     Raises:
         ValueError: if the scene or the request is outside what is solved here; the message names it.
     """
-    check_effects(scene, ELASTIC_EFFECTS)
+    check_shaft(scene, ELASTIC_EFFECTS)
     return solve_motion(scene, request, shaft_of(scene, request.direction), "elastic")
 
 
 def trace_elastic(scene: Scene, duration: float, step: float, *, rest: NDArray[np.float64] | None = None) -> Trace:
     """Return what ``models.dynamics.rotor.trace`` returns, of an elastic shaft."""
-    check_effects(scene, ELASTIC_EFFECTS)
+    check_shaft(scene, ELASTIC_EFFECTS)
     begin = at_rest(scene, elastic=True) if rest is None else rest
     return trace_of(scene, duration, step, shaft_of(scene), begin)
 

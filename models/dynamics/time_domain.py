@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
+from models.checks import check_positive
 from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of
 from models.dynamics.six_dof import MODEL, TIME_EFFECTS, check_scene, steps_for
 from models.dynamics.time_plan import prepare_plan
@@ -50,10 +51,7 @@ def solve(scene: Scene, request: Request) -> Response:
     Raises:
         ValueError: if the scene or the request is outside what is solved here; the message names it.
     """
-    step = None
-    if request.steps_per_period is not None:
-        step = 1.0 / (kinematics(scene.bearing, scene.speed).bpfo * request.steps_per_period)
-    return _simulate(scene, request, None, (math.cos(request.direction), math.sin(request.direction)), step)
+    return _simulate(scene, request, None, (math.cos(request.direction), math.sin(request.direction)), None)
 
 
 def simulate_time(
@@ -77,8 +75,7 @@ def simulate_time(
     Raises:
         ValueError: if the scene or an argument is outside what the model describes; the message names it.
     """
-    if not (math.isfinite(step) and step > 0.0):
-        raise ValueError(f"step must be positive and finite, got {step!r}")
+    check_positive(step=step)
     length = math.hypot(*direction)
     if not (math.isfinite(length) and length > 0.0):
         raise ValueError(f"direction must be a vector of finite length other than zero, got {direction!r}")
@@ -89,7 +86,7 @@ def simulate_time(
 def _simulate(
     scene: Scene, request: Request, settle: float | None, direction: tuple[float, float], step: float | None
 ) -> Response:
-    """Return the response with a given step, or one that meets the accuracy."""
+    """Return the response with a given step, or where it is None with that of the request or of the accuracy."""
     check_scene(scene, TIME_EFFECTS)
     lines = kinematics(scene.bearing, scene.speed)
     dropped = _settling(settle, lines)
@@ -103,9 +100,7 @@ def _simulate(
         settle=dropped,
         repeats=scene.repeats,
     )
-    wished = _longest_step(scene, lines) if step is None else step
-    oversampling = max(2, math.ceil(1.0 / (request.rate * wished) - 1e-9))
-    return answer(motion, request, oversampling, fixed=step is not None)
+    return answer(motion, request, _longest_step(scene, lines) if step is None else step, fixed=step is not None)
 
 
 class _FromRest:
