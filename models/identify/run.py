@@ -179,31 +179,43 @@ def identify(
         file.remove()
     # The result does not hold the caller's callback.
     evaluator.notify = None
+    posterior = RigPosterior(
+        best=tuple((name, rounded(value)) for name, value in best.values.items()),
+        names=space.free,
+        rows=tuple(tuple(row) for row in drawn.rows.tolist()),
+        result=_hash({**facts, "result": _result_facts(best, intervals)}),
+        effective=drawn.effective,
+        candidates=drawn.candidates,
+    )
+    return _identification(problem, best, limit, intervals, posterior, began)
+
+
+def _identification(
+    problem: Problem,
+    best: Fit,
+    limit: Threshold,
+    intervals: dict[str, ParameterInterval],
+    posterior: RigPosterior,
+    began: float,
+) -> Identification:
+    """Return what was found; ``began``: reading of ``time.perf_counter`` at the beginning."""
+    evaluator, space = problem.evaluator, problem.evaluator.space
     level = evaluator.levels([best.values])[0]
-    noise = float(np.sqrt(limit.variance) * np.mean(problem.deviation)) if problem.deviation.size else math.nan
-    facts["result"] = _result_facts(best, intervals)
     return Identification(
         space=space,
         best=best,
         intervals=intervals,
-        front=simulated_front(problem) if np.any(trials.damaged) else [],
+        front=simulated_front(problem) if np.any(problem.trials.damaged) else [],
         deviations=problem.deviations(level),
         features=level.features,
-        noise=noise,
+        noise=float(np.sqrt(limit.variance) * np.mean(problem.deviation)) if problem.deviation.size else math.nan,
         evaluations=len(evaluator.kept),
         seconds=time.perf_counter() - began,
         resonances=space.resonances(best.values),
         not_periodic=int(np.count_nonzero(np.any(level.doubt > 0.0, axis=1))),
         problem=problem,
         limit=limit,
-        posterior=RigPosterior(
-            best=tuple((name, rounded(value)) for name, value in best.values.items()),
-            names=space.free,
-            rows=tuple(tuple(row) for row in drawn.rows.tolist()),
-            result=_hash(facts),
-            effective=drawn.effective,
-            candidates=drawn.candidates,
-        ),
+        posterior=posterior,
     )
 
 

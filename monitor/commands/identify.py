@@ -12,11 +12,12 @@ from typing import Any
 import click
 import numpy as np
 
+from models.identify.evidence import Evidence
 from models.identify.intervals import ParameterInterval
 from models.identify.limits import INTERVALS, Limits, wide_limits
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import ALIASES, DEFAULT_FREE, FREE_WITHOUT_TESTS, ORDER, Space, contact_ratios
-from models.identify.trials import FEATURES, gather, no_trials
+from models.identify.trials import FEATURES, Trials, gather, no_trials
 from monitor.commands import evidence_files, option
 from monitor.commands.common import (
     InputError,
@@ -35,6 +36,7 @@ from monitor.commands.identify_verdict import judge, verdict_lines
 from monitor.commands.rig_table import MICRO, NAMES, find_warnings, is_calibration, key_of, rig_toml
 from monitor.commands.trial_files import HEALTHY, Measuring, TrialFile, tracked_channel, with_race_radius
 from monitor.commands.trial_folder import read_tests
+from monitor.config.load import Config
 from monitor.records.database import replacing
 from streams.block import STANDARD_GRAVITY
 
@@ -123,15 +125,8 @@ def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: 
     tests). Without known defects, the rig is calibrated only where the rest tells V_eq.
     """
     out: Path | None = options["out"]
-    if out is not None:
-        check_suffix("--out", out, (".toml",))
-        check_writable("--out", out)
     page: Path | None = options["report"]
-    if page is not None:
-        check_page(page)
-        check_writable("--report", page)
-    if options["resume"] and out is None:
-        raise InputError("--resume needs --out FILE: the state of a run stands beside it")
+    _check_files(out, page, resume=options["resume"])
     config = read_machine(config_path)
     channel = tracked_channel(config, options["channel"])
     entry = config.entry_of(channel)
@@ -142,22 +137,18 @@ def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: 
     table = TrialFile((), None, 0)
     if tests is not None:
         table = read_tests(tests, measuring, options["names"], counter("tests", quiet=quiet))
-    section = next(section for section in config.bearing if section.name == channel.bearing)
     with input_errors("identify"):
         rig = config.rig_of(entry)
         source = evidence_files.Source(measuring, entry, rig)
         evidence = evidence_files.read_evidence(source, options, table.healthy, lambda name: _names([(name,)])[0])
         trials = gather(table.trials) if table.trials else no_trials()
-        damaged = any(not condition.healthy for condition in trials.conditions)
-        loads = {condition.load for condition in trials.conditions} | set(evidence.loads)
-        if page is not None and not (damaged and np.all(trials.damaged)):
-            raise InputError(f"--report shows tests with known defects alone; leave it, or rows with {HEALTHY!r}, out")
-        if not damaged and not evidence.peaks:
-            raise InputError("there is nothing to identify from: give TESTS with defects, --peaks, --frf or --run-up")
+        damaged = bool(np.any(trials.damaged))
+        _check_told(trials, evidence, page)
+        section = next(section for section in config.bearing if section.name == channel.bearing)
         space = Space(
             rig=rig,
             bearing=entry.bearing,
-            loads=tuple(sorted(loads)),
+            loads=tuple(sorted({condition.load for condition in trials.conditions} | set(evidence.loads))),
             clearance=section.clearance_um / MICRO,
             free=_free(options["free"]) or (DEFAULT_FREE if damaged else FREE_WITHOUT_TESTS),
             limits=(Limits() if damaged else wide_limits()).with_intervals(dict(options["limits"])),
@@ -180,14 +171,8 @@ def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: 
     values = _values(found, settings, table) | verdict.values(is_calibration(found))
     values["warnings"] = [*table.warnings, *find_warnings(found, config, entry), *values["why_uncalibrated"]]
     if out is not None:
-        if values["calibrated"]:
-            posterior = out.with_suffix(".posterior.csv")
-            # The table refers to the draws, so it is written after them.
-            _write(posterior, found.posterior.text())
-            values["posterior"]["out"] = str(posterior)
-            say(f"posterior: {posterior}", quiet=quiet)
-        _write(out, rig_toml(found, config, channel.bearing, values))
-        say(f"rig: {out}", quiet=quiet)
+        for kind, path in _write_rig(out, found, config, channel.bearing, values):
+            say(f"{kind}: {path}", quiet=quiet)
     written = {name: None if path is None else str(path) for name, path in (("out", out), ("report", page))}
     if page is not None:
         keys = {name: key_of(name, space.rig.element) for name in space.free}
@@ -196,6 +181,41 @@ def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: 
         write_report(page, found, settings, table, words)
         say(f"report: {page}", quiet=quiet)
     emit({**values, **written}, _lines(values), as_json=as_json)
+
+
+def _check_files(out: Path | None, page: Path | None, *, resume: bool) -> None:
+    """Raise an InputError where a file could not be written, or there is none to go on from."""
+    if out is not None:
+        check_suffix("--out", out, (".toml",))
+        check_writable("--out", out)
+    if page is not None:
+        check_page(page)
+        check_writable("--report", page)
+    if resume and out is None:
+        raise InputError("--resume needs --out FILE: the state of a run stands beside it")
+
+
+def _check_told(trials: Trials, evidence: Evidence, page: Path | None) -> None:
+    """Raise an InputError where nothing tells a rig, or a page would not show what does."""
+    damaged = np.any(trials.damaged)
+    if page is not None and not (damaged and np.all(trials.damaged)):
+        raise InputError(f"--report shows tests with known defects alone; leave it, or rows with {HEALTHY!r}, out")
+    if not damaged and not evidence.peaks:
+        raise InputError("there is nothing to identify from: give TESTS with defects, --peaks, --frf or --run-up")
+
+
+def _write_rig(
+    out: Path, found: Identification, config: Config, bearing: str, values: dict[str, Any]
+) -> Iterator[tuple[str, Path]]:
+    """Write the draws of a calibrated rig, noted in ``values``, and its table; yield what was written."""
+    if values["calibrated"]:
+        posterior = out.with_suffix(".posterior.csv")
+        # The table refers to the draws, so it is written after them.
+        _write(posterior, found.posterior.text())
+        values["posterior"]["out"] = str(posterior)
+        yield "posterior", posterior
+    _write(out, rig_toml(found, config, bearing, values))
+    yield "rig", out
 
 
 def _free(groups: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
