@@ -46,13 +46,6 @@ RATE = 25600.0
 
 
 @pytest.fixture
-def machine(tmp_path: Path) -> Path:
-    path = tmp_path / "machine.toml"
-    path.write_text(MACHINE)
-    return path
-
-
-@pytest.fixture
 def table(tmp_path: Path) -> Path:
     """A CSV of simulated tests with 1 % of noise."""
     path = tmp_path / "tests.csv"

@@ -78,13 +78,6 @@ def look_alikes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def machine(tmp_path: Path) -> Path:
-    path = tmp_path / "machine.toml"
-    path.write_text(MACHINE)
-    return path
-
-
-@pytest.fixture
 def measuring(machine: Path) -> Measuring:
     config = load_config(machine)
     channel = tracked_channel(config, None)
