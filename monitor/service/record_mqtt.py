@@ -207,13 +207,14 @@ class RecordMqtt:
         confirmed = self._monotonic()
         while not self._over():
             with self._wake:
-                self._news = False
+                # As it is here for the whole round: the last state is published before the end.
+                self._news, ending = False, self._ending
             link.check()
             if self._confirm(link) or not self._sent:
                 confirmed = self._monotonic()
             elif self._monotonic() - confirmed > _MAX_SILENCE_S:
                 raise BrokerError(f"mqtt {self._section.host}: the broker does not confirm")
-            self._publish_state(link)
+            self._publish_state(link, ending=ending)
             ready = len(self._waiting) < _MAX_UNCONFIRMED and self._wait_allowed() <= 0.0
             rows = store.rows(_QUERY, place, _MAX_ROWS) if ready else []
             for row in rows:
@@ -223,17 +224,17 @@ class RecordMqtt:
                 place = row[0]
             if self._monotonic() >= self._place_due:
                 self._write_place()
-            if not rows and self._wait():
+            if not rows and self._wait(ending=ending):
                 return
 
-    def _wait(self) -> bool:
+    def _wait(self, *, ending: bool) -> bool:
         """Wait for new records, or until the rate limit allows more; return whether to end."""
         until_allowed = self._wait_allowed()
-        if self._ending and not self._sent and until_allowed <= 0.0:
+        if ending and not self._sent and until_allowed <= 0.0:
             return True
         most = min(_STATE_S, until_allowed) if until_allowed > 0.0 else _STATE_S
         with self._wake:
-            if self._ending:
+            if ending:
                 self._wake.wait_for(lambda: self._news, min(most, _ENDING_TURN_S))
             else:
                 self._wake.wait_for(lambda: self._news or self._ending, most)
@@ -268,17 +269,17 @@ class RecordMqtt:
             self._place = self._reached.number
         return bool(confirmed)
 
-    def _publish_state(self, link: BrokerLink) -> None:
+    def _publish_state(self, link: BrokerLink, *, ending: bool) -> None:
         """Publish the state of the machine if it has changed."""
         now = self._monotonic()
-        if now < self._state_due and not self._ending:
+        if now < self._state_due and not ending:
             return
         self._state_due = now + _STATE_S
         try:
             status = json.loads((self._state_dir / "status.json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return
-        if self._ending:
+        if ending:
             status["status"] = "stopped"
         message = state_message(self._machine, status)
         if message != self._state:

@@ -6,6 +6,7 @@ import contextlib
 import json
 import random
 import socket
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -256,6 +257,31 @@ def test_how_the_machine_stands_is_said_when_it_changes_and_when_it_dies(tmp_pat
         wait_until(lambda: len(heard) == 5)
     assert [body["status"] for _, body, _ in heard] == ["running", "running", "unreachable", "running", "stopped"]
     assert [body["state"] for _, body, _ in heard] == ["normal", "failure", "no_data", "failure", "failure"]
+
+
+@pytest.mark.broker
+def test_that_it_stops_is_said_whenever_it_is_told_to(
+    tmp_path: Path, commits: Commits, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (commits.folder / "status.json").write_text(json.dumps({"status": "running", "state": "normal", "problems": {}}))
+    allowed = RecordMqtt._wait_allowed
+    closers: list[threading.Thread] = []
+
+    def close_meanwhile(records: RecordMqtt) -> float:
+        # After the state of this round has been published, before it is seen whether to end.
+        if not closers:
+            closers.append(threading.Thread(target=records.close, args=(5.0,)))
+            closers[0].start()
+            wait_until(lambda: records._ending)
+        return allowed(records)
+
+    monkeypatch.setattr(RecordMqtt, "_wait_allowed", close_meanwhile)
+    with Broker(tmp_path / "broker") as broker, subscribed(broker.port, "plant/records/m/state") as heard:
+        with publishing(commits, broker.port):
+            wait_until(lambda: bool(closers))
+            join(closers[0])
+        wait_until(lambda: len(heard) == 2)
+    assert [body["status"] for _, body, _ in heard] == ["running", "stopped"]
 
 
 def test_nothing_configured_starts_nothing(tmp_path: Path) -> None:
