@@ -1,10 +1,13 @@
 """The parameters of the machine that each model takes, one type and one file a model.
 
-A model's parameters are a frozen dataclass with ``model``, the key of ``models.registry.MODULES``, and
-``check_bearing``, which refuses a bearing that they cannot belong to. A new type joins ``AnyRig`` with one line.
+A model's parameters are a frozen dataclass with ``model``, the key of ``models.registry.MODULES``, ``uncertain``, the
+names of those that differ from machine to machine of a kind, and ``check_bearing``, which refuses a bearing that they
+cannot belong to. A new type joins ``AnyRig`` with one line.
 """
 
 from __future__ import annotations
+
+from typing import get_args
 
 from models.rigs.ball_inertia import BallInertiaRig
 from models.rigs.ring_impact import RingImpactRig
@@ -12,3 +15,9 @@ from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
 
 AnyRig = Rig | BallInertiaRig | RingImpactRig | RotorRig
+
+RIGS: dict[str, type[AnyRig]] = {kind.model: kind for kind in get_args(AnyRig)}
+"""The types by the model that takes them."""
+
+IGNORES_DEPTH: dict[str, str] = {RingImpactRig.model: "its impacts follow the extent of a defect, not its depth"}
+"""Models whose vibration is the same for any depth of a defect, and why: no volume can be told from it."""

@@ -32,6 +32,7 @@ class BallInertiaRig:
     """
 
     model: ClassVar[str] = "ball_inertia"
+    uncertain: ClassVar[tuple[str, ...]] = ("m_rotor", "m_i", "k_ci", "k_co", "c_ci", "c_co")
 
     m_rotor: float = 1.5
     m_i: float = 0.061

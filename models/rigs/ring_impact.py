@@ -88,6 +88,7 @@ class RingImpactRig:
     """
 
     model: ClassVar[str] = "ring_impact"
+    uncertain: ClassVar[tuple[str, ...]] = ("m_o", "m_i", "k_o", "k_i", "k_of", "k_if", "c_of", "c_if", "gain")
 
     m_o: float = 0.0897
     m_i: float = 0.0560

@@ -37,6 +37,7 @@ class RotorRig:
     """
 
     model: ClassVar[str] = "rotor"
+    uncertain: ClassVar[tuple[str, ...]] = ("m", "j_p", "j_t", "shaft_diameter", "modulus", "k_c", "c_b", "c_n")
 
     m: float = 5.0
     j_p: float = 2.0

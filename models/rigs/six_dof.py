@@ -39,6 +39,7 @@ class Rig:
     """
 
     model: ClassVar[str] = "six_dof"
+    uncertain: ClassVar[tuple[str, ...]] = ("m_i", "m_o", "m_r", "k_i", "k_r", "k_c", "c_i", "c_r", "alpha_c", "beta_c")
 
     m_i: float = 3.48
     m_o: float = 5.79

@@ -54,9 +54,23 @@ def command(config_path: Path | None, schema: bool, keep: bool, as_json: bool, q
         "hash": config.hash,
         "dating": {name: _dating_values(found) for name, found in dated.items()},
         "levels": {channel: text for found in dated.values() for channel, text in found.levels.items()},
+        "rigs": {source.name: simulated for source in config.source if (simulated := _rig_limits(source))},
         "problems": problems,
     }
     emit(values, _lines(config, problems, dated), as_json=as_json)
+
+
+def _rig_limits(source: SourceSection) -> list[str]:
+    """Return in which ways a simulated rig differs from the bench of the thesis, or why it cannot be simulated."""
+    if source.url is None or not source.url.startswith("rig:"):
+        return []
+    from streams.rig import open_rig
+    from streams.spec import SourceError
+
+    try:
+        return list(open_rig(source.url, source.name).limits)
+    except SourceError as error:
+        return [str(error)]
 
 
 def refuse_what_run_refuses(config: Config) -> None:
@@ -251,6 +265,7 @@ def _lines(config: Config, problems: list[str], dated: Mapping[str, DatingPrevie
         rate = "rate from the recording" if source.rate_hz is None else f"{source.rate_hz:g} Hz"
         block = "one block a file" if source.block_s == "file" else f"{source.block_s:g} s blocks"
         yield f"source {source.name}: {source.url or 'path given to replay'}, format {source.format}, {rate}, {block}"
+        yield from (f"  simulated: {limit}" for limit in _rig_limits(source))
         if source.name in dated:
             yield from _dating_lines(dated[source.name])
         levels = dated[source.name].levels if source.name in dated else {}

@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from models.contact_estimates import estimate_stiffness
-from models.hertz import contact_exponent, in_series
+from models.nominal_rigs import nominal_rig
 from models.registry import AUTO, MODULES, solvers
 from models.rigs import AnyRig
-from models.rigs.ball_inertia import BallInertiaRig
 from models.rigs.six_dof import Rig
 from models.scene import PHYSICS
 from monitor.commands import option
@@ -101,18 +99,7 @@ def parameters_of(kind: type[AnyRig], config: Config, entry: CatalogueEntry) -> 
     """
     if kind is Rig:
         return config.rig_of(entry)
-    known = {field.name: field for field in fields(kind)}
-    values: dict[str, Any] = {}
-    if "element" in known:
-        values["element"] = entry.bearing.element
-    if "k_c" in known and known["k_c"].default is not None:
-        values["k_c"] = estimate_stiffness(entry).value
-    if kind is BallInertiaRig:
-        # The contacts of both races, in the ratio of the model's own bearing, make the stiffness of the geometry.
-        own = in_series(BallInertiaRig.k_ci, BallInertiaRig.k_co, contact_exponent(entry.bearing))
-        share = estimate_stiffness(entry).value / own
-        values |= {"k_ci": share * BallInertiaRig.k_ci, "k_co": share * BallInertiaRig.k_co}
-    return kind(**values)
+    return nominal_rig(kind, entry)
 
 
 def _value(kind: type[AnyRig], name: str, text: str) -> Any:

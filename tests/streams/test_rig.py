@@ -7,10 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from models.bearing import kinematics
+from models.rigs import RIGS
 from models.rigs.six_dof import Rig
 from streams.block import Block
 from streams.open import open_source
-from streams.rig import CHANNELS, INTERVAL, RATE, SimulatedRig, draw_life, open_rig, perturbed
+from streams.rig import CHANNELS, INTERVAL, RATE, SimulatedRig, draw_life, machine_of, open_rig, perturbed
 from streams.source import Source
 from streams.spec import SourceError, SourceSpec
 
@@ -102,3 +104,83 @@ def test_blocks_are_spaced_by_the_interval(rig):
 def test_wrong_urls_are_refused(url, words):
     with pytest.raises(SourceError, match=words):
         open_rig(url, "rig")
+
+
+# Samples of the first channel, m/s2, as before the rig could have other models.
+_KNOWN = {
+    2: (0.7702569, -0.39570874, -0.6175891),
+    160: (4.6727796, -21.130615, -15.92906),
+    200: (-3.9665434, 14.437338, 17.900633),
+}
+
+
+@pytest.mark.parametrize("sequence", _KNOWN)
+def test_the_bench_of_the_thesis_stays_as_it_was(rig, sequence):
+    np.testing.assert_allclose(rig.block(sequence).samples[0, 1000:1003], _KNOWN[sequence], rtol=1e-5, atol=1e-5)
+    named = open_rig("rig:ferrara?seed=3&model=six_dof&bearing=1205 ETN9", "rig")
+    np.testing.assert_array_equal(named.block(sequence).samples, rig.block(sequence).samples)
+    assert rig.limits == ()
+
+
+@pytest.mark.parametrize("model", RIGS)
+def test_any_model_with_the_defect_makes_blocks_of_a_life(model):
+    rig = open_rig(f"rig:ferrara?seed=2&model={model}&healthy_blocks=1&blocks=40", "rig")
+    assert rig.rig.model == rig.machine.model == model
+    healthy, worn = rig.block(1), rig.block(40)
+    assert worn.samples.shape == healthy.samples.shape == (3, 128000)
+    assert np.isfinite(worn.samples).all()
+    assert worn.samples[0].std() > 5.0 * healthy.samples[0].std()
+    lines = np.abs(np.fft.rfft(np.abs(worn.samples[0].astype(float)) - np.abs(worn.samples[0]).mean()))
+    bpfo = kinematics(rig.bearing, rig.speed).bpfo
+    around = slice(round(5.0 * 0.95 * bpfo), round(5.0 * 1.05 * bpfo))
+    assert lines[around].max() > 10.0 * np.median(lines)
+
+
+@pytest.mark.parametrize("model", RIGS)
+def test_parameters_of_any_model_deviate_and_the_next_seed_has_others(model):
+    nominal = machine_of(model).nominal
+    drawn = [perturbed(nominal, np.random.default_rng(seed)) for seed in (1, 2)]
+    assert drawn[0] != drawn[1]
+    for rig in drawn:
+        for name in nominal.uncertain:
+            assert 0.02 - 1e-12 <= abs(getattr(rig, name) / getattr(nominal, name) - 1.0) <= 0.05 + 1e-12
+
+
+def test_blocks_of_a_motion_over_time_begin_at_any_phase_and_are_the_same_again():
+    url = "rig:ferrara?seed=2&model=rotor&healthy_blocks=1&blocks=9"
+    first, again = open_rig(url, "rig"), open_rig(url, "rig")
+    np.testing.assert_array_equal(first.block(9).samples, again.block(9).samples)
+    assert first.block(9).content_hash != open_rig(url.replace("rotor", "six_dof"), "rig").block(9).content_hash
+    response = first._simulate(first.scene(9, 40.0, 4000.0))
+    samples = round(RATE / response.bpfo)
+    early, late = first._sampled(response, 0.0), first._sampled(response, 2.0 * np.pi * 100.0 / samples)
+    np.testing.assert_array_equal(early[100:2000], late[: 2000 - 100])
+
+
+def test_its_limits_are_said(rig):
+    rotor = open_rig("rig:ferrara?seed=2&model=rotor", "rig")
+    assert rotor.limits == (
+        "its bearing is a 6205",
+        "its accelerometer shows sensor a of rotor, which has no casing",
+        "the floor of its defect is smooth",
+    )
+    impact = open_rig("rig:ferrara?seed=2&model=ring_impact&gain=0.001", "rig")
+    assert impact.limits[-1] == "no map gives its V_eq: its impacts follow the extent of a defect, not its depth"
+    assert impact.block(200).samples[0].std() < 100.0
+
+
+@pytest.mark.parametrize(
+    ("query", "words"),
+    [
+        ("model=lathe", "unknown model 'lathe'; known are: six_dof, "),
+        ("model=rotor&bearing=1205", "contact angle of 10.* degrees; models that take it: six_dof, ring_impact"),
+        ("model=rotor&sensor=mo", "sensor 'mo': this model has a, b, c"),
+        ("model=rotor&sensor=x", "sensor='x' is none of mo"),
+        ("bearing=zzz", "bearing 'zzz' is not in the catalogue"),
+        ("gain=0", "gain must be positive"),
+        ("model=ring_impact&bearing=6203&seed=3", "more than an element"),
+    ],
+)
+def test_what_a_model_does_not_describe_is_refused_when_the_rig_is_opened(query, words):
+    with pytest.raises(SourceError, match=words):
+        open_rig(f"rig:ferrara?{query}", "rig")

@@ -213,6 +213,17 @@ def test_a_recording_is_a_problem_for_the_daemon_alone(tmp_path: Path, path: str
     assert "is not a source that goes on for ever" in refused_by("run", config)[0]
 
 
+def test_the_limits_of_a_simulated_rig_are_said(tmp_path: Path) -> None:
+    config = tmp_path / "m.toml"
+    config.write_text(text_of(**url("rig:ferrara?seed=1&model=rotor")))
+    done = run_command("check", "--config", config, "--json")
+    assert done.returncode == 0, done.stderr
+    (limits,) = json.loads(done.stdout)["rigs"].values()
+    assert "its accelerometer shows sensor a of rotor, which has no casing" in limits
+    config.write_text(text_of(**url("rig:ferrara?seed=1&model=rotor&bearing=1205")))
+    assert "models that take it: six_dof, ring_impact" in run_command("check", "--config", config).stdout
+
+
 def test_a_missing_folder_and_a_damaged_store_are_no_refusals(tmp_path: Path) -> None:
     config, database = tmp_path / "m.toml", tmp_path / "state" / "state.db"
     config.write_text(text_of())
