@@ -19,6 +19,7 @@ from models.scene import EFFECTS
 if TYPE_CHECKING:
     from models.response import Response
     from models.scene import Scene
+    from models.trajectories import Trajectories
 
 # The modules of each model's solvers.
 MODULES: dict[str, tuple[str, ...]] = {
@@ -93,6 +94,8 @@ class Solver:
         solve: returns the response; raises a ValueError that names what it does not describe.
         reason: why it is taken where it is the cheapest, a clause for people.
         rig: the type of the parameters of the machine that it takes.
+        trajectories: returns where the points of a shaft move, None where the motion diverged; None where the model has
+            no shaft that moves.
         adapt: returns a scene that has the parameters of another model with its own, by the mapping that the model's
             file states; raises a ValueError that names the assumption which the models do not share. None where
             there is no such mapping.
@@ -107,6 +110,7 @@ class Solver:
     reason: str
     rig: type[AnyRig]
     adapt: Callable[[Scene], Scene] | None = None
+    trajectories: Callable[[Scene, Request], Trajectories | None] | None = None
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names a field which the registry could not use."""

@@ -35,6 +35,7 @@ from models.hertz import BALL_EXPONENT, element_angles, in_series, static_equili
 from models.kernels import ball_inertia as kernels
 from models.registry import Request, Solver, check_effects
 from models.rigs.ball_inertia import BallInertiaRig
+from models.trajectories import Trajectories, settled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -130,6 +131,18 @@ def trace(scene: Scene, duration: float, step: float) -> Trace:
     wave, place = np.empty((steps, 1)), np.empty((steps, 2 + plan.slots.shape[1]))
     finite = kernels.run(at_rest(scene), wave, place, step, plan) == kernels.STATUS_OK
     return Trace(step, wave[:, 0], place[:, :2], place[:, 2:], finite)
+
+
+def trajectories(scene: Scene, request: Request) -> Trajectories | None:
+    """Return where the inner ring moves after the beginning, None if the motion diverged; raise as ``trace`` does."""
+
+    def walk(duration: float, step: float) -> NDArray[np.float64] | None:
+        found = trace(scene, duration, step)
+        return found.ring.T[np.newaxis] if found.finite else None
+
+    step = _SHARE_OF_STABLE * longest_stable_step(scene)
+    free = (scene.clearance,)
+    return settled(walk, scene, request, step=step, settle=settling(scene), points=SENSORS, clearance=free)
 
 
 def prepare_plan(scene: Scene, duration: float, direction: float = 0.0) -> kernels.Plan:
@@ -287,4 +300,5 @@ SOLVER = Solver(
     solve=solve,
     reason="the motion is simulated over time, since only that follows the balls",
     rig=BallInertiaRig,
+    trajectories=trajectories,
 )

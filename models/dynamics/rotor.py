@@ -24,6 +24,7 @@ from models.kernels import rotor as kernels
 from models.kernels.rotor_forces import STATUS_OK, Plan
 from models.registry import Request, Solver, check_effects
 from models.rigs.rotor import RotorRig
+from models.trajectories import Trajectories, settled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -209,6 +210,29 @@ def trace(scene: Scene, duration: float, step: float, *, rest: NDArray[np.float6
     return trace_of(scene, duration, step, Rigid(scene, 0.0), at_rest(scene, elastic=False) if rest is None else rest)
 
 
+def trajectories_of(scene: Scene, request: Request, shaft: Rigid, rest: NDArray[np.float64]) -> Trajectories | None:
+    """Return where A, B and C move after the beginning from rest, None if the motion diverged."""
+
+    def walk(duration: float, step: float) -> NDArray[np.float64] | None:
+        found = trace_of(scene, duration, step, shaft, rest)
+        places = np.array([[point.real, point.imag] for point in (found.a, found.b, found.c)])
+        return places if found.finite else None
+
+    free = (scene.clearance, scene.clearance, math.nan)
+    step, settle = 0.5 * shaft.longest_step(), settling(scene)
+    return settled(walk, scene, request, step=step, settle=settle, points=SENSORS, clearance=free)
+
+
+def trajectories(scene: Scene, request: Request) -> Trajectories | None:
+    """Return where A, B and C of a rotor with a rigid shaft move, None if the motion diverged.
+
+    Raises:
+        ValueError: if the scene is outside what is solved here; the message names it.
+    """
+    check_shaft(scene, EFFECTS)
+    return trajectories_of(scene, request, Rigid(scene, 0.0), at_rest(scene, elastic=False))
+
+
 def repeats(scene: Scene) -> bool:
     """Whether nothing but the passages of the balls drives the motion, at one rate in both bearings."""
     rates = [kinematics(bearing, scene.speed) for bearing in bearings_of(scene)]
@@ -251,4 +275,5 @@ SOLVER = Solver(
     solve=solve,
     reason="the shaft counts as rigid, since the scene does not ask for an elastic one",
     rig=RotorRig,
+    trajectories=trajectories,
 )

@@ -22,6 +22,7 @@ from models.dynamics.rotor import (
     cost_of,
     solve_motion,
     trace_of,
+    trajectories_of,
 )
 from models.dynamics.rotor_plan import at_rest, bearings_of
 from models.kernels import rotor_massless as massless
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
     from models.response import Response, Sensor
     from models.scene import Scene
+    from models.trajectories import Trajectories
 
 ELASTIC_EFFECTS = EFFECTS | {"with_elastic_shaft"}
 _BENDING_ANGLE = 0.3
@@ -116,6 +118,12 @@ def trace_elastic(scene: Scene, duration: float, step: float, *, rest: NDArray[n
     return trace_of(scene, duration, step, shaft_of(scene), begin)
 
 
+def trajectories(scene: Scene, request: Request) -> Trajectories | None:
+    """Return what ``models.dynamics.rotor.trajectories`` returns, of an elastic shaft."""
+    check_shaft(scene, ELASTIC_EFFECTS)
+    return trajectories_of(scene, request, shaft_of(scene), at_rest(scene, elastic=True))
+
+
 def _cost(scene: Scene, request: Request) -> float:
     return cost_of(scene, request, shaft_of(scene), _SECONDS_A_STEP)
 
@@ -129,4 +137,5 @@ SOLVER = Solver(
     solve=solve,
     reason="it bends the shaft between disc and bearings",
     rig=RotorRig,
+    trajectories=trajectories,
 )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from models.nominal_rigs import nominal_rig
-from models.registry import AUTO, MODULES, solvers
+from models.registry import AUTO, MODULES, solvers, words
 from models.rigs import AnyRig
 from models.rigs.six_dof import Rig
 from models.scene import PHYSICS
@@ -61,6 +61,12 @@ def able_models(scene: Scene) -> list[str]:
     """Return the models that have all effects of a scene, whatever parameters they take."""
     needed = frozenset(scene.effects)
     return [name for name in MODULES if any(needed <= solver.effects for solver in solvers(name))]
+
+
+def missing_effects(scene: Scene, model: str) -> list[str]:
+    """Return the effects of a scene, in words, that the solver of a model which lacks fewest of them lacks."""
+    lacking = ([name for name in scene.effects if name not in solver.effects] for solver in solvers(model))
+    return words(tuple(min(lacking, key=len)))
 
 
 def with_parameters(

@@ -29,7 +29,7 @@ from monitor.commands.common import (
     read_machine,
 )
 from monitor.commands.model_parameters import further_effects, with_parameters
-from monitor.commands.simulate_models import WAVEFORM_RATE, compare, compared_lines, simulated
+from monitor.commands.simulate_models import WAVEFORM_RATE, compare, compared_lines, request_of, simulated
 from monitor.records.database import replacing
 from monitor.words.numbers import floor_of_defect
 from streams.block import STANDARD_GRAVITY
@@ -199,13 +199,16 @@ def _more_defects(options: dict[str, Any]) -> Iterator[Defect]:
 
 
 def _plot(response: Response, options: dict[str, Any], scene: Scene, sensor: Sensor) -> None:
+    from models.trajectories import trajectories
     from monitor.report.figures.scene import fundamental_of, scene_sheet, signal_of
     from monitor.report.figures.sheet import write_sheet
 
     path: Path = options["plot"]
     sensed = signal_of(response, sensor, fundamental_of(scene)[0])
+    moved = trajectories(scene, request_of(options), response)
+    sheet = scene_sheet(scene, sensed, sensor=sensor, title=_title(options, scene), moved=moved)
     with output_errors("--plot", path):
-        write_sheet(scene_sheet(scene, sensed, sensor=sensor, title=_title(options, scene)), path)
+        write_sheet(sheet, path)
 
 
 def _title(options: dict[str, Any], scene: Scene) -> str:

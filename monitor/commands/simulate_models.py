@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from models.registry import MODULES
+from models.registry import MODULES, Request
 from models.response import PASSBAND
 from monitor.commands.common import finite, output_errors
-from monitor.commands.model_parameters import able_models, with_parameters
-from streams.block import STANDARD_GRAVITY
+from monitor.commands.model_parameters import able_models, missing_effects, with_parameters
+from monitor.words.sensors import unit_of_sensor
 
 if TYPE_CHECKING:
     from models.bearing import CatalogueEntry
@@ -23,12 +24,9 @@ if TYPE_CHECKING:
 WAVEFORM_RATE = 51200.0
 
 
-def simulated(scene: Scene, options: dict[str, Any]) -> Response:
-    """Return the response to a scene, as the options of ``simulate`` ask."""
-    from models.simulate import simulate
-
-    return simulate(
-        scene,
+def request_of(options: dict[str, Any]) -> Request:
+    """Return what the options of ``simulate`` ask about a scene."""
+    return Request(
         accuracy=options["accuracy"],
         tolerance=options["tolerance"],
         max_periods=options["periods"],
@@ -38,6 +36,13 @@ def simulated(scene: Scene, options: dict[str, Any]) -> Response:
         duration=options["duration_s"],
         rate=WAVEFORM_RATE,
     )
+
+
+def simulated(scene: Scene, options: dict[str, Any]) -> Response:
+    """Return the response to a scene, as the options of ``simulate`` ask."""
+    from models.simulate import simulate
+
+    return simulate(scene, **asdict(request_of(options)))
 
 
 def compare(scene: Scene, config: Config, entry: CatalogueEntry, options: dict[str, Any]) -> dict[str, Any]:
@@ -54,47 +59,62 @@ def compare(scene: Scene, config: Config, entry: CatalogueEntry, options: dict[s
     if not able:
         raise ValueError(f"no model describes {', '.join(scene.effects)} together")
     answers: dict[str, Response] = {}
-    refused: dict[str, str] = {name: "it lacks effects of the scene" for name in MODULES if name not in able}
+    refused = {
+        name: "does not describe " + ", ".join(missing_effects(scene, name)) for name in MODULES if name not in able
+    }
     rows: list[dict[str, Any]] = []
     for model in able:
-        began = time.process_time()
         try:
-            answers[model] = found = simulated(with_parameters(scene, config, entry, (), model=model), options)
+            own = with_parameters(scene, config, entry, (), model=model)
+            simulated(own, options)
+            # A second call, because the first may compile kernels and load them.
+            began = time.process_time()
+            answers[model] = found = simulated(own, options)
         except ValueError as error:
             refused[model] = str(error)
             continue
-        rows.append(
-            {
-                "model": model,
-                "solver": found.solver,
-                "sensor": found.sensors[0],
-                "status": found.status,
-                "rms_g": finite(found.rms / STANDARD_GRAVITY),
-                "rms_error": finite(found.rms_error),
-                "peak_g": finite(found.peak / STANDARD_GRAVITY),
-                "harmonics_g": [finite(float(line) / STANDARD_GRAVITY) for line in found.harmonics],
-                "seconds": time.process_time() - began,
-            }
-        )
+        rows.append(_row(found, time.process_time() - began))
     if options["plot"] is not None:
         _plot(scene, answers, options["plot"])
     return {"models": rows, "refused": refused}
 
 
+def _row(found: Response, seconds: float) -> dict[str, Any]:
+    """Return what a comparison says of one model; levels are in g, of a speed in rad/s."""
+    sensor = found.sensors[0]
+    scale, text = unit_of_sensor(sensor)
+    unit = text.replace("/", "_")
+    return {
+        "model": found.model,
+        "solver": found.solver,
+        "sensor": sensor,
+        "status": found.status,
+        f"rms_{unit}": finite(found.rms / scale),
+        "rms_error": finite(found.rms_error),
+        f"peak_{unit}": finite(found.peak / scale),
+        f"harmonics_{unit}": [finite(float(line) / scale) for line in found.harmonics],
+        "seconds": seconds,
+    }
+
+
 def compared_lines(values: dict[str, Any]) -> Iterator[str]:
     """Yield the lines of a comparison for people."""
-    yield f"{'model':14}{'sensor':>8}{'status':>14}{'RMS, g':>12}{'error':>9}{'peak, g':>12}{'time, s':>9}"
+    yield f"{'model':14}{'sensor':>8}{'status':>14}{'RMS':>16}{'error':>9}{'peak':>16}{'time, s':>9}"
     for row in values["models"]:
-        rms, error, peak = row["rms_g"], row["rms_error"], row["peak_g"]
+        error = row["rms_error"]
         yield (
-            f"{row['model']:14}{row['sensor']:>8}{row['status']:>14}"
-            f"{'-' if rms is None else format(rms, '.4g'):>12}"
-            f"{'-' if error is None else format(error, '.1e'):>9}"
-            f"{'-' if peak is None else format(peak, '.4g'):>12}{row['seconds']:9.2f}"
+            f"{row['model']:14}{row['sensor']:>8}{row['status']:>14}{_level(row, 'rms'):>16}"
+            f"{'-' if error is None else format(error, '.1e'):>9}{_level(row, 'peak'):>16}{row['seconds']:9.2g}"
         )
     yield "each model with parameters of its own, at its first sensor: levels need not agree"
+    yield "error: of the RMS, relative, estimated; time: of the processor, in a second call, without compiling"
     for model, reason in values["refused"].items():
-        yield f"{model}: {reason}"
+        yield f"{model}: not compared: {reason}"
+
+
+def _level(row: dict[str, Any], name: str) -> str:
+    value, unit = (row[f"{name}_g"], "g") if f"{name}_g" in row else (row[f"{name}_rad_s"], "rad/s")
+    return "-" if value is None else f"{value:.4g} {unit}"
 
 
 def _plot(scene: Scene, answers: dict[str, Response], path: Path) -> None:

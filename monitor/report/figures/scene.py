@@ -19,10 +19,13 @@ from models.response import Response, Sensor, SignalRecord
 from models.rigs import AnyRig
 from models.rigs.six_dof import Rig, natural_frequencies
 from models.scene import EFFECTS, Defect, Floor, Scene
+from models.trajectories import Trajectories
 from monitor.report.figures.drawing import AXIS, BLUE, GREY, INK, PURPLE, SHADE, SOFT, VERMILION, legend_above
+from monitor.report.figures.orbits import orbit_part
 from monitor.report.figures.sheet import Part, Sheet
 from monitor.words.calibration import rig_words
 from monitor.words.numbers import figure
+from monitor.words.sensors import PLACES
 from streams.block import STANDARD_GRAVITY
 
 Values = NDArray[np.float64]
@@ -32,14 +35,6 @@ _RATE = 204800.0
 _HIGHEST = 12000.0
 _ZOOM = 2000.0
 _PATH_POINTS = 1201
-PLACES: Mapping[Sensor, str] = {
-    "mo": "casing",
-    "mr": "resonator",
-    "a": "shaft in bearing A",
-    "b": "shaft in bearing B",
-    "c": "disc",
-    "ias": "shaft",
-}
 # Deeper than any ball sinks between two edges, m.
 _NO_FLOOR = 1.0
 # Lines below this share of the largest are invisible in a picture.
@@ -110,14 +105,17 @@ def _sensed(
     )
 
 
-def scene_sheet(scene: Scene, sensed: SensorSignal, *, sensor: Sensor, title: str) -> Sheet:
-    """Return the report of a scene (thesis, Figs. 47, 48 and 53)."""
+def scene_sheet(
+    scene: Scene, sensed: SensorSignal, *, sensor: Sensor, title: str, moved: Trajectories | None = None
+) -> Sheet:
+    """Return the report of a scene (thesis, Figs. 47, 48 and 53), with the orbits of its shaft where they are given."""
     place = PLACES[sensor]
     band = "over full bandwidth" if sensed.band is None else f"in {sensed.band[0]:g} to {sensed.band[1]:g} Hz"
     lead = f"RMS {figure(sensed.rms / STANDARD_GRAVITY)} g {band} on the {place} ({sensed.status.replace('_', ' ')})."
     parts = [_signal_part(scene, sensed)]
     parts += [_path_part(scene, defect, number) for number, defect in enumerate(scene.defects)]
     parts.append(_spectrum_part(scene, sensed))
+    parts += [] if moved is None else [orbit_part(scene.speed, moved)]
     return Sheet(title, lead, parts, _facts(scene, sensed))
 
 

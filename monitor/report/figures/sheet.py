@@ -92,7 +92,7 @@ def write_sheet(sheet: Sheet, path: Path) -> None:
 def compose(sheet: Sheet) -> Figure:
     """Return all parts below each other, with captions, and the facts at the foot."""
     captions = [textwrap.fill(part.caption, _LETTERS) for part in sheet.parts]
-    foot = textwrap.fill("; ".join(f"{name}: {text}" for name, text in sheet.facts), _LETTERS + 18)
+    foot = textwrap.fill("; ".join(f"{name}: {text}" for name, text in sheet.facts), _LETTERS + 10)
     heights = [part.height + _HEADING + _height(text) for part, text in zip(sheet.parts, captions, strict=True)]
     lead = textwrap.fill(sheet.lead, _LETTERS - 16)
     ends = [_TITLE + 1.2 * _height(lead), _height(foot) + 0.1]
