@@ -153,4 +153,4 @@ def _crest(one: _Model, span: float) -> tuple[NDArray[np.float64], NDArray[np.fl
     frequency, shares = one.sensed.frequency, one.shares
     number = np.round(frequency / span).astype(np.intp)
     first = np.flatnonzero(np.diff(number, prepend=-1))
-    return span * number[first], np.maximum.reduceat(shares, first)
+    return span * number[first].astype(np.float64), np.asarray(np.maximum.reduceat(shares, first), dtype=np.float64)
