@@ -12,7 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from models.response import check_band
+from models.checks import check_choice
+from models.response import QUANTITIES, SENSORS, Quantity, Sensor, check_band
 from models.rigs import AnyRig
 from models.scene import EFFECTS
 
@@ -37,6 +38,8 @@ _LEAST_PERIODS = 20
 class Request:
     """What is asked about a scene; see ``models.simulate.simulate``. Fields that a solver has no use for are ignored.
 
+    A solver takes steps with which ``quantity`` meets the accuracy; for "v_eq", those of the RMS.
+
     Raises:
         ValueError: if a field is unusable; the message names it.
     """
@@ -50,6 +53,8 @@ class Request:
     direction: float = 0.0
     duration: float = 1.0
     rate: float = 51200.0
+    quantity: Quantity = "rms"
+    sensor: Sensor | None = None
 
     def __post_init__(self) -> None:
         """Check each field by itself."""
@@ -65,6 +70,9 @@ class Request:
             check_band(self.band)
         if self.lines_to is not None and not (math.isfinite(self.lines_to) and self.lines_to >= 0.0):
             raise ValueError(f"lines_to must be finite and not negative, got {self.lines_to!r} Hz")
+        check_choice(self.quantity, "quantity", QUANTITIES)
+        if self.sensor is not None:
+            check_choice(self.sensor, "sensor", SENSORS)
         if not math.isfinite(self.direction):
             raise ValueError(f"direction must be finite, got {self.direction!r}")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -14,10 +14,15 @@ from models.numerics import crests
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.registry import Request
+
 Sensor = Literal["mo", "mr", "a", "b", "c", "ias"]
 """Casing and resonator; the supports A and B of a rotor and its disc C; instantaneous angular speed of the shaft."""
 Status = Literal["converged", "not_periodic", "not_converged", "inaccurate"]
 STATUSES: tuple[Status, ...] = ("converged", "not_periodic", "not_converged", "inaccurate")
+Quantity = Literal["waveform", "rms", "lines", "v_eq"]
+"""What an accuracy is asked for: see ``Response.error_of``."""
+QUANTITIES: tuple[Quantity, ...] = ("waveform", "rms", "lines", "v_eq")
 
 HARMONICS = 6
 # Share of the Nyquist frequency below the transition band of a recorder's anti-alias filter.
@@ -108,8 +113,9 @@ class Response:
         multiplier: largest absolute Floquet multiplier of the motion that repeats; beyond 1 it is unstable, and what is
             simulated instead is given. NaN where none was found or looked for.
         model, solver: what answered (models.registry).
-        status: "converged" (it repeats, is stable, and ``rms_error`` is within what was asked), "inaccurate" (it is
-            not), "not_periodic" (a mean and a spread are given) or "not_converged" (unusable).
+        status: "converged" (it repeats, is stable, and the error of the quantity that was asked for is within the
+            accuracy), "inaccurate" (that error is not), "not_periodic" (a mean and a spread are given) or
+            "not_converged" (unusable).
         rms_band: the band (lo, hi), Hz, to which RMS and peak refer, or None for the full bandwidth.
         coefficients: complex Fourier coefficients c_k of exp(2 pi i k bpfo t), k = 0..K, m/s2, shape
             (sensors, K + 1). The amplitude of line k is 2 |c_k|. Where the motion does not repeat, their amplitudes are
@@ -117,6 +123,12 @@ class Response:
         record: the signal where the motion was simulated over time, else None.
         why: why this model and solver answered, or None where the scene names its model.
         sensors: of the rows of ``coefficients``.
+        quantity: for which the accuracy was asked.
+        lines_error: largest error of the first six lines of the scene's defect (of BPFO where it has none) over the
+            largest of them, estimated from the steps; NaN where it was not looked at.
+        v_eq_error: relative error of the equivalent volume that the RMS stands for, NaN where it was not asked for.
+        model_error: predicted relative error of the quantity against the reference model (models.mappings), 0 where the
+            reference itself answered.
     """
 
     levels: tuple[tuple[float, float], ...]
@@ -139,6 +151,47 @@ class Response:
     record: SignalRecord | None = None
     why: str | None = None
     sensors: tuple[Sensor, ...] = CASING
+    quantity: Quantity = "rms"
+    lines_error: float = math.nan
+    v_eq_error: float = math.nan
+    model_error: float = 0.0
+
+    def error_of(self, quantity: Quantity) -> float:
+        """Return the relative error of a quantity that steps and averaging leave, NaN where it is unknown."""
+        return {
+            "waveform": self.waveform_error,
+            "rms": self.rms_error,
+            "lines": self.lines_error,
+            "v_eq": self.v_eq_error,
+        }[quantity]
+
+    @property
+    def error(self) -> float:
+        """Relative error of the quantity that was asked for: of steps, averaging and model."""
+        return self.error_of(self.quantity) + self.model_error
+
+    def led_by(self, sensor: Sensor | None) -> Response:
+        """Return the response with a sensor as the first, None for the first as it is; errors then apply relatively.
+
+        Raises:
+            ValueError: if the model has no such sensor.
+        """
+        row = row_of(self.sensors, sensor)
+        if row == 0:
+            return self
+        order = [row, *(k for k in range(len(self.sensors)) if k != row)]
+        share = self.levels[row][0] / self.rms if self.rms > 0.0 else 0.0
+        coefficients = self.coefficients[order]
+        return replace(
+            self,
+            levels=tuple(self.levels[k] for k in order),
+            sensors=tuple(self.sensors[k] for k in order),
+            coefficients=coefficients,
+            harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
+            harmonics_error=self.harmonics_error * share,
+            rms_se=self.rms_se * share,
+            spread=self.spread * share,
+        )
 
     @property
     def rms(self) -> float:
@@ -230,6 +283,23 @@ class Response:
             raise ValueError(f"phase must be 0 where the motion was simulated over time, got {phase!r}")
         signal = record.of(sensor) if band is None else record.in_band(*band, sensor)
         return signal[:samples].copy()
+
+
+def lines_error(harmonics: NDArray[np.float64], errors: NDArray[np.float64]) -> float:
+    """Return the largest error of lines over the largest line, 0 where there are none."""
+    largest = float(np.max(harmonics))
+    return float(np.max(errors)) / largest if largest > 0.0 else 0.0
+
+
+def judged(response: Response, request: Request) -> Response:
+    """Return a response with the quantity of a request, and the status that this deserves.
+
+    Only "converged" and "inaccurate" depend on it; an error that is unknown is not within the accuracy.
+    """
+    found = replace(response, quantity=request.quantity)
+    if found.status not in ("converged", "inaccurate"):
+        return found
+    return replace(found, status="converged" if found.error <= request.accuracy else "inaccurate")
 
 
 def row_of(sensors: tuple[Sensor, ...], sensor: Sensor | None) -> int:

@@ -1,15 +1,26 @@
-"""Simulate the vibration of a scene with the model that it names, or the cheapest that has all of its effects."""
+"""Simulate the vibration of a scene with the model that it names, or the cheapest that is good enough for it."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from models.registry import Request, adapted, choose
+from models.response import judged
 
 if TYPE_CHECKING:
-    from models.response import Response
+    from models.response import Quantity, Response, Sensor
     from models.scene import Scene
+
+# The slope of RMS by volume is taken over twice the accuracy of the volume, within these limits, from responses whose
+# error is this share of that change.
+_LEAST_CHANGE, _MOST_CHANGE = 0.02, 0.1
+_SLOPE_ACCURACY = 0.05
+# Below this slope the RMS does not tell the volume.
+_LEAST_SLOPE = 0.02
+# A finer accuracy is not asked for.
+_LEAST_ACCURACY = 1e-7
 
 
 def simulate(
@@ -24,6 +35,8 @@ def simulate(
     direction: float = 0.0,
     duration: float = Request.duration,
     rate: float = Request.rate,
+    quantity: Quantity = "rms",
+    sensor: Sensor | None = None,
 ) -> Response:
     """Return the settled vibration of a scene.
 
@@ -31,8 +44,8 @@ def simulate(
     and averaged. ``Response.why`` says what was taken.
 
     Args:
-        accuracy: relative error of the RMS that is asked for. Steps are halved until their estimated error is below
-            it; ``Response.rms_error`` is the estimate, and the status ``inaccurate`` says that it is not met.
+        accuracy: relative error of ``quantity`` that is asked for. Steps are halved until its estimate,
+            ``Response.error``, is below it; the status ``inaccurate`` says that it is not met.
         tolerance: relative change of the RMS from period to period at which the motion counts as settled, by default
             a hundredth of the accuracy.
         steps_per_period: least steps in a ball period, instead of those that the accuracy asks for.
@@ -44,6 +57,11 @@ def simulate(
         direction: angle of the sensor from the load, rad.
         duration: time to simulate where the motion is not driven by the ball passages alone, s.
         rate: sampling rate of ``Response.record`` then, Hz.
+        quantity: what the accuracy is for: "waveform" (RMS of its error over its RMS), "rms", "lines" (the first six of
+            the passages over the defect) or "v_eq": the equivalent volume that a monitor would find from the RMS, whose
+            error is that of the RMS over the local slope of ln RMS by ln V (``volume_slope``), which needs two more
+            responses. That one RMS may belong to several volumes is not in it.
+        sensor: the first of the response, to which its errors apply; None is the first of the model.
 
     Raises:
         ValueError: if the scene or an argument is outside what the model describes; the message names it.
@@ -58,7 +76,42 @@ def simulate(
         direction=direction,
         duration=duration,
         rate=rate,
+        quantity=quantity,
+        sensor=sensor,
     )
+    if quantity != "v_eq":
+        return _answer(scene, request)
+    slope = abs(volume_slope(scene, request))
+    finer = max(accuracy * max(slope, _LEAST_SLOPE), _LEAST_ACCURACY)
+    found = _answer(scene, replace(request, quantity="rms", accuracy=finer))
+    known = slope > _LEAST_SLOPE
+    error, model = (value / slope if known else math.inf for value in (found.rms_error, found.model_error))
+    return judged(replace(found, v_eq_error=error, model_error=model if known else 0.0), request)
+
+
+def volume_slope(scene: Scene, request: Request) -> float:
+    """Return the slope of ln RMS by ln V where the defect of a scene grows in extent and depth alike.
+
+    Raises:
+        ValueError: if the scene has not exactly one defect that a ball can feel.
+    """
+    defect = scene.defect
+    if defect is None or not defect.moves_balls or scene.more_defects:
+        raise ValueError("quantity 'v_eq' needs a scene with one defect of some extent and depth")
+    change = min(max(2.0 * request.accuracy, _LEAST_CHANGE), _MOST_CHANGE)
+    finer = replace(request, quantity="rms", accuracy=min(request.accuracy, _SLOPE_ACCURACY * change))
+    # Each of extent and depth takes half of the change of the volume in logarithm, to either side.
+    share = math.exp(0.25 * math.log1p(change))
+    sizes = [(min(k * defect.dphi_d, 2.0 * math.pi), k * defect.h_d) for k in (1.0 / share, share)]
+    levels = [_answer(replace(scene, defect=replace(defect, dphi_d=d, h_d=h)), finer).rms for d, h in sizes]
+    if not min(levels) > 0.0:
+        return 0.0
+    (d_1, h_1), (d_2, h_2) = sizes
+    return math.log(levels[1] / levels[0]) / math.log(d_2 * h_2 / (d_1 * h_1))
+
+
+def _answer(scene: Scene, request: Request) -> Response:
+    """Return the response of the solver that is chosen."""
     solver, why = choose(scene, request)
-    response = solver.solve(adapted(scene, solver), request)
+    response = solver.solve(adapted(scene, solver), request).led_by(request.sensor)
     return response if why is None else replace(response, why=why)

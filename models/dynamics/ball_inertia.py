@@ -29,7 +29,7 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.checks import check_positive
-from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of
+from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of, passage_rate
 from models.dynamics.passages import in_intervals, passages_over
 from models.hertz import BALL_EXPONENT, element_angles, in_series, static_equilibrium
 from models.kernels import ball_inertia as kernels
@@ -115,6 +115,7 @@ def solve(scene: Scene, request: Request) -> Response:
         block=1.0 / (lines.bpfo if scene.repeats else scene.speed),
         settle=settle,
         repeats=scene.repeats,
+        passages=passage_rate(scene),
     )
     return answer(motion, request, _SHARE_OF_STABLE * longest_stable_step(scene))
 

@@ -19,7 +19,7 @@ from models.dynamics.lanes import LaneOptions, shared_grid
 from models.dynamics.six_dof import ERROR_OF_WAVE, LANE_EFFECTS, MODEL, check_scene
 from models.kernels.lanes import LANES
 from models.registry import Request, Solver
-from models.response import HARMONICS, Response, Status, levels_of_lines
+from models.response import HARMONICS, Response, Status, judged, levels_of_lines, lines_error
 from models.rigs.six_dof import Rig
 
 if TYPE_CHECKING:
@@ -78,9 +78,10 @@ def solve(scene: Scene, request: Request) -> Response:
         delta, wave = _changes(motion, finer)
         periods, motion, steps = periods + finer.blocks, finer, 2 * steps
         error = max(delta, ERROR_OF_WAVE * wave)
-        if fixed or error <= request.accuracy or 2 * steps > MOST_STEPS:
+        asked = {"waveform": wave, "lines": _error_of_lines(motion, wave)}.get(request.quantity, error + motion.change)
+        if fixed or asked <= request.accuracy or 2 * steps > MOST_STEPS:
             break
-    return _response(scene, request, motion, PERIODS * periods, error, wave)
+    return judged(_response(scene, request, motion, PERIODS * periods, error, wave), request)
 
 
 def _first_steps(scene: Scene, request: Request) -> tuple[int, bool]:
@@ -139,6 +140,12 @@ def _changes(coarse: _Motion, fine: _Motion) -> tuple[float, float]:
     return abs(fine.level - coarse.level) / fine.level, wave / fine.level
 
 
+def _error_of_lines(motion: _Motion, wave: float) -> float:
+    """Return a bound of the error of the lines over the largest: that of the waveform, relative, in a single line."""
+    harmonics = 2.0 * np.abs(motion.coefficients[0, 1 : HARMONICS + 1])
+    return lines_error(harmonics, np.array([math.sqrt(2.0) * wave * motion.level]))
+
+
 def _response(
     scene: Scene, request: Request, motion: _Motion, periods: int, error: float, wave_error: float
 ) -> Response:
@@ -151,7 +158,9 @@ def _response(
     if request.band is not None:
         rms, peak = levels_of_lines(coefficients, bpfo, request.band)
     spread = 0.0 if settled else float(np.std(motion.levels))
-    status: Status = "converged" if error <= request.accuracy else "inaccurate"
+    harmonics = 2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1])
+    # "judged" tells whether it is accurate.
+    status: Status = "inaccurate"
     if not settled:
         status = "not_periodic" if finite else "not_converged"
     return Response(
@@ -161,8 +170,9 @@ def _response(
         peak_error=wave_error,
         waveform_error=wave_error,
         bpfo=bpfo,
-        harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
+        harmonics=harmonics,
         harmonics_error=np.full(HARMONICS, math.nan),
+        lines_error=_error_of_lines(motion, wave_error),
         periods=periods,
         period_change=motion.change,
         spread=spread,

@@ -12,19 +12,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from models.bearing import kinematics
 from models.dynamics.six_dof import ERROR_OF_WAVE
 from models.numerics import filter_valid, kaiser_order
-from models.response import HARMONICS, PASSBAND, Response, Sensor, SignalRecord, Status, band_passed
+from models.response import (
+    HARMONICS,
+    PASSBAND,
+    Response,
+    Sensor,
+    SignalRecord,
+    Status,
+    band_passed,
+    judged,
+    lines_error,
+    row_of,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.registry import Request
+    from models.scene import Scene
 
 # Steps of a run at most: 320 MB for two sensors.
 MOST_STEPS = 20_000_000
@@ -60,6 +73,7 @@ class Motion:
         block: duration of a block, s: the slowest of the periods with which the level swings.
         settle: time that is simulated before and dropped, s.
         repeats: whether nothing but the passages of the balls drives the motion.
+        passages: rate at which balls pass the defect, Hz, whose lines a request may ask for; None is BPFO.
     """
 
     from_rest: FromRest
@@ -70,6 +84,20 @@ class Motion:
     block: float
     settle: float
     repeats: bool
+    passages: float | None = None
+
+    def led_by(self, sensor: Sensor | None) -> Motion:
+        """Return the motion with a sensor as the first, None for the first as it is."""
+        if sensor is None or sensor == self.sensors[0]:
+            return self
+        row = row_of(self.sensors, sensor)
+        order = [row, *(k for k in range(len(self.sensors)) if k != row)]
+
+        def from_rest(steps: int, oversampling: int) -> tuple[NDArray[np.float64], bool]:
+            wave, finite = self.from_rest(steps, oversampling)
+            return np.ascontiguousarray(wave[:, order]), finite
+
+        return replace(self, from_rest=from_rest, sensors=tuple(self.sensors[k] for k in order))
 
 
 def answer(motion: Motion, request: Request, step: float, *, fixed: bool = False) -> Response:
@@ -83,6 +111,7 @@ def answer(motion: Motion, request: Request, step: float, *, fixed: bool = False
     Raises:
         ValueError: if the request is outside what the signal holds, or the run would have too many steps.
     """
+    motion = motion.led_by(request.sensor)
     request.highest(PASSBAND * 0.5 * request.rate, "the signal is flat up to")
     run = _Run(motion, request)
     if request.steps_per_period is not None:
@@ -91,7 +120,7 @@ def answer(motion: Motion, request: Request, step: float, *, fixed: bool = False
     run.check_length(oversampling)
     oversampling, error = run.look(oversampling, None if fixed else request.accuracy)
     wave, finite = run.whole(oversampling)
-    return _response(motion, request, _measured(wave, run, oversampling), error, finite=finite)
+    return judged(_response(motion, request, _measured(wave, run, oversampling), error, finite=finite), request)
 
 
 def duration_of(request: Request, settle: float) -> float:
@@ -107,11 +136,16 @@ def _samples(request: Request) -> int:
 
 @dataclass(frozen=True)
 class _StepError:
-    """Errors of RMS, waveform and peak due to the steps, relative."""
+    """Errors of RMS, waveform, peak and, where they are asked for, lines due to the steps, relative."""
 
     rms: float
     wave: float
     peak: float
+    lines: float = math.nan
+
+    def of(self, request: Request) -> float:
+        """Return that of the quantity that is asked for."""
+        return {"waveform": self.wave, "lines": self.lines}.get(request.quantity, self.rms)
 
 
 class _Run:
@@ -145,10 +179,10 @@ class _Run:
         span = min(whole, math.ceil(max(LOOKED_AT * whole, _BLOCKS_LOOKED_AT * self.motion.block * self.rate)))
         wave, _ = from_rest(span * oversampling, oversampling)
         finer, _ = from_rest(2 * span * oversampling, 2 * oversampling)
-        error = _step_error(wave, finer, oversampling, self._request)
-        while accuracy is not None and error.rms > accuracy and 2 * whole * oversampling <= MOST_STEPS:
+        error = _step_error(wave, finer, oversampling, self.motion, self._request)
+        while accuracy is not None and error.of(self._request) > accuracy and 2 * whole * oversampling <= MOST_STEPS:
             wave, (finer, _) = finer, from_rest(4 * span * oversampling, 4 * oversampling)
-            better = _step_error(wave, finer, 2 * oversampling, self._request)
+            better = _step_error(wave, finer, 2 * oversampling, self.motion, self._request)
             if not better.wave < _HELPS * error.wave:
                 break
             oversampling, error = 2 * oversampling, better
@@ -160,7 +194,7 @@ def _rms(signal: NDArray[np.float64]) -> float:
 
 
 def _step_error(
-    wave: NDArray[np.float64], finer: NDArray[np.float64], oversampling: int, request: Request
+    wave: NDArray[np.float64], finer: NDArray[np.float64], oversampling: int, motion: Motion, request: Request
 ) -> _StepError:
     """Return the errors of the first sensor's waveform from one with half the steps.
 
@@ -170,9 +204,9 @@ def _step_error(
     coarse, fine = wave[:, 0], finer[::2, 0]
     level = _rms(fine)
     if not math.isfinite(level):
-        return _StepError(math.inf, math.inf, math.inf)
+        return _StepError(math.inf, math.inf, math.inf, math.inf)
     if level <= SILENCE:
-        return _StepError(0.0, 0.0, 0.0)
+        return _StepError(0.0, 0.0, 0.0, 0.0)
     change = _rms(coarse - fine) / level
     error = max(abs(_rms(coarse) - level) / level, ERROR_OF_WAVE * change)
     peak, peak_fine = _peaks(wave)[0], _peaks(finer)[0]
@@ -188,7 +222,24 @@ def _step_error(
             ours, better = (band_passed(signal, request.rate, request.band) for signal in (ours, better))
             inside = max(_rms(better), SILENCE)
             error = _HALVED * max(abs(_rms(ours) - inside), ERROR_OF_WAVE * _rms(ours - better)) / inside
-    return _StepError(error, sampled, abs(peak - peak_fine) / peak_fine + change)
+    found = _StepError(error, sampled, abs(peak - peak_fine) / peak_fine + change)
+    if request.quantity == "lines":
+        found = replace(found, lines=_error_of_lines(coarse, finer[:, 0], request.rate * oversampling, motion))
+    return found
+
+
+def _error_of_lines(coarse: NDArray[np.float64], finer: NDArray[np.float64], rate: float, motion: Motion) -> float:
+    """Return the estimated error of the lines over the largest, of first order as that of the sampled signal.
+
+    ``rate``: steps a second of the first signal; the second has twice as many.
+    """
+    passages = motion.bpfo if motion.passages is None else motion.passages
+    found = [
+        2.0
+        * np.abs(SignalRecord(share * rate, signal[None], motion.sensors[:1]).coefficients(passages, HARMONICS)[0, 1:])
+        for share, signal in ((1.0, coarse), (2.0, finer))
+    ]
+    return _HALVED * lines_error(found[1], np.abs(found[1] - found[0]))
 
 
 @dataclass(frozen=True)
@@ -271,11 +322,12 @@ def _response(motion: Motion, request: Request, found: _Measured, step: _StepErr
         multiplier=math.nan,
         model=motion.model,
         solver=motion.solver,
-        status=_status(levels, error, request.accuracy, finite=finite, repeats=repeats),
+        status=_status(levels, finite=finite, repeats=repeats),
         rms_band=request.band,
         coefficients=coefficients,
         record=found.record,
         sensors=motion.sensors,
+        lines_error=step.lines,
     )
 
 
@@ -285,7 +337,8 @@ def _line_count(request: Request, bpfo: float) -> int:
     return max(HARMONICS, math.ceil((passed if request.lines_to is None else request.lines_to) / bpfo))
 
 
-def _status(levels: _Levels, error: float, accuracy: float, *, finite: bool, repeats: bool) -> Status:
+def _status(levels: _Levels, *, finite: bool, repeats: bool) -> Status:
+    """Return the status; of "inaccurate" and "converged", ``judged`` decides."""
     if not finite or not math.isfinite(levels.rms):
         return "not_converged"
     if levels.rms <= SILENCE:
@@ -295,12 +348,23 @@ def _status(levels: _Levels, error: float, accuracy: float, *, finite: bool, rep
         return "not_converged"
     if not repeats:
         return "not_periodic"
-    return "converged" if error <= accuracy else "inaccurate"
+    return "inaccurate"
 
 
 def _margin(oversampling: int) -> int:
     """Return the half length of the filter, in whole samples."""
     return math.ceil(len(anti_alias_filter(oversampling)) // 2 / oversampling)
+
+
+def passage_rate(scene: Scene) -> float:
+    """Return the rate at which balls pass the first defect of a scene, Hz; BPFO where it has none."""
+    part, bearing = "outer", scene.bearing
+    if scene.defect is not None:
+        part = scene.defect.part
+        if scene.defect.support == "b" and scene.second_bearing is not None:
+            bearing = scene.second_bearing
+    lines = kinematics(bearing, scene.speed)
+    return {"outer": lines.bpfo, "inner": lines.bpfi, "ball": 2.0 * lines.bsf}[part]
 
 
 def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ The motion that repeats is searched with steps that are halved until the estimat
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -36,7 +36,7 @@ from models.kernels.period_setup import set_up
 from models.kernels.settled import Effort
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, P_U_1
 from models.registry import Request, Solver
-from models.response import HARMONICS, Response, Status, band_lines, levels_of_lines
+from models.response import HARMONICS, Response, Status, band_lines, judged, levels_of_lines, lines_error
 from models.rigs.six_dof import Rig
 
 if TYPE_CHECKING:
@@ -45,6 +45,10 @@ if TYPE_CHECKING:
     from models.kernels.period import Period, Trace
     from models.scene import Scene
 
+# Accuracy of the RMS that is asked for over that of the waveform (models.kernels.settled takes the RMS for at least as
+# wrong), and times that it is asked for again where the quantity is not met.
+_RMS_OF_WAVE = 0.25
+_TIGHTENED = 3
 # Relative change of the RMS from period to period that counts as none, as a share of the accuracy.
 SETTLING_SHARE = 1e-2
 # A smaller one is rounding.
@@ -66,6 +70,8 @@ LINES = 10_000
 MOST_LINES = 50_000
 # Lines above this share of the step rate are not resolved by the quadrature (half would be the Nyquist limit).
 _RESOLVED = 0.4
+# Of a waveform, at which the quadrature leaves a smaller error than the steps.
+_RESOLVED_WAVE = 0.2
 # Grids, each with half the steps of the one before: enough for any accuracy that rounding allows.
 _GRIDS = 12
 # The Jacobian only steers the search for the orbit, so few steps suffice.
@@ -88,11 +94,28 @@ def solve(scene: Scene, request: Request) -> Response:
         ValueError: if the scene or the request is outside what is solved here; the message names it.
     """
     check_scene(scene)
+    accuracy = request.accuracy * (_RMS_OF_WAVE if request.quantity == "waveform" else 1.0)
+    found = _judged(scene, request, accuracy)
+    for _ in range(_TIGHTENED):
+        if found.status != "inaccurate" or request.steps_per_period is not None or not found.error > request.accuracy:
+            break
+        accuracy *= 0.5 * request.accuracy / found.error
+        found = _judged(scene, request, accuracy)
+    return found
+
+
+def _judged(scene: Scene, request: Request, accuracy: float) -> Response:
+    """Return the response with an accuracy of its RMS, judged by what a request asks."""
+    return judged(_solve(scene, replace(request, accuracy=max(accuracy, _LEAST_ERROR))), request)
+
+
+def _solve(scene: Scene, request: Request) -> Response:
+    """Return the response with steps at which the RMS meets the accuracy of a request."""
     effort = effort_for(scene, request)
     search = _Search(scene, effort, request.direction)
     orbit = search.settle(np.zeros((2, 6)))
     if orbit.stable and not orbit.parted:
-        return _repeating(scene, orbit, effort, request)
+        return _repeating(scene, orbit, request)
     # A motion near an unstable orbit does not stay there, and beside a stable one in which the rings part there may be
     # others: it is simulated on from rest.
     begin, earlier = np.zeros((2, 6)) if orbit.settled else orbit.state, orbit.periods
@@ -105,13 +128,13 @@ def solve(scene: Scene, request: Request) -> Response:
         if motion.settled:
             again = search.settle(motion.state)
             if again.stable:
-                return _repeating(scene, again, effort, request, earlier)
+                return _repeating(scene, again, request, earlier)
             tolerance = 0.0
         if motion.stationary or not np.all(np.isfinite(motion.state)) or rounds == _ROUNDS:
             break
         motion, rounds = simulate_on(orbit.period, motion.state, periods, tolerance, count), rounds + 1
     if orbit.stable and motion.near(math.sqrt(mean_square(orbit.trace, 0)), _NEAR):
-        return _repeating(scene, orbit, effort, request, earlier)
+        return _repeating(scene, orbit, request, earlier)
     return _not_repeating(scene, motion, orbit, request, earlier)
 
 
@@ -137,11 +160,11 @@ def effort_for(scene: Scene, request: Request, harmonics: int = HARMONICS) -> Ef
         steps, grids = math.ceil(0.5 * request.steps_per_period), 2
     bpfo, low, high = kinematics(scene.bearing, scene.speed).bpfo, 1, 0
     most = 2 * steps if grids == 2 else MOST_STEPS // 2
-    resolved = min(_RESOLVED * most, MOST_LINES) * bpfo
+    resolved = min(_resolved(request) * most, MOST_LINES) * bpfo
     highest = request.highest(resolved, f"{MOST_LINES} lines of {bpfo:.4g} Hz and {most} steps resolve up to")
     if request.band is not None:
         low, high = band_lines(bpfo, request.band)
-    steps = max(steps, math.ceil(0.5 * steps_to_resolve(highest, 1.0 / bpfo)))
+    steps = max(steps, math.ceil(0.5 * steps_to_resolve(highest, 1.0 / bpfo, _resolved(request))))
     return Effort(
         steps=steps,
         least=LEAST_IN_SEGMENT,
@@ -156,9 +179,13 @@ def effort_for(scene: Scene, request: Request, harmonics: int = HARMONICS) -> Ef
     )
 
 
-def steps_to_resolve(frequency: float, duration: float) -> int:
-    """Return how many steps in ``duration`` s resolve lines up to a frequency, Hz."""
-    return math.ceil(frequency * duration / _RESOLVED)
+def steps_to_resolve(frequency: float, duration: float, resolved: float = _RESOLVED) -> int:
+    """Return how many steps in ``duration`` s resolve lines up to a frequency, Hz, to a share of the step rate."""
+    return math.ceil(frequency * duration / resolved)
+
+
+def _resolved(request: Request) -> float:
+    return _RESOLVED_WAVE if request.quantity == "waveform" else _RESOLVED
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,11 +251,11 @@ def _line_count(scene: Scene, period: Period, request: Request) -> int:
     wanted = min(LINES_TO, LINES * bpfo) if request.lines_to is None else request.lines_to
     if request.band is not None:
         wanted = max(wanted, request.band[1])
-    resolved = _RESOLVED * len(period.nodes.turn)
+    resolved = _resolved(request) * len(period.nodes.turn)
     return max(HARMONICS, math.ceil(min(wanted / bpfo, resolved)))
 
 
-def _repeating(scene: Scene, orbit: _Orbit, effort: Effort, request: Request, earlier: int = 0) -> Response:
+def _repeating(scene: Scene, orbit: _Orbit, request: Request, earlier: int = 0) -> Response:
     """Return the response of a motion that repeats."""
     period, found = orbit.period, orbit.found
     coefficients = fourier_coefficients(orbit.trace, period, _line_count(scene, period, request))
@@ -236,7 +263,6 @@ def _repeating(scene: Scene, orbit: _Orbit, effort: Effort, request: Request, ea
     peak = np.array([largest(orbit.trace.wave, period.first, sensor, 1) for sensor in (0, 1)])
     coarse = largest(orbit.trace.wave, period.first, 0, 2)
     error, wave_error = float(found[kernels.R_ERROR]), float(found[kernels.R_WAVE])
-    status: Status = "converged" if error <= effort.accuracy else "inaccurate"
     lines = found[kernels.R_LINES :].reshape(2, HARMONICS)
     return _response(
         *(scene, request, coefficients, power, peak),
@@ -250,7 +276,8 @@ def _repeating(scene: Scene, orbit: _Orbit, effort: Effort, request: Request, ea
         waveform_error=wave_error,
         multiplier=orbit.multiplier,
         harmonics_error=np.abs(lines[1]) * CHANGE_TO_ERROR,
-        status=status,
+        # "judged" tells whether it is accurate.
+        status="inaccurate",
     )
 
 
@@ -296,6 +323,7 @@ def _response(
         whole = float(rms[0])
         rms, peak = levels_of_lines(coefficients, bpfo, request.band)
         peak_error *= whole / max(float(rms[0]), _SMALL)
+    harmonics = 2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1])
     return Response(
         levels=tuple(zip(rms.tolist(), peak.tolist(), strict=True)),
         rms_error=error,
@@ -303,8 +331,9 @@ def _response(
         peak_error=peak_error,
         waveform_error=waveform_error,
         bpfo=bpfo,
-        harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
+        harmonics=harmonics,
         harmonics_error=harmonics_error,
+        lines_error=lines_error(harmonics, harmonics_error),
         periods=periods,
         period_change=change,
         spread=spread,

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
-from models.dynamics.over_time import Motion, answer, duration_of
+from models.dynamics.over_time import Motion, answer, duration_of, passage_rate
 from models.dynamics.ring_hits import defect_size, hits_on, zones_of
 from models.film import Film, short_bearing_film
 from models.hertz import contact_patches
@@ -235,6 +235,7 @@ def solve(scene: Scene, request: Request) -> Response:
         block=1.0 / (lines.bpfo if repeats else slowest),
         settle=0.0,
         repeats=repeats,
+        passages=passage_rate(scene),
     )
     wished = max(_STEPS_A_PULSE / rig.pulse_width, _STEPS_A_PERIOD * from_rest.fastest / (2.0 * math.pi))
     return answer(motion, request, 1.0 / wished)

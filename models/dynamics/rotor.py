@@ -17,7 +17,7 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.checks import check_positive
-from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of
+from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of, passage_rate
 from models.dynamics.rotor_plan import at_rest, bearings_of, check_rotor, inverse_mass, prepare_plan, stiffness_of
 from models.hertz import contact_exponent
 from models.kernels import rotor as kernels
@@ -179,6 +179,7 @@ def solve_motion(scene: Scene, request: Request, shaft: Rigid, solver: str) -> R
         block=1.0 / _block_rate(scene),
         settle=settle,
         repeats=repeats(scene),
+        passages=passage_rate(scene),
     )
     return answer(motion, request, shaft.longest_step())
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.checks import check_positive
-from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of
+from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of, passage_rate
 from models.dynamics.six_dof import MODEL, TIME_EFFECTS, check_scene, steps_for
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
@@ -99,6 +99,7 @@ def _simulate(
         block=1.0 / _block_rate(scene, lines),
         settle=dropped,
         repeats=scene.repeats,
+        passages=passage_rate(scene),
     )
     return answer(motion, request, _longest_step(scene, lines) if step is None else step, fixed=step is not None)
 

@@ -14,7 +14,7 @@ import numpy as np
 from models.bearing import Bearing, CatalogueEntry, kinematics
 from models.contact_estimates import estimate_stiffness
 from models.registry import AUTO, MODULES
-from models.response import SENSORS, Sensor, row_of
+from models.response import QUANTITIES, SENSORS, Sensor, row_of
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Scene, Slip, Waviness
 from monitor.commands import option
@@ -63,7 +63,8 @@ if TYPE_CHECKING:
 @click.option("--slip-rule", type=click.Choice(["per_passage", "mean_force"]), default="per_passage")
 @click.option("--duration-s", type=click.FloatRange(0.01, 60.0), default=1.0, help="Simulated time, and of --waveform.")
 @click.option("--model", type=click.Choice([AUTO, *MODULES]), default=AUTO, help="auto: the cheapest that has it all.")
-@click.option("--accuracy", type=click.FloatRange(1e-7, 0.1), default=1e-3, help="Relative error of the RMS.")
+@click.option("--accuracy", type=click.FloatRange(1e-7, 0.1), default=1e-3, help="Relative error of --quantity.")
+@click.option("--quantity", type=click.Choice(QUANTITIES), default="rms", help="What the accuracy is for.")
 @click.option("--tolerance", type=click.FloatRange(1e-12, 0.1), help="Of settling; a hundredth of --accuracy.")
 @click.option("--periods", type=click.IntRange(min=20), default=300, help="Ball periods where it does not settle.")
 @click.option("--rms-band-hz", type=option.Range(), help="Take RMS and peak in this band only.")
@@ -127,6 +128,8 @@ def _values(response: Response, scene: Scene, sensor: Sensor) -> dict[str, Any]:
     return {
         "rms_g": _in_g(rms),
         "rms_error": finite(response.rms_error),
+        "quantity": response.quantity,
+        "error": finite(response.error),
         "rms_se_g": _in_g(response.rms_se * share) if response.rms_se > 0.0 else None,
         "peak_g": _in_g(peak),
         "peak_error": finite(response.peak_error),
@@ -254,6 +257,9 @@ def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
         level += f" (standard error {values['rms_se_g']:.2g} g)"
     elif values["rms_g"] is not None and values["rms_error"] is not None:
         level += f" (estimated error {100.0 * values['rms_error']:.2g} %)"
+    if values["quantity"] != "rms":
+        error = "unknown" if values["error"] is None else f"{100.0 * values['error']:.2g} %"
+        level += f" (error of {values['quantity']} {error})"
     if values["status"] == "not_periodic" and values["spread_g"]:
         level += f", {values['spread_g']:.2g} g from period to period"
     if values["peak_g"] is not None:

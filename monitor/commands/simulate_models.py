@@ -35,6 +35,8 @@ def request_of(options: dict[str, Any]) -> Request:
         lines_to=None if options["waveform"] is None else PASSBAND * 0.5 * WAVEFORM_RATE,
         duration=options["duration_s"],
         rate=WAVEFORM_RATE,
+        quantity=options["quantity"],
+        sensor=options["sensor"],
     )
 
 

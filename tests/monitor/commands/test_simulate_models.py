@@ -155,3 +155,17 @@ def test_a_picture_of_a_rotor_shows_its_orbits(tmp_path: Path) -> None:
 )
 def test_what_cannot_be_asked_is_refused_by_name(options: list[str], words: str) -> None:
     assert words in refusal(*SHORT, *options)
+
+
+@pytest.mark.parametrize("quantity", ["rms", "waveform", "lines", "v_eq"])
+def test_the_accuracy_is_that_of_the_quantity(quantity: str) -> None:
+    defect = ["--dphi-deg", "6", "--h-d-um", "10"]
+    values = simulate(*defect, "--quantity", quantity, "--accuracy", "0.001")
+    assert (values["quantity"], values["status"]) == (quantity, "converged")
+    assert values["error"] <= 1e-3
+    shown = CliRunner().invoke(command, [*defect, "--quantity", quantity]).output
+    assert (f"(error of {quantity} " in shown) == (quantity != "rms")
+
+
+def test_a_volume_without_a_defect_is_refused() -> None:
+    assert "quantity 'v_eq' needs a scene with one defect" in refusal("--quantity", "v_eq")
